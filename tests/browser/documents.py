@@ -79,7 +79,7 @@ def tracking(*departed: str) -> dict[str, Any]:
         {
             "name": f"alpha-{phase}", "meaning": f"the gain of phase {phase}", "unit": "1",
             "value": 1.0213, "half_width": 0.0042, "in_force": 1.0021, "in_force_half_width": 0.005,
-            "departed": phase in departed,
+            "departed": phase in departed, "adoptable": phase != "c",
         }
         for phase in "abc"
     ]  # fmt: skip

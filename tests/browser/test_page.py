@@ -434,11 +434,13 @@ def test_what_is_tracked_stands_against_the_calibration_in_force(server, visit: 
     page.click("#tracked-verdict")
     shows(page, "#tracked-quantities", "not seen: the common offset of the currents")
     server.stand_in.tracking = documents.tracking("b")
-    shows(page, "#tracked-verdict", "alpha-b left its interval")
+    shows(page, "#tracked-verdict", "alpha-b left its interval. motord calibration adopt takes")
     departed = page.locator("#calibration-tracked .departed")
     expect(departed).to_have_count(1)
     expect(departed).to_contain_text("alpha-b")
     expect(departed).to_contain_text("1.0213 \u00b1 0.0042")
+    server.stand_in.tracking = {**documents.tracking("c"), "t_ns": 9}
+    shows(page, "#tracked-verdict", "alpha-c left its interval. Calibrate again")
     server.stand_in.tracking = None
     expect(page.locator("#calibration-tracked")).to_be_hidden()
 

@@ -181,7 +181,7 @@ class CalibrationView(PublishedMessage):
     method: str
     """`joint` or `residual`."""
     path: str
-    """Where the daemon keeps it."""
+    """Where the daemon keeps it; "" until it is written."""
     findings: list[str] = Field(default_factory=list)
     """Names of its serious findings, which were accepted when it was installed."""
 

@@ -4,7 +4,7 @@ A request is a JSON object. Unknown fields, other types and numbers that are not
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -152,15 +152,14 @@ class CalibrationInstall(WithToken):
 
 
 NOTHING_DEPARTED = "nothing-departed"
-"""Accepted by name: that all that is tracked lies within the intervals of what is in force."""
+"""What `calibration/adopt` accepts by name."""
 
 
 class CalibrationAdopt(WithToken):
     """`calibration/adopt`."""
 
-    accept: Annotated[list[Name], Field(max_length=32)] = []
-    """Names of serious findings of the adopted one, and `nothing-departed`: that all quantities lie
-    within their intervals; with one that is not named it is refused."""
+    accept: Annotated[list[Literal["nothing-departed"]], Field(max_length=1)] = []
+    """`nothing-departed`: that no quantity has departed that can be adopted; else it is refused."""
 
 
 class CalibrationShow(RpcRequest):

@@ -23,6 +23,8 @@ class TrackedView(PublishedMessage):
     """Half of the 95 % interval of that."""
     departed: bool
     """They differ by more than both uncertainties explain."""
+    adoptable: bool = True
+    """Whether `calibration/adopt` can put the value in force; else another calibration has to."""
 
     def figures(self) -> str:
         """Return both values with their 95 % intervals, as text."""

@@ -1,7 +1,7 @@
 """`motord calibration adopt`: put the calibration in force as it is tracked."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -9,10 +9,6 @@ from motord.cli.bench.tracking import lines
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, print_result, remark
-
-if TYPE_CHECKING:
-    from motord.api.tracking_messages import TrackingView
-    from motord.client import Client
 
 OFF = (
     "tracking is off: set enabled = true in [tracking] of the bench file and start the daemon again"
@@ -32,7 +28,7 @@ def adopt(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Adopt it in spite of this serious finding, or of nothing-departed.",
+            help="nothing-departed: adopt it though nothing has departed that can be adopted.",
         ),
     ] = None,
     connection: Connection = DEFAULT,
@@ -42,18 +38,21 @@ def adopt(
     """Put the calibration in force as it is tracked, now and after a restart.
 
     That takes [tracking] enabled = true in the bench file. Refused while no tracked quantity has
-    left its interval, unless that is accepted: --accept nothing-departed.
+    left its interval that can be adopted, unless that is accepted: --accept nothing-departed.
     """
     from motord.calibration import CalibrationError, load
     from motord.cli.bench.lease_session import in_command
 
     with connection.open() as client:
-        view = tracked(client)
+        state = client.state()
+        if state.tracking is None:
+            fail(OFF if state.calibration is not None else NOT_IN_FORCE)
+        text = "\n".join(lines(state.tracking, state.t_ns))
         if dry_run:
-            print_result(view.model_dump(mode="json"), "\n".join(lines(view)), as_json)
+            print_result(state.tracking.model_dump(mode="json"), text, as_json)
             return
         if not as_json:
-            remark("\n".join(lines(view)))
+            remark(text)
         with in_command(client, force=force) as session:
             answer = session.commander.adopt_calibration(accept=accept or ())
     if output is not None:
@@ -62,11 +61,3 @@ def adopt(
         except CalibrationError as error:
             fail(f"{answer.id} is in force, kept in {answer.path}, but {error}")
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
-
-
-def tracked(client: "Client") -> "TrackingView":
-    """Return what the daemon tracks; fail with what to do if it tracks nothing."""
-    state = client.state()
-    if state.tracking is None:
-        fail(OFF if state.calibration is not None else NOT_IN_FORCE)
-    return state.tracking

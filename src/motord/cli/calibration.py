@@ -57,8 +57,9 @@ def show(
             calibration = load_in_force(
                 client, "no calibration is in force; name a file, or install one"
             )
-            if (tracking := client.state().tracking) is not None:
-                seen = lines(tracking)
+            state = client.state()
+            if state.tracking is not None:
+                seen = lines(state.tracking, state.t_ns)
     content = calibration.to_json()
     text = _lines(content, calibration.age()) + seen
     print_result(content, "\n".join(text), as_json)

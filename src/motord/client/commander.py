@@ -152,7 +152,7 @@ class Commander:
     def adopt_calibration(self, *, accept: Collection[str] = ()) -> InstalledCalibration:
         """Put the calibration in force as it is tracked; the torque must be zero.
 
-        Refused if no quantity has departed, unless accept has "nothing-departed", and for serious
-        findings as `install_calibration`.
+        Refused if no quantity has departed that can be adopted, unless accept has
+        "nothing-departed".
         """
         return self._daemon.call(rpc.CALIBRATION_ADOPT, token=self.token, accept=list(accept))

@@ -1,17 +1,20 @@
 """`motord calibration adopt`: what is tracked against what is in force, and what it says."""
 
 import json
+import re
 import time
 
 import pytest
 from typer.testing import CliRunner
 
+from motord.api.tracking_messages import TrackingView
 from motord.calibration import load
 from motord.cli import app
+from motord.service.tracker.link import NOT_WRITTEN
 from motord.shm.run_directory import RunDir
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_adoption import FakeTracker, tracked
-from tests.unit.service.test_installation import calibration
+from tests.unit.service.test_installation import calibration, put_in_force
 
 WAIT_S = 60.0
 
@@ -24,7 +27,7 @@ def bench(tmp_path, monkeypatch):
     tracker = FakeTracker(run_dir)
     with live_service(tmp_path, tracker=tracker) as service:
         in_force = calibration()
-        service.store.save(in_force)
+        put_in_force(service.store, in_force)
         tracker.view = tracked(in_force, memory_s=300.0, unseen=("the common offset",))
         tracker.adopts = calibration(alpha=(0.82, 1.1, 1.1086))
         service.tracker = tracker
@@ -35,10 +38,16 @@ def bench(tmp_path, monkeypatch):
 def shown(bench):
     """Wait until the state has what is tracked now."""
     end_s = time.monotonic() + WAIT_S
-    now = [bench.tracker.view is not None, bench.store.current is not None]
-    while [state_of(bench)[key] is not None for key in ("tracking", "calibration")] != now:
+    view, in_force = bench.tracker.view, bench.store.current is not None
+    now = view and view.model_dump(mode="json"), in_force
+    while published(bench) != now:
         assert time.monotonic() < end_s
         time.sleep(0.01)
+
+
+def published(bench):
+    state = state_of(bench)
+    return state["tracking"], state["calibration"] is not None
 
 
 def state_of(bench):
@@ -66,6 +75,23 @@ def test_a_dry_run_shows_both_values_and_changes_nothing(bench):
     content = json.loads(adopt(bench, "--dry-run", "--json").stdout)
     assert content["quantities"][0]["departed"]
     assert (bench.store.current_id(), bench.tracker.asked) == (before, 0)
+
+
+def test_a_dry_run_says_how_old_it_is_and_what_cannot_be_adopted(bench):
+    in_force = bench.store.current
+    bench.tracker.view = tracked(in_force, adoptable=False, t_ns=1)
+    shown(bench)
+    first, second = adopt(bench, "--dry-run").stdout.splitlines()
+    assert re.search(r"70 turns, memory 0 s, the newest 1[67]\.\d min old, against", first)
+    assert second.endswith("in force 0.8000 +- 0.0020, cannot be adopted")
+
+
+def test_a_calibration_that_is_not_written_yet_is_not_taken_for_tracking_that_is_off(bench):
+    about = {"calibration": bench.store.current_id(), "obstacle": NOT_WRITTEN}
+    bench.tracker.view, bench.tracker.obstacle = TrackingView(**about), NOT_WRITTEN
+    shown(bench)
+    assert NOT_WRITTEN in adopt(bench, "--dry-run").stdout
+    assert failed(adopt(bench)) == f"motord: {NOT_WRITTEN}"
 
 
 def test_it_is_in_force_and_in_a_file(bench, tmp_path):

@@ -13,14 +13,14 @@ from motord.service.rpc.calibration_reader import read
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.tracker.protocol import AdoptedReport
 from motord.shm.run_directory import RunDir
-from tests.unit.service.test_installation import Tables, calibration, finding
+from tests.unit.service.test_installation import Tables, calibration, finding, put_in_force
 from tests.unit.service.virtual_service import VirtualService
 
 
-def tracked(in_force, departed=True, **changes):
+def tracked(in_force, departed=True, adoptable=True, **changes):
     alpha = TrackedView(
         name="alpha_a", meaning="the gain of phase a", unit="1", value=0.82, half_width=0.001,
-        in_force=0.8, in_force_half_width=0.002, departed=departed,
+        in_force=0.8, in_force_half_width=0.002, departed=departed, adoptable=adoptable,
     )  # fmt: skip
     about = {"calibration": in_force.id, "turns": 70, "quantities": (alpha,), **changes}
     return TrackingView(**about)
@@ -52,11 +52,12 @@ class AdoptingService(VirtualService):
         self.store, self.tables = CalibrationStore(self.config, tmp_path / "state"), Tables()
         self.tracker = FakeTracker(run_dir)
         installation = Installation(self.bench, self.store, self.tables.write, "", read)
+        self.installation = installation
         self.adoption = Adoption(self.tracker, installation, self.store, run_dir)
         self.off = Adoption(None, installation, self.store, run_dir)
-        self.dispatcher = Dispatcher(self.bench, self.operation, self.adoption)
+        self.dispatcher = Dispatcher(self.bench, self.operation, installation, self.adoption)
         self.in_force = calibration()
-        self.store.save(self.in_force)
+        put_in_force(self.store, self.in_force)
         self.tracker.view = tracked(self.in_force)
         self.tracker.adopts = calibration(alpha=(0.82, 1.1, 1.1086))
 
@@ -87,7 +88,7 @@ def test_the_tracked_calibration_is_in_force_and_kept(service):
     reply = service.adopt(service.acquire())
     adopted = service.tracker.adopts
     assert reply["id"] == adopted.id == service.store.current_id()
-    assert reply["path"] == str(service.store.kept)
+    assert reply["path"] == str(service.store.file())
     assert service.tables.written[0][0]["alpha"][0] == pytest.approx(adopted.alpha)
     assert service.store.load_installed() == adopted
     said = [one.message for one in service.events.recent() if one.kind == "calibration"]
@@ -139,18 +140,47 @@ def test_why_there_is_nothing_to_adopt(service, change, code, said):
 
 def test_a_calibration_that_was_installed_meanwhile_stays(service):
     other = calibration(beta_A=(0.0, 0.0, 0.0))
-    refusal = service.refusal(service.acquire(), between=lambda: service.store.save(other))
+    refusal = service.refusal(service.acquire(), between=lambda: put_in_force(service.store, other))
     assert refusal.message == "another calibration has been installed meanwhile"
     assert service.store.current_id() == other.id
 
 
-def test_serious_findings_are_accepted_by_name_or_were_before(service):
-    found = (finding("torque-left"),)
+def test_a_calibration_that_is_installed_in_the_same_step_stays(service):
+    other = calibration(beta_A=(0.0, 0.0, 0.0))
+
+    def install():
+        content = {"token": service.token, "calibration": other.to_json()}
+        request, prepared = service.installation.prepare(json.dumps(content).encode())
+        call = Call("calibration/install", request, prepared)
+        service.dispatcher.handle(call, service.now_ns)
+
+    service.token = service.acquire()
+    with pytest.raises(RpcError, match="another calibration has been installed meanwhile"):
+        service.adopt(service.token, between=install)
+    assert (service.store.current_id(), len(service.tables.written)) == (other.id, 1)
+
+
+@pytest.mark.parametrize("accept", ["torque-left", "nothing", ""])
+def test_nothing_else_is_accepted_by_name(service, accept):
+    assert service.refusal(service.acquire(), accept).code == "invalid"
+
+
+def test_what_departed_and_cannot_be_adopted_is_no_reason_to_adopt(service):
+    service.tracker.view = tracked(service.in_force, adoptable=False)
+    token = service.acquire()
+    said = service.refusal(token).message
+    assert said.startswith(f"what has departed from calibration {service.in_force.id}, alpha_a, ")
+    assert "cannot be adopted: calibrate again" in said
+    assert service.adopt(token, "nothing-departed")["id"] == service.tracker.adopts.id
+
+
+def test_serious_findings_that_were_accepted_before_are_no_obstacle(service):
+    found = tuple(finding(f"found-{number}") for number in range(32))
     service.tracker.adopts = calibration(alpha=(0.82, 1.1, 1.1086), findings=found)
     token = service.acquire()
-    assert "torque-left" in service.refusal(token).message
+    assert "found-31" in service.refusal(token).message
     in_force = calibration(findings=found)
-    service.store.save(in_force)
+    put_in_force(service.store, in_force)
     service.tracker.view = tracked(in_force)
     assert service.adopt(token)["id"] == service.tracker.adopts.id
 

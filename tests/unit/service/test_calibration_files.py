@@ -15,7 +15,7 @@ from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.calibration_reader import read_files, read_files_elsewhere
 from motord.service.rpc.dispatcher import RpcContext
 from tests.unit.service.live_service import live_service
-from tests.unit.service.test_installation import calibration
+from tests.unit.service.test_installation import calibration, put_in_force
 from tests.unit.service.virtual_service import VirtualService
 
 HARMONIC = Harmonic(order=48, amplitude_Nm=0.05, phase_rad=0.3, stderr_Nm=0.001)
@@ -38,8 +38,8 @@ class Kept:
         return read_files(paths)
 
     def save(self):
-        self.store.save(self.first)
-        self.store.save(self.second)
+        put_in_force(self.store, self.first)
+        put_in_force(self.store, self.second)
 
     def list(self):
         request, prepared = self.files.prepare_list(b"")
@@ -147,7 +147,7 @@ def test_the_command_line_asks_the_daemon(tmp_path):
             return result.stdout
 
         assert json.loads(motord("list", "--json")) == []
-        live.store.save(made)
+        put_in_force(live.store, made)
         [row] = json.loads(motord("list", "--json"))
         assert row.keys() == {"id", "created", "age", "motor", "method", "file", "in_force"}
         assert (row["id"], row["in_force"]) == (made.id, True)

@@ -1,6 +1,7 @@
 """Calibrations: checked, put in force at zero torque only, kept over a restart."""
 
 import json
+import threading
 from datetime import UTC, datetime
 
 import numpy as np
@@ -11,6 +12,7 @@ from motord.api.errors import RpcError
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.findings import Finding
 from motord.sequencing.settings import COMPENSATE
+from motord.service.bench import calibrations
 from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory
 from motord.service.build import installed_calibration
 from motord.service.host.events import EventLog
@@ -38,6 +40,12 @@ def calibration(**changes):
             **changes,
         }
     )
+
+
+def put_in_force(store, made):
+    """Return the file of a calibration that is now in force and written, as by an installation."""
+    store.current = made
+    return store.save(made)
 
 
 def finding(name, severity="serious"):
@@ -69,17 +77,31 @@ def service(tables, tmp_path):
     service.installation = Installation(
         service.bench, service.store, tables.write, "the text", read
     )
-    service.dispatcher = Dispatcher(service.bench, service.operation, service.installation)
+    service.dispatcher = Dispatcher(
+        service.bench, service.operation, service.plans, service.installation
+    )
     return service
 
 
-def install(service, token, **source):
+def begin(service, token, **source):
+    """Return a request to install a calibration, as it waits for the exchange."""
     payload = json.dumps({"token": token, **source}).encode()
     request, prepared = service.installation.prepare(payload)
     call = Call("calibration/install", request, prepared)
     service.dispatcher.handle(call, service.now_ns)
+    return call
+
+
+def install(service, token, **source):
+    call = begin(service, token, **source)
     service.step(200)
-    return service.installation.save(prepared, call.wait(0)).content()
+    return service.installation.save(call.prepared, call.wait(0)).content()
+
+
+def refusal(call):
+    with pytest.raises(RpcError) as caught:
+        call.wait(0)
+    return caught.value
 
 
 def test_an_installed_calibration_is_applied_shown_and_kept(service, tables, tmp_path):
@@ -221,6 +243,68 @@ def test_a_newer_calibration_takes_the_place_of_the_older(service, tmp_path):
     assert CalibrationStore(service.config, tmp_path).load_installed().id == newer.id
 
 
+def test_the_one_in_force_stays_in_force_however_late_the_one_before_is_written(service, tmp_path):
+    older, newer = calibration(), calibration(alpha=(1.0, 1.0, 1.0))
+    service.store.current = older
+    service.store.current = newer
+    kept = service.store.save(newer)
+    assert service.store.save(older).stem == older.id
+    assert (service.store.current, service.store.file()) == (newer, kept)
+    assert service.store.view().path == str(kept)
+    assert CalibrationStore(service.config, tmp_path).load_installed() == newer
+
+
+def test_calibrations_are_written_one_after_the_other(service, tmp_path, monkeypatch):
+    older, newer = calibration(), calibration(alpha=(1.0, 1.0, 1.0))
+    store, reached, go_on, written = service.store, threading.Event(), threading.Event(), []
+    write_whole = calibrations.write_whole
+
+    def marked(path, text):
+        if text.startswith(older.id):
+            reached.set()
+            assert go_on.wait(20.0)
+        write_whole(path, text)
+        written.append(text.strip())
+
+    monkeypatch.setattr(calibrations, "write_whole", marked)
+    store.current = older
+    first = threading.Thread(target=store.save, args=(older,))
+    first.start()
+    assert reached.wait(20.0)
+    store.current = newer
+    assert store.file() is None
+    assert store.view().path == ""
+    second = threading.Thread(target=store.save, args=(newer,))
+    second.start()
+    second.join(0.2)  # it would end, did it not wait for the first
+    go_on.set()
+    first.join()
+    second.join()
+    assert written == [f"{older.id}.json", f"{newer.id}.json"]
+    assert store.file().stem == newer.id
+    assert CalibrationStore(service.config, tmp_path).load_installed() == newer
+
+
+def test_it_is_refused_if_a_plan_or_torque_has_come_before_the_exchange(service, tables):
+    token = service.enabled()
+    call = begin(service, token, calibration=calibration().to_json())
+    service.begin("set", token=token, torque_Nm=1.0)
+    service.step()
+    assert "set torque_Nm = 0 first" in refusal(call).message
+    service.ask("stop", by="anna")
+    service.run_s(1.0, token)
+    tables.busy = True
+    call = begin(service, token, calibration=calibration().to_json())
+    service.step()
+    settings = {"torques_Nm": [1.0], "speeds_Hz": [0.5]}
+    started = service.begin("plan/start", token=token, name="calibrate", settings=settings)
+    assert not isinstance(started.outcome, RpcError)
+    tables.busy = False
+    service.step()
+    assert refusal(call).code == "plan_running"
+    assert (tables.written, service.store.current) == ([], None)
+
+
 def test_what_was_installed_for_another_motor_is_not_loaded(service, tmp_path):
     install(service, service.acquire(), calibration=calibration().to_json())
     other = service.config.model_copy(
@@ -236,7 +320,7 @@ def test_an_unreadable_mark_is_reported(service):
     with pytest.raises(CalibrationError, match=MARK):
         service.store.load_installed()
     with pytest.raises(CalibrationError, match="cannot write"):
-        service.store.save(calibration())
+        put_in_force(service.store, calibration())
 
 
 def test_the_configuration_is_given_as_text_and_in_full(service):

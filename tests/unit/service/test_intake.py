@@ -81,7 +81,7 @@ class Played:
     """An intake whose parsing is taken down; `slow` is a slow request that waits to go on."""
 
     def __init__(self, monkeypatch):
-        self.parsed = []
+        self.parsed, self.refuse = [], True
         monkeypatch.setattr(intake, "parse", self._parse)
         self.calls, self.replies = CallQueue(), OutstandingQueries(4 * LIMIT)
         self.begun, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
@@ -97,7 +97,9 @@ class Played:
     def _prepare(self, payload):
         self.begun.release()
         assert self.go_on.acquire(timeout=WAIT_S)
-        raise RpcError("failed", "prepared")
+        if self.refuse:
+            raise RpcError("failed", "prepared")
+        return WithToken(token="t"), None
 
     def bring(self, name, payload):
         query = Query(payload)
@@ -166,6 +168,22 @@ def test_what_takes_long_is_done_one_after_the_other(played):
     assert played.bring("calibration/install", TOKEN).outcome() == "busy"
     played.go_on.release(2)
     assert (first.outcome(), second.outcome()) == ("failed", "failed")
+
+
+@pytest.mark.parametrize(("took_s", "outcome"), [(31.9, "refused"), (32.1, "timeout")])
+def test_what_is_prepared_too_late_to_be_answered_is_not_done(played, monkeypatch, took_s, outcome):
+    monkeypatch.setattr(played, "refuse", False)
+    now_s = time.monotonic()
+    monkeypatch.setattr(outstanding.time, "monotonic", lambda: now_s)
+    query = played.bring("calibration/install", TOKEN)
+    assert played.begun.acquire(timeout=WAIT_S)
+    monkeypatch.setattr(intake.time, "monotonic", lambda: now_s + took_s)
+    played.go_on.release()
+    if outcome == "refused":
+        assert played.calls.wait(WAIT_S)
+        played.calls.close("it was begun")
+    assert query.outcome() == outcome
+    assert played.calls.take() == []
 
 
 def test_what_needs_no_lease_is_paced_and_neither_stop_nor_the_commander_is(played, monkeypatch):

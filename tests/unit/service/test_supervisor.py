@@ -28,7 +28,7 @@ from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesReader
 from motord.unix_clock import Clock
 from tests.support import early_end
-from tests.unit.service.test_installation import calibration
+from tests.unit.service.test_installation import calibration, put_in_force
 
 
 class Played:
@@ -640,7 +640,7 @@ def test_a_calibration_is_tracked_where_that_is_enabled(tmp_path, monkeypatch):
     played.step(20)
     assert (played.trackers, played.state()["tracking"]) == ([], None)
     in_force = played.supervisor.publisher.calibrations
-    in_force.save(calibration())
+    put_in_force(in_force, calibration())
     played.step(20)
     [tracker] = played.trackers
     [start] = tracker.received()
@@ -662,6 +662,6 @@ def test_a_calibration_is_tracked_where_that_is_enabled(tmp_path, monkeypatch):
 
 def test_a_calibration_is_not_tracked_unless_that_is_enabled(played):
     played.up()
-    played.supervisor.publisher.calibrations.save(calibration())
+    put_in_force(played.supervisor.publisher.calibrations, calibration())
     played.step(20)
     assert (played.trackers, played.state()["tracking"]) == ([], None)

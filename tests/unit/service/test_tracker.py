@@ -6,10 +6,12 @@ import signal
 import subprocess
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
+from motord.api.tracking_messages import TrackedView, TrackingView
 from motord.calibration import CalibrationError, load
 from motord.config import load as load_bench
 from motord.config import packaged
@@ -20,10 +22,14 @@ from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
 from motord.service.tracker import process
+from motord.service.tracker.departures import Departures
 from motord.service.tracker.link import (
     ENDED,
     NO_TURNS,
+    NOT_IN_FORCE,
+    NOT_WRITTEN,
     NOTHING_YET,
+    SHUTTING_DOWN,
     SILENT_NS,
     TRACKER,
     TrackerLink,
@@ -33,7 +39,7 @@ from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir
 from tests.support.counting_tracker import CountingTracker
 from tests.support.played_process import PlayedProcess
-from tests.unit.service.test_installation import calibration
+from tests.unit.service.test_installation import calibration, put_in_force
 
 CONFIG = packaged("sim.toml")
 COUNTING = "tests.support.counting_tracker:CountingTracker"
@@ -99,7 +105,7 @@ class Worked:
 
 @pytest.fixture
 def worked(run_dir, store):
-    made = Worked(run_dir, store.save(calibration()))
+    made = Worked(run_dir, put_in_force(store, calibration()))
     yield made
     for end in made.ends:
         os.close(end)
@@ -239,7 +245,7 @@ class Linked:
 
     def installed(self, **changes):
         """Install a calibration; return its id and its process."""
-        path = self.store.save(calibration(**changes))
+        path = put_in_force(self.store, calibration(**changes))
         assert self.step() == []
         played = self.started[-1]
         assert played.begun() == {"do": "start", "tracker": COUNTING, "calibration": str(path)}
@@ -264,10 +270,14 @@ def test_nothing_runs_without_a_calibration(linked):
 
 
 def test_a_calibration_is_tracked_once_it_is_on_disk(linked, store):
-    store.current = calibration()  # in force, not yet written
+    store.current = calibration()  # not yet written
     linked.step()
+    view = linked.link.view
     assert linked.started == []
-    store.current = None
+    assert (view.calibration, view.obstacle) == (store.current_id(), NOT_WRITTEN)
+    thread = Asked(linked.link)
+    until(linked, lambda: not thread.is_alive())
+    assert thread.answer.obstacle == NOT_WRITTEN
     name, played = linked.installed()
     assert (linked.link.view.calibration, linked.link.view.obstacle) == (name, NOTHING_YET)
     played.track(name, turns=17)
@@ -344,7 +354,7 @@ def test_one_that_is_to_be_started_again_is_not_if_nothing_is_in_force_any_more(
 
 def test_one_that_cannot_be_started_is_tried_again(linked, store):
     linked.why = OSError(12, "Cannot allocate memory")
-    store.save(calibration())
+    put_in_force(store, calibration())
     ends = linked.step(1.0)
     assert ends[0] == ("it cannot be started: Cannot allocate memory", 0.1)
     assert linked.link.view.obstacle == NOTHING_YET
@@ -440,54 +450,109 @@ def test_a_flood_ends_it_and_the_next_one_is_followed(linked):
 # --- departures
 
 
-def test_each_departure_is_an_event_once_and_once_that_all_are_back(linked):
-    name, played = linked.installed()
+MINUTE_NS = 60_000_000_000
 
-    def seen(*departed):
-        played.track(name, *departed)
-        linked.step(11.0)
-        return linked.messages("calibration_departed"), linked.messages("calibration")
 
-    assert seen() == ([], [])
-    [first], _ = seen("a")
+class Seen:
+    """What is tracked, every 3 s, of phases of which some have departed."""
+
+    def __init__(self):
+        self.events, self.now_ns = EventLog(lambda: 0), 0
+        self.departures = Departures(self.events)
+
+    def see(self, departed="", seconds=3, phases="abc", fixed=""):
+        """Let them be seen for so long; return the messages of departures and returns so far."""
+        quantities = tuple(
+            TrackedView(
+                name=f"alpha-{phase}", meaning=f"the gain of phase {phase}", unit="1", value=1.02,
+                half_width=0.004, in_force=1.0, in_force_half_width=0.005,
+                departed=phase in departed, adoptable=phase not in fixed,
+            )
+            for phase in phases
+        )  # fmt: skip
+        view = TrackingView(calibration="C", turns=9, memory_s=60.0, quantities=quantities)
+        for _ in range(seconds // 3):
+            self.now_ns += 3_000_000_000
+            self.departures.step(view, self.now_ns)
+        return self.messages("calibration_departed"), self.messages("calibration")
+
+    def messages(self, kind):
+        return [event.message for event in self.events.recent() if event.kind == kind]
+
+
+def test_each_departure_is_an_event_once_and_once_that_all_are_back():
+    seen = Seen()
+    assert seen.see(seconds=90) == ([], [])
+    [first], _ = seen.see("a", 30)
     assert first.startswith("the gain of phase a: 1.0200 +- 0.0040, in force 1.0000 +- 0.0050. ")
     assert "`motord plan start check-calibration`" in first
     assert "`motord calibration adopt`" in first
-    assert seen("a") == ([first], [])
-    (_, second), _ = seen("a", "c")
+    (_, second), _ = seen.see("ac", 30)
     assert second.startswith("the gain of phase c: ")
-    assert len(seen("c")[0]) == 2
-    assert len(seen("a", "c")[0]) == 2
-    events, [back] = seen()
-    assert (len(events), back) == (2, f"{name}: what is tracked is back within its intervals")
-    assert len(seen()[1]) == 1
-    assert len(seen("a")[0]) == 3
-    kinds = [event for event in linked.events.recent() if event.kind == "calibration_departed"]
-    assert [event.data["departed"] for event in kinds] == [["alpha_a"], ["alpha_c"], ["alpha_a"]]
+    assert len(seen.see("c", 90)[0]) == 2
+    assert len(seen.see("ac", 30)[0]) == 2
+    assert seen.see(seconds=60)[1] == []
+    events, back = seen.see()
+    assert (len(events), back) == (2, ["C: what is tracked is back within its intervals"])
+    assert len(seen.see(seconds=90)[1]) == 1
+    assert len(seen.see("a", 30)[0]) == 3
+    kinds = [event for event in seen.events.recent() if event.kind == "calibration_departed"]
+    assert [event.data["departed"] for event in kinds] == [["alpha-a"], ["alpha-c"], ["alpha-a"]]
 
 
-def test_departures_that_come_and_go_are_few_events(linked):
-    name, played = linked.installed()
-    for _ in range(50):
-        played.track(name, "a")
-        linked.step(0.2)
-        played.track(name)
-        linked.step(0.2)
-    assert 2 <= len(linked.events.recent()) <= 3
+def test_a_value_at_its_limit_is_one_event_however_long_it_stays_there():
+    seen = Seen()
+    for _ in range(60):
+        seen.see("a", 6)
+        seen.see("", 54)
+    assert (len(seen.events.recent()), seen.now_ns) == (1, 60 * MINUTE_NS)
+
+
+@pytest.mark.parametrize("phases", ["", "bc"])
+def test_what_is_not_seen_any_more_is_not_back(phases):
+    seen = Seen()
+    seen.see("a", 30)
+    assert len(seen.see("", 600, phases=phases)[1]) == 0
+    assert len(seen.see("", 60)[1]) == 0  # since it is seen again, no memory has passed
+    assert len(seen.see("", 3)[1]) == 1
+
+
+def test_events_that_follow_close_upon_each_other_are_one():
+    seen = Seen()
+    seen.see("a")
+    assert len(seen.see("ab")[0]) == len(seen.see("abc")[0]) == 1
+    _, later = seen.see("abc", 6)[0]
+    assert later.startswith("the gain of phase b: ")
+    assert "the gain of phase c: " in later
+
+
+def test_what_cannot_be_adopted_is_not_to_be_adopted():
+    [said], _ = Seen().see("a", fixed="a")
+    assert "motord calibration adopt" not in said
+    assert said.endswith(" tests it, alpha-a cannot be adopted: calibrate again")
+    [both], _ = Seen().see("ab", fixed="a")
+    assert "`motord calibration adopt` puts the tracked values in force" in both
+    assert both.endswith("alpha-a cannot be adopted: calibrate again")
 
 
 def test_tracking_that_begins_anew_is_no_return(linked):
     name, played = linked.installed()
-    played.track(name, "a")
+    played.track(name, "a", memory_s=1.0)
+    linked.step()
+    played.track(name, memory_s=1.0)
     linked.step()
     played.code = -signal.SIGKILL
     linked.step(11.0)
     again = linked.started[-1]
     again.begun()
     again.report()
-    again.track(name, quantities=[])
-    linked.step(11.0)
+    linked.step()
+    again.track(name, memory_s=1.0)
+    linked.step(1.1)
     assert linked.messages("calibration") == []
+    again.track(name, memory_s=1.0)
+    linked.step()
+    assert len(linked.messages("calibration")) == 1
 
 
 # --- adoption
@@ -545,9 +610,9 @@ def test_a_process_that_dies_answers_what_it_was_asked(linked):
 def test_without_a_process_the_answer_comes_at_once(linked, store):
     thread = Asked(linked.link)
     until(linked, lambda: not thread.is_alive())
-    assert thread.answer.obstacle == ENDED
+    assert thread.answer.obstacle == NOT_IN_FORCE
     linked.why = OSError(12, "Cannot allocate memory")
-    store.save(calibration())
+    put_in_force(store, calibration())
     linked.step()
     thread = Asked(linked.link)
     until(linked, lambda: not thread.is_alive())
@@ -565,6 +630,17 @@ def test_who_asks_a_stopped_process_waits_no_longer_than_it_says(linked):
     played.report(adopted={"number": number, "obstacle": ""})
     until(linked, lambda: not thread.is_alive())
     assert thread.answer.obstacle == ""
+
+
+def test_who_asks_when_the_daemon_ends_is_answered_at_once(linked):
+    linked.installed()
+    before = Future()
+    linked.link._requests.put(before)
+    linked.link.stop()
+    assert before.result(0).obstacle == SHUTTING_DOWN
+    after = Asked(linked.link)
+    after.join(WAIT_S / 2)
+    assert after.answer.obstacle == SHUTTING_DOWN
 
 
 # --- the process
@@ -609,7 +685,7 @@ def running(store, run_dir):
 
 @pytest.mark.system
 def test_the_process_tracks_steps_back_and_ends_with_the_calibration(running, store, ring):
-    file = store.save(calibration())
+    file = put_in_force(store, calibration())
     running.until(lambda: running.link.view and running.link.view.obstacle == NO_TURNS)
     [tracker] = running.started
 

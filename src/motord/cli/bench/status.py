@@ -104,7 +104,7 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
         rows.append(("plan", f"{plan.plan} {plan.state}, {wording.plan_progress(plan)}"))
     rows.append(("calibration", wording.calibration(state)))
     if state.tracking is not None:
-        rows.append(("tracked", short(state.tracking)))
+        rows.append(("tracked", short(state.tracking, state.t_ns)))
     rows.append(("recording", wording.recording(state)))
     rows += [("fault", said) for said in state.faults.values()]
     rows.append(("loop", wording.loop(state)))

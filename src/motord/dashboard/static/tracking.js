@@ -5,7 +5,7 @@ import { plusMinus } from "./format.js";
 
 /**
  * @typedef {{name: string, meaning: string, unit: string, value: number, half_width: number, in_force: number,
- *   in_force_half_width: number, departed: boolean}} Quantity
+ *   in_force_half_width: number, departed: boolean, adoptable: boolean}} Quantity
  */
 
 export class TrackedQuantities {
@@ -30,9 +30,11 @@ export class TrackedQuantities {
 /** @param {{quantities: Quantity[], turns: number, obstacle: string}} tracking */
 function verdict({ quantities, turns, obstacle }) {
   if (quantities.length === 0) return `Tracked: ${obstacle || "nothing known yet"}`;
-  const departed = quantities.filter((one) => one.departed).map((one) => one.name);
+  const departed = quantities.filter((one) => one.departed);
   if (departed.length === 0) return `Tracked over ${turns} turns: all ${quantities.length} quantities within their intervals`;
-  return `\u26a0 Tracked over ${turns} turns: ${departed.join(", ")} left ${departed.length === 1 ? "its interval" : "their intervals"}. motord calibration adopt takes over what is tracked.`;
+  const names = departed.map((one) => one.name).join(", ");
+  const remedy = departed.some((one) => one.adoptable) ? "motord calibration adopt takes over what is tracked" : "Calibrate again";
+  return `\u26a0 Tracked over ${turns} turns: ${names} left ${departed.length === 1 ? "its interval" : "their intervals"}. ${remedy}.`;
 }
 
 /** @param {{unseen: string[], obstacle: string}} tracking */

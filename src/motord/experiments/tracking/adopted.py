@@ -51,16 +51,13 @@ def adopted(
     """
     kinds = {_kind(one) for one in seen if _is_adopted(_kind(one), seen, changes)}
     if not kinds:
-        raise CalibrationError(
-            f"nothing to adopt: operation agrees with calibration {calibration.id} and shows "
-            "nothing better than that states it"
-        )
+        raise CalibrationError(f"nothing to adopt: {_why_nothing(calibration, changes)}")
     by_name = {one.name: one for one in changes}
     found = {one.name: stated(calibration, one, by_name).value for one in seen}
     alpha, beta = _in_force(calibration)
     if "gain" in kinds:
         values = np.array([found[f"gain-{phase}"] for phase in PHASES])
-        alpha = _adopted("gain", values / np.cbrt(values.prod()), values * OF_ALL / 100, by_name)
+        alpha = _adopted("gain", values, values * OF_ALL / 100, by_name)
     if "offset" in kinds:
         common_A = float(np.mean(calibration.beta_A))
         values = np.array([found[f"offset-{phase}"] for phase in PHASES])
@@ -94,17 +91,40 @@ def adopted(
     )
 
 
+def is_adoptable(quantity: Quantity, seen: Sequence[Quantity]) -> bool:
+    """Return whether a quantity can be adopted: all that it is adopted with is seen.
+
+    What the phases have in common cannot be, be it gain or offset.
+    """
+    if quantity.family == "common":
+        return False
+    together = [one for one in seen if _kind(one) == _kind(quantity)]
+    return len(together) == (len(PARTS) if quantity.family == "cogging" else len(PHASES))
+
+
+def _why_nothing(calibration: Calibration, changes: Sequence[Change]) -> str:
+    if departed := [one.meaning for one in changes if one.drifted]:
+        return (
+            f"what has departed from calibration {calibration.id} is {', '.join(departed)}: gains "
+            "and offsets are adopted of three phases that are all seen, without what they have in "
+            "common, an order of the cogging torque with amplitude and phase; calibrate again"
+        )
+    return (
+        f"operation agrees with calibration {calibration.id} and shows nothing better than that "
+        "states it"
+    )
+
+
 def _kind(quantity: Quantity) -> str:
     """Return what quantities are adopted together by: gains, offsets, an order of the cogging."""
-    kind = quantity.name.rsplit("-", 1)[0] if quantity.family == "cogging" else quantity.family
-    return kind if kind != "common" else quantity.name
+    return quantity.name.rsplit("-", 1)[0] if quantity.family == "cogging" else quantity.family
 
 
 def _is_adopted(kind: str, seen: Sequence[Quantity], changes: Sequence[Change]) -> bool:
     """Return whether quantities of a kind have departed, or all are known better by now."""
     each = [(q, change) for q, change in zip(seen, changes, strict=True) if _kind(q) == kind]
-    whole = len(each) == {"gain": 3, "offset": 3}.get(kind, 2)
     better = all(change.stderr <= q.stderr for q, change in each)
+    whole = all(is_adoptable(q, seen) for q, _ in each)
     return whole and (better or any(change.drifted for _, change in each))
 
 
@@ -158,6 +178,7 @@ def _budget(
     before = totals(calibration.budget)[0]
     others = (one for one in calibration.budget if one.type == "B")
     cogging_Nm = max((one.stderr_Nm or 0.0 for one in harmonics), default=0.0)
+    freedom = [one.degrees_of_freedom for one in harmonics if one.stderr_Nm is not None]
     mine = before.model_copy(
         update={
             "source": SOURCE,
@@ -167,7 +188,7 @@ def _budget(
             "cogging_Nm": cogging_Nm,
             "degrees_of_freedom": (
                 min(alpha.freedom), min(beta.freedom), before.degrees_of_freedom[2],
-                before.degrees_of_freedom[3],
+                min((one for one in freedom if one is not None), default=None),
             ),
         }
     )  # fmt: skip

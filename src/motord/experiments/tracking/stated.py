@@ -51,9 +51,9 @@ def _gain(calibration: Calibration, which: str, percent: float) -> Value:
         gain = calibration.delta_epsilon
         meaning = "the common gain of the phases"
         return "delta-epsilon", meaning, "1", gain, gain * exp(percent / 100), gain / 100
-    gain = calibration.alpha[PHASES.index(which)] / float(np.cbrt(np.prod(calibration.alpha)))
+    gain = calibration.alpha[PHASES.index(which)]
     share = OF_ALL / 100
-    meaning = f"the gain of phase {which}, the product of the three being 1"
+    meaning = f"the gain of phase {which}, the product of the three held"
     return f"alpha-{which}", meaning, "1", gain, gain * exp(share * percent), gain * share
 
 

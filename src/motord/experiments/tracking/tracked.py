@@ -8,7 +8,8 @@ class TrackedQuantity:
     """A parameter as ordinary operation shows it, against the calibration in force.
 
     value, in_force: both in `unit`, with halves of their 95 % intervals; departed: whether they
-    differ by more than both uncertainties explain.
+    differ by more than both uncertainties explain; adoptable: whether a calibration can be made
+    with the value as it is tracked.
     """
 
     name: str
@@ -19,6 +20,7 @@ class TrackedQuantity:
     in_force: float
     in_force_half_width: float
     departed: bool
+    adoptable: bool = True
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from motord.config import Config
 from motord.experiments.check_calibration.estimate import is_seen
 from motord.experiments.check_calibration.quantities import Quantity, quantities
 from motord.experiments.check_calibration.result import Change
-from motord.experiments.tracking.adopted import adopted
+from motord.experiments.tracking.adopted import adopted, is_adoptable
 from motord.experiments.tracking.departures import changes
 from motord.experiments.tracking.shift import (
     COMMON_GAIN_DRIFT,
@@ -73,15 +73,20 @@ class CalibrationTracker:
                 self._windows.popleft()
 
     def tracked(self) -> TrackedCalibration | None:
-        """Return what is known as of the newest turns; None before there are enough."""
+        """Return what is known as of the newest turns; None before there are any."""
         try:
             found = self._found()
         except IdentifyError as error:
-            if not self._unreadable:
+            if not self._windows and not self._unreadable:
                 return None
             return self._stated((), (), self._unreadable or str(error))
         by_name = {one.name: one for one in found.changes}
-        each = tuple(stated(self._calibration, one, by_name) for one in found.seen)
+        each = tuple(
+            replace(
+                stated(self._calibration, one, by_name), adoptable=is_adoptable(one, found.seen)
+            )
+            for one in found.seen
+        )
         return self._stated(each, found.unseen, self._unreadable)
 
     def adopted(self) -> Calibration:
@@ -105,8 +110,9 @@ class CalibrationTracker:
         unseen = [one.meaning for one in each if not is_seen(one, shift)]
         if not any(one.name == COMMON_GAIN for one in each):
             unseen.insert(0, "the common gain of the phases (delta epsilon)")
-        harmonics = self._calibration.tau_cog_harmonics
-        missing = [one.order for one in harmonics if one.order not in shift.orders]
+        shown = {one.name for one in each}
+        orders = [one.order for one in self._calibration.tau_cog_harmonics]
+        missing = [order for order in orders if f"cogging-{order}-amplitude" not in shown]
         unseen += [f"order {order} of the cogging torque" for order in missing]
         return _Found(seen, changes(seen, shift, self._memory_s), tuple(unseen))
 

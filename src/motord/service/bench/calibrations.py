@@ -5,6 +5,7 @@ The file `installed` there names the one in force.
 
 import os
 import stat
+import threading
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -71,24 +72,21 @@ class CalibrationStore:
         self.directory = directory / "calibrations" / config.bench.name
         self.path = Path()
         self.current: Calibration | None = None
+        self._saving = threading.Lock()
 
     def current_id(self) -> str:
-        """Return the id of the calibration in force, "" if there is none."""
-        return self.current.id if self.current is not None else ""
+        """Return the id of the calibration in force, "" if there is none; for any thread."""
+        current = self.current
+        return current.id if current is not None else ""
 
     def file(self) -> Path | None:
-        """Return the file of the calibration in force, None while there is none."""
-        return self.path if self.current is not None and self.path.stem == self.current.id else None
+        """Return the file of the calibration in force, None until it is written; any thread."""
+        current, path = self.current, self.path
+        return path if current is not None and path.stem == current.id else None
 
     def accepted_findings(self) -> list[str]:
         """Return the names of the serious findings of the calibration in force."""
         return self.current.serious_names if self.current is not None else []
-
-    @property
-    def kept(self) -> Path | None:
-        """The file of the calibration in force, None until it is written; for any thread."""
-        current, path = self.current, self.path
-        return path if current is not None and path.stem == current.id else None
 
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
@@ -105,15 +103,17 @@ class CalibrationStore:
         return loaded
 
     def save(self, checked: Calibration) -> Path:
-        """Write a checked calibration and mark it as the one in force."""
-        try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CalibrationError(f"{self.directory}: {error.strerror}") from error
+        """Write a checked calibration; mark it if it is still the one in force. For any thread."""
         path = self.directory / f"{checked.id}.json"
-        checked.save(path)
-        self._mark(path.name)
-        self.path, self.current = path, checked
+        with self._saving:
+            try:
+                self.directory.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise CalibrationError(f"{self.directory}: {error.strerror}") from error
+            checked.save(path)
+            if self.current_id() == checked.id:
+                self._mark(path.name)
+                self.path = path
         return path
 
     def _mark(self, name: str) -> None:
@@ -134,7 +134,7 @@ class CalibrationStore:
             age_s=self.current.age_s(now),
             age=self.current.age(now),
             method=self.current.method,
-            path=str(self.path),
+            path=str(self.file() or ""),
             findings=self.accepted_findings(),
         )
 

@@ -1,17 +1,18 @@
 """RPC that puts the calibration in force as it is tracked; the tracker writes it to a file."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import InstalledCalibration
 from motord.api.requests import NOTHING_DEPARTED
+from motord.api.tracking_messages import TrackingView
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.calibration import Installation, Prepared
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
-from motord.service.rpc.preconditions import no_plan
-from motord.service.tracker.link import TrackerLink
+from motord.service.tracker.link import NOT_IN_FORCE, TrackerLink
 from motord.shm.run_directory import RunDir
 
 ADOPT_S = 10.0
@@ -45,8 +46,8 @@ class Adoption:
         """Have the tracker write the calibration, read it; for any thread. Raises RpcError."""
         request = rpc.parse(rpc.CALIBRATION_ADOPT, payload)
         tracked = self._written(request.accept)
-        accept = {*request.accept, *self._store.accepted_findings()}
-        source = {"path": str(self._run_dir.adopted), "accept": sorted(accept)}
+        accept = self._store.accepted_findings()  # it keeps the findings of the one in force
+        source = {"path": str(self._run_dir.adopted), "accept": accept}
         installing, prepared = self._installation.prepare(
             json.dumps({"token": request.token, **source}).encode()
         )
@@ -56,17 +57,14 @@ class Adoption:
         """Write the calibration that is now in force to disk; for any thread. Raises RpcError."""
         return self._installation.save(prepared.prepared, reply)
 
-    @handles(rpc.CALIBRATION_ADOPT, no_plan)
+    @handles(rpc.CALIBRATION_ADOPT)
     def adopt(self, request: rpc.WithToken, context: RpcContext) -> Wait[InstalledCalibration]:
         """Put it in force at zero torque, in place of that which it was made from."""
         adoption: PreparedAdoption = context.prepared
-        if self._store.current_id() != adoption.tracked:
-            raise RpcError("refused", "another calibration has been installed meanwhile")
-        return self._installation.exchange(
-            adoption.prepared, f"adopted from tracking by {context.holder}"
-        )
+        how = f"adopted from tracking by {context.holder}"
+        return self._installation.exchange(adoption.prepared, how, instead_of=adoption.tracked)
 
-    def _written(self, accept: list[str]) -> str:
+    def _written(self, accept: Collection[str]) -> str:
         """Have the tracker write `RunDir.adopted`; return the id of what it tracks."""
         if self._tracker is None:
             raise RpcError(
@@ -76,14 +74,10 @@ class Adoption:
             )
         view = self._tracker.view
         if view is None:
-            raise RpcError("refused", "no calibration is in force, so none is tracked")
-        if view.quantities and not view.departed and NOTHING_DEPARTED not in accept:
-            raise RpcError(
-                "refused",
-                f"calibration {view.calibration} holds: over {view.turns} turns no tracked "
-                "quantity has left its interval; to adopt them all the same: `motord calibration "
-                f"adopt --accept {NOTHING_DEPARTED}`",
-            )
+            raise RpcError("refused", NOT_IN_FORCE)
+        departed = any(one.adoptable for one in view.departed)
+        if view.quantities and not departed and NOTHING_DEPARTED not in accept:
+            raise RpcError("refused", _why_not(view))
         try:
             obstacle = self._tracker.adopt(ADOPT_S).obstacle
         except TimeoutError:
@@ -91,3 +85,15 @@ class Adoption:
         if obstacle:
             raise RpcError("refused", obstacle)
         return view.calibration
+
+
+def _why_not(view: TrackingView) -> str:
+    """Return why nothing of what is tracked is adopted, and how to adopt it all the same."""
+    if view.departed:
+        names = ", ".join(one.name for one in view.departed)
+        why = f"what has departed from calibration {view.calibration}, {names}, cannot be adopted"
+        why += ": calibrate again; to adopt what else is tracked"
+    else:
+        why = f"calibration {view.calibration} holds: over {view.turns} turns no tracked quantity "
+        why += "has left its interval; to adopt them all the same"
+    return f"{why}: `motord calibration adopt --accept {NOTHING_DEPARTED}`"

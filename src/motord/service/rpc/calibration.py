@@ -74,19 +74,25 @@ class Installation:
             ) from None
         return reply.model_copy(update={"path": str(path)})
 
-    @handles(rpc.CALIBRATION_INSTALL, no_plan)
+    @handles(rpc.CALIBRATION_INSTALL)
     def install(self, request: rpc.WithToken, context: RpcContext) -> Wait[InstalledCalibration]:
         """Put a prepared calibration in force at zero torque."""
         return self.exchange(context.prepared, f"installed by {context.holder}")
 
-    def exchange(self, prepared: Prepared, how: str) -> Wait[InstalledCalibration]:
-        """Put a calibration in force, `how` for the event. Raises RpcError while torque is set.
+    def exchange(
+        self, prepared: Prepared, how: str, instead_of: str | None = None
+    ) -> Wait[InstalledCalibration]:
+        """Put a calibration in force once the loop has taken up the tables before; `how`: in words.
 
-        It replies once the loop has taken the tables up.
+        That is refused during a plan, while torque is set, and if by then not the calibration
+        `instead_of` is in force; None: whatever is.
         """
-        zero_torque(self._bench, "the torque would jump with the calibration")
 
         def exchanged() -> InstalledCalibration | None:
+            no_plan(self._bench)
+            zero_torque(self._bench, "the torque would jump with the calibration")
+            if instead_of not in (None, self._store.current_id()):
+                raise RpcError("refused", "another calibration has been installed meanwhile")
             try:
                 self._write_tables(*prepared.tables)
             except TablesBusyError:

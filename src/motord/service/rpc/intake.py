@@ -44,6 +44,9 @@ PACE_S = 0.0025
 BURST = 40
 """Requests without the lease, except `stop`: so many at once, then one every `PACE_S`."""
 
+CARRY_OUT_S = 3.0
+"""Before a reply is due: what is not prepared by then is not done, for its client is told so."""
+
 Work = Callable[[], None]
 Lane: TypeAlias = "queue.Queue[tuple[OutstandingQuery, bytes] | None]"
 """To the thread that prepares the requests of one RPC; None ends it."""
@@ -168,6 +171,8 @@ class Intake:
             outcome: Outcome
             try:
                 request, prepared = offloaded.prepare(payload)
+                if time.monotonic() > pending.due_s - CARRY_OUT_S:
+                    raise RpcError("timeout", f"{name}: preparing it took too long; not done")
                 call = Call(name, request, prepared)
                 self._calls.put(call)
                 outcome = offloaded.finish(prepared, call.wait(REPLY_S))

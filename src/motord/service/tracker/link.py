@@ -1,9 +1,11 @@
 """The supervisor's end of the tracker process, which lasts as long as a calibration is in force."""
 
 import signal
+from collections.abc import Iterator
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 
 from motord.api.tracking_messages import TrackingView
 from motord.service.bench.calibrations import CalibrationStore
@@ -18,6 +20,11 @@ IMPLEMENTATION = "motord.experiments.tracking.tracker:CalibrationTracker"
 SILENT_NS = 300_000_000_000
 """Without a report for so long the process is ended: it was stopped, or hangs."""
 NOTHING_YET = "nothing has been reported yet"
+NOT_WRITTEN = (
+    "the calibration is in force, but not written to disk; it is tracked from when that is done"
+)
+NOT_IN_FORCE = "no calibration is in force, so none is tracked"
+SHUTTING_DOWN = "the daemon is shutting down"
 NO_TURNS = "no turns yet at a steady set-point with this calibration applied"
 ENDED = "the tracker process has ended; the next one begins anew"
 SILENT = f"tracker has reported nothing for {SILENT_NS / 1e9:g} s; it is ended"
@@ -46,21 +53,22 @@ class TrackerLink:
         self._answer: Future[AdoptedReport] | None = None
         self._number = 0
         self._file: Path | None = None
-        self._running = False
+        self._followed = ""
+        self._running = self._stopped = False
         self._failure = ""
         self._received_ns = 0
         self.view: TrackingView | None = None
 
     def step(self, now_ns: int) -> None:
         """Follow calibration and process, take reports. `now_ns` is monotonic."""
-        if self._store.kept != self._file:
+        if (self._store.current_id(), self._store.file()) != (self._followed, self._file):
             self._follow_calibration(now_ns)
         if self._pipes.opened():
             self._running, self._failure, self._received_ns = True, "", now_ns
             about = {"tracker": self._implementation, "calibration": str(self._file)}
             self._pipes.send({"do": "start", **about})
-        while not self._requests.empty():
-            self._pass_on(self._requests.get())
+        for answer in self._asked():
+            self._pass_on(answer)
         for report in self._pipes.messages(now_ns):
             self._take(report, now_ns)
         if self._pipes.closed():
@@ -74,20 +82,38 @@ class TrackerLink:
         """Have the tracker write `RunDir.adopted`; for another thread. Raises TimeoutError."""
         answer: Future[AdoptedReport] = Future()
         self._requests.put(answer)
+        if self._stopped:
+            self._refuse_asked()
         return answer.result(timeout_s)
 
     def stop(self) -> None:
-        """End the process, if there is one."""
+        """End the process, if there is one, and answer who waits or asks from now on."""
+        self._stopped = True
+        self._end_process(SHUTTING_DOWN)
+        self._refuse_asked()
+
+    def _end_process(self, why: str) -> None:
         self._pipes.kill()
-        self._ended(ENDED)
+        self._ended(why)
+
+    def _asked(self) -> Iterator[Future[AdoptedReport]]:
+        with suppress(Empty):
+            while True:
+                yield self._requests.get_nowait()
+
+    def _refuse_asked(self) -> None:
+        for answer in self._asked():
+            answer.set_result(AdoptedReport(number=0, obstacle=SHUTTING_DOWN))
 
     def _follow_calibration(self, now_ns: int) -> None:
-        self.stop()
+        self._end_process(ENDED)
         self._departures.forget()
-        self._file, self.view = self._store.kept, None
+        self._followed, self._file, self.view = self._store.current_id(), self._store.file(), None
         if self._file is not None:
             self._show_nothing(NOTHING_YET)
             self._children.start(TRACKER, now_ns)
+        elif self._followed:
+            self._show_nothing(NOT_WRITTEN)
 
     def _take(self, report: TrackerReport, now_ns: int) -> None:
         self._received_ns = now_ns
@@ -98,7 +124,8 @@ class TrackerLink:
             self.view = report.tracked
             self._departures.step(report.tracked, now_ns)
         elif report.tracked is None and report.adopted is None:
-            self._show_nothing(report.obstacle or NO_TURNS)
+            nothing = self._show_nothing(report.obstacle or NO_TURNS)
+            self._departures.step(nothing, now_ns)
 
     def _pass_on(self, answer: "Future[AdoptedReport]") -> None:
         self._reply("it was asked again")
@@ -106,7 +133,7 @@ class TrackerLink:
         if self._running:
             self._pipes.send({"do": "adopt", "number": self._number})
         else:
-            self._reply(self.view.obstacle if self.view is not None else ENDED)
+            self._reply(self.view.obstacle if self.view is not None else NOT_IN_FORCE)
 
     def _reply(self, obstacle: str) -> None:
         if self._answer is not None:
@@ -118,5 +145,7 @@ class TrackerLink:
         self._reply(why)
         self._show_nothing(why)
 
-    def _show_nothing(self, why: str) -> None:
-        self.view = TrackingView(calibration=self._store.current_id(), obstacle=why[:OBSTACLE_MAX])
+    def _show_nothing(self, why: str) -> TrackingView:
+        shown = TrackingView(calibration=self._store.current_id(), obstacle=why[:OBSTACLE_MAX])
+        self.view = shown
+        return shown

@@ -222,5 +222,14 @@ def test_whether_the_calibration_holds_is_on_the_screen(tracking, line):
     has(shown(snapshot(state(tracking={"calibration": "3fa2c1", **tracking}))), line)
 
 
+def test_what_has_departed_goes_on_below():
+    departed = [{**TRACKED, "name": f"alpha_{p}", "departed": True} for p in "abc"]
+    about = {"calibration": "3fa2c1", "quantities": departed, "turns": 70}
+    lines = shown(snapshot(state(tracking=about)), width=80, height=40)
+    [first] = [n for n, line in enumerate(lines) if line.startswith("tracked")]
+    said = " ".join(line[13:].strip() for line in lines[first : first + 3])
+    assert all(f"alpha_{p} 1.0213 +- 0.0042" in said for p in "abc")
+
+
 def test_what_is_not_tracked_takes_no_line():
     assert not any("tracked" in line for line in shown(snapshot(state()), height=40))

@@ -11,6 +11,10 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config, load
 from motord.config.tracking import TrackingConfig
 from motord.control import parameters
+from motord.experiments.check_calibration.quantities import Quantity
+from motord.experiments.check_calibration.result import Change
+from motord.experiments.tracking.adopted import adopted as adopt
+from motord.experiments.tracking.adopted import is_adoptable
 from motord.experiments.tracking.tracked import TrackedCalibration
 from motord.experiments.tracking.tracker import FORGOTTEN, WINDOW_SHARE, CalibrationTracker
 from motord.experiments.tracking.turn_windows import LONGEST_S
@@ -59,6 +63,11 @@ def tracked_of(ticks: np.ndarray, **changes: object) -> TrackedCalibration:
 
 def values(found: TrackedCalibration) -> dict[str, float]:
     return {one.name: one.value for one in found.quantities}
+
+
+def changed(**changes: object) -> Calibration:
+    """Return a calibration that differs from the one in force by this."""
+    return Calibration(**{**dict(CALIBRATION), "id": "", **changes})
 
 
 def later(ticks: np.ndarray, times: int) -> np.ndarray:
@@ -194,6 +203,15 @@ def test_at_one_torque_gains_and_the_common_gain_are_not_seen() -> None:
     assert "the common gain of the phases (delta epsilon)" in found.unseen
 
 
+def test_an_order_whose_error_is_not_stated_is_listed_as_not_seen(quiet: np.ndarray) -> None:
+    first, *others = CALIBRATION.tau_cog_harmonics
+    unknown = (first.model_copy(update={"stderr_Nm": None}), *others)
+    found = tracked_of(quiet, calibration=changed(tau_cog_harmonics=unknown))
+    assert f"order {first.order} of the cogging torque" in found.unseen
+    assert f"cogging-{first.order}-amplitude" not in values(found)
+    assert not any(one.startswith("order") for one in tracked_of(quiet).unseen)
+
+
 def test_the_common_gain_is_not_seen_by_constant_torques(quiet: np.ndarray) -> None:
     found = tracked_of(quiet)
     assert "delta-epsilon" not in values(found)
@@ -201,9 +219,14 @@ def test_the_common_gain_is_not_seen_by_constant_torques(quiet: np.ndarray) -> N
 
 
 def test_nothing_is_tracked_before_there_are_enough_turns(quiet: np.ndarray) -> None:
-    assert tracker_of(quiet[:10_000]).tracked() is None
-    with pytest.raises(CalibrationError, match="nothing to adopt"):
-        tracker_of(quiet[:10_000]).adopted()
+    assert tracker_of(quiet[:3_000]).tracked() is None
+    few = tracker_of(quiet[:10_000])
+    found = few.tracked()
+    assert found is not None
+    assert (found.quantities, found.turns > 0) == ((), True)
+    assert found.obstacle.endswith("windows of turns at torques that recur, at least 8 are needed")
+    with pytest.raises(CalibrationError, match=f"nothing to adopt: {found.obstacle}"):
+        few.adopted()
 
 
 def test_turns_are_forgotten(quiet: np.ndarray, drifted: np.ndarray) -> None:
@@ -239,6 +262,77 @@ def test_what_is_adopted_has_the_tracked_values_and_installs(drifted: np.ndarray
     assert 0 < adopted.created.timestamp() - 1e-9 * drifted["t_ns"][0] < SECONDS + 1
     again = operate(calibration=adopted, drift=DRIFT)
     assert departed(tracked_of(again, calibration=adopted)) == []
+
+
+def test_alpha_of_another_product_keeps_it(drifted: np.ndarray) -> None:
+    scaled = changed(
+        alpha=tuple(1.1 * each for each in CALIBRATION.alpha),
+        alpha_stderr=tuple(1.1 * each for each in CALIBRATION.alpha_stderr),
+        delta_epsilon=CALIBRATION.delta_epsilon / 1.1,
+    )
+    tracker = tracker_of(drifted, calibration=scaled)
+    found, adopted = tracker.tracked(), tracker.adopted()
+    assert found is not None
+    in_force = {one.name: one.in_force for one in found.quantities}
+    assert [in_force[f"alpha-{p}"] for p in "abc"] == pytest.approx(scaled.alpha)
+    assert adopted.alpha == pytest.approx([values(found)[f"alpha-{p}"] for p in "abc"])
+    plain = tracker_of(drifted).adopted()
+    assert adopted.delta_epsilon * np.array(adopted.alpha) == pytest.approx(
+        plain.delta_epsilon * np.array(plain.alpha)
+    )
+    assert adopted.alpha_stderr == pytest.approx([1.1 * each for each in plain.alpha_stderr])
+
+
+def departure(name: str, family: str, change: float = 9.0) -> tuple[Quantity, Change]:
+    """Return a quantity and its change, which is none by chance if it is above 5."""
+    quantity = Quantity(name, f"the {name}", family, "mA", np.zeros(1), 1.0, None, 2.0, 0.0)
+    found = Change(name, f"the {name}", "mA", change, 2.0, 50.0, 5.0, 6.0, 0.0, change > 5)
+    return quantity, found
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        [departure("offset-common", "common")],
+        [departure("gain-common", "common")],
+        [departure("gain-a", "gain"), departure("gain-b", "gain", 0.0)],
+        [departure("cogging-48-phase", "cogging")],
+    ],
+)
+def test_what_departed_and_cannot_be_adopted_is_said(seen: list[tuple[Quantity, Change]]) -> None:
+    quantities, changes = zip(*seen, strict=True)
+    assert not any(is_adoptable(one, quantities) for one in quantities)
+    with pytest.raises(CalibrationError) as caught:
+        adopt(CALIBRATION, quantities, changes, CALIBRATION.created)
+    said = str(caught.value)
+    assert f"what has departed from calibration {CALIBRATION.id} is the {seen[0][0].name}: " in said
+    assert "agrees" not in said
+    assert said.endswith("calibrate again")
+
+
+def test_what_is_adopted_moves_nothing_else() -> None:
+    seen = [departure("offset-common", "common")]
+    seen += [departure(f"offset-{phase}", "offset", 9.0 * (phase == "a")) for phase in "abc"]
+    quantities, changes = zip(*seen, strict=True)
+    assert [is_adoptable(one, quantities) for one in quantities] == [False, True, True, True]
+    adopted = adopt(CALIBRATION, quantities, changes, CALIBRATION.created)
+    moved_A = np.array(adopted.beta_A) - CALIBRATION.beta_A
+    assert moved_A == pytest.approx([6e-3, 0.0, 0.0])
+    assert adopted.alpha == CALIBRATION.alpha
+
+
+def test_the_budget_has_the_degrees_of_freedom_of_what_was_adopted() -> None:
+    first, second = CALIBRATION.tau_cog_harmonics[:2]
+    parts = ("amplitude", "phase")
+    seen = [departure(f"cogging-{first.order}-{part}", "cogging") for part in parts]
+    quantities, changes = zip(*seen, strict=True)
+    stated = CALIBRATION.budget[0].model_copy(update={"degrees_of_freedom": (None,) * 3 + (7.0,)})
+    calibration = changed(budget=(stated,))
+    adopted = adopt(calibration, quantities, changes, calibration.created)
+    assert adopted.tau_cog_harmonics[0].degrees_of_freedom == 50.0
+    assert adopted.tau_cog_harmonics[1] == second
+    assert adopted.budget[0].cogging_Nm == adopted.tau_cog_harmonics[0].stderr_Nm == 2e-3
+    assert adopted.budget[0].degrees_of_freedom[3] == 50.0
 
 
 def test_what_has_not_departed_and_is_known_no_better_stays(quiet: np.ndarray) -> None:

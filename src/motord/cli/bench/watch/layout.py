@@ -44,7 +44,7 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     assert state is not None
     below = panels.plan(state, glyphs) + panels.precision(state, width) + panels.loop(state)
     below += panels.devices(state) + panels.kept(state, width, glyphs)
-    below += panels.tracked(state)
+    below += panels.tracked(state, width)
     spare = room - len(below) - EVENTS_MIN - 1
     rows = min(max(spare // len(SIGNALS), 1), SIGNAL_ROWS_MAX)
     above = panels.signals(seen, width, rows, glyphs)

@@ -30,6 +30,7 @@ FLOOR = 0.05
 """Least span of a sparkline, as a share of the limit: the noise of a bench at rest stays small."""
 TRIP_ROWS = 7
 PRECISION_ROWS = 4
+TRACKED_ROWS = 4
 MARKS = {"note": "n", "trip": "!"}
 """Kinds of event that are marked below the sparklines."""
 
@@ -92,10 +93,10 @@ def trip(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
     return lines[:TRIP_ROWS]
 
 
-def wrapped(label: str, text: str, width: int) -> list[Text]:
+def wrapped(label: str, text: str, width: int, style: str = "none") -> list[Text]:
     """Return a row whose text goes on below."""
     parts = textwrap.wrap(text, max(width - LABEL_WIDTH, 20))
-    return [row(label if number == 0 else "", part) for number, part in enumerate(parts)]
+    return [row(label if number == 0 else "", (part, style)) for number, part in enumerate(parts)]
 
 
 def faults(state: BenchState) -> list[Text]:
@@ -249,12 +250,12 @@ def kept(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
     ]
 
 
-def tracked(state: BenchState) -> list[Text]:
+def tracked(state: BenchState, width: int) -> list[Text]:
     """Return whether the calibration in force holds; nothing if it is not tracked."""
     if state.tracking is None:
         return []
     style = "bold" if state.tracking.departed else "none"
-    return [row("tracked", (short(state.tracking), style))]
+    return wrapped("tracked", short(state.tracking, state.t_ns), width, style)[:TRACKED_ROWS]
 
 
 def end_of(path: str, room: int, glyphs: Glyphs) -> str:
