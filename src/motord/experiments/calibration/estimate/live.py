@@ -15,12 +15,18 @@ from motord.identification.operating_points import PointData, split
 from motord.recording.captures import COLUMNS
 from motord.sequencing.precision import Precision
 
+AGAIN = 1.25
+"""Factor by which captures must have grown since a whole analysis that did not confirm the targets
+until there is another one: the more there are, the longer it takes."""
+
 
 class LiveCalibration:
     """Takes ticks as they come, and each operating point when its capture has ended.
 
-    Keeps the columns that are read of the points, which the analysis may want to read again. The
-    ripple is that at the largest torque: no set-point of the mesh has more.
+    Targets count as reached once the whole analysis confirms them. Until it is repeated, what it
+    said holds, where half-widths alone say more. Keeps the columns that are read of the points,
+    which the analysis may want to read again. The ripple is that at the largest torque: no
+    set-point of the mesh has more.
     """
 
     def __init__(self, config: Config, targets: Mapping[str, float]) -> None:
@@ -32,6 +38,7 @@ class LiveCalibration:
         )
         self._blocks: list[np.ndarray] = []
         self._captures = 0
+        self._unconfirmed = Precision(0)
 
     def take(self, ticks: np.ndarray) -> None:
         """Take a block of ticks, structured as TICK_DTYPE; those of no operating point go."""
@@ -50,15 +57,25 @@ class LiveCalibration:
                 self._points.append(replace(data, ticks=repack_fields(data.ticks[used])))
                 self._largest_Nm = max(self._largest_Nm, abs(data.torque_Nm))
             found = self._calibrator.half_widths((self._largest_Nm,))
-            reached = Precision(self._captures, found).reaches(self._targets)
-            return self._confirmed(found) if reached else Precision(self._captures, found)
+            precision = Precision(self._captures, found)
+            return self._confirmed(found) if precision.reaches(self._targets) else precision
         except IdentifyError as error:
             return Precision(self._captures, obstacle=str(error))
 
     def _confirmed(self, found: Mapping[str, float]) -> Precision:
         """Return the wider of what was found and what the whole analysis says of departures."""
+        last = self._unconfirmed
+        if self._captures < AGAIN * last.captures:
+            return Precision(self._captures, _wider(found, last.half_widths), last.obstacle)
         result = self._calibrator.joint()
-        widths = {name: max(half, found[name]) for name, half in of_result(result).items()}
         serious = [one.name for one in result.findings if one.severity == "serious"]
         obstacle = f"findings: {', '.join(serious)}" if serious else ""
-        return Precision(self._captures, widths, obstacle)
+        precision = Precision(self._captures, _wider(found, of_result(result)), obstacle)
+        if not precision.reaches(self._targets):
+            self._unconfirmed = precision
+        return precision
+
+
+def _wider(found: Mapping[str, float], others: Mapping[str, float]) -> dict[str, float]:
+    """Return each half-width found, or the other one if that is wider."""
+    return {name: max(half, others.get(name, 0.0)) for name, half in found.items()}
