@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Generic
 
+from motord.one_thread import ONE_THREAD
 from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import M, MessageReader, RecorderReport
@@ -15,8 +16,14 @@ BACKLOG_MAX_BYTES = 4 << 20
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
-    """Start a process with pipes to its stdin and from its stdout."""
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+    """Start a process with pipes to its stdin and from its stdout.
+
+    Without thread pools: their threads would only wait for each other where one processor is left.
+    """
+    environment = {**os.environ, **ONE_THREAD}
+    return subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
+    )
 
 
 class PipedChild(Generic[M]):

@@ -258,6 +258,12 @@ def test_a_recorder_that_does_not_read_is_no_reason_to_wait(monkeypatch):
     link.close()
 
 
+def test_children_with_pipes_start_no_thread_pools():
+    count = "import os; print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    process = spawn_piped([sys.executable, "-c", count])
+    assert process.communicate()[0].split() == [b"1", b"1"]
+
+
 # --- the process
 
 
