@@ -1,7 +1,7 @@
 """A calibration with the values that operation shows, where these have departed or are better."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -27,6 +27,9 @@ SOURCE = "tracking in operation"
 
 
 PARTS = ("amplitude", "phase")
+
+SAME_A = 1e-9
+"""Mean offset that counts as none."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ def adopted(
         common_A = float(np.mean(calibration.beta_A))
         values = np.array([found[f"offset-{phase}"] for phase in PHASES])
         beta = _adopted("offset", values + common_A, np.full(3, 1e-3 * OF_ALL), by_name)
+        stderr_A = np.hypot(beta.stderr, _common_stderr_A(calibration))
+        beta = replace(beta, stderr=_triple(stderr_A))
     harmonics = tuple(
         _tracked(one, by_name) if f"cogging-{one.order}" in kinds else one
         for one in calibration.tau_cog_harmonics
@@ -126,6 +131,15 @@ def _is_adopted(kind: str, seen: Sequence[Quantity], changes: Sequence[Change]) 
     better = all(change.stderr <= q.stderr for q, change in each)
     whole = all(is_adoptable(q, seen) for q, _ in each)
     return whole and (better or any(change.drifted for _, change in each))
+
+
+def _common_stderr_A(calibration: Calibration) -> float:
+    """Return the standard error of the mean offset, which stays: of three that are independent.
+
+    None where the calibration took it as 0, as a star's currents do not show it.
+    """
+    known = abs(np.mean(calibration.beta_A)) > SAME_A
+    return float(np.sqrt(np.mean(np.square(calibration.beta_stderr_A)) / 3)) if known else 0.0
 
 
 def _in_force(calibration: Calibration) -> tuple[_Phases, _Phases]:

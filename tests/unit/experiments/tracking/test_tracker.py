@@ -321,6 +321,16 @@ def test_what_is_adopted_moves_nothing_else() -> None:
     assert adopted.alpha == CALIBRATION.alpha
 
 
+@pytest.mark.parametrize(("mean_A", "of_mean_A"), [(0.4, 3e-3 / 3**0.5), (0.0, 0.0)])
+def test_the_error_of_the_mean_offset_stays(mean_A: float, of_mean_A: float) -> None:
+    seen = [departure(f"offset-{phase}", "offset") for phase in "abc"]
+    offsets_A = tuple(mean_A + apart_A for apart_A in (-0.1, 0.0, 0.1))
+    calibration = changed(beta_A=offsets_A, beta_stderr_A=(3e-3,) * 3)
+    adopted = adopt(calibration, *zip(*seen, strict=True), calibration.created)
+    assert adopted.beta_stderr_A == pytest.approx([np.hypot(2e-3 * 2 / 3, of_mean_A)] * 3)
+    assert adopted.budget[0].beta_A == adopted.beta_stderr_A
+
+
 def test_the_budget_has_the_degrees_of_freedom_of_what_was_adopted() -> None:
     first, second = CALIBRATION.tau_cog_harmonics[:2]
     parts = ("amplitude", "phase")
