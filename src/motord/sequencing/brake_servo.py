@@ -32,6 +32,17 @@ def brake_torque_Nm(brake: BrakeConfig, excitation: float, speed_rad_s: float) -
     return excitation**2 * brake.torque_max_Nm * 2 * ratio / (1 + ratio * ratio)
 
 
+def speed_held_rad_s(brake: BrakeConfig, excitation: float, torque_Nm: float) -> float:
+    """Return the speed at which the brake balances `torque_Nm`, of its sign.
+
+    The one below the critical speed, which is stable; the critical speed itself for a torque that
+    the brake does not hold.
+    """
+    half = torque_Nm / (2 * excitation**2 * brake.torque_max_Nm)
+    ratio = 2 * half / (1 + math.sqrt(max(1 - 4 * half * half, 0.0)))
+    return max(min(ratio, 1.0), -1.0) * brake.critical_speed_rad_s
+
+
 def excitation_for(brake: BrakeConfig, torque_Nm: float, speed_rad_s: float) -> float:
     """Return the excitation (0 to 1) that balances `torque_Nm` at `speed_rad_s`."""
     full_Nm = abs(brake_torque_Nm(brake, 1.0, speed_rad_s))

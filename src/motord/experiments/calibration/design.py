@@ -100,6 +100,7 @@ class Design:
         """torque_Nm: the largest; directions: 1, -1 or both."""
         motor = config.motor
         self._config, self.rated_Nm = config, motor.rated_torque_Nm
+        self.brake = config.brake
         step = max(motor.counts // TABLE, 1)
         self._angle_rad = 2 * np.pi * np.arange(0, motor.counts, step) / motor.counts
         self._k = motor.back_emf_table()[::step]

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from motord.experiments.calibration.design import COGGING, Candidate, Design
+from motord.sequencing.brake_servo import excitation_for, speed_held_rad_s
 from motord.sequencing.continuous import END_S, SETTLE_S, SLOWER
 
 TURNS = 2
@@ -93,10 +94,14 @@ def visits(
 ) -> list[Visit]:
     """Return the visits that tell most in `limit_s`, each chosen after those before it.
 
-    speed_Hz: at the largest torque; at constant excitation it goes with the torque.
+    speed_Hz: at the largest torque; at constant excitation each torque has a speed of its own.
     """
     largest_Nm = max(one.mean_torque_Nm for one in design.candidates)
-    speeds_Hz = [speed_Hz * one.mean_torque_Nm / largest_Nm for one in design.candidates]
+    excitation = excitation_for(design.brake, largest_Nm, 2 * math.pi * speed_Hz)
+    speeds_Hz = [
+        speed_held_rad_s(design.brake, excitation, one.mean_torque_Nm) / (2 * math.pi)
+        for one in design.candidates
+    ]
     turn = TURNS * np.array(
         [design.information(c, s) for c, s in zip(design.candidates, speeds_Hz, strict=True)]
     )
