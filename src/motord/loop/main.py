@@ -9,7 +9,12 @@ import os
 import sys
 from pathlib import Path
 
-from motord.one_thread import ONE_THREAD
+ONE_THREAD = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -44,11 +44,17 @@ CRITICAL_SHARE = 0.5
 START_S = 0.2
 """Time until the bench is enabled, about."""
 
-SLOWER = 0.87
+SLOWER = 0.9
 """Speed that is reckoned with, in parts of that of the configured brake."""
 
 END_S = 0.2
 """Time in which the bench is disabled after the last ramp, about."""
+
+RESERVE_S = 0.1
+"""Time that is kept where the brake is lowered: no two captures turn quite alike."""
+
+RUN_UP = 1.06
+"""Speed at the end of a capture, in parts of its mean: the rotor still runs up as it begins."""
 
 BEYOND_TURNS = 0.05
 """What is captured more, so that the encoder's counts have turned as far as the angle."""
@@ -134,26 +140,33 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
         takes_s += visit.takes_s
         passed_s += visit.takes_s + visit.cut_short_s
         rest = points[number - before + 1 : max(settings.least_points - before, 0)]
-        least = min(least, visit.slower * (settings.excitation / pace.excitation) ** 2)
+        slower = visit.slower * (settings.excitation / pace.excitation) ** 2
+        least = min(least, slower)
         if rest:
-            pace = _paced(settings, least, rest, settings.limit_s - passed_s)
+            left_s = settings.limit_s - passed_s
+            pace = _paced(settings, slower, RUN_UP * SLOWER / least, rest, left_s)
     yield from ramp_down()
     return why
 
 
 def _paced(
-    settings: Continuous, slower: float, rest: Sequence[OperatingPoint], left_s: float
+    settings: Continuous,
+    slower: float,
+    least_share: float,
+    rest: Sequence[OperatingPoint],
+    left_s: float,
 ) -> Continuous:
     """Return the settings for what is left of the least points, with less of the brake if need be.
 
-    slower: time of a turn at the full excitation, in parts of what was reckoned with, the least of
-    all points: it goes with the square of the excitation, which is lowered no further than to that.
+    slower: time of a turn at the full excitation, in parts of what was reckoned with; it goes with
+    the square of the excitation. least_share: of that square, with which the quickest point so far
+    would have turned as fast as with the configured brake.
     """
     turning_s = sum(point_s(one) - SETTLE_S for one in rest)
     at_rest_s = sum(settings.durations_s[one.index] for one in rest) - turning_s
-    left_s -= abs(rest[-1].torque_Nm) / settings.rate_Nm_per_s + END_S
+    left_s -= abs(rest[-1].torque_Nm) / settings.rate_Nm_per_s + END_S + RESERVE_S
     needed = (left_s - at_rest_s) / (slower * turning_s)
-    share = min(max(needed, 1 / slower), 1.0)
+    share = min(max(needed, least_share), 1.0)
     return replace(settings, excitation=settings.excitation * math.sqrt(share))
 
 

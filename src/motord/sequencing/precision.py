@@ -10,7 +10,7 @@ class Precision:
 
     captures: how many operating points it is of; half_widths: such as {"beta_A": 0.03}, a quantity
     that these cannot give yet being left out; obstacle: why the plan must not end early by it (a
-    model that does not fit), "" if it may; remark: what else the captures show, in words.
+    model that does not fit), "" if it may; remark: what else the captures show, as text.
     """
 
     captures: int

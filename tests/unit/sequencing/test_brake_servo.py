@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord import config
-from motord.sequencing.brake_servo import SHIFT_MAX, TRUST_S, BrakeServo
+from motord.sequencing.brake_servo import (
+    SHIFT_MAX,
+    TRUST_S,
+    BrakeServo,
+    brake_torque_Nm,
+    speed_held_rad_s,
+)
 
 LOOK_NS = 20_000_000
 WANTED_HZ = 0.7
@@ -74,3 +80,21 @@ def test_a_speed_passed_through_teaches_nothing(servo):
     look(servo, 3.0, 0.1, t_ns)
     servo.start(t_ns)
     assert servo.shift == shift
+
+
+@given(
+    share=st.floats(-1.0, 1.0).filter(lambda share: abs(share) > 1e-3),
+    excitation=st.floats(0.05, 1.0),
+)
+def test_the_speed_that_is_held_is_where_the_brake_has_the_torque(share, excitation):
+    brake = config.load().brake
+    speed_rad_s = share * brake.critical_speed_rad_s
+    torque_Nm = brake_torque_Nm(brake, excitation, speed_rad_s)
+    assert speed_held_rad_s(brake, excitation, torque_Nm) == pytest.approx(speed_rad_s, rel=1e-6)
+
+
+def test_a_torque_that_the_brake_does_not_hold_has_the_critical_speed():
+    brake = config.load().brake
+    too_much_Nm = 1.1 * brake.torque_max_Nm
+    assert speed_held_rad_s(brake, 1.0, too_much_Nm) == brake.critical_speed_rad_s
+    assert speed_held_rad_s(brake, 1.0, -too_much_Nm) == -brake.critical_speed_rad_s

@@ -195,7 +195,7 @@ def test_the_first_points_are_taken_whatever_the_time(least: int) -> None:
     assert ride.executor.message.startswith("time limit of 0.5 s")
 
 
-@pytest.mark.parametrize(("limit_s", "lasts_s"), [(inf, 16.1), (15.5, 15.5), (10.0, 14.3)])
+@pytest.mark.parametrize(("limit_s", "lasts_s"), [(inf, 16.1), (15.5, 15.5), (10.0, 13.4)])
 def test_a_brake_that_is_too_strong_is_lowered_where_the_time_is_short(
     limit_s: float, lasts_s: float
 ) -> None:
@@ -206,7 +206,7 @@ def test_a_brake_that_is_too_strong_is_lowered_where_the_time_is_short(
     ride.finish()
     excitations = {demand.brake for demand in ride.demands if demand.enabled}
     assert (len(excitations) == 1) is (limit_s == inf)
-    assert min(excitations) >= SETTINGS.excitation / 1.2**0.5
+    assert min(excitations) >= SETTINGS.excitation / 1.3**0.5
     assert ride.bench.fastest_rad_s <= 2 * pi
     assert ride.taken == [0, 1, 2, 3]
     assert lasts_s - 0.2 <= ride.seconds <= lasts_s
@@ -230,7 +230,7 @@ def test_a_pause_is_not_taken_for_a_brake_that_is_too_strong(
     assert ride.finish().taken == [0, 1, 2, 3]
     loaded = {demand.brake for demand in ride.demands if demand.torque_Nm}
     assert loaded == {SETTINGS.excitation}
-    assert ride.bench.fastest_rad_s <= 1.05 * 2 * pi
+    assert ride.bench.fastest_rad_s <= 2 * pi
 
 
 def test_the_rest_of_a_plan_beyond_its_least_points_has_the_whole_excitation() -> None:

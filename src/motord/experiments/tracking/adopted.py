@@ -136,7 +136,7 @@ def _is_adopted(kind: str, seen: Sequence[Quantity], changes: Sequence[Change]) 
 def _common_stderr_A(calibration: Calibration) -> float:
     """Return the standard error of the mean offset, which stays: of three that are independent.
 
-    None where the calibration took it as 0, as a star's currents do not show it.
+    0 where the calibration took the offset as 0, as a star's currents do not show it.
     """
     known = abs(np.mean(calibration.beta_A)) > SAME_A
     return float(np.sqrt(np.mean(np.square(calibration.beta_stderr_A)) / 3)) if known else 0.0

@@ -45,7 +45,7 @@ BURST = 40
 """Requests without the lease, except `stop`: so many at once, then one every `PACE_S`."""
 
 CARRY_OUT_S = 3.0
-"""Before a reply is due: what is not prepared by then is not done, for its client is told so."""
+"""Before a reply is due: what is not prepared by then is refused and not done."""
 
 Work = Callable[[], None]
 Lane: TypeAlias = "queue.Queue[tuple[OutstandingQuery, bytes] | None]"
