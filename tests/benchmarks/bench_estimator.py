@@ -7,16 +7,14 @@ taken as in `bench_isolation`, while the plan captures.
 
 import os
 import signal
-import tempfile
 from pathlib import Path
 
-from motord import config
 from motord.api.messages import BenchState
 from motord.client import Client
-from motord.loop.latency.measurement import choose_cpu
 from tests.benchmarks.bench_isolation import Bench, Seen, compared, has_rights
+from tests.benchmarks.bench_subscribers import running_bench
 from tests.benchmarks.figure import Figure
-from tests.system.daemons import daemon, wait_for, write_sim
+from tests.system.daemons import wait_for
 
 RATE_Hz = 5000
 RUNS, QUICK_RUNS = 6, 1
@@ -83,15 +81,9 @@ class Runs:
 
 def figures(quick: bool) -> list[Figure]:
     """Return what the loop feels of the estimator, and what that takes."""
-    cpu = choose_cpu(config.load().loop).cpu
-    assert cpu is not None
-    with tempfile.TemporaryDirectory() as name:
-        path = write_sim(Path(name), "estimator")
-        text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_Hz}\ncpu = {cpu}")
-        path.write_text(text.replace("overrun_ticks = 500", f"overrun_ticks = {RATE_Hz}"))
-        with daemon(Path(name), path) as running, running.connect() as client:
-            runs = Runs(Bench(running, cpu), client)
-            for _ in range(QUICK_RUNS if quick else RUNS):
-                runs.run(estimated=True)
-                runs.run(estimated=False)
-            return runs.figures()
+    with running_bench(RATE_Hz) as bench, bench.daemon.connect() as client:
+        runs = Runs(bench, client)
+        for _ in range(QUICK_RUNS if quick else RUNS):
+            runs.run(estimated=True)
+            runs.run(estimated=False)
+        return runs.figures()

@@ -39,14 +39,14 @@ PAUSE_S = 0.005
 
 
 @contextmanager
-def running_bench() -> Iterator[Bench]:
-    """Run the simulated bench at RATE_Hz with its loop on the last processor."""
+def running_bench(rate_Hz: int = RATE_Hz) -> Iterator[Bench]:
+    """Run the simulated bench at `rate_Hz` with its loop on the last processor."""
     cpu = choose_cpu(config.load().loop).cpu
     assert cpu is not None
     with tempfile.TemporaryDirectory() as name:
         path = write_sim(Path(name), "subscribers")
-        text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_Hz}\ncpu = {cpu}")
-        path.write_text(text.replace("overrun_ticks = 500", f"overrun_ticks = {RATE_Hz}"))
+        text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {rate_Hz}\ncpu = {cpu}")
+        path.write_text(text.replace("overrun_ticks = 500", f"overrun_ticks = {rate_Hz}"))
         with daemon(Path(name), path) as running:
             yield Bench(running, cpu)
 

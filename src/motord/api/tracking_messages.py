@@ -3,6 +3,11 @@
 from motord.api.published_message import PublishedMessage
 from motord.intervals import plus_minus
 
+TRACKING_OFF = (
+    "tracking is off: set enabled = true in [tracking] of the bench file and start the daemon again"
+)
+NOT_IN_FORCE = "no calibration is in force, so none is tracked"
+
 
 class TrackedView(PublishedMessage):
     """A quantity of the calibration in force, as it is tracked."""

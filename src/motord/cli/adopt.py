@@ -10,11 +10,6 @@ from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, print_result, remark
 
-OFF = (
-    "tracking is off: set enabled = true in [tracking] of the bench file and start the daemon again"
-)
-NOT_IN_FORCE = "no calibration is in force, so none is tracked"
-
 
 def adopt(
     output: Annotated[
@@ -40,13 +35,14 @@ def adopt(
     That takes [tracking] enabled = true in the bench file. Refused while no tracked quantity has
     left its interval that can be adopted, unless that is accepted: --accept nothing-departed.
     """
+    from motord.api.tracking_messages import NOT_IN_FORCE, TRACKING_OFF
     from motord.calibration import CalibrationError, load
     from motord.cli.bench.lease_session import in_command
 
     with connection.open() as client:
         state = client.state()
         if state.tracking is None:
-            fail(OFF if state.calibration is not None else NOT_IN_FORCE)
+            fail(TRACKING_OFF if state.calibration is not None else NOT_IN_FORCE)
         text = "\n".join(lines(state.tracking, state.t_ns))
         if dry_run:
             print_result(state.tracking.model_dump(mode="json"), text, as_json)

@@ -8,11 +8,11 @@ from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import InstalledCalibration
 from motord.api.requests import NOTHING_DEPARTED
-from motord.api.tracking_messages import TrackingView
+from motord.api.tracking_messages import NOT_IN_FORCE, TRACKING_OFF, TrackingView
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.calibration import Installation, Prepared
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
-from motord.service.tracker.link import NOT_IN_FORCE, TrackerLink
+from motord.service.tracker.link import TrackerLink
 from motord.shm.run_directory import RunDir
 
 ADOPT_S = 10.0
@@ -67,11 +67,7 @@ class Adoption:
     def _written(self, accept: Collection[str]) -> str:
         """Have the tracker write `RunDir.adopted`; return the id of what it tracks."""
         if self._tracker is None:
-            raise RpcError(
-                "refused",
-                "tracking is off: set enabled = true in [tracking] of the bench file and start "
-                "the daemon again",
-            )
+            raise RpcError("refused", TRACKING_OFF)
         view = self._tracker.view
         if view is None:
             raise RpcError("refused", NOT_IN_FORCE)

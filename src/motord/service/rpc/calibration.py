@@ -82,7 +82,7 @@ class Installation:
     def exchange(
         self, prepared: Prepared, how: str, instead_of: str | None = None
     ) -> Wait[InstalledCalibration]:
-        """Put a calibration in force once the loop has taken up the tables before; `how`: for the event.
+        """Put a calibration in force once the loop has taken up those before; `how`: for the event.
 
         That is refused during a plan, while torque is set, and if by then not the calibration
         `instead_of` is in force; None: whatever is.

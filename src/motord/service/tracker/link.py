@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from motord.api.tracking_messages import TrackingView
+from motord.api.tracking_messages import NOT_IN_FORCE, TrackingView
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.host.child_pipes import ChildPipes
 from motord.service.host.children import Children
@@ -23,7 +23,6 @@ NOTHING_YET = "nothing has been reported yet"
 NOT_WRITTEN = (
     "the calibration is in force, but not written to disk; it is tracked from when that is done"
 )
-NOT_IN_FORCE = "no calibration is in force, so none is tracked"
 SHUTTING_DOWN = "the daemon is shutting down"
 NO_TURNS = "no turns yet at a steady set-point with this calibration applied"
 ENDED = "the tracker process has ended; the next one begins anew"

@@ -2,7 +2,7 @@
 
 from rich.text import Text
 
-from motord.cli.bench.watch import panels
+from motord.cli.bench.watch import panels, plan_panel
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS
 from motord.cli.bench.watch.snapshot import Snapshot
@@ -42,7 +42,7 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     """Return what is between state and message, as much of it as there is room for."""
     state = seen.state
     assert state is not None
-    below = panels.plan(state, glyphs) + panels.precision(state, width) + panels.loop(state)
+    below = plan_panel.plan(state, glyphs) + plan_panel.precision(state, width) + panels.loop(state)
     below += panels.devices(state) + panels.kept(state, width, glyphs)
     below += panels.tracked(state, width)
     spare = room - len(below) - EVENTS_MIN - 1

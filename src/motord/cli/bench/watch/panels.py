@@ -29,7 +29,6 @@ HEADING = "dim"
 FLOOR = 0.05
 """Least span of a sparkline, as a share of the limit: the noise of a bench at rest stays small."""
 TRIP_ROWS = 7
-PRECISION_ROWS = 4
 TRACKED_ROWS = 4
 MARKS = {"note": "n", "trip": "!"}
 """Kinds of event that are marked below the sparklines."""
@@ -204,41 +203,6 @@ def time_axis(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
             axis[characters - 1 - behind] = MARKS[event.kind]
     left = f"{'':<{LABEL_WIDTH}}{'last 60 s':>{VALUE_WIDTH - 1}} "
     return Text(f"{left}{''.join(axis)} now", HEADING)
-
-
-def plan(state: BenchState, glyphs: Glyphs) -> list[Text]:
-    """Return the plan under way, or the last one."""
-    p = state.plan
-    if p is None:
-        return [row("plan", "none since the daemon started")]
-    cells = 16
-    done = round(cells * min(max(p.fraction, 0.0), 1.0))
-    bar = glyphs.bar[0] * done + glyphs.bar[1] * (cells - done)
-    most = "at most " if p.targets else ""
-    left = "" if p.over else f"  {most}{wording.duration(p.eta_s)} left"
-    head = row("plan", (f"{p.plan} {p.state}", "bold"), f"  {bar} {100 * p.fraction:.0f} %{left}")
-    if p.over:
-        return [head, row("", wording.plan_progress(p))]
-    how = "; detached" if p.detached else f"; started by {p.started_by}" if p.started_by else ""
-    return [head, row("", f"{p.points_done} of {p.points} points; {p.step or p.state}{how}")]
-
-
-def precision(state: BenchState, width: int) -> list[Text]:
-    """Return the half-widths that a plan gives by now next to its targets; of others nothing."""
-    p = state.plan
-    if p is None or not p.targets:
-        return []
-    known = ((name, p.precision.get(name), target) for name, target in p.targets.items())
-    lines = wrapped("precision", ", ".join(_against_target(*one) for one in known), width)
-    if p.obstacle:
-        lines += wrapped("", f"does not end early: {p.obstacle}", width)
-    return lines[:PRECISION_ROWS]
-
-
-def _against_target(name: str, half_width: float | None, target: float) -> str:
-    if half_width is None:
-        return f"{name} ? of {target:g}"
-    return f"{name} {half_width:.3g} of {target:g}" + " (reached)" * (half_width <= target)
 
 
 def kept(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
