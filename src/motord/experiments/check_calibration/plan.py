@@ -14,7 +14,7 @@ from typing import Any
 from motord.config import Config
 from motord.config.plans import CheckCalibrationConfig
 from motord.sequencing import Demand, Induced, OperatingPoint, Plan, PlanError
-from motord.sequencing.brake_servo import excitation_for
+from motord.sequencing.brake_servo import excitation_for, speed_held_rad_s
 from motord.sequencing.continuous import (
     START_S,
     Continuous,
@@ -65,10 +65,11 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
             "a constant brake holds the rotor safely ([brake] critical_speed_rad_s, [limits] "
             "trip_speed_rad_s)"
         )
-    points = _points(check, torque_Nm)
+    excitation = excitation_for(config.brake, torque_Nm, 2 * math.pi * check.speed_Hz)
+    points = _points(check, torque_Nm, partial(speed_held_rad_s, config.brake, excitation))
     rate_Nm_per_s = config.limits.torque_rate_Nm_per_s
     taking = Continuous(
-        excitation_for(config.brake, torque_Nm, 2 * math.pi * check.speed_Hz),
+        excitation,
         lead_s(config.brake),
         rate_Nm_per_s,
         tuple(torque_Nm / rate_Nm_per_s + point_s(point) for point in points),
@@ -90,16 +91,17 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     )
 
 
-def _points(check: CheckCalibrationConfig, torque_Nm: float) -> tuple[OperatingPoint, ...]:
-    """Return the points; at constant excitation of the brake the speed follows the torque."""
-    speed_Hz, turns = check.speed_Hz, check.turns
+def _points(
+    check: CheckCalibrationConfig, torque_Nm: float, held_rad_s: Callable[[float], float]
+) -> tuple[OperatingPoint, ...]:
+    """Return the points; held_rad_s: the speed at which the brake holds a torque (Nm)."""
     scaled = Induced(gain=(check.scaled_gain, 1.0, 1.0))
-    scaled_Hz = speed_Hz * (2 + check.scaled_gain) / 3
-    share = -1.0 if check.directions == "both" else 0.5
+    scaled_Hz = held_rad_s(torque_Nm * (2 + check.scaled_gain) / 3) / (2 * math.pi)
+    last_Nm = torque_Nm * (-1.0 if check.directions == "both" else 0.5)
     return (
-        OperatingPoint(0, torque_Nm, speed_Hz, turns),
-        OperatingPoint(1, torque_Nm, scaled_Hz, turns - 1, scaled),
-        OperatingPoint(2, share * torque_Nm, share * speed_Hz, turns),
+        OperatingPoint(0, torque_Nm, check.speed_Hz, check.turns),
+        OperatingPoint(1, torque_Nm, scaled_Hz, check.turns - 1, scaled),
+        OperatingPoint(2, last_Nm, held_rad_s(last_Nm) / (2 * math.pi), check.turns),
     )
 
 
