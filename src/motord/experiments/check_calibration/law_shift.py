@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.kirchhoff import alpha_of_law
-from motord.experiments.calibration.estimate.normal_equations import Regression
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import alpha_of_law
+from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
 from motord.identification.variance_components import VarianceComponents
 
 GAIN_ACCURACY = 5e-4

@@ -13,7 +13,11 @@ import numpy as np
 
 from motord.calibration import Calibration, Harmonic
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    BETA,
+    FIRST_COGGING,
+)
 from motord.experiments.check_calibration.shift import ParameterShift
 
 PHASES = "abc"

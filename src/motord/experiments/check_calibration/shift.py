@@ -14,7 +14,12 @@ from motord.calibration import Calibration
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.lack_of_fit.effects import model_columns, point_models
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, DELAY, ZOH, Regression
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    DELAY,
+    ZOH,
+    Regression,
+)
 from motord.experiments.calibration.estimate.turn_products import accumulate
 from motord.experiments.check_calibration.law_shift import LawShift, law_shift
 from motord.experiments.check_calibration.line_fit import LineFit

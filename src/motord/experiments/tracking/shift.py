@@ -14,7 +14,7 @@ from motord.calibration import Calibration, Harmonic
 from motord.config import Config
 from motord.experiments.calibration.estimate.lack_of_fit.effects import unit_torques
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, DELAY, ZOH
+from motord.experiments.calibration.estimate.least_squares.normal_equations import ALPHA, DELAY, ZOH
 from motord.experiments.calibration.estimate.turn_spectrum import ANGLE_BINS
 from motord.experiments.check_calibration.line_fit import LineFit
 from motord.experiments.check_calibration.shift import ParameterShift

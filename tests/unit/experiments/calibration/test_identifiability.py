@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.experiments.calibration.estimate.identifiability import (
+from motord.experiments.calibration.estimate.least_squares.identifiability import (
     COMMON,
     assess,
     unit_product,

@@ -2,8 +2,11 @@ import numpy as np
 import pytest
 
 from motord.experiments.calibration.estimate.checks import check_fit
-from motord.experiments.calibration.estimate.identifiability import COMMON, Identifiability
-from motord.experiments.calibration.estimate.joint import JointFit, Solution, solve
+from motord.experiments.calibration.estimate.least_squares.identifiability import (
+    COMMON,
+    Identifiability,
+)
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit, Solution, solve
 from motord.identification import IdentifyError
 from motord.identification.variance_components import VarianceComponents
 

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.joint import Solution
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
+from motord.experiments.calibration.estimate.least_squares.joint import Solution
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    BETA,
+    FIRST_COGGING,
+)
 from motord.experiments.calibration.estimate.predicted_ripple import PredictedRipple, ripple_form
 from motord.experiments.sensitivity.curves import RippleModel
 from motord.identification.variance_components import VarianceComponents

@@ -3,16 +3,23 @@
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate.identifiability import COMMON, Identifiability
-from motord.experiments.calibration.estimate.joint import inverse_on_seen, solve, stated_errors
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.identifiability import (
+    COMMON,
+    Identifiability,
+)
+from motord.experiments.calibration.estimate.least_squares.joint import (
+    inverse_on_seen,
+    solve,
+    stated_errors,
+)
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     DELAY,
     FIRST_COGGING,
     NormalEquations,
 )
-from motord.experiments.calibration.estimate.point_noise import PointScores
+from motord.experiments.calibration.estimate.least_squares.point_noise import PointScores
 from motord.intervals import coverage_factor
 from tests.campaigns.coverage import Case, trial
 

@@ -12,11 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import EffectSensitivity
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    BETA,
+    FIRST_COGGING,
+)
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.uncertainty_budget import Contribution
 

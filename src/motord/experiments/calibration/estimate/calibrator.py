@@ -10,17 +10,21 @@ from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import MIN_TURNS, check_fit, check_points
 from motord.experiments.calibration.estimate.efficiency import cramer_rao
-from motord.experiments.calibration.estimate.joint import JointFit, fit
-from motord.experiments.calibration.estimate.joint_result import (
-    cogging_harmonics,
-    result_of,
-    with_observability,
-)
-from motord.experiments.calibration.estimate.kirchhoff import kirchhoff_agreement
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.lack_of_fit.widened import with_lack_of_fit
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit, fit
+from motord.experiments.calibration.estimate.least_squares.joint_result import (
+    cogging_harmonics,
+    result_of,
+    with_observability,
+)
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import kirchhoff_agreement
+from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
+from motord.experiments.calibration.estimate.least_squares.zero_sequence_fit import (
+    with_zero_sequence,
+)
 from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.more_orders.result import (
     in_a_row,
@@ -28,11 +32,9 @@ from motord.experiments.calibration.estimate.more_orders.result import (
     with_added_orders,
 )
 from motord.experiments.calibration.estimate.more_orders.search import FIRST_ORDER, Search, search
-from motord.experiments.calibration.estimate.normal_equations import Regression
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
-from motord.experiments.calibration.estimate.zero_sequence_fit import with_zero_sequence
 from motord.experiments.subject import PhaseProgress, Subject
 from motord.findings import Finding
 from motord.identification import IdentifyError

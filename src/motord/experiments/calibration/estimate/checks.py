@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.joint import JointFit
-from motord.experiments.calibration.estimate.normal_equations import ALPHA
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.normal_equations import ALPHA
 from motord.experiments.calibration.estimate.turn_products import TurnProducts
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor

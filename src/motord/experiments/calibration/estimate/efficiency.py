@@ -19,16 +19,16 @@ import numpy as np
 from motord.calibration import BoundedQuantity, CramerRao, VarianceShare
 from motord.calibration.cramer_rao import PRIORS, WHITE_NOISE
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate import scatter
-from motord.experiments.calibration.estimate.joint import (
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, LackOfFit
+from motord.experiments.calibration.estimate.least_squares import scatter
+from motord.experiments.calibration.estimate.least_squares.joint import (
     NEARLY_SEEN,
     JointFit,
     derivative,
     inverse_on_seen,
 )
-from motord.experiments.calibration.estimate.kirchhoff import Kirchhoff
-from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, LackOfFit
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import Kirchhoff
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     FIRST_COGGING,

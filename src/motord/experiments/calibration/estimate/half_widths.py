@@ -6,9 +6,16 @@ import numpy as np
 
 from motord.calibration import Harmonic
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.joint import JointFit
-from motord.experiments.calibration.estimate.joint_result import cogging_harmonics, result_of
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, Regression
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.joint_result import (
+    cogging_harmonics,
+    result_of,
+)
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    BETA,
+    Regression,
+)
 from motord.experiments.calibration.estimate.predicted_ripple import predicted_ripple
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.intervals import coverage_factor

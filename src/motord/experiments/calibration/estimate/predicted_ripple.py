@@ -19,8 +19,12 @@ import numpy as np
 from scipy.special import fdtri
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.joint import JointFit, Solution
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit, Solution
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    BETA,
+    FIRST_COGGING,
+)
 from motord.identification.least_loss import currents_per_Nm
 from motord.identification.variance_components import VarianceComponents
 from motord.intervals import LEVEL

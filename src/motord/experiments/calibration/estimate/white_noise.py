@@ -20,9 +20,13 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, Regression
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    BETA,
+    Regression,
+)
 from motord.experiments.calibration.estimate.turn_spectrum import TurnSpectrum
 from motord.identification.torque_sensor import response
 

@@ -12,7 +12,6 @@ import numpy as np
 from scipy import stats
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.lack_of_fit.departures import (
     FALSE_SHARE,
     MINOR_SHARE,
@@ -33,7 +32,8 @@ from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     EffectSensitivity,
     ResidualRows,
 )
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     DELAY,
     FIRST_COGGING,

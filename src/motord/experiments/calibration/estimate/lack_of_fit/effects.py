@@ -14,7 +14,7 @@ import numpy as np
 
 from motord.config import BackEmfHarmonic, MotorConfig
 from motord.config.motor import back_emf_waves
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     DELAY_SHARE,

@@ -6,7 +6,6 @@ from itertools import groupby
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.kirchhoff import Kirchhoff
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit, LeftOrder
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import (
@@ -14,6 +13,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.meanings import (
     BenchFile,
     fitted_time_constant_s,
 )
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import Kirchhoff
 from motord.findings import Finding
 
 AGE_PERIODS = 1.0

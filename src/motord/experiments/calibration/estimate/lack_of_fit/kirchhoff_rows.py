@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     Regression,

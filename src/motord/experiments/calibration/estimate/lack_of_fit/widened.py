@@ -15,12 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from motord.calibration import Harmonic
-from motord.experiments.calibration.estimate.kirchhoff import Kirchhoff
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 from motord.experiments.calibration.estimate.lack_of_fit.findings import findings
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import Kirchhoff
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     DELAY,

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
-from motord.experiments.calibration.estimate.normal_equations import Regression
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
 from motord.experiments.calibration.estimate.turn_spectrum import lines_of
 
 

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import stats
 
 from motord.calibration import AddedOrder
+from motord.experiments.calibration.estimate.least_squares.normal_equations import BETA
 from motord.experiments.calibration.estimate.more_orders.problem import Weighted
-from motord.experiments.calibration.estimate.normal_equations import BETA
 from motord.experiments.calibration.estimate.turn_spectrum import orders_averaged
 
 FALSE_SHARE = 0.002

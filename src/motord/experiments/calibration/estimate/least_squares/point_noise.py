@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.normal_equations import NormalEquations
+from motord.experiments.calibration.estimate.least_squares.normal_equations import NormalEquations
 
 POOLED_FREEDOM = 8.0
 """Degrees of freedom that the noise of all points together counts for at each of them."""

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from motord.calibration import DegreesOfFreedom, Harmonic
-from motord.experiments.calibration.estimate.joint import JointFit
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     FIRST_COGGING,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA
+from motord.experiments.calibration.estimate.least_squares.normal_equations import ALPHA, BETA
 
 COMMON = np.ones(3) / 3**0.5
 """The same change of all three phases."""

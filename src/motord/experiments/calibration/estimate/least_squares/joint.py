@@ -9,21 +9,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.identifiability import (
+from motord.experiments.calibration.estimate.least_squares.identifiability import (
     COMMON,
     Identifiability,
     assess,
     unit_product,
 )
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     DELAY,
     NormalEquations,
     Regression,
     prior_information,
 )
-from motord.experiments.calibration.estimate.point_noise import PointScores
-from motord.experiments.calibration.estimate.scatter import errors
+from motord.experiments.calibration.estimate.least_squares.point_noise import PointScores
+from motord.experiments.calibration.estimate.least_squares.scatter import errors
 from motord.identification import IdentifyError
 from motord.identification.variance_components import VarianceComponents
 

@@ -19,9 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from motord.experiments.calibration.estimate.identifiability import COMMON, Identifiability
-from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
-from motord.experiments.calibration.estimate.point_noise import PointScores
+from motord.experiments.calibration.estimate.least_squares.identifiability import (
+    COMMON,
+    Identifiability,
+)
+from motord.experiments.calibration.estimate.least_squares.normal_equations import (
+    ALPHA,
+    BETA,
+    FIRST_COGGING,
+)
+from motord.experiments.calibration.estimate.least_squares.point_noise import PointScores
 from motord.identification.variance_components import VarianceComponents
 
 ROUNDS = 2

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.joint import JointFit, fit
-from motord.experiments.calibration.estimate.normal_equations import Regression
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit, fit
+from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
 from motord.experiments.calibration.estimate.turn_products import accumulate
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
