@@ -35,8 +35,12 @@ SETTLE_S = 0.1
 """Time at a point's torque before its capture: the rotor's speed and the mount settle."""
 
 LEAD_TIME_CONSTANTS = 2.0
-"""Time constants of the excitation by which the brake leads the first torque: the brake has three
-quarters of its torque then, so even a step of torque turns the rotor a third too fast at most."""
+"""Time constants of the excitation by which the brake leads the end of the first ramp: it has three
+quarters of its torque then, so the rotor turns a third too fast at most."""
+
+LEAST_LEAD = 1.0
+"""Time constants by which it leads the beginning of that ramp: on the way, torque that rises evenly
+is never further ahead of the brake than at the end."""
 
 CRITICAL_SHARE = 0.5
 """Highest speed in parts of the brake's critical speed: its torque can still rise by a quarter."""
@@ -92,9 +96,10 @@ class Continuous:
         return self.durations_s[point.index]
 
 
-def lead_s(brake: BrakeConfig) -> float:
-    """Return how long the brake leads the first torque (s)."""
-    return LEAD_TIME_CONSTANTS * brake.excitation_time_constant_s
+def lead_s(brake: BrakeConfig, ramp_s: float = 0.0) -> float:
+    """Return how long the brake leads the first torque (s), which takes at least ramp_s to rise."""
+    time_constant_s = brake.excitation_time_constant_s
+    return max(LEAD_TIME_CONSTANTS * time_constant_s - ramp_s, LEAST_LEAD * time_constant_s)
 
 
 def fastest_Hz(config: Config) -> float:

@@ -68,9 +68,10 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     excitation = excitation_for(config.brake, torque_Nm, 2 * math.pi * check.speed_Hz)
     points = _points(check, torque_Nm, partial(speed_held_rad_s, config.brake, excitation))
     rate_Nm_per_s = config.limits.torque_rate_Nm_per_s
+    brake_leads_s = lead_s(config.brake, torque_Nm / rate_Nm_per_s)
     taking = Continuous(
         excitation,
-        lead_s(config.brake),
+        brake_leads_s,
         rate_Nm_per_s,
         tuple(torque_Nm / rate_Nm_per_s + point_s(point) for point in points),
         compensate=int(compensation(APPLIED)),
@@ -86,7 +87,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
             "torque_Nm": torque_Nm,
             "compensate": APPLIED,
         },
-        ends_s=max(START_S, lead_s(config.brake)) + torque_Nm / config.limits.ramp_down_Nm_per_s,
+        ends_s=max(START_S, brake_leads_s) + torque_Nm / config.limits.ramp_down_Nm_per_s,
         continuous=True,
     )
 
