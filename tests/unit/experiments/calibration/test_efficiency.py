@@ -10,8 +10,9 @@ from scipy.signal import butter, lfilter
 from motord.calibration import CramerRao
 from motord.calibration.cramer_rao import WHITE_NOISE
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate import efficiency, scatter, white_noise
+from motord.experiments.calibration.estimate import efficiency, white_noise
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.least_squares import scatter
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.identification.operating_points import PointData
 from tests.unit.identification.synthetic_bench import Bench, motor
