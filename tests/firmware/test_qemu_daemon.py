@@ -86,12 +86,12 @@ def between(rows, begun, held):
 
 
 def steady(client, lease, states_in_a_row=5):
-    """Enable the bench, and keep it so for some states; see `hold`.
+    """Enable the bench, and keep it so until the rotor has stood for some states; see `hold`.
 
     The machine sees the rig as late as the computer lets it. Of a rotor that stands this changes
     nothing; what it is for one that turns is shown in virtual time (`test_in_the_loop`).
     """
-    return hold(client, lease, 0.0, None, states_in_a_row, limit_s=HEARTBEAT_TIMEOUT_S)
+    return hold(client, lease, 0.0, 0.0, states_in_a_row, limit_s=HEARTBEAT_TIMEOUT_S)
 
 
 def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):

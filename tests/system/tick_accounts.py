@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass
 
 SUBSCRIBER = """
-import json, sys
+import json, sys, threading
 import zenoh
 from motord.api.endpoints import client_config
 from motord.client import Client
@@ -18,21 +18,24 @@ if int(room_bytes):
 with Client(zenoh.open(config), bench, endpoint) as client:
     print("up", flush=True)
     while sys.stdin.readline():
-        received, ends = [0], []
+        received, ends, first = [0], [], threading.Event()
 
         def count(block):
             received[0] += len(block)
             ends[1:] = [int(block["tick"][-1])]
             if len(ends) == 1:
                 ends.insert(0, int(block["tick"][0]))
+            first.set()
 
         ticks = client.subscribe_ticks(count)
+        first.wait()
         print("on", flush=True)
         sys.stdin.readline()
         ticks.close()
         print(json.dumps([received[0], *ticks.losses, ends]), flush=True)
 """
-"""Subscribes at one line on stdin, ends it at the next and says what came and what did not."""
+"""Subscribes at one line on stdin, says so when ticks come: a publisher that knows of it only later
+never sends to one that is stopped. Ends it at the next line; says what came and what did not."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class Subscriber:
         self.process.communicate()
 
     def begin(self) -> None:
-        """Subscribe."""
+        """Subscribe; return when ticks come."""
         self._send_line()
         assert self._says() == "on\n"
 

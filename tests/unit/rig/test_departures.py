@@ -23,8 +23,9 @@ def expected_sum(angle_rad: np.ndarray, terms: list[tuple[int, float, float]]) -
 def test_the_encoder_adds_its_error_to_the_angle() -> None:
     terms = [(1, math.radians(0.3), 0.7), (2, math.radians(0.1), -1.0)]
     errors = [{"order": m, "amplitude_rad": a, "phase_rad": phi} for m, a, phi in terms]
-    probe = Probe(plain(rotor=TURNING, encoder={"counts": 65536, "errors": errors}))
-    _, outputs, truths = probe.trace(2000, every=20)
+    rotor = {**HEAVY, "speed_rad_s": 30.0}
+    probe = Probe(plain(rotor=rotor, encoder={"counts": 65536, "errors": errors}))
+    _, outputs, truths = probe.trace(2200, every=2)
     read_rad = outputs["encoder_count"] * 2 * math.pi / 65536
     angle_rad = truths["angle_rad"]
     wrong_rad = np.angle(np.exp(1j * (read_rad - angle_rad)))
