@@ -5,9 +5,9 @@ A file's tests run one after the other in one process, its fixtures once. Files 
 others in one process more (`tests/support/schedule.py`). Tests marked `long` take minutes and run
 with `--long` only.
 
-`--coverage` measures; the figure must be at least `COVERAGE_PERCENT`. It cannot see inside compiled
-code, so tests marked `kernel` run a second time with the compiler off; both count. In the processes
-of `system` tests nothing is measured: they run last then.
+`--coverage` measures instead what the tests without processes of their own reach, which must be at
+least `COVERAGE_PERCENT` of the lines. It cannot see inside compiled code, so tests marked `kernel`
+run a second time with the compiler off; both count.
 """
 
 import argparse
@@ -66,14 +66,13 @@ def everything(jobs: int, paths: list[str]) -> int:
 
 
 def covered(jobs: int, paths: list[str]) -> int:
-    """Run all tests as `everything` does, and measure what they reach; 0 if that is enough, too."""
+    """Run the tests but the system and long ones, and measure what they reach; 0 if it is enough."""
     for old in ROOT.glob(".coverage*"):
         old.unlink()
     measured = ("--cov", "--cov-append", "--cov-report=")
     ended = [
         pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1"),
         pytest(jobs, *measured, "-m", "not system and not long", *paths),
-        in_lanes(jobs, "-m", "system and not long", *paths),
     ]
     if paths:
         return int(any(code not in (0, NO_TESTS) for code in ended))
