@@ -15,6 +15,7 @@ from motord.sequencing.continuous import (
     SETTLE_S,
     Continuous,
     continuous_points,
+    lead_s,
     point_s,
 )
 from motord.sequencing.precision import Precision
@@ -80,6 +81,22 @@ class Ride:
     @property
     def taken(self) -> list[int]:
         return [point["index"] for point in self.executor.points]
+
+
+@pytest.mark.parametrize("ramp_time_constants", [0.0, 0.3, 1.0, 2.0, 5.0, 50.0])
+def test_the_first_torque_is_at_most_a_third_ahead_of_the_brake(ramp_time_constants: float) -> None:
+    time_constant_s = BRAKE.excitation_time_constant_s
+    ramp_s = ramp_time_constants * time_constant_s
+    passed_s = np.linspace(0.0, 3 * time_constant_s + ramp_s, 1000)
+    torque = np.minimum(passed_s / ramp_s, 1.0) if ramp_s else np.ones_like(passed_s)
+    since_s = lead_s(BRAKE, ramp_s) + passed_s
+    brake = (1 - np.exp(-since_s / time_constant_s)) ** 2  # goes with the excitation's square
+    assert 1.0 <= (torque / brake).max() < 1.34
+
+
+def test_the_brake_is_not_led_by_more_than_a_step_of_torque_needs() -> None:
+    assert lead_s(BRAKE) == pytest.approx(2 * BRAKE.excitation_time_constant_s)
+    assert lead_s(BRAKE, 100.0) == pytest.approx(BRAKE.excitation_time_constant_s)
 
 
 def test_every_point_is_taken_from_where_the_rotor_is() -> None:

@@ -98,7 +98,7 @@ class CheckCalibrationConfig(Section):
 
     torque_Nm: Positive | None = None
     """Torque of the points. None: 0.85 of the rated torque, or of [limits] torque_Nm if less."""
-    speed_Hz: Positive = 1.4
+    speed_Hz: Positive = 1.45
     """Speed at that torque, turns a second."""
     turns: Annotated[int, Field(ge=3, le=1000)] = 3
     """Turns that are captured at each point; one less where a phase is scaled."""
