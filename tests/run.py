@@ -66,7 +66,7 @@ def everything(jobs: int, paths: list[str]) -> int:
 
 
 def covered(jobs: int, paths: list[str]) -> int:
-    """Run the tests but the system and long ones, and measure what they reach; 0 if it is enough."""
+    """Run all tests but system and long ones, and measure what they reach; 0 if it is enough."""
     for old in ROOT.glob(".coverage*"):
         old.unlink()
     measured = ("--cov", "--cov-append", "--cov-report=")
