@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 
 from motord.calibration import Calibration
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
@@ -174,7 +173,7 @@ class Calibrator:
         result = with_added_orders(result, found, lost, self._motor.pole_pairs)
         return replace(
             result,
-            harmonics=tuple(sorted(result.harmonics, key=attrgetter("order"))),
+            harmonics=tuple(sorted(result.harmonics, key=lambda one: one.order)),
             budget=budget(result, fitted, left.sensitivities, self._bench),
             cramer_rao=cramer_rao(
                 result, fitted, residual, left, agreement, self._motor, self._sensor
