@@ -4,18 +4,26 @@ Feedback that it could not send in time would arrive with the stamp of its arriv
 do not fit the commands of that time.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
 import pytest
 
+from motord.emulate.process import FEEDBACK_AGE_MAX_NS
 from motord.schema import State
 from tests.support.virtual_wire import STEP_MAX_NS, World, on_the_wire
 from tests.system.test_shipped_limits import shipped
 from tests.unit.emulate.benches import EMULATED
+from tests.unit.service.virtual_service import VirtualService
 
 TORQUE_NM = 0.1
 STALL_NS = 60_000_000
 EVERY_NS = 150_000_000
+PREEMPTED_EVERY = 150
+"""Samples from one to the next."""
+PREEMPTED_NS = 20_000_000
 
 
 def stalled(world: World, to_ns: int) -> None:
@@ -26,13 +34,15 @@ def stalled(world: World, to_ns: int) -> None:
             world._step()
 
 
-def test_an_emulator_that_stalls_sends_no_old_feedback(
+@contextmanager
+def enabled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+) -> Iterator[tuple[VirtualService, World, str, list[int]]]:
+    """Yield a bench that is enabled, its world, its token, and a list of the ages of feedback."""
     config = shipped(tmp_path, EMULATED)
     plays_on = config.bench.model_copy(update={"rig_patience_s": None})
     config = config.model_copy(update={"bench": plays_on})
-    ages_ns = []
+    ages_ns: list[int] = []
     with on_the_wire(config, tmp_path) as (service, loop):
         world, port = loop.world, loop.world.emulator._can
         fast = {message.name for message in world.emulator._fast}
@@ -44,12 +54,37 @@ def test_an_emulator_that_stalls_sends_no_old_feedback(
             send(codec, values, at_ns)
 
         monkeypatch.setattr(port, "send", noting)
-        token = service.enabled()
+        yield service, world, service.enabled(), ages_ns
+        assert service.bench.state is State.ENABLED, service.messages()
+
+
+def test_an_emulator_that_stalls_sends_no_old_feedback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with enabled(tmp_path, monkeypatch) as (service, world, token, ages_ns):
         monkeypatch.setattr(World, "advance", stalled)
         service.ask("set", token=token, torque_Nm=TORQUE_NM)
         service.run_s(1.0, token)
-        assert service.bench.state is State.ENABLED, service.messages()
         emulator = world.emulator
-    assert max(ages_ns) < 1_000_000_000 // config.loop.rate_Hz
+    assert max(ages_ns) < 1_000_000
     stalls = 1_000_000_000 // EVERY_NS
     assert emulator.summary()["feedback_late"] > stalls * (STALL_NS // 1_000_000 - 2)
+
+
+def test_an_emulator_that_is_preempted_while_it_sends_sends_no_old_feedback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with enabled(tmp_path, monkeypatch) as (service, world, token, ages_ns):
+        sample, sampled = world.emulator._link.sample, count(1)
+
+        def preempted(*arguments):
+            sample(*arguments)
+            if next(sampled) % PREEMPTED_EVERY == 0:
+                world.now_ns += PREEMPTED_NS
+
+        monkeypatch.setattr(world.emulator._link, "sample", preempted)
+        service.ask("set", token=token, torque_Nm=TORQUE_NM)
+        service.run_s(1.0, token)
+        emulator = world.emulator
+    assert max(ages_ns) < FEEDBACK_AGE_MAX_NS
+    assert emulator.summary()["feedback_late"] >= 1000 // PREEMPTED_EVERY - 1

@@ -4,7 +4,8 @@ The devices sample and send at instants of their own, fixed beforehand. A proces
 produces what was due meanwhile, with the right times; what the host sent takes effect at the time
 when it arrived. Only a stall of more than `CATCH_UP_NS`, or than the rig's patience if it has any,
 leaves instants out. The inverter's feedback carries no time, its stamp is that of its arrival: of
-what is due at once only the newest is sent, as no inverter queues measurements.
+what is due at once only the newest is sent, as no inverter queues measurements, and that not if the
+process was kept from running while it got there.
 """
 
 import gc
@@ -39,6 +40,9 @@ from motord.wire.can import dbc
 from motord.wire.can.codec import MessageCodec
 
 CATCH_UP_NS = 200_000_000
+FEEDBACK_AGE_MAX_NS = 5_000_000
+"""Currents that could not be sent until they are so old are not sent: the host takes them for those
+of their arrival, when its commands were others."""
 BOARD_STATUS_HZ = 20
 INVERTER_STATUS_HZ = 100
 
@@ -258,7 +262,8 @@ class Emulator:
         if self._samples.due(at_ns):
             self._link.sample(board, reading, at_ns)
         if self._feedback.due(at_ns):
-            if now_ns - at_ns < self._period_ns:
+            newest = now_ns - at_ns < self._period_ns
+            if newest and time.monotonic_ns() - at_ns < FEEDBACK_AGE_MAX_NS:
                 self._send(self._fast, reading, status, at_ns)
             else:
                 self.feedback_late += 1
