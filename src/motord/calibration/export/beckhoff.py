@@ -1,7 +1,5 @@
 """Beckhoff AX8000 and AMP8000: ten harmonics in the object 32CB, as a list of objects."""
 
-from math import degrees
-
 from motord.calibration.export.exported import DriveFormat, Exported
 from motord.calibration.export.layouts import HarmonicLayout, StoredTerms, Term
 
@@ -17,9 +15,9 @@ def _write(exported: Exported) -> str:
     errors_Nm = {h.order: h.half_width_Nm for h in exported.calibration.tau_cog_harmonics}
     lines = [f"# {line}" for line in exported.lines()]
     lines += [
-        "# Taken as the sum of r sin(n angle + phi), added to the torque. Beckhoff does not document",
-        "# the sense of phi: check it with one coefficient and 3241:0C (Cogging compensation torque",
-        "# demand value) before power is on.",
+        "# Taken as the sum of r sin(n angle + phi), added to the torque. Beckhoff does not",
+        "# document the sense of phi: check it with one coefficient and 3241:0C (Cogging",
+        "# compensation torque demand value) before power is on.",
         "object,name,type,value",
     ]
     for i in range(COEFFICIENTS):
@@ -27,7 +25,7 @@ def _write(exported: Exported) -> str:
         if half_Nm := errors_Nm.get(term.order):
             lines.append(f"# order {term.order}: known to {1e3 * half_Nm:.2g} mNm (95 %)")
         values = ("n", "UINT32", f"{term.order}"), (
-            "phi", "REAL32", f"{degrees(term.phase_rad):.9g}"), (
+            "phi", "REAL32", f"{term.phase_deg:.9g}"), (
             "r", "REAL32", f"{term.amplitude:.9g}")  # fmt: skip
         for j, (name, kind, value) in enumerate(values):
             subindex = FIRST_SUBINDEX + 3 * i + j

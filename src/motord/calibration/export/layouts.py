@@ -5,7 +5,7 @@ A layout has `fit`, which gives what comes nearest to a wave in the mean square;
 """
 
 from dataclasses import dataclass
-from math import tau
+from math import radians, tau
 from typing import Literal, Protocol
 
 import numpy as np
@@ -113,11 +113,11 @@ class TableLayout:
 
 @dataclass(frozen=True)
 class Term:
-    """amplitude sin(2 pi order turns + phase_rad); an order of 0 is none."""
+    """amplitude sin(2 pi order turns + phase), floats of 32 bits; an order of 0 is none."""
 
     order: int = 0
     amplitude: float = 0.0
-    phase_rad: float = 0.0
+    phase_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class StoredTerms:
         """Return the sum of the harmonics at the drive's angles (n,), turns."""
         total = np.zeros(turns.size)
         for one in self.terms:
-            total += one.amplitude * np.sin(tau * one.order * turns + one.phase_rad)
+            total += one.amplitude * np.sin(tau * one.order * turns + radians(one.phase_deg))
         return total
 
 
@@ -155,13 +155,14 @@ class HarmonicLayout:
         """Return which orders are stored."""
         orders = np.arange(wave.size // 2 + 1)
         sizes = np.abs(np.fft.rfft(wave)) * ((orders > 0) & (orders <= self.highest))
-        return np.isin(orders, np.argsort(sizes)[-self.count :]) & (sizes > 1e-9 * sizes.max())
+        largest = np.argsort(sizes)[-self.count :]
+        return np.isin(orders, largest[sizes[largest] > 1e-9 * sizes.max()])
 
     def fit(self, wave: np.ndarray) -> StoredTerms:
         """Return the largest harmonics of a wave (n,), which are its least-squares fit."""
         spectrum = 2 * np.fft.rfft(wave) / wave.size
         orders = np.flatnonzero(self.keeps(wave))
         orders = orders[np.argsort(-np.abs(spectrum[orders]))]
-        phases = np.angle(1j * spectrum[orders]) % tau
-        found = zip(orders, np.abs(spectrum[orders]), phases, strict=True)
+        phases_deg = np.rad2deg(np.angle(1j * spectrum[orders]) % tau).astype(np.float32)
+        found = zip(orders, np.abs(spectrum[orders]).astype(np.float32), phases_deg, strict=True)
         return StoredTerms(tuple(Term(int(n), float(r), float(phi)) for n, r, phi in found))

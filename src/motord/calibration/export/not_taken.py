@@ -30,18 +30,21 @@ def offset_ripple_Nm(calibration: Calibration, constant: TorqueConstant) -> floa
 def not_taken(calibration: Calibration, constant: TorqueConstant | None) -> Iterator[str]:
     """Yield what of the calibration no table over the angle can have, a line each."""
     motor = calibration.motor
-    a, b, c = calibration.alpha
+    share = 100 * gain_ripple(calibration)
     yield (
-        f"gains of the phases {a:.4g}, {b:.4g}, {c:.4g}: in a drive that has these errors they "
-        f"make {100 * gain_ripple(calibration):.2g} % RMS of any torque, order {2 * motor.pole_pairs}"
+        f"gains of the phases {_three(calibration.alpha)}; a drive that has them makes "
+        f"{share:.3g} % RMS of any torque, order {2 * motor.pole_pairs}"
     )
-    a, b, c = calibration.beta_A
     size = ""
     if constant is not None:
-        size = f"{1e3 * offset_ripple_Nm(calibration, constant):.2g} mNm RMS, "
+        size = f"{1e3 * offset_ripple_Nm(calibration, constant):.4g} mNm RMS, "
     yield (
-        f"offsets of the phases {a:.3g}, {b:.3g}, {c:.3g} A: in a drive that has these errors they "
-        f"make {size}order {motor.pole_pairs}"
+        f"offsets of the phases {_three(calibration.beta_A)} A; a drive that has them makes "
+        f"{size}order {motor.pole_pairs}"
     )
     if calibration.learned is not None:
         yield "the learned torque: it depends on torque and speed"
+
+
+def _three(values: tuple[float, float, float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)

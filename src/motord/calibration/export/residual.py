@@ -7,7 +7,7 @@ import numpy as np
 from motord.calibration.export.drive_frame import DriveFrame, refined
 from motord.calibration.export.layouts import Stored
 
-ANGLES_AN_ENTRY = 8
+ANGLES_AN_ENTRY = 32
 """At how many angles at least an entry is compared with the calibration's table."""
 
 
