@@ -11,7 +11,7 @@ from motord.calibration.export import FORMATS, DriveFrame, TorqueConstant, expor
 from motord.calibration.export.drive_frame import refined
 from motord.calibration.export.exported import Exported
 from motord.calibration.export.layouts import TableLayout
-from motord.calibration.export.residual import ANGLES_AN_ENTRY, Ripple, residual_Nm
+from motord.calibration.export.residual import ANGLES_AN_ENTRY, ResidualRipple, residual_Nm
 from tests.unit.calibration_export.as_drives_read import READERS
 from tests.unit.calibration_export.cases import (
     CONSTANT,
@@ -70,7 +70,9 @@ def test_more_entries_and_more_bits_are_never_worse(orders, seed, interpolation)
     def left(layout: TableLayout) -> float:
         made = layout.fit(wave)
         ones = np.ones(COUNTS)
-        return Ripple.of(residual_Nm(made, wave, ones, DriveFrame(), layout.resolution), 1).rms_Nm
+        return ResidualRipple.of(
+            residual_Nm(made, wave, ones, DriveFrame(), layout.resolution), 1
+        ).rms_Nm
 
     lengths = (32, 64, 128, 256, 512, 1024)
     by_length = [left(TableLayout(length, interpolation)) for length in lengths]
@@ -87,7 +89,7 @@ def test_a_fit_leaves_less_than_the_wave_at_the_entries() -> None:
     fitted = layout.fit(wave)
     sampled = type(fitted)(wave[:: COUNTS // 512], 1.0, "linear")
     rms = [
-        Ripple.of(residual_Nm(each, wave, ones, DriveFrame(), 512), 1).rms_Nm
+        ResidualRipple.of(residual_Nm(each, wave, ones, DriveFrame(), 512), 1).rms_Nm
         for each in (fitted, sampled)
     ]
     assert rms[0] < 0.6 * rms[1]
@@ -100,6 +102,13 @@ def test_a_table_with_few_counts_is_compared_between_them() -> None:
     assert few.columns[0].left.rms_Nm == pytest.approx(many.columns[0].left.rms_Nm, rel=1e-2)
     wave = np.array(calibration(counts=512).tau_cog_Nm)
     assert refined(wave, 8) == pytest.approx(np.array(calibration(counts=4096).tau_cog_Nm))
+
+
+@pytest.mark.parametrize("counts", [64, 63])
+def test_refined_keeps_what_is_at_the_counts(counts: int) -> None:
+    """Noise has all orders, that of half the counts among them."""
+    wave = np.random.default_rng(3).normal(size=counts)
+    assert refined(wave, 4)[::4] == pytest.approx(wave)
 
 
 def test_an_order_beyond_nyquist_is_left_out_and_named() -> None:

@@ -39,7 +39,7 @@ BECKHOFF = DriveFormat(
     parameter="32CB:07 to 32CB:24 (Cogging compensation Coef 0 to 9: n, phi, r)",
     quantities=("torque",),
     layout=HarmonicLayout(COEFFICIENTS, 200),
-    source="Beckhoff Information System, AX8xxx object dictionary, 32CB:x SynchronousMotor cogging "
+    source="Beckhoff Information System: AX8xxx object dictionary, 32CB:x SynchronousMotor cogging "
     "compensation",
     write=_write,
 )

@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 
 from motord.calibration.export.drive_frame import DriveFrame
-from motord.calibration.export.layouts import Layout, Stored, StoredTable, TableLayout
+from motord.calibration.export.layouts import DriveLayout, Stored, StoredTable, TableLayout
 from motord.calibration.export.not_taken import not_taken
-from motord.calibration.export.residual import Ripple, residual_Nm
+from motord.calibration.export.residual import ResidualRipple, residual_Nm
 from motord.calibration.export.torque_constant import TorqueConstant
 from motord.calibration.file import Calibration, CalibrationError
 
@@ -34,7 +34,7 @@ class DriveFormat:
     drive: str
     parameter: str
     quantities: tuple[Quantity, ...]
-    layout: Layout
+    layout: DriveLayout
     source: str
     write: Callable[["Exported"], str]
     resizable: bool = False
@@ -61,12 +61,12 @@ class DriveFormat:
 
 
 @dataclass(frozen=True)
-class Column:
+class StoredQuantity:
     """What is stored of a quantity, and the ripple that it leaves of the cogging torque."""
 
     quantity: Quantity
     stored: Stored
-    left: Ripple
+    left: ResidualRipple
 
     @property
     def unit(self) -> str:
@@ -91,8 +91,8 @@ class Exported:
     calibration: Calibration
     format: DriveFormat
     frame: DriveFrame
-    columns: tuple[Column, ...]
-    uncompensated: Ripple
+    columns: tuple[StoredQuantity, ...]
+    uncompensated: ResidualRipple
     left_out: tuple[tuple[int, float], ...]
     not_taken: tuple[str, ...]
 
@@ -125,6 +125,7 @@ class Exported:
             "calibration": self.calibration.id,
             "parameter": self.format.parameter,
             "stored": self.format.stores_in_words,
+            "source": self.format.source,
             "zero_rad": self.frame.zero_rad,
             "backwards": self.frame.backwards,
             "cogging": self.uncompensated.content(),
@@ -151,19 +152,19 @@ def exported(
         )
     rated_Nm = calibration.motor.rated_torque_Nm
 
-    def column(quantity: Quantity) -> Column:
+    def column(quantity: Quantity) -> StoredQuantity:
         layout = drive_format.layout
         factor, gain = _conversion(quantity, constant, drive_format, cogging_Nm.size)
         stored = layout.fit(frame.seen(-cogging_Nm / factor))
         left_Nm = residual_Nm(stored, -cogging_Nm, gain, frame, layout.resolution)
-        return Column(quantity, stored, Ripple.of(left_Nm, rated_Nm))
+        return StoredQuantity(quantity, stored, ResidualRipple.of(left_Nm, rated_Nm))
 
     return Exported(
         calibration=calibration,
         format=drive_format,
         frame=frame,
         columns=tuple(column(one) for one in drive_format.quantities),
-        uncompensated=Ripple.of(cogging_Nm, rated_Nm),
+        uncompensated=ResidualRipple.of(cogging_Nm, rated_Nm),
         left_out=_left_out(drive_format.layout, cogging_Nm),
         not_taken=tuple(not_taken(calibration, constant)),
     )
@@ -184,7 +185,7 @@ def _conversion(
     return constant.of_current, constant.motor_Nm_per_A
 
 
-def _left_out(layout: Layout, cogging_Nm: np.ndarray) -> tuple[tuple[int, float], ...]:
+def _left_out(layout: DriveLayout, cogging_Nm: np.ndarray) -> tuple[tuple[int, float], ...]:
     """Return order and amplitude (Nm) of what the layout does not keep, the largest first."""
     sizes_Nm = 2 * np.abs(np.fft.rfft(cogging_Nm)) / cogging_Nm.size
     named = (sizes_Nm > NAMED_SHARE * sizes_Nm.max()) & ~layout.keeps(cogging_Nm)

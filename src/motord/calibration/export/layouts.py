@@ -21,7 +21,7 @@ class Stored(Protocol):
         """Return what the drive reads at its own angles (n,), turns from 0 to 1."""
 
 
-class Layout(Protocol):
+class DriveLayout(Protocol):
     """What a drive can store."""
 
     def fit(self, wave: np.ndarray) -> Stored:

@@ -19,8 +19,8 @@ MOTEUS = DriveFormat(
     parameter="motor.cogging_dq_comp, motor.cogging_dq_scale",
     quantities=("current",),
     layout=TableLayout(1024, "linear", 8),
-    source="mjbots/moteus: fw/bldc_servo_control.h (ISR_DoPositionCommon), "
-    "utils/compensate_cogging.py; moteus_tool of the package moteus 1.1.1",
+    source="mjbots/moteus: fw/bldc_servo_structs.h (MotorConfig), fw/bldc_servo_control.h "
+    "(ISR_DoPositionCommon), utils/compensate_cogging.py; moteus_tool of the package moteus 1.1.1",
     write=_write,
 )
 """Position of the commutation source over a turn; A of q current, added in position mode alone."""

@@ -15,10 +15,11 @@ _TURN = np.exp(2j * pi / 3 * np.arange(3))
 def gain_ripple(calibration: Calibration) -> float:
     """Return the RMS ripple that unequal gains make, part of the torque (order 2 pole_pairs).
 
-    |sum_p alpha_p exp(2j phi_p)| / (sqrt(2) sum_p alpha_p), of a sinusoidal back-EMF.
+    |sum_p alpha_p exp(2j phi_p)| / (sqrt(2) sum_p alpha_p), of a sinusoidal back-EMF; of three
+    phases 2 phi_p is phi_p backwards, with the same magnitude.
     """
     alpha = np.array(calibration.alpha)
-    return float(abs(alpha @ _TURN**2) / (sqrt(2) * alpha.sum()))
+    return float(abs(alpha @ _TURN) / (sqrt(2) * alpha.sum()))
 
 
 def offset_ripple_Nm(calibration: Calibration, constant: TorqueConstant) -> float:

@@ -12,7 +12,7 @@ ANGLES_AN_ENTRY = 32
 
 
 @dataclass(frozen=True)
-class Ripple:
+class ResidualRipple:
     """A torque ripple over a turn: RMS and worst, also in percent of rated torque."""
 
     rms_Nm: float
@@ -20,7 +20,7 @@ class Ripple:
     rated_torque_Nm: float
 
     @classmethod
-    def of(cls, torque_Nm: np.ndarray, rated_torque_Nm: float) -> "Ripple":
+    def of(cls, torque_Nm: np.ndarray, rated_torque_Nm: float) -> "ResidualRipple":
         """Return the ripple of a torque (n,) over a turn."""
         rms_Nm = float(np.sqrt(np.mean(torque_Nm**2)))
         return cls(rms_Nm, float(np.abs(torque_Nm).max()), rated_torque_Nm)

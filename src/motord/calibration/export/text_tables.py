@@ -2,7 +2,7 @@
 
 from math import tau
 
-from motord.calibration.export.exported import Column, DriveFormat, Exported
+from motord.calibration.export.exported import DriveFormat, Exported, StoredQuantity
 from motord.calibration.export.layouts import TableLayout
 
 _ROW = 12
@@ -43,7 +43,7 @@ def _write_c(exported: Exported) -> str:
     return "\n".join([*lines, "", "#endif"]) + "\n"
 
 
-def _array(column: Column) -> list[str]:
+def _array(column: StoredQuantity) -> list[str]:
     """Return a table as lines of C."""
     entries, name = column.table.entries, column.quantity
     rows = [
