@@ -32,7 +32,8 @@ def shipped(name: str, **signals: Any) -> Config:
 def command_along(config: Config, i_d_A: float, i_q_A: float, angle_rad: float = 0.7) -> np.ndarray:
     """Return the command of phase currents that is d and q along the drive's axes, enabled."""
     frame = DqFrame.of(config)
-    command = new_command(frame.from_drive(angle_rad, 0.0, i_d_A, i_q_A), 1)
+    scale = config.inverter.dq.scale
+    command = new_command(frame.from_drive(angle_rad, 0.0, scale * i_d_A, scale * i_q_A), 1)
     command["angle_rad"] = angle_rad
     return command
 
