@@ -13,8 +13,11 @@ from tests.support.ports import free_port
 from tests.unit.wire.test_drives import INVERTERS
 
 
-def shipped(name: str, **signals: Any) -> Config:
-    """Return a bench with the map of a drive, on a bus of its own; `signals` changes the map."""
+def shipped(name: str, canopen: dict[str, Any] | None = None, **signals: Any) -> Config:
+    """Return a bench with the map of a drive, on a bus of its own.
+
+    `canopen` is instead of the table of that name, `signals` changes the map.
+    """
     inverter = INVERTERS[name]
     assert inverter.can is not None
     can = inverter.can.model_dump()
@@ -24,6 +27,8 @@ def shipped(name: str, **signals: Any) -> Config:
         "connect_timeout_s": DEADLINE_S,
     }
     can["signals"] |= signals
+    if canopen is not None:
+        can["canopen"] = canopen
     config = bench(CanConfig.model_validate(can))
     section = {**inverter.model_dump(), "can": config.inverter.can}
     return Config.model_validate({**config.model_dump(), "inverter": section})

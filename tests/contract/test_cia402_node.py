@@ -5,7 +5,6 @@ it up over SDO as docs/drives.md wants it, before the driver is opened.
 """
 
 import random
-import struct
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from motord.hal.base import DeviceError
 from motord.hal.inverter.dq_currents import DqInverter
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
+from motord.wire.can.canopen import nmt_start
 from motord.wire.can.codec import InverterCodec
 from tests.contract.benches import new_command
 from tests.contract.peers import until
@@ -171,8 +171,8 @@ class Cia402:
         self.network.disconnect()
 
 
-def commission(channel: str, trans_type: int = 255, start: bool = True) -> None:
-    """Set the drive up by SDO from another node: mapping, torque mode, and NMT start."""
+def commission(channel: str, trans_type: int = 255) -> None:
+    """Set the drive up by SDO from another node: mapping, torque mode."""
     network = canopen.Network()
     network.NOTIFIER_CYCLE = 0.02
     network.connect(channel=channel, interface="virtual")
@@ -190,8 +190,6 @@ def commission(channel: str, trans_type: int = 255, start: bool = True) -> None:
         pdo.trans_type, pdo.enabled = trans_type, True
         pdo.save()
     remote.sdo[MODE].raw = OperationMode.PROFILED_TORQUE
-    if start:
-        remote.nmt.send_command(1)
     network.disconnect()
 
 
@@ -210,9 +208,9 @@ def channel_of(config: Config) -> str:
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     changes = getattr(request, "param", {})
-    config = shipped("cia402", **changes.get("signals", {}))
+    config = shipped("cia402", changes.get("canopen"), **changes.get("signals", {}))
     device = Cia402(channel_of(config), strict=changes.get("strict", False))
-    commission(channel_of(config), changes.get("trans_type", 255), changes.get("start", True))
+    commission(channel_of(config), changes.get("trans_type", 255))
     driver = DqInverter(config)
     yield Bench(config, device, driver)
     driver.close()
@@ -300,27 +298,76 @@ def test_every_state_of_the_profile_has_its_status(codec: InverterCodec, state: 
         assert codec.decode_status(word) == STATUS.get(state, InverterStatus(0)), f"{word:#06x}"
 
 
-@pytest.mark.parametrize("bench", [{"start": False}], indirect=True)
+def drives(bench: Bench) -> None:
+    """Command until the drive is enabled and makes torque."""
+    bench.driver.open()
+
+    def makes_torque() -> bool:
+        bench.driver.write(command_along(bench.config, 0.0, 1.0))
+        feedback_of(bench.driver, time.time_ns())
+        return bench.device.value(TORQUE_ACTUAL) == 50
+
+    until(makes_torque)
+
+
+@pytest.mark.parametrize("bench", [{"canopen": {}}], indirect=True)
 def test_without_nmt_start_there_is_no_feedback_and_the_driver_says_so(bench: Bench) -> None:
-    assert bench.config.inverter.can is not None
-    can_config = bench.config.inverter.can.model_copy(update={"connect_timeout_s": 0.2})
-    inverter = bench.config.inverter.model_copy(update={"can": can_config})
-    driver = DqInverter(bench.config.model_copy(update={"inverter": inverter}))
+    content = bench.config.model_dump()
+    content["inverter"]["can"]["connect_timeout_s"] = 0.2
     with pytest.raises(DeviceError, match=r"no Transmit\d .* within 0.2 s, nothing at all"):
-        driver.open()
+        DqInverter(Config.model_validate(content)).open()
     assert bench.device.received == 0
     assert bench.device.state == "SWITCH ON DISABLED"
 
 
-@pytest.mark.parametrize("bench", [{"trans_type": 1}], indirect=True)
-def test_pdos_at_sync_wait_for_a_sync_that_another_node_has_to_send(bench: Bench) -> None:
-    with can.Bus(channel_of(bench.config), "virtual", ignore_config=True) as other:
-        rpdo = struct.pack("<Hh", 6, 0)
-        other.send(can.Message(arbitration_id=0x201, is_extended_id=False, data=rpdo))
-        until(lambda: bench.device._pending is not None)
-        assert bench.device.received == 0
-        other.send(can.Message(arbitration_id=0x80, is_extended_id=False))
-        until(lambda: bench.device.received == 1)
+@pytest.mark.parametrize(
+    "bench",
+    [
+        {"canopen": {"start_node": 0}},
+        {"canopen": {"start_node": 1, "sync": True}, "trans_type": 1},
+        {"canopen": {"start_node": 1, "sync": True}, "trans_type": 0},
+    ],
+    indirect=True,
+)
+def test_nmt_starts_the_node_and_sync_puts_the_command_in_force(bench: Bench) -> None:
+    drives(bench)
+    assert bench.device.operational
+
+
+@pytest.mark.parametrize("bench", [{"canopen": {"start_node": 1}, "trans_type": 1}], indirect=True)
+def test_without_sync_a_command_that_waits_for_it_is_never_in_force(bench: Bench) -> None:
+    content = bench.config.model_dump()
+    content["inverter"]["can"]["connect_timeout_s"] = 0.2
+    with pytest.raises(DeviceError, match="nothing at all"):
+        DqInverter(Config.model_validate(content)).open()
+    assert bench.device.operational
+    assert bench.device._pending is not None
+    assert bench.device.received == 0
+
+
+def test_the_start_of_another_node_does_not_start_this_one() -> None:
+    config = shipped("cia402", {"start_node": 2})
+    device = Cia402(channel_of(config))
+    with can.Bus(channel_of(config), "virtual", ignore_config=True) as other:
+        for node in (2, NODE):
+            assert not device.operational
+            key, payload = nmt_start(node)
+            other.send(can.Message(arbitration_id=key, is_extended_id=False, data=payload))
+    until(lambda: device.operational)
+    device.close()
+
+
+@pytest.mark.parametrize(
+    "bench", [{"canopen": {"start_node": 1, "heartbeat_node": 100}}], indirect=True
+)
+def test_heartbeats_are_as_canopen_reads_them(bench: Bench) -> None:
+    host = canopen.RemoteNode(100, canopen.ObjectDictionary())
+    bench.device.network.add_node(host)
+    beats: list[int] = []
+    host.nmt.add_heartbeat_callback(beats.append)
+    drives(bench)
+    until(lambda: host.nmt.state == "OPERATIONAL")
+    assert set(beats) == {5}
 
 
 @pytest.mark.parametrize("bench", [{"strict": True}], indirect=True)
