@@ -367,6 +367,12 @@ def test_heartbeats_are_as_canopen_reads_them(bench: Bench) -> None:
     host.nmt.add_heartbeat_callback(beats.append)
     drives(bench)
     until(lambda: host.nmt.state == "OPERATIONAL")
+    before, now_ns = len(beats), time.time_ns()
+    for second in (1, 2, 3):  # of the loop's time
+        feedback_of(bench.driver, now_ns + second * 10**9)
+        bench.driver.write(new_command())
+        bench.driver.write(new_command())
+    until(lambda: len(beats) >= before + 3)
     assert set(beats) == {5}
 
 

@@ -1,6 +1,6 @@
 """`motord calibration export`: the compensation as a table for a drive."""
 
-from math import radians
+from math import isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -72,6 +72,8 @@ def export(
 
     if format_ not in FORMATS:
         raise typer.BadParameter(f"unknown format {format_!r}; one of {', '.join(NAMES)}")
+    if not isfinite(zero) or not isfinite(torque_constant or 0.0):
+        raise typer.BadParameter("--zero and --torque-constant have to be finite")
     if output is not None and output.exists() and not force:
         fail(f"{output}: is there already; name another file, or say --force to write over it")
     drive_format = FORMATS[format_].resized(length, bits)

@@ -11,7 +11,10 @@ from motord.calibration.export import FORMATS
 from motord.cli import app
 from motord.cli.export_calibration import NAMES
 from motord.config import load, packaged
+from tests.contract.peers import until
 from tests.unit.calibration_export.cases import calibration
+from tests.unit.service.live_service import live_service
+from tests.unit.service.test_installation import put_in_force
 
 SIM = packaged("sim.toml")
 
@@ -124,6 +127,29 @@ def test_an_unknown_format_is_wrong_usage(file: Path) -> None:
     assert "unknown format 'vesc'; one of moteus, odrive, csv, c-header" in " ".join(
         err.replace("│", " ").split()
     )
+
+
+@pytest.mark.parametrize("option", ["--zero", "--torque-constant"])
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_what_is_no_number_is_wrong_usage(option: str, value: str, file: Path) -> None:
+    code, _, err = export("--format", "odrive", file, option, value)
+    assert code == 2
+    assert "have to be finite" in err or "greater than or equal" in err
+
+
+def test_without_a_file_it_is_the_calibration_in_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with live_service(tmp_path) as service:
+        code, _, err = export("--format", "odrive", "--connect", service.listen)
+        assert code == 1
+        assert "no calibration is in force; name a file, or install one" in err
+        put_in_force(service.store, of_bench())
+        until(lambda: json.loads(service.publisher.documents["state"]())["calibration"])
+        code, out, err = export("--format", "odrive", "--connect", service.listen)
+    assert code == 0, err
+    assert json.loads(out)["calibration"] == of_bench().id
 
 
 def test_a_calibration_without_cogging_or_no_calibration_is_refused(tmp_path: Path) -> None:
