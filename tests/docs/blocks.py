@@ -76,6 +76,7 @@ PROGRAMS = {
     "udevadm": "needs root",
     "python3": "sets up an environment",
     "node": "tests/languages runs it",
+    "moteus_tool": "needs a drive; tests/unit/calibration_export/test_files.py runs its code",
     "rerun": "needs rerun-sdk; tests/campaigns/rerun_loader.py reads recordings with its loader",
     ".venv/bin/python": "tests/docs/test_how_to.py does it",
     "/opt/motord/bin/pip": "sets up an environment",

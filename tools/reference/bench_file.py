@@ -12,6 +12,7 @@ from motord.config import (
     BackEmfTable,
     BridgeCanConfig,
     CanConfig,
+    CanopenConfig,
     CanSignalMap,
     DqConfig,
     ModbusConfig,
@@ -29,6 +30,7 @@ BELOW: dict[str, dict[str, type[BaseModel]]] = {
     "inverter": {
         "[inverter.can]": CanConfig,
         "[inverter.can.signals]": CanSignalMap,
+        "[inverter.can.canopen]": CanopenConfig,
         "[inverter.dq]": DqConfig,
     },
     "bridge": {"[bridge.can]": BridgeCanConfig},

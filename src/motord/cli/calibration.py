@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -11,13 +11,12 @@ from motord.cli.bench.tracking import lines
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
+from motord.cli.export_calibration import export
+from motord.cli.in_force import load_in_force
 
-if TYPE_CHECKING:
-    from motord.calibration import Calibration
-    from motord.client import Client
-
-app = group("Show calibration files, list those kept, install one or adopt what is tracked.")
+app = group("Calibration files: show, list, install, export for a drive, adopt what is tracked.")
 app.command()(adopt)
+app.command()(export)
 
 
 @app.command()
@@ -150,16 +149,6 @@ def install(
     with connection.open() as client, in_command(client, force=force) as session:
         answer = session.commander.install_calibration(calibration, accept=accept or ())
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
-
-
-def load_in_force(client: "Client", missing: str) -> "Calibration":
-    """Return the calibration that the daemon applies; fail with `missing` if there is none."""
-    from motord.calibration import load
-
-    view = client.state().calibration
-    if view is None:
-        fail(missing)
-    return load(Path(view.path))
 
 
 def _uncertainty_lines(budget: list[dict[str, Any]]) -> list[str]:

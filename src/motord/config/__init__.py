@@ -19,6 +19,7 @@ from motord.config.devices import CanConfig as CanConfig
 from motord.config.devices import InverterConfig as InverterConfig
 from motord.config.devices.can_signals import CanSignalMap as CanSignalMap
 from motord.config.devices.can_signals import DqConfig as DqConfig
+from motord.config.devices.canopen import CanopenConfig as CanopenConfig
 from motord.config.devices.slow_devices import BrakeConfig as BrakeConfig
 from motord.config.devices.slow_devices import DriveConfig as DriveConfig
 from motord.config.devices.slow_devices import ModbusConfig as ModbusConfig

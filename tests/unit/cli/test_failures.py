@@ -20,6 +20,7 @@ NEEDED = {
     ("set",): ["--torque-Nm", "1", "--enable"],
     ("plan", "start"): ["calibrate"],
     ("calibration", "install"): ["good.json"],
+    ("calibration", "export"): ["--format", "odrive"],
     ("note",): ["a remark"],
 }
 """What a command needs besides a daemon."""
@@ -43,6 +44,8 @@ FILES = [
     "analyse sensitivity --calibration {}",
     "calibration show {}",
     "calibration install {}",
+    "calibration export --format odrive {}",
+    "calibration export --format odrive good.json -c {}",
     "record info {}",
     "record info {} --check",
     "record recover {}",
@@ -60,6 +63,7 @@ NOWHERE = [
     "latency --seconds 0 --plot {}.png",
     "security init {}",
     "calibration list --dir {}",
+    "calibration export --format odrive good.json -o {}",
 ]
 """Commands that write, or look, where that cannot be."""
 

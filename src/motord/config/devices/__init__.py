@@ -13,6 +13,7 @@ from pydantic import (
 
 from motord.config.base import NonNegative, Positive, Section
 from motord.config.devices.can_signals import CanSignalMap, DqConfig
+from motord.config.devices.canopen import CanopenConfig
 from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
 
 SAMPLE_BYTES, HEARTBEAT_BYTES = 19, 6
@@ -58,6 +59,8 @@ class CanConfig(CanBusConfig):
     """The drive's DBC; next to the bench file, or `package:NAME`."""
     signals: CanSignalMap
     """Which signals of the DBC are command and feedback."""
+    canopen: CanopenConfig = CanopenConfig()
+    """What a CANopen drive is sent besides its command."""
 
 
 class DeviceConfig(Section):

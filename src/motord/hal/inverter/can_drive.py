@@ -14,6 +14,7 @@ from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import BusState, CanBus
 from motord.hal.can.bus import open_bus
+from motord.hal.inverter.canopen_host import CanopenHost
 from motord.hal.inverter.feedback import CanFeedback
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
@@ -36,7 +37,9 @@ class CanDrive:
         self._config = can
         self._codec = dbc.load(can)
         self._feedback = CanFeedback(self._codec, round(config.inverter.feedback_age_s * 1e9))
+        self._host = CanopenHost(can.canopen)
         self._counter = 0
+        self._now_ns = 0
         self._bus: CanBus | None = None
         self._state = BusState()
         self._clock = LoopClock()
@@ -56,6 +59,7 @@ class CanDrive:
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
         """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
+        self._now_ns = now_ns
         self._clock.observe(now_ns)
         if self._bus is not None:
             self._take(self._bus, now_ns)
@@ -80,11 +84,12 @@ class CanDrive:
             bus.close()
 
     def _send(self, currents_A: tuple[float, ...], enable: bool) -> None:
-        """Send the command's message; nothing happens while the bus is closed."""
+        """Send the command, and what goes with it; nothing happens while the bus is closed."""
         payload = self._codec.encode_command(currents_A, enable, self._counter)
         self._counter += 1
         if self._bus is not None:
             self._bus.send(self._codec.command.key, payload)
+            self._host.after_command(self._bus, self._now_ns)
 
     def _take(self, bus: CanBus, now_ns: int, timeout_s: float = 0.0) -> set[int]:
         """Take what has come, at most waiting for the first; returns the keys."""
@@ -100,8 +105,10 @@ class CanDrive:
         while self._feedback.missing():
             if time.monotonic() >= deadline_s:
                 raise self._silence(received)
+            self._now_ns = self._clock.now_ns()
+            self._host.start(bus)
             self._send(self.NO_CURRENT_A, False)
-            received |= self._take(bus, self._clock.now_ns(), _OPEN_ASK_S)
+            received |= self._take(bus, self._now_ns, _OPEN_ASK_S)
             if bus.state.failures:
                 raise DeviceError(f"{self.name}: the bus failed: {bus.state.last}")
 

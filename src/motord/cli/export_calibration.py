@@ -1,0 +1,136 @@
+"""`motord calibration export`: the compensation as a table for a drive."""
+
+from math import isfinite, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection
+from motord.cli.console import fail, print_json, remark
+from motord.cli.in_force import load_in_force
+
+if TYPE_CHECKING:
+    from motord.calibration import Calibration
+    from motord.calibration.export import TorqueConstant
+
+NAMES = ("moteus", "odrive", "csv", "c-header", "beckhoff-harmonics")
+
+
+def export(
+    format_: Annotated[
+        str, typer.Option("--format", metavar="NAME", help=f"One of {', '.join(NAMES)}.")
+    ],
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write it there; default: print it."),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="The bench: its back-EMF makes amperes of Nm."
+        ),
+    ] = None,
+    torque_constant: Annotated[
+        float | None,
+        typer.Option(
+            metavar="NM_PER_A", min=1e-9, help="Of the drive: Nm of an ampere (peak) along q."
+        ),
+    ] = None,
+    zero: Annotated[
+        float,
+        typer.Option(metavar="DEG", help="What the drive's encoder reads where the bench's is 0."),
+    ] = 0.0,
+    backwards: Annotated[
+        bool, typer.Option("--backwards", help="The drive's angle falls when the bench's rises.")
+    ] = False,
+    length: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=4, max=1 << 20, help="Entries (csv, c-header): 1024."),
+    ] = None,
+    bits: Annotated[
+        int | None, typer.Option(metavar="N", min=4, max=16, help="Bits (c-header): 16.")
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write over a file that is there.")
+    ] = False,
+    connection: Connection = DEFAULT,
+    as_json: AsJson = False,
+) -> None:
+    """Write the cogging compensation of a calibration as a drive stores it.
+
+    Says what torque ripple the drive's table leaves of the cogging torque, and what of the
+    calibration the drive cannot take. Amperes, in moteus, csv and c-header, need the bench file or
+    --torque-constant.
+    """
+    from motord.calibration.export import FORMATS, DriveFrame, exported
+
+    if format_ not in FORMATS:
+        raise typer.BadParameter(f"unknown format {format_!r}; one of {', '.join(NAMES)}")
+    if not isfinite(zero) or not isfinite(torque_constant or 0.0):
+        raise typer.BadParameter("--zero and --torque-constant have to be finite")
+    if output is not None and output.exists() and not force:
+        fail(f"{output}: is there already; name another file, or say --force to write over it")
+    drive_format = FORMATS[format_].resized(length, bits)
+    calibration = _calibration(file, connection)
+    constant = _constant(calibration, config, torque_constant)
+    made = exported(calibration, drive_format, DriveFrame(radians(zero), backwards), constant)
+    content = made.content()
+    if output is None:
+        content["content"] = made.text()
+    else:
+        _write(output, made.text())
+        content["file"] = str(output)
+    if as_json:
+        print_json(content)
+    else:
+        for line in made.lines():
+            remark(line)
+        typer.echo(made.text() if output is None else str(output), nl=output is not None)
+
+
+def _calibration(file: Path | None, connection: Connection) -> "Calibration":
+    """Return the calibration of a file, or that in force. Raises CalibrationError."""
+    from motord.calibration import load
+
+    if file is not None:
+        return load(file)
+    with connection.open() as client:
+        return load_in_force(client, "no calibration is in force; name a file, or install one")
+
+
+def _constant(
+    calibration: "Calibration", config: Path | None, torque_constant: float | None
+) -> "TorqueConstant | None":
+    """Return the torque of an ampere as the options say it. Raises CalibrationError, ConfigError.
+
+    That of the bench file is over the turn, with the common gain that the calibration found.
+    """
+    import numpy as np
+
+    from motord.calibration.export import TorqueConstant, torque_per_ampere
+    from motord.config import load
+
+    if config is None:
+        if torque_constant is None:
+            return None
+        return TorqueConstant(np.full(calibration.motor.counts, torque_constant))
+    motor = load(config).motor
+    calibration.check_motor(motor)
+    of_motor = torque_per_ampere(motor.back_emf_table(), motor.pole_pairs)
+    return TorqueConstant(calibration.delta_epsilon * of_motor, torque_constant)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write the file at once."""
+    from motord.atomic_write import write_whole
+
+    try:
+        write_whole(path, text)
+    except OSError as error:
+        fail(f"{path}: cannot write it: {error.strerror}")

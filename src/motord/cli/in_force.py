@@ -1,0 +1,20 @@
+"""The calibration that the daemon applies, as a file on this machine."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from motord.cli.console import fail
+
+if TYPE_CHECKING:
+    from motord.calibration import Calibration
+    from motord.client import Client
+
+
+def load_in_force(client: "Client", missing: str) -> "Calibration":
+    """Return the calibration that the daemon applies; fail with `missing` if there is none."""
+    from motord.calibration import load
+
+    view = client.state().calibration
+    if view is None:
+        fail(missing)
+    return load(Path(view.path))
