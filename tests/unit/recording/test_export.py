@@ -6,11 +6,12 @@ import sys
 
 import numpy as np
 import pytest
+from asammdf import MDF
 from pyarrow import parquet
+from scipy.io import loadmat
 
-from motord.recording import export as export_module
 from motord.recording.errors import RecordError
-from motord.recording.export import export
+from motord.recording.export import csv_text, export, matlab, mdf, parquet_file
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from tests.unit.recording.runs import METADATA, tick_block, truth_block, write_run
@@ -24,7 +25,7 @@ def run(tmp_path):
 
 @pytest.mark.parametrize("arrow", [True, False])
 def test_csv_reads_back_bit_for_bit(run, tmp_path, monkeypatch, arrow):
-    monkeypatch.setattr(export_module, "CSV_ROWS", 150)
+    monkeypatch.setattr(csv_text, "CSV_ROWS", 150)
     if not arrow:
         monkeypatch.setitem(sys.modules, "pyarrow", None)
     path = tmp_path / "run.csv"
@@ -55,7 +56,7 @@ def test_truth_is_a_table_too(run, tmp_path, monkeypatch, arrow):
 
 
 def test_parquet_reads_back_bit_for_bit(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(export_module, "ROW_GROUP_ROWS", 150)
+    monkeypatch.setattr(parquet_file, "ROW_GROUP_ROWS", 150)
     path = tmp_path / "run.parquet"
     assert export(run, path) == 350
     table, expected = parquet.read_table(path), tick_block(350)
@@ -67,16 +68,64 @@ def test_parquet_reads_back_bit_for_bit(run, tmp_path, monkeypatch):
     assert parquet.ParquetFile(path).num_row_groups == 2
 
 
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_mdf_reads_back_bit_for_bit_over_seconds_from_its_start(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(mdf, "GROUP_ROWS", 150)
+    path, expected = tmp_path / "run.mf4", tick_block(350)
+    assert export(run, path) == 350
+    with MDF(path) as read:
+        assert read.start_time.timestamp() == pytest.approx(expected["t_ns"][0] * 1e-9, abs=1e-6)
+        for name in expected.dtype.names:
+            channel = read.get(name)
+            assert channel.samples.tobytes() == expected[name].tobytes()
+            since_s = (expected["t_ns"] - expected["t_ns"][0]) * 1e-9
+            np.testing.assert_array_equal(channel.timestamps, since_s)
+        assert read.get("torque_Nm").unit == "Nm"
+        assert "torque" in read.get("torque_Nm").comment.lower()
+        assert json.loads(read.header.description)["motor"] == METADATA["motor"]
+
+
+def test_mdf_has_the_columns_chosen_and_needs_the_time(run, tmp_path):
+    export(run, tmp_path / "run.mf4", ["torque_Nm", "t_ns"])
+    with MDF(tmp_path / "run.mf4") as read:
+        assert set(read.channels_db) == {"torque_Nm", "t_ns", "time"}
+    with pytest.raises(RecordError, match="needs the time of each row: let --columns have t_ns"):
+        export(run, tmp_path / "other.mf4", ["torque_Nm"])
+
+
+def test_matlab_reads_back_bit_for_bit(run, tmp_path):
+    path, expected = tmp_path / "run.mat", tick_block(350)
+    assert export(run, path) == 350
+    read = loadmat(path, squeeze_me=True, struct_as_record=False)["motord"]
+    for name in expected.dtype.names:
+        column = getattr(read.ticks, name)
+        assert column.dtype == expected.dtype[name]
+        assert column.tobytes() == expected[name].tobytes()
+    assert read.units.torque_Nm == "Nm"
+    assert read.meanings.torque_Nm
+    assert json.loads(read.metadata)["motor"] == METADATA["motor"]
+
+
+def test_more_than_a_matlab_file_can_hold_is_refused(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(matlab, "BYTES_MAX", 350 * 8 - 1)
+    with pytest.raises(RecordError, match=r"run.mat: a .mat file holds at most .*--columns"):
+        export(run, tmp_path / "run.mat", ["t_ns"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.mcap"]
+    assert export(run, tmp_path / "run.mat", ["torque_Nm"]) == 350
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "mf4", "mat"])
 def test_a_run_without_ticks_is_an_empty_table(tmp_path, suffix):
     RunWriter(tmp_path / "run.mcap", {}).close()
-    assert export(open_run(tmp_path / "run.mcap"), tmp_path / f"run.{suffix}", ["tick"]) == 0
+    assert export(open_run(tmp_path / "run.mcap"), tmp_path / f"run.{suffix}", ["t_ns"]) == 0
 
 
-def test_parquet_without_pyarrow_says_what_to_install(run, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(RecordError, match=r"pip install 'motord\[parquet\]'; or choose a name"):
-        export(run, tmp_path / "run.parquet")
+@pytest.mark.parametrize(
+    ("package", "extra", "suffix"), [("pyarrow", "parquet", "parquet"), ("asammdf", "mdf", "mf4")]
+)
+def test_a_package_that_is_missing_is_named(run, tmp_path, monkeypatch, package, extra, suffix):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(RecordError, match=rf"pip install 'motord\[{extra}\]'; or choose a name"):
+        export(run, tmp_path / f"run.{suffix}")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.mcap"]
 
 
@@ -84,7 +133,7 @@ def test_mistakes_are_reported_and_leave_nothing_behind(run, tmp_path):
     taken = tmp_path / "taken.csv"
     taken.write_text("precious")
     for output, columns, message in (
-        (tmp_path / "run.xlsx", None, "must end with .csv or .parquet"),
+        (tmp_path / "run.xlsx", None, "must end with .csv, .parquet, .mf4 or .mat"),
         (taken, None, "exists already"),
         (tmp_path / "run.csv", ["volts"], "Tick has no column volts"),
         (tmp_path / "absent" / "run.csv", None, "cannot write it: No such file"),

@@ -67,7 +67,9 @@ def export(
     run: RunFile,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Ends with .csv or .parquet."),
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Ends with .csv, .parquet, .mf4 or .mat."
+        ),
     ] = None,
     columns: Annotated[
         str | None,
@@ -78,7 +80,7 @@ def export(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write the ticks of a recording as a table: CSV, or Parquet."""
+    """Write the ticks of a recording as a table: CSV, Parquet, MDF 4 or MATLAB."""
     from motord.recording.export import export as write
     from motord.recording.reader import open_run
 

@@ -1,0 +1,60 @@
+"""Ticks of a recording as a table in a format of other tools, written block by block."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from motord.recording.errors import RecordError
+from motord.recording.export.csv_text import write_csv
+from motord.recording.export.matlab import write_matlab
+from motord.recording.export.mdf import write_mdf
+from motord.recording.export.parquet_file import write_parquet
+from motord.recording.export.table import ExportedTable
+from motord.recording.file_names import part_of, require_free
+from motord.recording.reader import Run
+from motord.schema import TICK, TRUTH
+
+WRITERS: dict[str, Callable[[Path, ExportedTable], int]] = {
+    ".csv": write_csv,
+    ".parquet": write_parquet,
+    ".mf4": write_mdf,
+    ".mat": write_matlab,
+}
+"""What writes a table and returns its number of rows, by the end of the file's name."""
+
+
+def export(
+    run: Run, output: Path, columns: Iterable[str] | None = None, *, truth: bool = False
+) -> int:
+    """Write the ticks of `run` (or the truth of a simulated rig) and return how many.
+
+    The end of the name of `output`, one of WRITERS, chooses the format. Raises RecordError if it
+    exists or cannot be written, and for columns that the recording does not have.
+    """
+    table, record = (run.truth_table, TRUTH) if truth else (run.tick_table, TICK)
+    if output.suffix not in WRITERS:
+        raise RecordError(f"{output}: its name must end with {endings()}")
+    wanted = None if columns is None else tuple(columns)
+    dtype, blocks = table.dtype(wanted), table.blocks(wanted)
+    with _complete_or_absent(output) as part:
+        return WRITERS[output.suffix](part, ExportedTable(dtype, blocks, record, run.metadata))
+
+
+def endings() -> str:
+    """Return the possible ends of names, as text."""
+    *first, last = WRITERS
+    return f"{', '.join(first)} or {last}"
+
+
+@contextmanager
+def _complete_or_absent(output: Path) -> Iterator[Path]:
+    """Give another name to write to, which becomes `output` when the body has succeeded."""
+    require_free(output)
+    part = part_of(output)
+    try:
+        yield part
+        part.rename(output)
+    except OSError as error:
+        raise RecordError(f"{output}: cannot write it: {error.strerror}") from error
+    finally:
+        part.unlink(missing_ok=True)

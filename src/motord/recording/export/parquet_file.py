@@ -1,0 +1,39 @@
+"""Tables as Parquet, with units, meanings and metadata."""
+
+from pathlib import Path
+
+import numpy as np
+
+from motord.recording.errors import RecordError
+from motord.recording.export.table import ExportedTable
+from motord.recording.json_encoding import to_json
+
+ROW_GROUP_ROWS = 1 << 17
+"""Rows of a row group."""
+
+
+def write_parquet(path: Path, table: ExportedTable) -> int:
+    """Write a table and return its number of rows. Raises RecordError without pyarrow."""
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as error:
+        raise RecordError(
+            "Parquet needs the package pyarrow: pip install 'motord[parquet]'; "
+            "or choose a name that ends with .csv"
+        ) from error
+    known = {
+        name: {"unit": field.unit, "meaning": field.meaning} for name, field in table.fields.items()
+    }
+    fields = [
+        pa.field(name, pa.from_numpy_dtype(table.dtype[name]), metadata=known.get(name))
+        for name in table.names
+    ]
+    schema = pa.schema(fields, metadata={"motord": to_json(table.metadata)})
+    count = 0
+    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        for group in table.gathered(ROW_GROUP_ROWS):
+            columns = [np.ascontiguousarray(group[name]) for name in schema.names]
+            writer.write_table(pa.table(columns, schema=schema))
+            count += len(group)
+    return count
