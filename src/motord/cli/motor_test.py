@@ -1,5 +1,6 @@
 """`motord test`: a motor against the limits of its type, with a certificate."""
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -64,14 +65,13 @@ def run_test(
         raise typer.BadParameter(f"{more[0]}: recordings come after --recordings")
     check_serial(serial)
     kind = load_motor_type(motor_type)
-    name = certificate_name(motor_type, serial, stamp(time.time_ns()))
-    path = certificate or Path(name)
-    _require_folder(path)
+    _require_folder(certificate)
     if recordings:
         paths = [*recordings, *(more or [])]
     else:
         paths = _run(connection, kind, serial, force=force, quiet=as_json)
     made = _certificate(kind, motor_type, serial, operator, paths, silent=as_json)
+    path = certificate or Path(certificate_name(motor_type, serial, stamp(time.time_ns())))
     made.page().write(path)
     if as_json:
         print_json({**made.to_json(), "certificate": str(path)})
@@ -80,12 +80,13 @@ def run_test(
     raise typer.Exit(EXIT_CODES[made.verdict.decision])
 
 
-def _require_folder(path: Path) -> None:
+def _require_folder(certificate: Path | None) -> None:
     """Fail before anything moves if the certificate could not be written."""
-    if not path.parent.is_dir():
-        fail(f"{path.parent}: no such folder; the certificate could not be written there")
-    if path.is_dir():
-        fail(f"{path}: is a folder; name a file for the certificate")
+    folder = certificate.parent if certificate else Path()
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        fail(f"{folder}: the certificate could not be written there")
+    if certificate is not None and certificate.is_dir():
+        fail(f"{certificate}: is a folder; name a file for the certificate")
 
 
 def _certificate(
@@ -135,6 +136,7 @@ def _run(
     """Run the plans one after the other; return their recordings."""
     from motord.cli.bench.lease_session import in_command
     from motord.cli.plan.commands import closed_recording, follow
+    from motord.verdict.serial import note_of
 
     if not kind.plan:
         fail("the motor type has no [[plan]] to run; name recordings with --recordings")
@@ -147,7 +149,7 @@ def _run(
             for plan in kind.plan:
                 if not quiet:
                     remark(f"{plan.name}, {len(found) + 1} of {len(kind.plan)}")
-                notes = f"test of {kind.motor}, serial {serial}"
+                notes = note_of(kind.motor, serial)
                 run = session.commander.run_plan(plan.name, plan.settings, notes=notes)
                 view = follow(run, session.commander, quiet=quiet)
                 if view.state != "done":

@@ -19,7 +19,7 @@ _STYLE = """
 main{max-width:56rem}h2{margin:1rem 0 .25rem}table{width:100%;margin:.25rem 0}
 td svg{display:block;width:7.5rem;height:.9rem}
 th,td{padding:.15rem .6rem .15rem 0}.numbers td:not(:first-child){padding-left:.4rem}
-code,.digest{overflow-wrap:anywhere}
+code{overflow-wrap:anywhere}
 .decision{font-weight:600}.pass{color:var(--reference)}.fail{color:var(--serious)}
 .undecidable{color:var(--other)}
 @page{size:A4;margin:12mm}
@@ -90,7 +90,12 @@ class Certificate:
         page.table(
             ("file", "plan", "begun (UTC)", "SHA-256"),
             [
-                (_short(one.path), one.plan, one.start, Markup(f"<code>{one.sha256}</code>"))
+                (
+                    _short(one.path),
+                    one.plan,
+                    one.start.replace("T", " "),
+                    Markup(f"<code>{one.sha256}</code>"),
+                )
                 for one in self.recordings
             ],
         )
@@ -110,8 +115,13 @@ class Certificate:
             f"less the risk of {risk}, and fails if that of lying outside is; else it is "
             "undecidable."
         )
-        if (bound := self.verdict.nonconformance_bound) is not None:
-            yield f"That any figure lies outside has a probability of at most {100 * bound:.2g} %."
+        bound = self.verdict.nonconformance_bound
+        if self.verdict.decision == "pass" and bound is not None:
+            yield f"That any figure lies outside has a probability of at most {percent(bound)}."
+        yield (
+            "Pictures: a limit is a line; within the darker part a value passes; the mark is the "
+            "value, with U."
+        )
         yield from self.verdict.reasons()
         for analysis, severity, name in self.findings:
             yield f"{analysis}: {severity} {name}"

@@ -137,7 +137,10 @@ class MotorVerdict:
         return min(sum(1 - one for one in known), 1.0) if len(known) == len(probabilities) else None
 
     def reasons(self) -> Iterator[str]:
-        """Yield why figures are undecidable."""
+        """Yield why figures are undecidable, each reason with its figures."""
+        names: dict[str, list[str]] = {}
         for one in self.figures:
             if one.decision == "undecidable":
-                yield f"{one.figure.name}: {one.reason}"
+                names.setdefault(one.reason, []).append(one.figure.name)
+        for reason, figures in names.items():
+            yield f"undecidable, {reason}: {'; '.join(figures)}"

@@ -11,6 +11,7 @@ from motord.experiments.subject import AnalysisError, PhaseProgress, Recordings,
 from motord.recording.damage import utc
 from motord.recording.reader import Run, open_run
 from motord.verdict.motor_type import MotorType, analysis_of
+from motord.verdict.serial import note_of
 
 if TYPE_CHECKING:
     from motord.experiments.analysis import Analysis
@@ -69,6 +70,10 @@ def _check_motor(run: Run, motor_type: MotorType, serial: str) -> None:
             f"{motor_type.motor!r}"
         )
     check_same_serial(str(run.path), str(motor.get("serial", "")), serial)
+    noted = note_of(motor_type.motor)
+    for line in str(run.metadata.get("notes", "")).splitlines():
+        if line.startswith(noted):
+            check_same_serial(str(run.path), line.removeprefix(noted), serial)
 
 
 def check_same_serial(where: str, known: str, serial: str) -> None:

@@ -38,6 +38,11 @@ def file_part(serial: str) -> str:
     return quote(serial, safe="")
 
 
+def note_of(motor: str, serial: str = "") -> str:
+    """Return what the notes of a recording say that was made to test a motor."""
+    return f"test of {motor}, serial {serial}"
+
+
 def certificate_name(motor_type: Path, serial: str, time: str) -> str:
     """Return the name of a certificate: type, serial number, time."""
     kind = file_part(motor_type.stem)[:TYPE_MAX].lstrip(".")
