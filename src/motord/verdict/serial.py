@@ -45,5 +45,5 @@ def note_of(motor: str, serial: str = "") -> str:
 
 def certificate_name(motor_type: Path, serial: str, time: str) -> str:
     """Return the name of a certificate: type, serial number, time."""
-    kind = file_part(motor_type.stem)[:TYPE_MAX].lstrip(".")
+    kind = file_part(motor_type.stem)[:TYPE_MAX].lstrip(".-") or "motor"
     return f"{kind}-{file_part(serial)}-{time}.html"
