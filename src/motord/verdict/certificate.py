@@ -25,7 +25,8 @@ code{overflow-wrap:anywhere}
 @page{size:A4;margin:12mm}
 @media print{body{font-size:8pt;line-height:1.25}h1{font-size:15pt}h2{font-size:10pt;margin:5pt 0 0}
  .card{padding:3pt 6pt}.card b{font-size:12pt}.cards{margin:4pt 0;gap:6pt}table{font-size:7.5pt}
- th,td{padding:1.2pt 5pt 1.2pt 0}p,ul{margin:2pt 0;max-width:none}.lead{margin-bottom:2pt}
+ th,td{padding:1pt 5pt 1pt 0}p,ul{margin:2pt 0;max-width:none}.lead{margin-bottom:2pt}
+ td svg{height:8pt}.card span{font-size:7pt}code{font-size:6.5pt}
  .wide{overflow:visible}tr{break-inside:avoid}table{break-inside:auto}}
 """
 

@@ -171,7 +171,8 @@ def test_the_same_recording_twice_is_refused(analysed):
 
 @pytest.mark.parametrize("serial", ["", " ", "a\nb", "1" * 121])
 def test_a_serial_number_that_is_none_is_refused(serial, analysed):
-    assert "serial number" in refused("--recordings", record("a.mcap"), serial=serial)
+    path = record("a.mcap", serial="")
+    assert "the serial number" in refused("--recordings", path, serial=serial)
 
 
 def test_a_serial_number_with_odd_characters_names_a_file_here(folder, analysed, monkeypatch):
