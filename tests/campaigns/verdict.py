@@ -64,6 +64,7 @@ CASES = (
     Case("lower limit", Tolerance(0.0, None)),
     Case("limits 10 u apart", Tolerance(-5.0, 5.0)),
     Case("limits 4 u apart", Tolerance(-2.0, 2.0)),
+    Case("limits 0.02 u apart", Tolerance(-0.01, 0.01)),
     Case("upper limit, 10 degrees of freedom", Tolerance(None, 0.0), 10),
     Case("upper limit, 3 degrees of freedom", Tolerance(None, 0.0), 3),
     Case("limits 10 u apart, 3 degrees of freedom", Tolerance(-5.0, 5.0), 3),

@@ -113,8 +113,8 @@ class Certificate:
         risk = f"{self.motor_type.risk_percent:g} %"
         yield (
             f"A figure passes if the probability that it lies within its limits is at least 100 % "
-            f"less the risk of {risk}, and fails if that of lying outside is; else it is "
-            "undecidable."
+            f"less the risk of {risk}, and fails if it lies beyond one of them with that "
+            "probability; else it is undecidable."
         )
         bound = self.verdict.nonconformance_bound
         if self.verdict.decision == "pass" and bound is not None:

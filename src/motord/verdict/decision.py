@@ -2,8 +2,11 @@
 
     p = P(low <= Y <= high | value),    Y = value + u t,    t: Student's, of the stated freedom
 
-pass if p >= 1 - risk, fail if 1 - p >= 1 - risk, else undecidable. Nothing but the measurement is
-held to be known of Y: a flat prior.
+pass if p >= 1 - risk, fail if |P(Y > high) - P(Y < low)| >= 1 - risk, else undecidable. With one
+limit, or two that are far apart, the latter is 1 - p; an error that is wider than the band makes
+1 - p large wherever the value is, and proves nothing. Nothing but the measurement is held to be
+known of Y: a flat prior. Of motors exactly at a limit at most the risk passes, and at most the risk
+fails.
 """
 
 from collections.abc import Iterator
@@ -94,20 +97,21 @@ def decide(figure: Figure, tolerance: Tolerance, risk: float) -> FigureVerdict:
         reason = figure.doubt or "its uncertainty is not stated"
         return FigureVerdict(figure, tolerance, "undecidable", None, None, reason)
     freedom = figure.degrees_of_freedom
-    outside = sum(nonconformance_probabilities(value, u, freedom, tolerance))
+    beyond = nonconformance_probabilities(value, u, freedom, tolerance)
     many = np.inf if freedom is None else freedom
     guard_band = t_quantile(1 - risk, many) * u
-    decision, reason = _by_risk(outside, risk)
+    decision, reason = _by_risk(beyond, risk)
     if figure.doubt:
         decision, reason = "undecidable", figure.doubt
-    return FigureVerdict(figure, tolerance, decision, 1 - outside, guard_band, reason)
+    return FigureVerdict(figure, tolerance, decision, 1 - sum(beyond), guard_band, reason)
 
 
-def _by_risk(outside: float, risk: float) -> tuple[Decision, str]:
-    """Return the decision by the probability of non-conformity, and why there is none."""
-    if outside <= risk:
+def _by_risk(beyond: tuple[float, float], risk: float) -> tuple[Decision, str]:
+    """Return the decision by the probabilities of lying below and above, and why there is none."""
+    below, above = beyond
+    if below + above <= risk:
         return "pass", ""
-    if outside >= 1 - risk:
+    if abs(above - below) >= 1 - risk:
         return "fail", ""
     return "undecidable", "a limit is within the uncertainty"
 

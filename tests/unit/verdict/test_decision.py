@@ -102,20 +102,26 @@ def test_symmetric_limits_treat_both_sides_alike(value, u, freedom, risk, limit)
 
 
 @given(VALUES, ERRORS, FREEDOMS, RISKS, st.floats(0.1, 2.0), st.floats(0.01, 1.0))
-def test_a_smaller_uncertainty_takes_back_no_decision_but_a_two_sided_fail(
-    value, u, freedom, risk, limit, share
-):
-    """No pass becomes another decision; a fail, only where so wide an error hid a value inside."""
-    before = decided(value, -limit, limit, u=u, freedom=freedom, risk=risk)
-    after = decided(value, -limit, limit, u=share * u, freedom=freedom, risk=risk)
-    if before.decision == "pass":
-        assert after.decision == "pass"
-    if abs(value) > limit:
-        assert after.decision != "pass"
-    one_sided = decided(value, high=limit, u=u, freedom=freedom, risk=risk)
-    if one_sided.decision != "undecidable":
-        again = decided(value, high=limit, u=share * u, freedom=freedom, risk=risk)
-        assert again.decision == one_sided.decision
+def test_a_smaller_uncertainty_takes_back_no_decision(value, u, freedom, risk, limit, share):
+    for limits in ((-limit, limit), (None, limit), (-limit, None)):
+        before = decided(value, *limits, u=u, freedom=freedom, risk=risk)
+        after = decided(value, *limits, u=share * u, freedom=freedom, risk=risk)
+        assert before.decision in ("undecidable", after.decision)
+
+
+@given(VALUES, ERRORS, FREEDOMS, RISKS, st.floats(0.1, 2.0))
+def test_only_a_value_inside_passes_and_only_one_outside_fails(value, u, freedom, risk, limit):
+    decision = decided(value, -limit, limit, u=u, freedom=freedom, risk=risk).decision
+    assert decision == "undecidable" or (decision == "pass") == (abs(value) < limit)
+
+
+def test_a_measurement_that_is_too_coarse_for_its_limits_rejects_nothing():
+    """The value is in the middle of a band of a fiftieth of its error: outside with 99.2 %."""
+    coarse = decided(0.0, -0.01, 0.01, u=1.0)
+    assert coarse.probability == pytest.approx(0.008, abs=1e-3)
+    assert coarse.decision == "undecidable"
+    assert decided(2.24, -0.001, 0.001, u=1.0).decision == "undecidable"  # 1.25 % on each side
+    assert decided(2.26, -0.001, 0.001, u=1.0).decision == "fail"
 
 
 @given(VALUES, ERRORS, FREEDOMS, RISKS, st.floats(1.0, 3.0))
