@@ -93,7 +93,7 @@ class Certificate:
             [
                 (
                     _short(one.path),
-                    one.plan,
+                    _plan(one),
                     one.start.replace("T", " "),
                     Markup(f"<code>{one.sha256}</code>"),
                 )
@@ -137,6 +137,10 @@ class Certificate:
 
 def _short(path: str) -> str:
     return path.rpartition("/")[2]
+
+
+def _plan(one: UsedRecording) -> str:
+    return f"{one.plan}, calibration {one.calibration}" if one.calibration else one.plan
 
 
 def _row(one: FigureVerdict) -> tuple[str, ...]:

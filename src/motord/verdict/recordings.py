@@ -19,13 +19,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class UsedRecording:
-    """A recording; start: UTC, "" if it does not say; damage: what is missing of it, in words."""
+    """A recording; start: UTC, "" if it does not say; damage: what is missing of it, in words.
+
+    calibration: id of the one that was applied, "" if none was.
+    """
 
     path: str
     sha256: str
     plan: str
     start: str
     damage: str
+    calibration: str = ""
 
 
 def analyse(
@@ -104,10 +108,12 @@ def sha256_of(path: Path) -> str:
 
 def _used(run: Run, digest: str) -> UsedRecording:
     start_ns, damage = run.end.get("t_start_ns"), run.damage
+    compensates = run.metadata.get("plan", {}).get("settings", {}).get("compensate", "off") != "off"
     return UsedRecording(
         path=str(run.path),
         sha256=digest,
         plan=plan_name(run),
         start=utc(start_ns) if isinstance(start_ns, int) else "",
         damage=str(damage) if damage else "",
+        calibration=str(run.metadata.get("calibration", "")) if compensates else "",
     )

@@ -62,10 +62,10 @@ def analysed(monkeypatch):
     return seen
 
 
-def record(path, plan="calibrate", serial=SERIAL, notes="", name=MOTOR):
+def record(path, plan="calibrate", serial=SERIAL, notes="", name=MOTOR, **more):
     metadata = {
-        "bench": "b", "plan": {"name": plan}, "motor": {"name": name, "serial": serial},
-        "notes": notes,
+        "bench": "b", "motor": {"name": name, "serial": serial}, "notes": notes,
+        "plan": {"name": plan} if isinstance(plan, str) else plan, **more,
     }  # fmt: skip
     ticks = np.zeros(3, TICK_DTYPE)
     ticks["t_ns"], ticks["tick"] = 1_700_000_000_000_000_000 + np.arange(3), np.arange(3)
@@ -132,6 +132,15 @@ def test_recordings_of_one_analysis_are_analysed_together_others_only_listed(ana
     assert analysed.runs == [["0.mcap", "1.mcap"]]
     plans = [one["plan"] for one in json.loads(result.stdout)["recordings"]]
     assert plans == ["calibrate", "calibrate", "verify"]
+
+
+@pytest.mark.parametrize(("compensate", "said"), [("on", "c0ffee"), ("off", "")])
+def test_the_calibration_that_a_recording_rests_on_is_named(compensate, said, analysed):
+    plan = {"name": "verify", "settings": {"compensate": compensate}}
+    path = record("v.mcap", plan, calibration="c0ffee")
+    [used] = json.loads(run("--recordings", path, "--json").stdout)["recordings"]
+    assert used["calibration"] == said
+    assert ("verify, calibration c0ffee" in certificate()) == bool(said)
 
 
 def test_no_recording_for_a_limit_is_undecidable(analysed):
