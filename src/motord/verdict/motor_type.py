@@ -14,6 +14,10 @@ from motord.verdict.decision import Tolerance
 
 RISK_PERCENT = 2.5
 
+CHOICES = {"phase": ("a", "b", "c"), "direction": ("forwards", "backwards")}
+NUMBERS = ("order", "torque_Nm", "speed_Hz", "compensate")
+"""What `at` may be, by its keys."""
+
 
 class PlanToRun(Section):
     """`[[plan]]`: a plan that the test of a motor runs."""
@@ -88,12 +92,21 @@ class FigureLimit(Section):
         if self.unit is not None and self.unit != self.kind.unit:
             own = f"'{self.kind.unit}'" if self.kind.unit else "none"
             raise ValueError(f"{self.figure}: unit is '{self.unit}', that of the figure {own}")
+        self._check_place()
+
+    def _check_place(self) -> None:
+        """Refuse an `at` that no figure can have."""
         unknown = self.at.keys() - set(self.kind.by)
         if unknown:
             raise ValueError(
                 f"{self.figure}: at has {', '.join(sorted(unknown))}; the figure is separated by "
                 f"{', '.join(self.kind.by) or 'nothing'}"
             )
+        for key, value in self.at.items():
+            if key in CHOICES and value not in CHOICES[key]:
+                raise ValueError(f"at {key} = {value!r}: one of {', '.join(CHOICES[key])}")
+            if key in NUMBERS and isinstance(value, str):
+                raise ValueError(f"at {key} = {value!r}: a number is needed")
 
 
 class MotorType(Section):

@@ -64,6 +64,8 @@ def test_what_it_says(tmp_path):
         ('"alpha"', '"alhpa"', 9, "calibrate has no figure 'alhpa'; it has: alpha, alpha_spread"),
         ("order = 48", "phase = 48", 15, "at has phase; the figure is separated by order"),
         ('"alpha"', '"delta_epsilon"\nat = {phase = "a"}', 9, "separated by nothing"),
+        ("order = 48", 'order = "48"', 15, "at order = '48': a number is needed"),
+        ('"alpha"', '"alpha"\nat = {phase = "A"}', 9, "at phase = 'A': one of a, b, c"),
         ('"calibrate"\nfigure', '"learn"\nfigure', 9, "analysis 'learn' states no figure"),
         ('name = "calibrate"', 'name = "calib"', 5, "plan[0]: no plan 'calib'; there are: "),
         ("time_limit_s", "time_limit", 5, "calibrate: setting time_limit: Extra inputs"),
