@@ -156,8 +156,8 @@ def _row(one: FigureVerdict) -> tuple[str, ...]:
 
 
 def label(figure: Figure) -> str:
-    """Return name and unit of a figure."""
-    return f"{figure.name} ({figure.unit})" if figure.unit else figure.name
+    """Return analysis, name and unit of a figure."""
+    return f"{figure.label} ({figure.unit})" if figure.unit else figure.label
 
 
 def measured(one: FigureVerdict, sign: str = "\u00b1") -> str:
@@ -178,6 +178,7 @@ def percent(probability: float) -> str:
 def _figure_json(one: FigureVerdict) -> dict[str, Any]:
     figure, tolerance = one.figure, one.tolerance
     return {
+        "analysis": figure.analysis,
         "name": figure.name,
         "unit": figure.unit,
         "low": tolerance.low,

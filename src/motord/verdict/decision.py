@@ -35,6 +35,12 @@ class Figure:
     standard_uncertainty: float | None
     degrees_of_freedom: float | None = None
     doubt: str = ""
+    analysis: str = ""
+
+    @property
+    def label(self) -> str:
+        """Which figure of which analysis it is."""
+        return f"{self.analysis} {self.name}".lstrip()
 
     @property
     def expanded_uncertainty(self) -> float | None:
@@ -145,6 +151,6 @@ class MotorVerdict:
         names: dict[str, list[str]] = {}
         for one in self.figures:
             if one.decision == "undecidable":
-                names.setdefault(one.reason, []).append(one.figure.name)
+                names.setdefault(one.reason, []).append(one.figure.label)
         for reason, figures in names.items():
             yield f"undecidable, {reason}: {'; '.join(figures)}"

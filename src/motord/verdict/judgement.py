@@ -1,6 +1,7 @@
 """From results of analyses to the verdict of a motor."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from motord.verdict.decision import Figure, FigureVerdict, MotorVerdict, decide
@@ -24,4 +25,5 @@ def _decisions(
         else:
             figures = figures_of(kind, result, limit.at)
         for figure in figures:
-            yield decide(figure, limit.tolerance, motor_type.risk)
+            named = replace(figure, analysis=limit.analysis)
+            yield decide(named, limit.tolerance, motor_type.risk)

@@ -117,6 +117,8 @@ def test_json_has_every_figure_with_its_limits_and_probability(analysed):
     assert content["certificate"] == "c.html"
     assert "Anna" in Path("c.html").read_text()
     [figure] = content["figures"]
+    assert (figure["analysis"], figure["name"]) == ("calibrate", "alpha_spread")
+    assert "calibrate alpha_spread" in Path("c.html").read_text()
     assert (figure["low"], figure["high"], figure["value"]) == (None, 0.5, pytest.approx(0.45))
     assert figure["standard_uncertainty"] == pytest.approx(0.01)
     assert figure["conformance_probability"] > 0.9999
