@@ -24,9 +24,9 @@ code{overflow-wrap:anywhere}
 .undecidable{color:var(--other)}
 @page{size:A4;margin:12mm}
 @media print{body{font-size:8pt;line-height:1.25}h1{font-size:15pt}h2{font-size:10pt;margin:5pt 0 0}
- .card{padding:3pt 6pt}.card b{font-size:12pt}.cards{margin:4pt 0;gap:6pt}table{font-size:7.5pt}
- th,td{padding:1pt 5pt 1pt 0}p,ul{margin:2pt 0;max-width:none}.lead{margin-bottom:2pt}
- td svg{height:8pt}.card span{font-size:7pt}code{font-size:6.5pt}
+ .card{padding:3pt 6pt}.card b{font-size:12pt}.cards{margin:4pt 0;gap:6pt}table{font-size:7pt}
+ th,td{padding:1pt 4pt 1pt 0}p,ul{margin:2pt 0;max-width:none}.lead{margin-bottom:2pt}
+ td svg{height:8pt;width:60pt}.card span{font-size:7pt}code{font-size:6pt}
  .wide{overflow:visible}tr{break-inside:avoid}table{break-inside:auto}}
 """
 
