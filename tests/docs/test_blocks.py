@@ -17,6 +17,7 @@ from motord.config.experiments import GROUP, plan_kinds
 from motord.config.faults import Timeline
 from motord.experiments.plans import build
 from motord.importing.mapping import ImportMap
+from motord.verdict.motor_type import MotorType
 from tests.docs.blocks import (
     COMMANDS,
     FOLLOWED,
@@ -97,6 +98,8 @@ def test_toml_is_valid(block: Block) -> None:
         assert Timeline.model_validate(tables).fault
     elif kind == "map":
         assert ImportMap.model_validate(tables).columns
+    elif kind == "motor type":
+        assert MotorType.model_validate(tables).plan
     elif kind == "experiments":
         [[group, experiments]] = tables["project"]["entry-points"].items()
         assert group == GROUP

@@ -30,7 +30,9 @@ def test_a_page_that_is_not_is_named(
     )
 
 
-@pytest.mark.parametrize("name", ["bench-file.md", "import-map.md", "rpc.md", "recording.md"])
+@pytest.mark.parametrize(
+    "name", ["bench-file.md", "import-map.md", "motor-type.md", "rpc.md", "recording.md"]
+)
 def test_every_key_field_and_flag_has_a_meaning(name: str) -> None:
     rows = [line for line in PAGES[name].splitlines() if line.startswith("| ")]
     without = [row for row in rows if re.search(r"\|\s*\|$", row) and not _link(row)]

@@ -7,6 +7,7 @@ from tools.code_blocks import REFERENCE
 from tools.reference.bench_file import bench_file, import_map
 from tools.reference.cli import cli
 from tools.reference.interlocks import interlocks
+from tools.reference.motor_type import motor_type
 from tools.reference.recordings import recordings
 from tools.reference.rpc import rpc
 
@@ -14,6 +15,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "cli.md": cli,
     "bench-file.md": bench_file,
     "import-map.md": import_map,
+    "motor-type.md": motor_type,
     "rpc.md": rpc,
     "recording.md": recordings,
     "interlocks.md": interlocks,

@@ -75,7 +75,8 @@ def anchor(heading: str) -> str:
     return kept.replace(" ", "-")
 
 
-def _sections(tables: Tables) -> Iterator[str]:
+def sections(tables: Tables) -> Iterator[str]:
+    """Yield heading, summary and keys of each table."""
     links = {}
     for heading, (model, _) in tables.items():
         links.setdefault(model.__name__, f"[`{heading}`](#{anchor(heading)})")
@@ -87,7 +88,7 @@ def _sections(tables: Tables) -> Iterator[str]:
 
 def bench_file() -> str:
     """Return the page of the bench file."""
-    return page("The bench file", "motord.config", BENCH, *_sections(_bench_tables()))
+    return page("The bench file", "motord.config", BENCH, *sections(_bench_tables()))
 
 
 def import_map() -> str:
@@ -99,4 +100,4 @@ def import_map() -> str:
         "[csv]": (CsvMap, None),
         "[tdms]": (TdmsMap, None),
     }
-    return page("The import map", "motord.importing.mapping", IMPORT, *_sections(tables))
+    return page("The import map", "motord.importing.mapping", IMPORT, *sections(tables))

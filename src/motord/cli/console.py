@@ -78,6 +78,7 @@ EXPLAINED = frozenset(
         "motord.service.publish.zenoh_api.ApiError",
         "motord.shm.run_directory.RunDirError",
         "motord.shm.shared_records.SharedFileError",
+        "motord.verdict.serial.SerialError",
         "motord.virtual.plan.PlanFailed",
     }
 )

@@ -18,8 +18,12 @@ def operator() -> str:
     """
     terminal = _terminal()
     own = f" {terminal} {os.getpid()}" if terminal else f" {os.getpid()}"
-    who = f"{_user()}@{socket.gethostname()}"
-    return _NOT_ALLOWED.sub("_", who[: LENGTH_MAX - len(own)] + own)
+    return _NOT_ALLOWED.sub("_", user_and_host()[: LENGTH_MAX - len(own)] + own)
+
+
+def user_and_host() -> str:
+    """Return `anna@bench`."""
+    return f"{_user()}@{socket.gethostname()}"
 
 
 def _user() -> str:

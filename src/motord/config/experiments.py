@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, create_model
 
 from motord.config.base import Section
+from motord.config.figures import FigureKind
 
 GROUP = "motord.experiments"
 
@@ -44,13 +45,15 @@ class PlanKind:
 class AnalysisKind:
     """A kind of `motord analyse`. command: `module:object`, an `experiments.analysis.Analysis`.
 
-    aliases: further names of the command, which its help does not list.
+    aliases: further names of the command, which its help does not list. figures: those of its
+    result that have an uncertainty.
     """
 
     name: str
     summary: str
     command: str
     aliases: tuple[str, ...] = ()
+    figures: tuple[FigureKind, ...] = ()
 
 
 @dataclass(frozen=True)

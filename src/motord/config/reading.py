@@ -2,10 +2,11 @@
 
 import difflib
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -145,30 +146,43 @@ def _dotted(keys: list[str]) -> str:
 
 def _suggestion(model: type[BaseModel], keys: list[str]) -> str:
     known: type[BaseModel] = model
-    for key in keys[:-1]:
+    for key in (key for key in keys[:-1] if not key.isdigit()):
         field = known.model_fields.get(key)
-        if field is None or not isinstance(field.annotation, type):
+        kind = field.annotation if field is not None else None
+        if get_origin(kind) is tuple:
+            kind = get_args(kind)[0]
+        if not isinstance(kind, type) or not issubclass(kind, BaseModel):
             return ""
-        if not issubclass(field.annotation, BaseModel):
-            return ""
-        known = field.annotation if field.annotation is not PlansConfig else plans_model()
+        known = kind if kind is not PlansConfig else plans_model()
     near = difflib.get_close_matches(keys[-1], list(known.model_fields), 1, 0.5)
     return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known.model_fields)}"
 
 
 def _line_of(text: str, keys: list[str]) -> int:
     """Return the line that defines `keys`, or of the deepest part found, or 0."""
-    names = [k for k in keys if not k.isdigit()]
     table: list[str] = []
+    arrays: Counter[str] = Counter()
     best, best_depth = 0, 0
     for number, line in enumerate(text.splitlines(), start=1):
         stripped = line.strip()
         if stripped.startswith("["):
-            table = stripped.strip("[] ").split(".")
-            path = table
+            names = stripped.partition("]")[0].strip("[ ").split(".")
+            if stripped.startswith("[["):
+                arrays[".".join(names)] += 1
+            path = table = _indexed(names, arrays)
         else:
             path = [*table, *stripped.split("=")[0].strip().split(".")]
-        depth = len(path) if path == names[: len(path)] else 0
+        depth = len(path) if path == keys[: len(path)] else 0
         if depth > best_depth:
             best, best_depth = number, depth
     return best
+
+
+def _indexed(names: list[str], arrays: Counter[str]) -> list[str]:
+    """Return the keys of a table; arrays: how many tables each array of tables has so far."""
+    keys = []
+    for depth, name in enumerate(names, start=1):
+        keys.append(name)
+        if place := arrays[".".join(names[:depth])]:
+            keys.append(str(place - 1))
+    return keys

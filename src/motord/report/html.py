@@ -69,14 +69,26 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith(("?", ".")) else ".")
 
 
+class Markup(str):
+    """Text that is markup already, and is not escaped."""
+
+    __slots__ = ()
+
+
+def _cell(text: str) -> str:
+    return text if isinstance(text, Markup) else escape(text)
+
+
 class Page:
     """A page that is put together from top to bottom, then written.
 
-    All text is escaped; `lead` is a sentence under the title.
+    All text is escaped, but for `Markup` in the rows of tables; `lead` is a sentence under the
+    title, `style` CSS after that of all pages.
     """
 
-    def __init__(self, title: str, lead: str = "") -> None:
+    def __init__(self, title: str, lead: str = "", style: str = "") -> None:
         self._title = title
+        self._style = style
         self._parts = [f"<h1>{escape(title)}</h1>"]
         self._findings: list[str] = []
         self._pictures = 0
@@ -124,7 +136,7 @@ class Page:
         """Add a table; with `numbers`, all columns but the first are set right."""
         head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
         body = "".join(
-            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+            "<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows
         )
         head = f"<thead><tr>{head}</tr></thead>" if header else ""
         kind = ' class="numbers"' if numbers else ""
@@ -142,7 +154,7 @@ class Page:
     def html(self) -> str:
         """Return the whole page."""
         light, dark = _variables(dark=False), _variables(dark=True)
-        style = f"{light}@media screen and (prefers-color-scheme:dark){{{dark}}}{_CSS}"
+        style = f"{light}@media screen and (prefers-color-scheme:dark){{{dark}}}{_CSS}{self._style}"
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width,initial-scale=1">'

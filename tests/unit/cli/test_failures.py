@@ -22,6 +22,7 @@ NEEDED = {
     ("calibration", "install"): ["good.json"],
     ("calibration", "export"): ["--format", "odrive"],
     ("note",): ["a remark"],
+    ("test",): ["type.toml", "--serial", "1"],
 }
 """What a command needs besides a daemon."""
 
@@ -42,6 +43,8 @@ FILES = [
     *(f"analyse {name} none.mcap --calibration {{}}" for name in APPLIED),
     *(f"analyse {name} {{}} --calibration good.json" for name in APPLIED),
     "analyse sensitivity --calibration {}",
+    "test {} --serial 1",
+    "test type.toml --serial 1 --recordings {}",
     "calibration show {}",
     "calibration install {}",
     "calibration export --format odrive {}",
@@ -64,6 +67,7 @@ NOWHERE = [
     "security init {}",
     "calibration list --dir {}",
     "calibration export --format odrive good.json -o {}",
+    "test type.toml --serial 1 --certificate {}/c.html",
 ]
 """Commands that write, or look, where that cannot be."""
 
@@ -76,6 +80,10 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     calibration().save(tmp_path / "good.json")
+    (tmp_path / "type.toml").write_text(
+        'motor = "m"\n[[plan]]\nname = "calibrate"\n'
+        '[[limit]]\nanalysis = "calibrate"\nfigure = "alpha"\nhigh = 1\n'
+    )
     text = packaged("sim.toml").read_text()
     (tmp_path / "good.toml").write_text(text.replace('rig = "', 'rig = "package:'))
     return tmp_path

@@ -2,8 +2,10 @@
 
 import json
 import shlex
+import time
 from contextlib import suppress
 from operator import methodcaller
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
 
 WITH_CALIBRATION = ("learn", "check-calibration")
 """Plans whose analysis needs the calibration that was in force."""
+
+CLOSED_S = 15.0
+"""How long the recorder may take to close the recording of a plan."""
 
 Detach = Annotated[
     bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
@@ -167,6 +172,20 @@ def follow(run: "PlanRun", commander: "Commander", *, quiet: bool) -> "PlanView"
                 return view
             except KeyboardInterrupt:
                 commander.abort_plan()
+
+
+def closed_recording(view: "PlanView") -> Path:
+    """Return the file of a plan's recording once the recorder has closed it."""
+    if not view.recording:
+        fail(f"{view.plan} was not recorded, so there is nothing to analyse: is [recording] on?")
+    path, end_s = Path(view.recording), time.monotonic() + CLOSED_S
+    while not path.exists():
+        if time.monotonic() > end_s:
+            fail(
+                f"{path}: not there {CLOSED_S:g} s after {view.plan}; `motord record recover` helps"
+            )
+        time.sleep(0.05)
+    return path
 
 
 def _step(view: "PlanView") -> str:

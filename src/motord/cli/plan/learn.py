@@ -1,7 +1,5 @@
 """`motord learn`: the passes of learning on a running daemon, one after the other."""
 
-import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -12,7 +10,7 @@ from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
 from motord.cli.in_force import load_in_force
-from motord.cli.plan.commands import follow
+from motord.cli.plan.commands import closed_recording, follow
 from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
@@ -20,9 +18,6 @@ if TYPE_CHECKING:
     from motord.client import Commander
     from motord.experiments.ilc.analysis import LearnPass
     from motord.experiments.ilc.estimate import Learning
-
-CLOSED_S = 15.0
-"""How long the recorder may take to close the recording of a pass."""
 
 
 def learn(
@@ -105,21 +100,9 @@ def _pass(
     view = follow(commander.run_plan("learn", settings), commander, quiet=quiet)
     if view.state != "done":
         fail(f"learn {view.state}: {view.message}; calibration {calibration.id} is in force")
-    run = open_run(_closed(view.recording))
+    run = open_run(closed_recording(view))
     now = datetime.now(UTC)
     return learn_from_runs([run], Subject.of_runs([run]), calibration, now, learning)
-
-
-def _closed(recording: str) -> Path:
-    """Return the file of a recording once the recorder has closed it."""
-    if not recording:
-        fail("the pass was not recorded, so there is nothing to learn from: is [recording] on?")
-    path, end_s = Path(recording), time.monotonic() + CLOSED_S
-    while not path.exists():
-        if time.monotonic() > end_s:
-            fail(f"{path}: not there {CLOSED_S:g} s after the pass; `motord record recover` helps")
-        time.sleep(0.05)
-    return path
 
 
 def _install(commander: "Commander", calibration: "Calibration") -> None:

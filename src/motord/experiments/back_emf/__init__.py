@@ -2,6 +2,7 @@
 
 from motord.config import DrivenConfig
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.config.figures import FigureKind
 
 EXPERIMENT = Experiment(
     plans=(
@@ -17,6 +18,18 @@ EXPERIMENT = Experiment(
             "back-emf",
             "Measure the back-EMF; -o writes the table that `[motor] back_emf` may name.",
             command="motord.experiments.back_emf.command:ANALYSIS",
+            figures=(
+                FigureKind(
+                    "back_emf_V_s_per_rad",
+                    "V s/rad",
+                    "amplitude of each electrical order of the back-EMF, mean of the phases",
+                    value="amplitude_V_s_per_rad",
+                    stderr="stderr_V_s_per_rad",
+                    freedom="degrees_of_freedom",
+                    rows="harmonics",
+                    by=("order",),
+                ),
+            ),
         ),
     ),
     position=50,

@@ -2,6 +2,7 @@
 
 from motord.config import DrivenConfig
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.config.figures import FigureKind
 
 EXPERIMENT = Experiment(
     plans=(
@@ -17,6 +18,18 @@ EXPERIMENT = Experiment(
             "cogging",
             "Measure the cogging torque from a rotor that was driven without current.",
             command="motord.experiments.cogging.command:ANALYSIS",
+            figures=(
+                FigureKind(
+                    "cogging_Nm",
+                    "Nm",
+                    "amplitude of each order of the cogging torque",
+                    value="amplitude_Nm",
+                    stderr="stderr_Nm",
+                    freedom="degrees_of_freedom",
+                    rows="harmonics",
+                    by=("order",),
+                ),
+            ),
         ),
     ),
     position=40,

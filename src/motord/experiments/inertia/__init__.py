@@ -2,6 +2,7 @@
 
 from motord.config import AccelerationConfig, OscillationConfig
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.config.figures import FigureKind
 
 EXPERIMENT = Experiment(
     plans=(
@@ -24,6 +25,16 @@ EXPERIMENT = Experiment(
             "Find the moment of inertia from releases of a bar or from steps of torque.",
             command="motord.experiments.inertia.command:ANALYSIS",
             aliases=("inertia-oscillation", "inertia-acceleration"),
+            figures=(
+                FigureKind(
+                    "inertia_kg_m2",
+                    "kg m2",
+                    "moment of inertia",
+                    value="inertia_kg_m2",
+                    stderr="uncertainty_kg_m2",
+                    freedom="freedom",
+                ),
+            ),
         ),
     ),
     position=60,

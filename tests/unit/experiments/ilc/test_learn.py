@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from motord.calibration import Calibration, from_json, load
 from motord.cli.connection_options import with_connection
+from motord.cli.plan import commands
 from motord.cli.plan import learn as module
 from motord.experiments.ilc.report import fill
 from motord.experiments.plans import build
@@ -69,7 +70,9 @@ class Daemon:
             record_pass(path, self.calibration, self.passes, speeds_Hz=[1.0])
         recording = "" if self.ends == "unrecorded" else str(path)
         state = "done" if self.ends in ("done", "unrecorded", "lost") else self.ends
-        return SimpleNamespace(state=state, message="by the operator", recording=recording)
+        return SimpleNamespace(
+            plan="learn", state=state, message="by the operator", recording=recording
+        )
 
 
 @pytest.fixture
@@ -88,7 +91,7 @@ def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Daemon:
     monkeypatch.setattr(module, "in_command", in_command)
     monkeypatch.setattr(module, "follow", played.follow)
     monkeypatch.setattr(module, "settings_of", lambda *_: {})
-    monkeypatch.setattr(module, "CLOSED_S", 0.1)
+    monkeypatch.setattr(commands, "CLOSED_S", 0.1)
     return played
 
 
@@ -126,7 +129,7 @@ def test_passes_follow_each_other_with_what_was_learned_installed(
     [
         ("aborted", "learn aborted: by the operator; calibration"),
         ("unrecorded", "was not recorded"),
-        ("lost", "not there 0.1 s after the pass"),
+        ("lost", "not there 0.1 s after learn"),
     ],
 )
 def test_a_pass_that_ends_otherwise_ends_it_in_a_line(

@@ -1,0 +1,32 @@
+"""What an experiment announces of the figures that its results state with an uncertainty."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class FigureKind:
+    """A figure in the JSON result of an analysis, for which a motor type can have limits.
+
+    Keys are those of the result, with dots between. rows: the list of objects that have one each,
+    by default the result itself; by: keys that separate the rows. value: in the row; a list of
+    three is of phases a, b, c. stderr: its standard uncertainty, in the row; or low, high: the ends
+    of its 95 % interval. freedom: degrees of freedom of either, in the row or else in the result.
+    budget: quantity of the result's uncertainty budget, whose Type B adds to the uncertainty, and
+    whose Type A is the uncertainty if nothing else is named.
+
+    combine: one figure of all rows or phases, the largest less the smallest, or the mean.
+    """
+
+    name: str
+    unit: str
+    summary: str
+    value: str
+    stderr: str = ""
+    low: str = ""
+    high: str = ""
+    freedom: str = ""
+    budget: Literal["", "alpha", "beta_A", "delta_epsilon", "cogging_Nm"] = ""
+    rows: str = ""
+    by: tuple[str, ...] = ()
+    combine: Literal["", "spread", "mean"] = ""

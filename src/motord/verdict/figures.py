@@ -1,0 +1,139 @@
+"""Figures with their combined standard uncertainty from the JSON result of an analysis."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import hypot, inf, isclose, isfinite
+from typing import Any
+
+from motord.config.figures import FigureKind
+from motord.intervals import coverage_factor
+from motord.uncertainty_budget import Contribution, totals
+from motord.verdict.decision import Figure
+
+Selection = Mapping[str, str | float]
+"""Values of the keys that separate the rows of a figure, such as {"order": 48}."""
+
+PHASES = "abc"
+
+
+def figures_of(kind: FigureKind, result: Mapping[str, Any], at: Selection) -> tuple[Figure, ...]:
+    """Return the figures of a kind, those that `at` selects; one without a value if there are none.
+
+    A result with serious findings, whose intervals are too narrow, puts a doubt on each.
+    """
+    doubt = _serious(result)
+    found = [
+        _figure(kind, key, row, result) for key, row in _rows(kind, result) if _selected(key, at)
+    ]
+    name = _name(kind.name, at)
+    if not found:
+        return (Figure(name, kind.unit, None, None, None, "it is not in the result"),)
+    if kind.combine:
+        found = [_combined(kind, name, found)]
+    return tuple(replace(one, doubt=doubt or one.doubt) for one in found)
+
+
+def _serious(result: Mapping[str, Any]) -> str:
+    names = [one["name"] for one in result.get("findings") or () if one["severity"] == "serious"]
+    return f"serious finding {', '.join(dict.fromkeys(names))}" if names else ""
+
+
+def _rows(
+    kind: FigureKind, result: Mapping[str, Any]
+) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield what separates each row from the others, and the row with all that it states."""
+    for row in _at(result, kind.rows) or () if kind.rows else (result,):
+        keys = (kind.value, kind.stderr, kind.low, kind.high)
+        parts = {key: _at(row, key) for key in keys if key}
+        parts[kind.freedom] = _at(row, kind.freedom) or _at(result, kind.freedom)
+        if kind.by != ("phase",):
+            yield {key: row[key] for key in kind.by}, parts
+            continue
+        for place, phase in enumerate(PHASES):
+            yield {"phase": phase}, {key: _one_of(part, place) for key, part in parts.items()}
+
+
+def _at(content: Any, path: str) -> Any:
+    """Return what is at a path of keys, None if nothing is."""
+    for key in path.split("."):
+        content = content.get(key) if isinstance(content, Mapping) else None
+    return content
+
+
+def _one_of(part: Any, place: int) -> Any:
+    return part[place] if isinstance(part, Sequence) and place < len(part) else None
+
+
+def _selected(key: Mapping[str, Any], at: Selection) -> bool:
+    return all(_equal(key[name], value) for name, value in at.items())
+
+
+def _equal(one: Any, other: str | float) -> bool:
+    if isinstance(other, str) or isinstance(one, str):
+        return bool(one == other)
+    return isclose(float(one), other, rel_tol=1e-9)
+
+
+def _name(name: str, key: Mapping[str, Any]) -> str:
+    parts = (f"{k} {v}" if isinstance(v, str) else f"{k} {v:g}" for k, v in key.items())
+    return ", ".join([name, *parts])
+
+
+def _figure(
+    kind: FigureKind, key: Mapping[str, Any], row: Mapping[str, Any], result: Mapping[str, Any]
+) -> Figure:
+    """Return the figure of a row; freedom of Type A and Type B together: Welch-Satterthwaite."""
+    value, freedom = _number(row[kind.value]), _number(row[kind.freedom])
+    type_a, type_b = _type_a(kind, row, freedom), 0.0
+    name = _name(kind.name, key)
+    if kind.budget:
+        budget = [Contribution.model_validate(one) for one in result.get("budget", ())]
+        if not budget:
+            return Figure(name, kind.unit, value, None, None, "it has no uncertainty budget")
+        data, others, _ = totals(budget)
+        type_b = _of_budget(others, kind, key)
+        type_a = type_a if kind.stderr else _of_budget(data, kind, key)
+    if type_a is None or not type_a > 0:
+        return Figure(name, kind.unit, value, None, None, "its uncertainty is not stated")
+    whole = hypot(type_a, type_b)
+    wide = None if freedom is None else max(freedom, 1.0) * (whole / type_a) ** 4
+    return Figure(name, kind.unit, value, whole, wide)
+
+
+def _type_a(kind: FigureKind, row: Mapping[str, Any], freedom: float | None) -> float | None:
+    if kind.stderr:
+        return _number(row[kind.stderr])
+    low, high = (_number(row.get(end)) for end in (kind.low, kind.high))
+    if low is None or high is None:
+        return None
+    return (high - low) / 2 / coverage_factor(freedom)
+
+
+def _of_budget(total: Contribution, kind: FigureKind, key: Mapping[str, Any]) -> float:
+    part = getattr(total, kind.budget)
+    return float(part[PHASES.index(key["phase"])] if isinstance(part, tuple) else part)
+
+
+def _number(part: Any) -> float | None:
+    """Return a finite number, None for what is none."""
+    if isinstance(part, bool) or not isinstance(part, int | float) or not isfinite(part):
+        return None
+    return float(part)
+
+
+def _combined(kind: FigureKind, name: str, figures: Sequence[Figure]) -> Figure:
+    """Return spread or mean of figures.
+
+    The standard uncertainty is what it is at most, however their errors are correlated: of a mean,
+    the mean; of a spread, the sum of the two largest. Of the degrees of freedom the fewest count.
+    """
+    values = [one.value for one in figures if one.value is not None]
+    each = sorted(u for one in figures if (u := one.standard_uncertainty) is not None)
+    if len(values) < len(figures) or len(each) < len(figures):
+        return Figure(name, kind.unit, None, None, None, "an uncertainty is not stated")
+    fewest = min(inf if (f := one.degrees_of_freedom) is None else f for one in figures)
+    freedom = None if fewest == inf else fewest
+    if kind.combine == "mean":
+        n = len(figures)
+        return Figure(name, kind.unit, sum(values) / n, sum(each) / n, freedom)
+    return Figure(name, kind.unit, max(values) - min(values), sum(each[-2:]), freedom)

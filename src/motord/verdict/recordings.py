@@ -1,0 +1,119 @@
+"""The recordings that a verdict rests on: what they are of, their digests, their analyses."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
+
+from motord.experiments.subject import AnalysisError, PhaseProgress, Recordings, plan_name
+from motord.recording.damage import utc
+from motord.recording.reader import Run, open_run
+from motord.verdict.motor_type import MotorType, analysis_of
+from motord.verdict.serial import note_of
+
+if TYPE_CHECKING:
+    from motord.experiments.analysis import Analysis
+
+
+@dataclass(frozen=True)
+class UsedRecording:
+    """A recording; start: UTC, "" if it does not say; damage: what is missing of it, in words.
+
+    calibration: id of the one that was applied, "" if none was.
+    """
+
+    path: str
+    sha256: str
+    plan: str
+    start: str
+    damage: str
+    calibration: str = ""
+
+
+def analyse(
+    paths: Sequence[Path],
+    motor_type: MotorType,
+    serial: str,
+    progress: PhaseProgress = lambda phase, fraction: None,
+) -> tuple[dict[str, Mapping[str, Any]], tuple[UsedRecording, ...]]:
+    """Return the JSON results by analysis, of those that have limits, and the recordings.
+
+    Recordings of one analysis are analysed together. Raises AnalysisError for one that is of
+    another motor or given twice, and what analyses raise.
+    """
+    runs = [open_run(path) for path in paths]
+    for run in runs:
+        _check_motor(run, motor_type, serial)
+    digests = list(_digests(paths))
+    limited = {limit.analysis for limit in motor_type.limit}
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        kind = analysis_of(plan_name(run))
+        if kind is not None and kind.name in limited:
+            groups.setdefault(kind.name, []).append(run)
+    results = {name: _result(name, group, progress) for name, group in groups.items()}
+    used = tuple(_used(run, digest) for run, digest in zip(runs, digests, strict=True))
+    return results, used
+
+
+def _result(name: str, runs: Sequence[Run], progress: PhaseProgress) -> Mapping[str, Any]:
+    kind = analysis_of(name)
+    assert kind is not None
+    analysis: Analysis[Any] = resolve_name(kind.command)
+    recordings = Recordings(tuple(runs), None, progress)
+    return analysis.to_json(analysis.estimate(recordings), recordings)
+
+
+def _check_motor(run: Run, motor_type: MotorType, serial: str) -> None:
+    motor = run.metadata.get("motor", {})
+    if motor.get("name") != motor_type.motor:
+        raise AnalysisError(
+            f"{run.path}: is of the motor {motor.get('name', '')!r}; the motor type is for "
+            f"{motor_type.motor!r}"
+        )
+    check_same_serial(str(run.path), str(motor.get("serial", "")), serial)
+    noted = note_of(motor_type.motor)
+    for line in str(run.metadata.get("notes", "")).splitlines():
+        if line.startswith(noted):
+            check_same_serial(str(run.path), line.removeprefix(noted), serial)
+
+
+def check_same_serial(where: str, known: str, serial: str) -> None:
+    """Raise AnalysisError if a bench or a recording names the serial number of another motor."""
+    if known not in ("", serial):
+        raise AnalysisError(f"{where}: is of serial number {known!r}, not {serial!r}")
+
+
+def _digests(paths: Sequence[Path]) -> Iterator[str]:
+    """Yield the SHA-256 of each file. Raises AnalysisError if two have the same content."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        digest = sha256_of(path)
+        if digest in seen:
+            raise AnalysisError(
+                f"{path}: is the same recording as {seen[digest]}; counted twice it would seem "
+                "more certain than it is"
+            )
+        seen[digest] = path
+        yield digest
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file. Raises OSError."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _used(run: Run, digest: str) -> UsedRecording:
+    start_ns, damage = run.end.get("t_start_ns"), run.damage
+    compensates = run.metadata.get("plan", {}).get("settings", {}).get("compensate", "off") != "off"
+    return UsedRecording(
+        path=str(run.path),
+        sha256=digest,
+        plan=plan_name(run),
+        start=utc(start_ns) if isinstance(start_ns, int) else "",
+        damage=str(damage) if damage else "",
+        calibration=str(run.metadata.get("calibration", "")) if compensates else "",
+    )

@@ -1,0 +1,316 @@
+"""`motord test`: exit codes, certificate, what is refused, and the order of what is done."""
+
+import hashlib
+import json
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.cli.connection_options import Connection
+from motord.config import load, packaged
+from motord.experiments.plans import build
+from motord.recording.metadata import describe
+from motord.recording.writer import RunWriter
+from motord.schema import TICK_DTYPE
+from motord.verdict import recordings
+from motord.virtual import VirtualBench
+from motord.virtual.plan import run_plan
+from tests.unit.verdict.made_up import calibration
+
+MOTOR = "axial-flux 48/16"
+SERIAL = "sim-1"
+TYPE = f"""
+motor = "{MOTOR}"
+
+[[plan]]
+name = "calibrate"
+settings = {{time_limit_s = 30.0}}
+
+[[plan]]
+name = "verify"
+
+[[limit]]
+analysis = "calibrate"
+figure = "alpha_spread"
+high = 0.5
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pump.toml").write_text(TYPE)
+    return tmp_path
+
+
+@pytest.fixture
+def analysed(monkeypatch):
+    """Let the analysis of any recordings give a made-up calibration; return what was analysed."""
+    seen = SimpleNamespace(runs=[], result=calibration())
+
+    def estimate(given):
+        seen.runs.append(given.names)
+        return seen.result
+
+    fake = SimpleNamespace(estimate=estimate, to_json=lambda result, _: result)
+    monkeypatch.setattr(recordings, "resolve_name", lambda _: fake)
+    return seen
+
+
+def record(path, plan="calibrate", serial=SERIAL, notes="", name=MOTOR, **more):
+    metadata = {
+        "bench": "b", "motor": {"name": name, "serial": serial}, "notes": notes,
+        "plan": {"name": plan} if isinstance(plan, str) else plan, **more,
+    }  # fmt: skip
+    ticks = np.zeros(3, TICK_DTYPE)
+    ticks["t_ns"], ticks["tick"] = 1_700_000_000_000_000_000 + np.arange(3), np.arange(3)
+    with RunWriter(Path(path), metadata) as writer:
+        writer.ticks(ticks)
+    return str(path)
+
+
+def run(*arguments, serial=SERIAL):
+    result = CliRunner().invoke(app, ["test", "pump.toml", "--serial", serial, *arguments])
+    assert isinstance(result.exception, SystemExit | None), repr(result.exception)
+    return result
+
+
+def refused(*arguments, **more):
+    result = run(*arguments, **more)
+    assert result.exit_code == 1, result.output
+    [line] = result.stderr.splitlines()
+    assert not list(Path().glob("*.html"))
+    return line
+
+
+def certificate():
+    [page] = Path().glob("*.html")
+    return page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("high", "code", "decision"), [(0.5, 0, "pass"), (0.4, 3, "fail"), (0.45, 4, "undecidable")]
+)
+def test_the_decision_is_the_exit_code(high, code, decision, folder, analysed):
+    (folder / "pump.toml").write_text(TYPE.replace("0.5", str(high)))
+    result = run("--recordings", record("a.mcap"))
+    assert result.exit_code == code
+    assert f"verdict: {decision}" in result.stdout
+    page = certificate()
+    assert f"{MOTOR}, serial {SERIAL}: {decision}" in page
+    assert hashlib.sha256(Path("a.mcap").read_bytes()).hexdigest() in page
+    assert hashlib.sha256(Path("pump.toml").read_bytes()).hexdigest() in page
+
+
+def test_json_has_every_figure_with_its_limits_and_probability(analysed):
+    arguments = ("--recordings", record("a.mcap"), "--operator", "Anna", "--json")
+    result = run(*arguments, "--certificate", "c.html")
+    content = json.loads(result.stdout)
+    assert (content["decision"], content["operator"], content["serial"]) == (
+        *("pass", "Anna", SERIAL),
+    )
+    assert content["certificate"] == "c.html"
+    assert "Anna" in Path("c.html").read_text()
+    [figure] = content["figures"]
+    assert (figure["analysis"], figure["name"]) == ("calibrate", "alpha_spread")
+    assert "calibrate alpha_spread" in Path("c.html").read_text()
+    assert (figure["low"], figure["high"], figure["value"]) == (None, 0.5, pytest.approx(0.45))
+    assert figure["standard_uncertainty"] == pytest.approx(0.01)
+    assert figure["conformance_probability"] > 0.9999
+    assert figure["guard_band"] == pytest.approx(figure["expanded_uncertainty"])  # 2.5 %, one side
+    [used] = content["recordings"]
+    assert (used["plan"], used["start"]) == ("calibrate", "2023-11-14T22:13:20.000Z")
+
+
+def test_recordings_of_one_analysis_are_analysed_together_others_only_listed(analysed):
+    files = [record(f"{n}.mcap", notes=str(n)) for n in range(2)]
+    result = run("--recordings", *files, record("v.mcap", "verify"), "--json")
+    assert result.exit_code == 0
+    assert analysed.runs == [["0.mcap", "1.mcap"]]
+    plans = [one["plan"] for one in json.loads(result.stdout)["recordings"]]
+    assert plans == ["calibrate", "calibrate", "verify"]
+
+
+@pytest.mark.parametrize(("compensate", "said"), [("on", "c0ffee"), ("off", "")])
+def test_the_calibration_that_a_recording_rests_on_is_named(compensate, said, analysed):
+    plan = {"name": "verify", "settings": {"compensate": compensate}}
+    path = record("v.mcap", plan, calibration="c0ffee")
+    [used] = json.loads(run("--recordings", path, "--json").stdout)["recordings"]
+    assert used["calibration"] == said
+    assert ("verify, calibration c0ffee" in certificate()) == bool(said)
+
+
+def test_no_recording_for_a_limit_is_undecidable(analysed):
+    result = run("--recordings", record("v.mcap", "verify"))
+    assert result.exit_code == 4
+    assert "there is no recording for calibrate" in certificate()
+
+
+def test_a_serious_finding_is_undecidable_and_on_the_page(analysed):
+    finding = {"name": "encoder-zero", "severity": "serious"}
+    analysed.result = calibration(findings=[finding])
+    assert run("--recordings", record("a.mcap")).exit_code == 4
+    assert "calibrate: serious encoder-zero" in certificate()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"serial": "other"}, "a.mcap: is of serial number 'other', not 'sim-1'"),
+        ({"name": "another"}, "a.mcap: is of the motor 'another'"),
+        ({"notes": f"warm\ntest of {MOTOR}, serial 8"}, "is of serial number '8', not 'sim-1'"),
+    ],
+)
+def test_recordings_of_another_motor_are_refused(change, said, analysed):
+    assert said in refused("--recordings", record("a.mcap", **change))
+
+
+def test_a_recording_that_names_no_serial_number_is_taken(analysed):
+    notes = f"test of {MOTOR}, serial {SERIAL}"
+    assert run("--recordings", record("a.mcap", serial="", notes=notes)).exit_code == 0
+
+
+def test_the_same_recording_twice_is_refused(analysed):
+    Path("b.mcap").write_bytes(Path(record("a.mcap")).read_bytes())
+    assert "b.mcap: is the same recording as a.mcap" in refused("--recordings", "a.mcap", "b.mcap")
+
+
+@pytest.mark.parametrize("serial", ["", " ", "a\nb", "1" * 121])
+def test_a_serial_number_that_is_none_is_refused(serial, analysed):
+    path = record("a.mcap", serial="")
+    assert "the serial number" in refused("--recordings", path, serial=serial)
+
+
+def test_a_serial_number_with_odd_characters_names_a_file_here(folder, analysed, monkeypatch):
+    here = folder / "deep" / "here"
+    here.mkdir(parents=True)
+    (folder / "pump.toml").rename(here / "pump.toml")
+    monkeypatch.chdir(here)
+    serial = '../a/"<script>" \'%'
+    path = record("a.mcap", serial=serial)
+    assert run("--recordings", path, serial=serial).exit_code == 0
+    assert [one.parent for one in folder.rglob("*.html")] == [here]
+    assert "<script>" not in certificate()
+    assert "&lt;script&gt;" in certificate()
+
+
+def test_what_is_wrong_with_the_type_or_the_place_is_said(folder, analysed):
+    path = record("a.mcap")
+    assert "nowhere" in refused("--recordings", path, "--certificate", "nowhere/c.html")
+    assert "is a folder" in refused("--recordings", path, "--certificate", ".")
+    (folder / "pump.toml").write_text(TYPE.replace('"alpha_spread"', '"alpha_sprad"'))
+    assert "pump.toml:11: limit[0]: calibrate has no figure 'alpha_sprad'" in refused()
+    result = run("b.mcap")
+    assert result.exit_code == 2
+    assert "recordings come after --recordings" in result.stderr
+
+
+class FakeClient:
+    """A bench that records what it is asked to do."""
+
+    bench = "b"
+
+    def __init__(self, serial="", state="done"):
+        self.motor = {"name": MOTOR, "serial": serial}
+        self.state, self.calls = state, []
+
+    def config(self):
+        return SimpleNamespace(config={"motor": self.motor})
+
+    def dry_run(self, name, settings):
+        self.calls.append(f"dry run of {name} {settings}")
+
+    def run_plan(self, name, settings, notes):
+        self.calls.append(f"{name} {settings} {notes}")
+        path = record(f"{name}.mcap", name, serial="", notes=notes)
+        view = SimpleNamespace(
+            plan=name, state=self.state, message="a trip", recording=path, fraction=1.0, over=True,
+            points=1, points_done=1, targets={},
+        )  # fmt: skip
+        return [view]
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    client = FakeClient()
+
+    @contextmanager
+    def opened(_self):
+        yield client
+
+    @contextmanager
+    def in_command(asked, force):
+        asked.calls.append("in command")
+        yield SimpleNamespace(commander=asked)
+        asked.calls.append("lease released")
+
+    monkeypatch.setattr(Connection, "open", opened)
+    monkeypatch.setattr("motord.cli.bench.lease_session.in_command", in_command)
+    return client
+
+
+def test_plans_are_checked_then_run_then_analysed(bench, analysed):
+    assert run().exit_code == 0
+    note = f"test of {MOTOR}, serial {SERIAL}"
+    limited = "calibrate {'time_limit_s': 30.0}"
+    assert bench.calls == [
+        f"dry run of {limited}", "dry run of verify {}", "in command",
+        f"{limited} {note}", f"verify {{}} {note}", "lease released",
+    ]  # fmt: skip
+    assert analysed.runs == [["calibrate.mcap"]]
+
+
+def test_a_plan_that_is_not_done_ends_the_test_without_a_certificate(bench, analysed):
+    bench.state = "failed"
+    result = run()
+    assert result.exit_code == 1
+    assert "calibrate failed: a trip; nothing was decided" in result.stderr
+    assert bench.calls[-1].startswith("calibrate")
+    assert not list(Path().glob("*.html"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"serial": "8"}, "bench b: is of serial number '8'"), ({"name": "x"}, "has the motor 'x'")],
+)
+def test_a_bench_with_another_motor_is_refused_before_anything_moves(change, said, bench, analysed):
+    bench.motor.update(change)
+    assert said in refused()
+    assert bench.calls == []
+
+
+def test_a_type_without_plans_needs_recordings(folder, bench):
+    (folder / "pump.toml").write_text(
+        TYPE[: TYPE.index("[[plan]]")] + TYPE[TYPE.index("[[limit") :]
+    )
+    assert "no [[plan]] to run; name recordings with --recordings" in refused()
+
+
+def test_from_a_recording_through_its_analysis_to_the_certificate(folder):
+    """Cogging torque of the simulated rig, 0.33 Nm at order 48, without any stand-in."""
+    config = load()
+    plan = {"name": "cogging"}
+    metadata = describe(config, packaged("sim.toml").read_text(), plan=plan)
+    settings = {"speeds_Hz": [1.0], "turns": 3, "settle_s": 0.3}
+    with RunWriter(folder / "cogging.mcap", metadata) as writer:
+        taken = run_plan(
+            VirtualBench(config, seed=4),
+            build("cogging", config, settings),
+            lambda ticks, _: writer.ticks(ticks),
+        )
+        for point in taken:
+            writer.operating_point(int(point["t_end_ns"]), point)
+    limit = '[[limit]]\nanalysis = "cogging"\nfigure = "cogging_Nm"\nat = {order = 48}\n'
+    decisions = []
+    for bounds in ("low = 0.2\nhigh = 0.5", "high = 0.2"):
+        (folder / "pump.toml").write_text(f'motor = "{MOTOR}"\n{limit}{bounds}\n')
+        result = run("--recordings", "cogging.mcap", "--json")
+        content = json.loads(result.stdout)
+        decisions.append((result.exit_code, content["decision"]))
+        assert content["figures"][0]["value"] == pytest.approx(0.332, rel=0.05)
+    assert decisions == [(0, "pass"), (3, "fail")]

@@ -1,0 +1,155 @@
+"""Figures of results: uncertainty combined from Type A and B, selection, doubts."""
+
+from dataclasses import fields
+from math import hypot
+
+import pytest
+
+from motord.calibration import Calibration, Harmonic
+from motord.config.experiments import analysis_kinds
+from motord.experiments.back_emf.result import ElectricalHarmonic, MeasuredBackEmf
+from motord.experiments.cogging.result import MeanHarmonic, MeasuredCogging
+from motord.experiments.friction.result import DirectionalFriction, Friction
+from motord.experiments.inertia.acceleration import Acceleration
+from motord.experiments.inertia.oscillation import Oscillation
+from motord.experiments.ripple.estimate import MeshRipple
+from motord.identification.point_ripple import PointRipple
+from motord.uncertainty_budget import Contribution
+from motord.verdict.figures import figures_of
+from tests.unit.verdict.made_up import calibration
+
+
+def of(analysis, name, result, **at):
+    kinds = {kind.name: kind for kind in analysis_kinds()[analysis].figures}
+    return figures_of(kinds[name], result, at)
+
+
+def keys(kind):
+    """Return the keys that a class has in JSON."""
+    if hasattr(kind, "model_fields"):
+        return set(kind.model_fields)
+    return set(getattr(kind, "JSON", None) or [one.name for one in fields(kind)])
+
+
+CLASSES = {
+    "calibrate": ((Calibration,), Harmonic), "cogging": ((MeasuredCogging,), MeanHarmonic),
+    "back-emf": ((MeasuredBackEmf,), ElectricalHarmonic),
+    "friction": ((Friction,), DirectionalFriction),
+    "inertia": ((Oscillation, Acceleration), None), "verify": ((MeshRipple,), PointRipple),
+}  # fmt: skip
+"""Of each analysis the classes of its result, of which one is, and of its rows."""
+
+
+def test_all_that_is_announced_is_in_the_results():
+    announced = {kind.name: kind.figures for kind in analysis_kinds().values() if kind.figures}
+    assert announced.keys() == CLASSES.keys()
+    for name, figures in announced.items():
+        results, row = CLASSES[name]
+        for figure in figures:
+            places = [keys(row)] if figure.rows else [keys(result) for result in results]
+            for part in filter(None, (figure.value, figure.stderr, figure.low, figure.high)):
+                assert all(part in place for place in places), (name, part)
+            for result in results:
+                assert not figure.rows or figure.rows in keys(result)
+            known = set().union(*places, *map(keys, results))
+            assert not figure.freedom or figure.freedom.split(".")[0] in known, figure
+            assert figure.by in ((), ("phase",)) or set(figure.by) <= keys(row)
+            assert not figure.budget or figure.budget in Contribution.model_fields
+            assert bool(figure.stderr) + bool(figure.low) + bool(figure.high) in (0, 1, 2)
+
+
+def test_type_a_and_b_together_and_their_freedom():
+    a, b, c = of("calibrate", "alpha", calibration())
+    assert [one.value for one in (a, b, c)] == [0.8, 1.0, 1.25]
+    assert a.name == "alpha, phase a"
+    for one, freedom in ((a, 4.0), (b, 5.0), (c, 6.0)):
+        assert one.standard_uncertainty == pytest.approx(0.005)
+        assert one.degrees_of_freedom == pytest.approx(freedom * (5 / 3) ** 4)  # GUM, G.4
+
+
+def test_a_figure_without_an_error_of_its_own_has_that_of_the_budget():
+    [one] = of("calibrate", "delta_epsilon", calibration())
+    assert (one.value, one.standard_uncertainty) == (1.01, pytest.approx(0.005))
+
+
+def test_a_budget_that_is_missing_leaves_the_uncertainty_unknown():
+    for name in ("alpha", "alpha_spread", "delta_epsilon"):
+        for one in of("calibrate", name, calibration(budget=[])):
+            assert one.standard_uncertainty is None
+            assert one.doubt
+
+
+def test_a_spread_has_the_sum_of_the_two_largest_errors_and_the_fewest_freedom():
+    result = calibration(alpha_stderr=[0.03, 0.003, 0.04])
+    [one] = of("calibrate", "alpha_spread", result)
+    assert one.value == pytest.approx(0.45)
+    assert one.standard_uncertainty == pytest.approx(hypot(0.03, 0.004) + hypot(0.04, 0.004))
+    a, *_ = of("calibrate", "alpha", result)
+    assert one.degrees_of_freedom == a.degrees_of_freedom
+
+
+def test_orders_are_selected_and_one_that_is_not_there_is_a_doubt():
+    [one] = of("calibrate", "cogging_Nm", calibration(), order=48)
+    assert (one.name, one.value) == ("cogging_Nm, order 48", 0.3)
+    assert one.standard_uncertainty == pytest.approx(0.005)
+    assert one.degrees_of_freedom == pytest.approx(3 * (5 / 3) ** 4)
+    [none] = of("calibrate", "cogging_Nm", calibration(), order=49)
+    assert (none.value, none.doubt) == (None, "it is not in the result")
+    both = of("calibrate", "cogging_Nm", calibration())
+    assert [x.doubt for x in both] == ["", "its uncertainty is not stated"]
+
+
+POINTS = [
+    {"torque_Nm": t, "speed_Hz": 1.0, "compensate": c, "rms_percent": v, "stderr_percent": u}
+    for t, c, v, u in ((2.0, 7, 0.2, 0.01), (4.0, 7, 0.4, 0.03), (2.0, 0, 8.0, None))
+]
+
+
+def test_a_mean_over_points_has_the_mean_error_whatever_their_correlation():
+    [one] = of("verify", "rms_mean_percent", {"points": POINTS}, compensate=7)
+    assert (one.value, one.standard_uncertainty) == (pytest.approx(0.3), pytest.approx(0.02))
+    [all_] = of("verify", "rms_mean_percent", {"points": POINTS})
+    assert all_.doubt == "an uncertainty is not stated"
+    [two] = of("verify", "rms_percent", {"points": POINTS}, torque_Nm=2.0, compensate=7)
+    assert two.value == 0.2
+
+
+def test_an_interval_is_as_good_as_an_error():
+    row = {
+        "direction": "forwards",
+        "coulomb_Nm": 0.05,
+        "coulomb_low_Nm": 0.04,
+        "coulomb_high_Nm": 0.06,
+    }
+    result = {"directions": [row, {**row, "direction": "backwards"}], "findings": []}
+    [one] = of("friction", "coulomb_Nm", result, direction="backwards")
+    assert one.standard_uncertainty == pytest.approx(0.01 / 1.959964, rel=1e-6)
+    assert one.expanded_uncertainty == pytest.approx(0.01)
+
+
+def test_a_serious_finding_is_a_doubt_about_every_figure_and_a_warning_is_not():
+    bad, warning = (
+        {"name": name, "severity": severity}
+        for name, severity in (("encoder-zero", "serious"), ("few-points", "warning"))
+    )
+    found = of("calibrate", "alpha", calibration(findings=[warning, bad, bad]))
+    assert {one.doubt for one in found} == {"serious finding encoder-zero"}
+    assert not of("calibrate", "alpha", calibration(findings=[warning]))[0].doubt
+    [gone] = of("calibrate", "cogging_Nm", calibration(findings=[bad]), order=49)
+    assert gone.doubt
+
+
+@pytest.mark.parametrize("value", [None, True, "1.0", float("nan"), [1.0]])
+def test_what_is_no_number_is_no_value(value):
+    [one] = of("inertia", "inertia_kg_m2", {"inertia_kg_m2": value, "uncertainty_kg_m2": 0.1})
+    assert one.value is None
+
+
+def test_the_freedom_of_the_result_holds_for_its_rows():
+    result = {
+        "harmonics": [{"order": 48, "amplitude_Nm": 0.3, "stderr_Nm": 0.01}],
+        "degrees_of_freedom": 9,
+    }
+    [one] = of("cogging", "cogging_Nm", result)
+    assert one.degrees_of_freedom == pytest.approx(9.0)
+    assert one.expanded_uncertainty == pytest.approx(0.022622, abs=1e-6)  # t(9) = 2.2622
