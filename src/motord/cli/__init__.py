@@ -34,6 +34,7 @@ COMMANDS = {
     "analyse": "motord.cli.analysis_command:app",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
+    "results": "motord.cli.results.commands:app",
     "record": "motord.cli.record.commands:app",
     "security": "motord.cli.security:app",
     "bridge": "motord.cli.viewers.bridge:app",

@@ -44,13 +44,15 @@ class PlanKind:
 class AnalysisKind:
     """A kind of `motord analyse`. command: `module:object`, an `experiments.analysis.Analysis`.
 
-    aliases: further names of the command, which its help does not list.
+    aliases: further names of the command, which its help does not list. schema: what its JSON names
+    as its `schema`, by which `motord results add` knows it; "" if it names none.
     """
 
     name: str
     summary: str
     command: str
     aliases: tuple[str, ...] = ()
+    schema: str = ""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ import pytest
 from motord.attribute_docs import described
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
-from motord.service.rpc.plan_forms import setting_fields, unit_of
+from motord.service.rpc.plan_forms import setting_fields
+from motord.unit_suffixes import unit_of
 from motord.service.rpc.plan_list import plan_form
 from tests.unit.service.virtual_service import VirtualService
 

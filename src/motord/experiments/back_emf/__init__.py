@@ -17,6 +17,7 @@ EXPERIMENT = Experiment(
             "back-emf",
             "Measure the back-EMF; -o writes the table that `[motor] back_emf` may name.",
             command="motord.experiments.back_emf.command:ANALYSIS",
+            schema="motord.back-emf/1",
         ),
     ),
     position=50,

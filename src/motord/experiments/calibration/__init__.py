@@ -17,6 +17,7 @@ EXPERIMENT = Experiment(
             "calibrate",
             "Identify gains, offsets and cogging torque; -o writes the calibration file.",
             command="motord.experiments.calibration.command:ANALYSIS",
+            schema="motord.calibration/1",
         ),
     ),
     position=20,

@@ -17,6 +17,7 @@ EXPERIMENT = Experiment(
             "cogging",
             "Measure the cogging torque from a rotor that was driven without current.",
             command="motord.experiments.cogging.command:ANALYSIS",
+            schema="motord.cogging/1",
         ),
     ),
     position=40,

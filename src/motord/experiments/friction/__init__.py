@@ -17,6 +17,7 @@ EXPERIMENT = Experiment(
             "friction",
             "Find Coulomb, viscous and Stribeck friction from coast-downs of the free rotor.",
             command="motord.experiments.friction.command:ANALYSIS",
+            schema="motord.friction/1",
         ),
     ),
     position=65,

@@ -17,6 +17,7 @@ EXPERIMENT = Experiment(
             "verify",
             "Measure the RMS error of the torque at each operating point, before and after.",
             command="motord.experiments.ripple.command:ANALYSIS",
+            schema="motord.verification/1",
         ),
     ),
     position=30,

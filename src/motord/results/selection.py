@@ -1,0 +1,115 @@
+"""Rows of a store for charts and comparisons: of each measurement the newest analysis."""
+
+import re
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Literal
+
+from motord.results.error import ResultsError
+from motord.results.query import query
+from motord.results.row import COLUMNS, ResultRow
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+NEAR_NAMES = 5
+"""Names that are proposed for one that there is not."""
+
+Column = Literal["serial", "run", "version"]
+
+
+def rows_of(table: "pa.Table", field: str | None, where: str = "") -> list[ResultRow]:
+    """Return the rows of a field, or all, for which the SQL condition holds, in order of time.
+
+    Raises ResultsError, which proposes near names, if there are none.
+    """
+    condition = f"WHERE ({where}\n)" if where else ""
+    found = query(table, f"SELECT {', '.join(COLUMNS)} FROM results {condition}")
+    rows = [ResultRow(*row) for row in found.rows]
+    if not rows:
+        raise ResultsError(f"no results where {where}" if where else "the store is empty")
+    if field is None:
+        return sorted(rows, key=_order)
+    chosen = [row for row in rows if row.field == field]
+    if not chosen:
+        raise ResultsError(f"no field {field!r}{_proposed(field, {row.field for row in rows})}")
+    experiments = sorted({row.experiment for row in chosen})
+    if len(experiments) > 1:
+        raise ResultsError(
+            f"{field} is a field of {', '.join(experiments)}: choose one with "
+            f"--where \"experiment = '{experiments[0]}'\""
+        )
+    return sorted(chosen, key=_order)
+
+
+def newest(rows: Iterable[ResultRow]) -> list[ResultRow]:
+    """Return of each measurement the rows of the newest version that analysed it.
+
+    Raises ResultsError where that did with more than one choice of settings.
+    """
+    versions: dict[tuple[object, ...], set[str]] = {}
+    rows = list(rows)
+    for row in rows:
+        versions.setdefault(_measurement(row), set()).add(row.version)
+    last = {key: max(found, key=_version_key) for key, found in versions.items()}
+    kept = [row for row in rows if row.version == last[_measurement(row)]]
+    settings: dict[tuple[object, ...], str] = {}
+    for row in kept:
+        if settings.setdefault(_measurement(row), row.settings) != row.settings:
+            first = settings[_measurement(row)]
+            raise ResultsError(
+                f"{row.run} was analysed with settings {first} and {row.settings}: choose with "
+                "--where \"settings LIKE '%...%'\""
+            )
+    return kept
+
+
+def either(
+    rows: Sequence[ResultRow], a: str, b: str
+) -> tuple[Column, list[ResultRow], list[ResultRow]]:
+    """Return what a and b are, serial numbers, recordings or versions, and the rows of each.
+
+    Raises ResultsError, which proposes near names.
+    """
+    columns: tuple[Column, ...] = ("serial", "run", "version")
+    for column in columns:
+        of_a, of_b = ([row for row in rows if name in _names(row, column)] for name in (a, b))
+        if of_a and of_b:
+            return column, of_a, of_b
+    known = {name for row in rows for column in columns for name in _names(row, column)}
+    unknown = next((name for name in (a, b) if name not in known), None)
+    if unknown is None:
+        raise ResultsError(f"{a} and {b} are not both serial numbers, recordings or versions")
+    said = "no serial number, recording or version"
+    raise ResultsError(f"{said} {unknown!r}{_proposed(unknown, known)}")
+
+
+def _names(row: ResultRow, column: Column) -> tuple[str, ...]:
+    """Return the names by which a row is chosen: of several recordings all and each."""
+    value = getattr(row, column)
+    return (value, *value.split(", ")) if column == "run" else (value,)
+
+
+def _measurement(row: ResultRow) -> tuple[object, ...]:
+    return row.experiment, row.motor, row.serial, row.bench, row.run, row.time
+
+
+def _order(row: ResultRow) -> tuple[object, ...]:
+    return row.time, row.run, row.version
+
+
+def _version_key(version: str) -> tuple[tuple[int, int, str], ...]:
+    """Return what versions are ordered by: numbers as numbers, a release after its candidates."""
+    parts = re.findall(r"\d+|[a-z]+", version.partition("+")[0].lower())
+    order = [
+        (2, int(one), "") if one.isdecimal() else (int(one == "post"), 0, one) for one in parts
+    ]
+    return (*order, (1, 0, "")) if version else ()
+
+
+def _proposed(name: str, known: Iterable[str]) -> str:
+    """Return names that may be meant, as the end of a sentence."""
+    names = sorted(filter(None, known))
+    within = [one for one in names if name and name.lower() in one.lower()]
+    near = list(dict.fromkeys((*within, *get_close_matches(name, names, NEAR_NAMES, 0.4))))
+    return f"; near: {', '.join((near or names)[:NEAR_NAMES])}"
