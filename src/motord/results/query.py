@@ -48,7 +48,7 @@ def query(table: "pa.Table", sql: str, parameters: Sequence[object] = ()) -> Ans
             connection.execute("SET lock_configuration = true")
             statements = connection.extract_statements(sql)
             if [one.type.name for one in statements] not in [[kind] for kind in KINDS]:
-                raise ResultsError("one statement that changes nothing, please: SELECT ...")
+                raise ResultsError("SQL: give one SELECT: the store is only read")
             answer = connection.execute(statements[0], parameters)
             columns = tuple(column[0] for column in answer.description or ())
             return Answer(columns, answer.fetchall())

@@ -45,10 +45,13 @@ def rows_of(table: "pa.Table", field: str | None, where: str = "") -> list[Resul
 def newest(rows: Iterable[ResultRow]) -> list[ResultRow]:
     """Return of each measurement the rows of the newest version that analysed it.
 
-    Raises ResultsError where that did with more than one choice of settings.
+    One of an unknown version, whose time is not that of its recordings, counts only where no other
+    result has recordings of these names. Raises ResultsError where that did with more than one choice of settings.
     """
     versions: dict[tuple[object, ...], set[str]] = {}
     rows = list(rows)
+    analysed = {_recordings(row) for row in rows if row.version}
+    rows = [row for row in rows if row.version or _recordings(row) not in analysed]
     for row in rows:
         versions.setdefault(_measurement(row), set()).add(row.version)
     last = {key: max(found, key=_version_key) for key, found in versions.items()}
@@ -75,6 +78,9 @@ def either(
     for column in columns:
         of_a, of_b = ([row for row in rows if name in _names(row, column)] for name in (a, b))
         if of_a and of_b:
+            if column == "run":
+                _require_one_motor(a, of_a)
+                _require_one_motor(b, of_b)
             return column, of_a, of_b
     known = {name for row in rows for column in columns for name in _names(row, column)}
     unknown = next((name for name in (a, b) if name not in known), None)
@@ -84,14 +90,27 @@ def either(
     raise ResultsError(f"{said} {unknown!r}{_proposed(unknown, known)}")
 
 
+def _require_one_motor(name: str, rows: Sequence[ResultRow]) -> None:
+    motors = sorted({row.serial or row.motor for row in rows})
+    if len(motors) > 1:
+        raise ResultsError(
+            f"{name} is a recording of {', '.join(motors)}: choose with "
+            f"--where \"serial = '{motors[0]}'\""
+        )
+
+
 def _names(row: ResultRow, column: Column) -> tuple[str, ...]:
     """Return the names by which a row is chosen: of several recordings all and each."""
     value = getattr(row, column)
     return (value, *value.split(", ")) if column == "run" else (value,)
 
 
+def _recordings(row: ResultRow) -> tuple[object, ...]:
+    return row.experiment, row.motor, row.serial, row.run
+
+
 def _measurement(row: ResultRow) -> tuple[object, ...]:
-    return row.experiment, row.motor, row.serial, row.bench, row.run, row.time
+    return *_recordings(row), row.bench, row.time
 
 
 def _order(row: ResultRow) -> tuple[object, ...]:

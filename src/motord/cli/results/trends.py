@@ -70,14 +70,14 @@ def trend(
 def _print(by: str, one: "Trend") -> None:
     from motord.results.control_chart import PRELIMINARY, RULES
 
-    name, unit = f"{by} {one.name or '(none)'}", one.rows[0].unit
+    name, unit = f"{by} {one.name or '(none)'}", f" {one.rows[0].unit}".rstrip()
     if one.chart is None:
-        print_line(f"{name}: one result, {one.values[0]:.6g} {unit}: no limits")
+        print_line(f"{name}: one result, {one.values[0]:.6g}{unit}: no limits")
         return
     low, high = one.chart.limits
     stated = f"{one.stderr:.2g}" if one.stderr is not None else "none"
     print_line(
-        f"{name}: {len(one.rows)} results, mean {one.chart.centre:.6g} {unit}, "
+        f"{name}: {len(one.rows)} results, mean {one.chart.centre:.6g}{unit}, "
         f"sigma {one.chart.sigma:.2g}, limits {low:.6g} to {high:.6g}; "
         f"stated standard error {stated}"
     )

@@ -65,7 +65,7 @@ def _chart(axes: Axes, panel: ChartPanel) -> None:
     step = max(1, -(-panel.values.size // DATES))
     axes.set_xticks(place[::step], [panel.dates[at] for at in place[::step]])
     axes.set_xlim(-0.5, panel.values.size - 0.5)
-    axes.margins(y=0.15)
+    axes.margins(y=0.2)
     axes.grid(visible=False, axis="x")
 
 
@@ -76,8 +76,9 @@ def _mark(axes: Axes, panel: ChartPanel) -> None:
         marked, panel.values[marked], "o", mfc="none", mec=SERIOUS, mew=1.8, markersize=10,
         zorder=4, label="completes a rule (its number)",
     )  # fmt: skip
+    tops = panel.values + np.nan_to_num(panel.errors[1])
     for at in marked:
         axes.annotate(
-            ",".join(map(str, panel.violated[at])), (at, panel.values[at]), xytext=(7, 6),
+            ",".join(map(str, panel.violated[at])), (at, tops[at]), xytext=(0, 7), ha="center",
             textcoords="offset points", color=SERIOUS, fontsize=9.5, weight="bold",
         )  # fmt: skip
