@@ -111,8 +111,8 @@ def _figure(field: str, unit: str, value: float, errors: dict[str, Any], freedom
     ends = errors.get("interval")
     low = _number(errors.get("low") if ends is None else _element(ends, 0))
     high = _number(errors.get("high") if ends is None else _element(ends, 1))
-    if half is not None and (low is None or high is None):
-        low, high = value - half, value + half
+    if low is None or high is None:
+        low, high = (None, None) if half is None else (value - half, value + half)
     return Figure(field, unit, value, stderr, low, high)
 
 

@@ -42,6 +42,7 @@ def query(table: "pa.Table", sql: str, parameters: Sequence[object] = ()) -> Ans
     naive = table.column("time").cast(pa.timestamp("us"))
     rows = table.set_column(table.schema.get_field_index("time"), "time", naive)
     try:
+        sql.encode()
         with engine.connect(":memory:", config=OPTIONS) as connection:
             connection.register(VIEW, rows)
             connection.execute("SET enable_external_access = false")

@@ -19,6 +19,7 @@ def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        json.dumps(content, ensure_ascii=False).encode()  # no halves of characters
         digest, changed_s = file_digest(path), path.stat().st_mtime
     except OSError as error:
         raise ResultsError(f"{path}: cannot read it: {error.strerror}") from error

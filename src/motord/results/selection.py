@@ -46,7 +46,8 @@ def newest(rows: Iterable[ResultRow]) -> list[ResultRow]:
     """Return of each measurement the rows of the newest version that analysed it.
 
     One of an unknown version, whose time is not that of its recordings, counts only where no other
-    result has recordings of these names. Raises ResultsError where that did with more than one choice of settings.
+    result has recordings of these names. Raises ResultsError where there are results by several
+    choices of settings.
     """
     versions: dict[tuple[object, ...], set[str]] = {}
     rows = list(rows)

@@ -79,6 +79,7 @@ class ResultsStore:
 
     def read(self) -> Contents:
         """Return all rows, in the order of the files' names. Raises ResultsError."""
+        parquet()
         import pyarrow as pa
 
         tables, unreadable = [table_schema().empty_table()], []

@@ -20,14 +20,12 @@ def figure(value=0.8, field="alpha.a", unit="", stderr=0.001):
 
 def result(number=0, values=(0.8,), **changes):
     """Return the calibration of recording `number`, a day after the one before it."""
-    figures = [
-        figure(value, f"alpha.{phase}") for value, phase in zip(values, "abc", strict=False)
-    ]
+    figures = [figure(value, f"alpha.{phase}") for value, phase in zip(values, "abc", strict=False)]
     known = {
         "experiment": "calibrate", "motor": "axial-flux 48/16", "serial": "A-1", "bench": "north",
         "run": f"run-{number:03d}.mcap", "time": BEGIN + timedelta(days=number), "version": "1.0",
-        "settings": {"method": "joint"}, "recordings": [(f"run-{number:03d}.mcap", f"{number:064x}")],
-        "figures": figures,
+        "settings": {"method": "joint"}, "figures": figures,
+        "recordings": [(f"run-{number:03d}.mcap", f"{number:064x}")],
     }  # fmt: skip
     return StoredResult(**{**known, **changes})
 

@@ -6,8 +6,8 @@ from motord.attribute_docs import described
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.service.rpc.plan_forms import setting_fields
-from motord.unit_suffixes import unit_of
 from motord.service.rpc.plan_list import plan_form
+from motord.unit_suffixes import unit_of
 from tests.unit.service.virtual_service import VirtualService
 
 
