@@ -77,10 +77,11 @@ def control_chart(values: np.ndarray) -> ControlChart:
 
 def violations(values: np.ndarray, centre: float, sigma: float) -> tuple[tuple[int, ...], ...]:
     """Return which rules each value (n,) completes; it is itself one of the points that count."""
+    rounding = 4 * np.spacing(abs(centre))
     found: list[list[int]] = [[] for _ in values]
     for rule in RULES:
         for side in (1, -1):
-            beyond = side * (values - centre) > rule.sigmas * sigma
+            beyond = side * (values - centre) > rule.sigmas * sigma + rounding
             before = np.concatenate([[0], np.cumsum(beyond)])
             first = np.maximum(np.arange(values.size) + 1 - rule.window, 0)
             enough = before[1:] - before[first] >= rule.count

@@ -85,6 +85,7 @@ def either(
             return column, of_a, of_b
     known = {name for row in rows for column in columns for name in _names(row, column)}
     unknown = next((name for name in (a, b) if name not in known), None)
+    known = {name for name in known if ", " not in name}
     if unknown is None:
         raise ResultsError(f"{a} and {b} are not both serial numbers, recordings or versions")
     said = "no serial number, recording or version"
@@ -103,7 +104,7 @@ def _require_one_motor(name: str, rows: Sequence[ResultRow]) -> None:
 def _names(row: ResultRow, column: Column) -> tuple[str, ...]:
     """Return the names by which a row is chosen: of several recordings all and each."""
     value = getattr(row, column)
-    return (value, *value.split(", ")) if column == "run" else (value,)
+    return tuple(dict.fromkeys((value, *value.split(", ")))) if column == "run" else (value,)
 
 
 def _recordings(row: ResultRow) -> tuple[object, ...]:
