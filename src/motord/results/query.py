@@ -19,7 +19,7 @@ OPTIONS = {
 }
 """No extensions, no variables of this program as tables, no files to swap to."""
 
-KINDS = ("SELECT", "EXPLAIN", "MULTI")
+KINDS = ("SELECT", "MULTI")
 """Statements that change nothing; MULTI is PIVOT, which finds out its columns first."""
 
 

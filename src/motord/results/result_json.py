@@ -27,8 +27,11 @@ def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
         raise ResultsError(f"{path}: no result of an analysis: no valid JSON: {error}") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(schema, str) or schema not in experiments:
-        found = f"its schema is {schema!r}" if schema else "it names no schema"
-        raise ResultsError(f"{path}: no result of an analysis: {found}")
+        said = f"its schema is {schema!r}" if schema else "it names no schema"
+        raise ResultsError(f"{path}: no result of an analysis: {said}")
+    found = figures(content)
+    if not found:
+        raise ResultsError(f"{path}: no result of an analysis: it has no figures")
     motor = content.get("motor")
     known: Mapping[str, Any] = motor if isinstance(motor, dict) else {"name": motor}
     runs = content.get("runs")
@@ -42,7 +45,7 @@ def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
         version="",
         settings={"added": f"sha256:{digest}"},
         recordings=(),
-        figures=figures(content),
+        figures=found,
     )
 
 

@@ -122,7 +122,7 @@ def _as_json(by: str, one: "Trend") -> dict[str, Any]:
 
 def _draw(field: str, by: str, found: "list[Trend]", path: Path) -> None:
     from motord.report.plots.control_charts import ChartPanel, control_charts
-    from motord.report.style import PAPER
+    from motord.report.style import PAPER, drawing
 
     if len(found) > PANELS_MAX:
         fail(f"{len(found)} charts, at most {PANELS_MAX} on a picture: choose with --where")
@@ -141,7 +141,11 @@ def _draw(field: str, by: str, found: "list[Trend]", path: Path) -> None:
     ]
     unit = found[0].rows[0].unit
     kind = path.suffix.removeprefix(".")
-    buffer = io.BytesIO()
     label = f"{field} ({unit})" if unit else field
-    control_charts(label, panels).savefig(buffer, format=kind, dpi=150, facecolor=PAPER)
+    buffer = io.BytesIO()
+    with drawing():
+        control_charts(label, panels).savefig(
+            buffer, format=kind, dpi=150, facecolor=PAPER,
+            metadata={"Date": None} if kind == "svg" else None,
+        )  # fmt: skip
     write_whole(path, buffer.getvalue())
