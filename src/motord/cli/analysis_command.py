@@ -15,11 +15,11 @@ from motord.atomic_write import write_whole
 from motord.cli.common_options import ResultAsJson
 from motord.cli.console import (
     CommandGroup,
-    fail,
     group,
     phase_bars,
     plain_console,
     print_json,
+    remark,
     single,
 )
 from motord.cli.results.store_options import AnalysisStorage, Store
@@ -158,7 +158,8 @@ def _storage(
     if given["store"] is None:
         return None
     if not given["runs"]:
-        fail("a store keeps results of recordings: name some, or leave out --store")
+        remark("not stored: a store keeps results of recordings")
+        return None
     settings = {name: value for name, value in options.items() if name not in analysis.outputs}
     if given["config"] is not None:
         settings["config"] = given["config"]

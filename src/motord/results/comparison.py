@@ -21,7 +21,7 @@ FALSE_ALARMS = 1 - LEVEL
 
 
 @dataclass(frozen=True)
-class Estimate:
+class MeanFigure:
     """A figure by one or more results: mean, standard uncertainty, its degrees of freedom.
 
     uncertainty: None where no result states any, and their scatter does not show it.
@@ -47,8 +47,8 @@ class Difference:
     experiment: str
     field: str
     unit: str
-    a: Estimate
-    b: Estimate
+    a: MeanFigure
+    b: MeanFigure
     difference: float
     half_width: float | None
     p_value: float | None
@@ -65,7 +65,7 @@ def compare(
     return _judged([_difference(key, a[key], b[key]) for key in a if key in b])
 
 
-def estimate(results: Sequence[Figure]) -> Estimate:
+def mean_of(results: Sequence[Figure]) -> MeanFigure:
     """Return the mean of results of one field (one at least), n of them.
 
     Its uncertainty is the larger one of what the results state and of what their scatter shows.
@@ -82,11 +82,11 @@ def estimate(results: Sequence[Figure]) -> Estimate:
         scatter = float(np.std(values, ddof=1) / np.sqrt(n))
         if stated is None or scatter > stated:
             stated, freedom = scatter, n - 1
-    return Estimate(float(np.mean(values)), stated, freedom, n)
+    return MeanFigure(float(np.mean(values)), stated, freedom, n)
 
 
 def _difference(key: Key, of_a: Sequence[Figure], of_b: Sequence[Figure]) -> Difference:
-    a, b = estimate(of_a), estimate(of_b)
+    a, b = mean_of(of_a), mean_of(of_b)
     difference = without_turns(of_a[0], b.value - a.value)
     if a.uncertainty is None or b.uncertainty is None:
         return Difference(*key, a, b, difference, None, None)

@@ -164,7 +164,6 @@ def test_what_cannot_be_written_is_one_line(words, folder):
         "security add anna --role viewer --in .",
         "analyse cogging none.mcap -c none.toml",
         "analyse calibrate none.mcap --store store",
-        "analyse sensitivity -c good.toml --calibration good.json --store store",
     ],
 )
 def test_what_cannot_be_done_is_one_line(words):

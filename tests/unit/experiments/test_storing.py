@@ -90,6 +90,15 @@ def test_a_result_that_cannot_be_stored_is_printed_and_written(
     assert list((tmp_path / "store").iterdir()) == []
 
 
+def test_theory_without_recordings_is_not_stored(recorded: Recorded, tmp_path: Path) -> None:
+    arguments = ("-c", packaged("sim.toml"), "--calibration", recorded.calibration)
+    code, out, said = run(analyse, "sensitivity", *arguments, "--store", tmp_path / "store")
+    assert code == 0
+    assert "theory" in out
+    assert said == "not stored: a store keeps results of recordings\n"
+    assert not (tmp_path / "store").exists()
+
+
 def test_nothing_is_analysed_for_a_store_that_cannot_be(
     recorded: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import ttest_ind
 
 from motord.intervals import coverage_factor
-from motord.results.comparison import compare, estimate
+from motord.results.comparison import compare, mean_of
 from motord.results.figures import Figure
 
 KEY = ("calibrate", "alpha.a", "")
@@ -47,15 +47,15 @@ def test_few_degrees_of_freedom_widen_the_interval():
 
 
 def test_several_results_are_averaged_and_their_scatter_counts():
-    found = estimate([measured(1.0, 0.01), measured(2.0, 0.01), measured(3.0, 0.01)])
+    found = mean_of([measured(1.0, 0.01), measured(2.0, 0.01), measured(3.0, 0.01)])
     assert (found.value, found.results, found.freedom) == (2.0, 3, 2)
     assert found.uncertainty == pytest.approx(1 / np.sqrt(3))
-    close = estimate([measured(2.0, 0.3), measured(2.001, 0.4)])
+    close = mean_of([measured(2.0, 0.3), measured(2.001, 0.4)])
     assert close.uncertainty == pytest.approx(0.25)
 
 
 def test_an_interval_alone_gives_the_uncertainty():
-    found = estimate([Figure("coulomb_Nm", "Nm", 3.0, None, 2.0, 4.0)])
+    found = mean_of([Figure("coulomb_Nm", "Nm", 3.0, None, 2.0, 4.0)])
     assert found.uncertainty == pytest.approx(1 / 1.959964, rel=1e-5)
 
 
@@ -74,7 +74,7 @@ def test_phases_differ_by_less_than_half_a_turn():
     key = ("cogging", "harmonics.16.phase_rad", "rad")
     a, b = (measured(v, 0.01, field=key[1], unit="rad") for v in (3.1, -3.1))
     assert only([a], [b], key).difference == pytest.approx(2 * np.pi - 6.2)
-    assert estimate([a, b]).value == pytest.approx(np.pi)
+    assert mean_of([a, b]).value == pytest.approx(np.pi)
     plain = [measured(v, 0.01, field="encoder_offset_rad", unit="rad") for v in (3.1, -3.1)]
     assert only(plain[:1], plain[1:]).difference == pytest.approx(-6.2)
 

@@ -13,8 +13,6 @@ from motord.cli.results.store_options import StoreReading, StoreToRead, named
 from motord.cli.results.trends import trend
 
 app = group("Query results of analyses, follow them over time, compare them.")
-app.command()(trend)
-app.command()(compare)
 
 
 @app.command()
@@ -48,6 +46,10 @@ def query(
     if not reading.table.num_rows:
         remark(f"{reading.folder}: the store is empty")
     reading.finish()
+
+
+app.command()(trend)
+app.command()(compare)
 
 
 @app.command()
