@@ -68,16 +68,17 @@ def compare(
 def mean_of(results: Sequence[Figure]) -> MeanFigure:
     """Return the mean of results of one field (one at least), n of them.
 
-    Its uncertainty is the larger one of what the results state and of what their scatter shows.
+    Its uncertainty is the larger one of what the results state (those that state none are taken to
+    be like the others) and of what their scatter shows.
     """
     values = unwrapped(results)
     n = len(values)
     each = [_uncertainty(one) for one in results]
     known = [(u, freedom) for u, freedom in each if u is not None]
     stated, freedom = None, inf
-    if len(known) == n:
-        stated = float(np.sqrt(sum(u**2 for u, _ in known))) / n
-        freedom = _welch([(u / n, freedom) for u, freedom in known])
+    if known:
+        stated = float(np.sqrt(np.mean([u**2 for u, _ in known]) / n))
+        freedom = _welch(known)
     if n > 1:
         scatter = float(np.std(values, ddof=1) / np.sqrt(n))
         if stated is None or scatter > stated:

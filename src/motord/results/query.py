@@ -59,4 +59,4 @@ def query(table: "pa.Table", sql: str, parameters: Sequence[object] = ()) -> Ans
 
 def _first_paragraph(text: str) -> str:
     """Return an error without the picture of where in the statement it is."""
-    return " ".join(text.split("\n\n")[0].partition("\nLINE ")[0].split())
+    return " ".join(text.split("\n\n")[0].split())

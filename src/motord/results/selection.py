@@ -23,7 +23,7 @@ def rows_of(table: "pa.Table", field: str | None, where: str = "") -> list[Resul
 
     Raises ResultsError, which proposes near names, if there are none.
     """
-    condition = f"WHERE ({where}\n)" if where else ""
+    condition = f"WHERE {where}" if where else ""
     found = query(table, f"SELECT {', '.join(COLUMNS)} FROM results {condition}")
     rows = [ResultRow(*row) for row in found.rows]
     if not rows:

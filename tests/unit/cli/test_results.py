@@ -183,6 +183,8 @@ def test_two_versions_of_the_same_recordings_share_their_noise(folder):
     assert "same recordings, whose noise they share" in text
     store.add(result(5, version="1.2"))
     assert "whose noise" not in motord("results compare 1.0 1.2").stdout
+    fill(folder / "store", 0.8, serial="B")
+    assert "whose noise" not in motord("results compare A-1 B").stdout
 
 
 def test_without_common_figures_nothing_is_compared(folder):

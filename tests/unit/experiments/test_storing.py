@@ -25,7 +25,7 @@ def stored(folder: Path) -> list[dict[str, object]]:
 
 def test_an_analysis_is_stored_once_with_what_it_is_of(recorded: Recorded, tmp_path: Path) -> None:
     store = tmp_path / "store"
-    code, out, said = run(analyse, "verify", recorded.off, recorded.on, "--json", "--store", store)
+    code, out, said = run(analyse, "verify", recorded.on, recorded.off, "--json", "--store", store)
     assert code == 0
     assert said.startswith(f"stored 36 figures in {store}/verify-")
     rows = stored(store)
@@ -41,7 +41,7 @@ def test_an_analysis_is_stored_once_with_what_it_is_of(recorded: Recorded, tmp_p
     values = {row["field"]: row["value"] for row in rows}
     errors = json.loads(out)["rms_error_percent"]
     assert values["rms_error_percent.after.mean"] == errors["after"]["mean"]
-    code, _, said = run(analyse, "verify", recorded.on, recorded.off, "--store", store)
+    code, _, said = run(analyse, "verify", recorded.off, recorded.on, "--store", store)
     assert code == 0
     assert said.startswith("duplicate result, nothing stored")
     assert stored(store) == rows
@@ -71,6 +71,20 @@ def test_settings_and_files_that_are_named_count_by_their_content(
     assert len(settings) == 3
     bench.write_text(bench.read_text() + "\n# changed\n")
     assert run(analyse, *verify, "-c", bench)[2].startswith("stored ")
+
+
+def test_a_table_that_the_bench_file_names_counts_too(recorded: Recorded, tmp_path: Path) -> None:
+    motor = load().motor
+    names = ("name", "serial", "pole_pairs", "slots", "counts", "rated_torque_Nm", "connection")
+    lines = [f"{name} = {json.dumps(getattr(motor, name))}" for name in names]
+    file = tmp_path / "motor.toml"
+    file.write_text("\n".join(["[motor]", *lines, 'back_emf = "table.json"']) + "\n")
+    verify = ("verify", recorded.on, "-c", file, "--store", tmp_path / "store")
+    for scale, new in ((1.0, True), (1.0, False), (1.01, True)):
+        table = {"k_V_s_per_rad": (scale * motor.back_emf_table()).tolist()}
+        (tmp_path / "table.json").write_text(json.dumps(table))
+        code, _, said = run(analyse, *verify)
+        assert (code, said.startswith("stored ")) == (0, new)
 
 
 def test_a_result_that_cannot_be_stored_is_printed_and_written(

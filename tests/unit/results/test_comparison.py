@@ -54,6 +54,12 @@ def test_several_results_are_averaged_and_their_scatter_counts():
     assert close.uncertainty == pytest.approx(0.25)
 
 
+def test_results_without_an_error_are_taken_to_be_like_the_others():
+    found = mean_of([measured(1.0, 0.3, 5), Figure("alpha.a", "", 1.0)])
+    assert found.uncertainty == pytest.approx(0.3 / np.sqrt(2))
+    assert found.freedom == pytest.approx(5)
+
+
 def test_an_interval_alone_gives_the_uncertainty():
     found = mean_of([Figure("coulomb_Nm", "Nm", 3.0, None, 2.0, 4.0)])
     assert found.uncertainty == pytest.approx(1 / 1.959964, rel=1e-5)

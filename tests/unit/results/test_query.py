@@ -126,6 +126,8 @@ REACHING_OUT = [
     "LOAD '{folder}/any.duckdb_extension'",
     "SELECT * FROM read_csv('https://example.org/a.csv')",
     "SELECT * FROM table_of_this_program",
+    "SELECT * FROM naive",
+    "SELECT * FROM rows",
     "SELECT getenv('HOME')",
     "SELECT * FROM duckdb_secrets()",
 ]

@@ -61,6 +61,7 @@ def test_the_columns_are_an_interface():
 def test_a_result_reads_back_as_it_was(result):
     table = decode_result(encode_result(result))
     assert table.schema.equals(table_schema())
+    assert table.schema.field("time").type == pa.timestamp("us", tz="UTC")
     assert table.to_pylist() == [vars(row) for row in result.rows()]
     assert encode_result(result) == encode_result(result)
 

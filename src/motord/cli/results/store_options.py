@@ -50,9 +50,9 @@ class AnalysisStorage:
 
         subject = recordings.subject
         settings = dict(self._settings)
-        if "config" in settings:  # the bench file may name others
-            parts = (subject.motor, subject.sensor, subject.accuracy)
-            settings["config"] += f" {text_digest([one.model_dump_json() for one in parts])}"
+        if "config" in settings:  # the bench file may name another one with the back-EMF
+            table = subject.motor.back_emf_table()
+            settings["config"] += f" back-emf:{text_digest(table.tolist())}"
         added = self._store.add(
             StoredResult(
                 experiment=self._experiment,
