@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import stdtr, stdtridf
 
 from motord.intervals import LEVEL, coverage_factor
-from motord.results.figures import Figure
+from motord.results.figures import ResultFigure
 from motord.results.phases import unwrapped, without_turns
 
 FALSE_ALARMS = 1 - LEVEL
@@ -56,7 +56,7 @@ class Difference:
 
 
 def compare(
-    a: Mapping[Key, Sequence[Figure]], b: Mapping[Key, Sequence[Figure]]
+    a: Mapping[Key, Sequence[ResultFigure]], b: Mapping[Key, Sequence[ResultFigure]]
 ) -> list[Difference]:
     """Return the differences of what both have, in the order of a.
 
@@ -65,7 +65,7 @@ def compare(
     return _judged([_difference(key, a[key], b[key]) for key in a if key in b])
 
 
-def mean_of(results: Sequence[Figure]) -> MeanFigure:
+def mean_of(results: Sequence[ResultFigure]) -> MeanFigure:
     """Return the mean of results of one field (one at least), n of them.
 
     Its uncertainty is the larger one of what the results state (those that state none are taken to
@@ -86,7 +86,7 @@ def mean_of(results: Sequence[Figure]) -> MeanFigure:
     return MeanFigure(float(np.mean(values)), stated, freedom, n)
 
 
-def _difference(key: Key, of_a: Sequence[Figure], of_b: Sequence[Figure]) -> Difference:
+def _difference(key: Key, of_a: Sequence[ResultFigure], of_b: Sequence[ResultFigure]) -> Difference:
     a, b = mean_of(of_a), mean_of(of_b)
     difference = without_turns(of_a[0], b.value - a.value)
     if a.uncertainty is None or b.uncertainty is None:
@@ -112,7 +112,7 @@ def _judged(found: Sequence[Difference]) -> list[Difference]:
     return [replace(one, changed=place in changed) for place, one in enumerate(found)]
 
 
-def _uncertainty(one: Figure) -> tuple[float | None, float]:
+def _uncertainty(one: ResultFigure) -> tuple[float | None, float]:
     """Return standard uncertainty and degrees of freedom, by what the 95 % interval is of it."""
     half = nan if one.low is None or one.high is None else (one.high - one.low) / 2
     if one.stderr is None:

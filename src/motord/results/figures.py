@@ -32,7 +32,7 @@ ROLES = {
 
 
 @dataclass(frozen=True)
-class Figure:
+class ResultFigure:
     """A quantity of a result with its standard error and 95 % interval; None: not stated."""
 
     field: str
@@ -55,12 +55,12 @@ class _Around:
         return _Around((*self.path, key), suffix or self.suffix, _number(freedom))
 
 
-def figures(content: Mapping[str, Any]) -> list[Figure]:
+def figures(content: Mapping[str, Any]) -> list[ResultFigure]:
     """Return all finite figures of a result, in its order."""
     return list(_of_object(content, _Around()))
 
 
-def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[Figure]:
+def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[ResultFigure]:
     freedom = content.get("degrees_of_freedom", content.get("freedom", around.freedom))
     errors = _errors(content)
     stated = {key for known in errors.values() for key in known.values()}
@@ -86,7 +86,7 @@ def _of_numbers(
     content: Mapping[str, Any],
     around: _Around,
     freedom: Any,
-) -> Iterator[Figure]:
+) -> Iterator[ResultFigure]:
     """Yield the figure of a number, or those of a short list of numbers."""
     path = around.path[:-1] if key == "value" else around.path
     unit = UNITS.get(around.suffix, "")
@@ -103,7 +103,9 @@ def _of_numbers(
             yield _figure(field, unit, value, own, _element(freedom, place))
 
 
-def _figure(field: str, unit: str, value: float, errors: dict[str, Any], freedom: Any) -> Figure:
+def _figure(
+    field: str, unit: str, value: float, errors: dict[str, Any], freedom: Any
+) -> ResultFigure:
     stderr = _number(errors.get("stderr"))
     half = _number(errors.get("half_width"))
     if half is None and stderr is not None:
@@ -113,7 +115,7 @@ def _figure(field: str, unit: str, value: float, errors: dict[str, Any], freedom
     high = _number(errors.get("high") if ends is None else _element(ends, 1))
     if low is None or high is None:
         low, high = (None, None) if half is None else (value - half, value + half)
-    return Figure(field, unit, value, stderr, low, high)
+    return ResultFigure(field, unit, value, stderr, low, high)
 
 
 def _errors(content: Mapping[str, Any]) -> dict[str, dict[str, str]]:

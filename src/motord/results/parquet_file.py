@@ -10,6 +10,7 @@ from motord.results.stored_result import StoredResult
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 SCHEMA_VERSION = 1
 """Of the files that are written; those of lower ones are read."""
@@ -51,20 +52,26 @@ def decode_result(data: bytes) -> "pa.Table":
     """Return the rows of a file, with the columns of `table_schema`. Raises NotAResultError."""
     import pyarrow as pa
 
-    version = schema_version(data)
+    file, version = _opened(data)
     try:
-        table = parquet().read_table(io.BytesIO(data)).select(COLUMNS)
+        table = file.read(use_threads=False).select(COLUMNS)
         return table.replace_schema_metadata().cast(table_schema())
     except (pa.ArrowException, KeyError, OSError, ValueError) as error:
         raise NotAResultError(f"damaged, of schema {version}: {_short(error)}") from None
 
 
-def schema_version(data: bytes) -> int:
-    """Return the schema version of a file. Raises NotAResultError, also for a newer one."""
+def check_result(data: bytes) -> None:
+    """Raise NotAResultError if a file is none of a result, by its end alone."""
+    _opened(data)
+
+
+def _opened(data: bytes) -> tuple["pq.ParquetFile", int]:
+    """Return a file and its schema version. Raises NotAResultError, also for a newer version."""
     import pyarrow as pa
 
     try:
-        metadata = parquet().read_schema(io.BytesIO(data)).metadata or {}
+        file = parquet().ParquetFile(pa.BufferReader(data), pre_buffer=False)
+        metadata = file.schema_arrow.metadata or {}
     except (pa.ArrowException, OSError, ValueError) as error:
         raise NotAResultError(f"no Parquet file: {_short(error)}") from None
     version = metadata.get(SCHEMA_KEY, b"").decode("ascii", "replace")
@@ -74,7 +81,7 @@ def schema_version(data: bytes) -> int:
         raise NotAResultError(
             f"of schema {version}, this motord reads up to {SCHEMA_VERSION}: update motord"
         )
-    return int(version)
+    return file, int(version)
 
 
 def _short(error: Any) -> str:

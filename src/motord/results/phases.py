@@ -5,10 +5,10 @@ from math import pi, remainder
 
 import numpy as np
 
-from motord.results.figures import Figure
+from motord.results.figures import ResultFigure
 
 
-def unwrapped(figures: Sequence[Figure]) -> np.ndarray:
+def unwrapped(figures: Sequence[ResultFigure]) -> np.ndarray:
     """Return the values (n,) of one field; phases within half a turn of the first."""
     first = figures[0]
     return np.array(
@@ -16,7 +16,7 @@ def unwrapped(figures: Sequence[Figure]) -> np.ndarray:
     )
 
 
-def without_turns(one: Figure, difference: float) -> float:
+def without_turns(one: ResultFigure, difference: float) -> float:
     """Return a difference from a figure, of a phase without whole turns."""
     phase = one.unit == "rad" and "phase" in one.field.rpartition(".")[2]
     return remainder(difference, 2 * pi) if phase else difference

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields
 from datetime import datetime
 
-from motord.results.figures import Figure
+from motord.results.figures import ResultFigure
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class ResultRow:
     high: float | None
 
     @property
-    def figure(self) -> Figure:
+    def figure(self) -> ResultFigure:
         """The figure alone."""
-        return Figure(self.field, self.unit, self.value, self.stderr, self.low, self.high)
+        return ResultFigure(self.field, self.unit, self.value, self.stderr, self.low, self.high)
 
 
 COLUMNS = tuple(one.name for one in fields(ResultRow))

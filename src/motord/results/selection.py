@@ -23,23 +23,36 @@ def rows_of(table: "pa.Table", field: str | None, where: str = "") -> list[Resul
 
     Raises ResultsError, which proposes near names, if there are none.
     """
-    condition = f"WHERE {where}" if where else ""
-    found = query(table, f"SELECT {', '.join(COLUMNS)} FROM results {condition}")
-    rows = [ResultRow(*row) for row in found.rows]
-    if not rows:
-        raise ResultsError(f"no results where {where}" if where else "the store is empty")
+    held = f"({where}\n)" if where else "true"
     if field is None:
-        return sorted(rows, key=_order)
-    chosen = [row for row in rows if row.field == field]
-    if not chosen:
-        raise ResultsError(f"no field {field!r}{_proposed(field, {row.field for row in rows})}")
-    experiments = sorted({row.experiment for row in chosen})
+        rows = _rows(table, held)
+        if not rows:
+            raise _none(where)
+        return rows
+    rows = _rows(table, f"field = ? AND {held}", field)
+    if not rows:
+        fields = query(table, f"SELECT DISTINCT field FROM results WHERE {held}")
+        known = [name for (name,) in fields.rows]
+        raise (
+            ResultsError(f"no field {field!r}{_proposed(field, known)}") if known else _none(where)
+        )
+    experiments = sorted({row.experiment for row in rows})
     if len(experiments) > 1:
         raise ResultsError(
             f"{field} is a field of {', '.join(experiments)}: choose one with "
             f"--where \"experiment = '{experiments[0]}'\""
         )
-    return sorted(chosen, key=_order)
+    return rows
+
+
+def _rows(table: "pa.Table", condition: str, *parameters: object) -> list[ResultRow]:
+    """Return rows in order of time."""
+    found = query(table, f"SELECT {', '.join(COLUMNS)} FROM results WHERE {condition}", parameters)
+    return sorted((ResultRow(*row) for row in found.rows), key=_order)
+
+
+def _none(where: str) -> ResultsError:
+    return ResultsError(f"no results where {where}" if where else "the store is empty")
 
 
 def newest(rows: Iterable[ResultRow]) -> list[ResultRow]:

@@ -9,9 +9,9 @@ from motord.atomic_write import write_whole
 from motord.results.error import ResultsError, parquet
 from motord.results.parquet_file import (
     NotAResultError,
+    check_result,
     decode_result,
     encode_result,
-    schema_version,
     table_schema,
 )
 from motord.results.stored_result import StoredResult
@@ -120,7 +120,7 @@ class ResultsStore:
     @staticmethod
     def _readable(path: Path) -> bool:
         try:
-            schema_version(path.read_bytes())
+            check_result(path.read_bytes())
         except (OSError, NotAResultError):
             return False
         return True

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from motord.results.figures import Figure
+from motord.results.figures import ResultFigure
 from motord.results.row import ResultRow
 
 NAME_MAX = 40
@@ -37,7 +37,7 @@ class StoredResult:
     version: str
     settings: Mapping[str, Any]
     recordings: Sequence[tuple[str, str]]
-    figures: Sequence[Figure]
+    figures: Sequence[ResultFigure]
 
     def rows(self) -> list[ResultRow]:
         """Return the rows of the table, one a figure."""

@@ -139,6 +139,7 @@ def test_a_picture_shows_points_intervals_limits_and_rules():
     [axes] = control_charts("alpha.a", [panel]).axes
     texts = [one.get_text() for one in axes.texts]
     assert texts == ["-3σ", "mean", "+3σ", "1,2"]
+    assert [one.xy[1] for one in axes.texts] == [0.0, 3.0, 6.0, 10.0]
     heights = {line.get_ydata()[0] for line in axes.lines if len(set(line.get_ydata())) == 1}
     assert {0.0, 3.0, 6.0} <= heights
     [bars] = axes.containers

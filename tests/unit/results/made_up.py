@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from motord.results.figures import Figure
+from motord.results.figures import ResultFigure
 from motord.results.row import ResultRow
 from motord.results.store import ResultsStore
 from motord.results.stored_result import StoredResult
@@ -15,7 +15,7 @@ BEGIN = datetime(2026, 3, 1, 8, tzinfo=UTC)
 def figure(value=0.8, field="alpha.a", unit="", stderr=0.001):
     half = 2.0 * stderr if stderr is not None else None
     ends = (None, None) if half is None else (value - half, value + half)
-    return Figure(field, unit, value, stderr, *ends)
+    return ResultFigure(field, unit, value, stderr, *ends)
 
 
 def result(number=0, values=(0.8,), **changes):

@@ -8,14 +8,14 @@ from scipy.stats import ttest_ind
 
 from motord.intervals import coverage_factor
 from motord.results.comparison import compare, mean_of
-from motord.results.figures import Figure
+from motord.results.figures import ResultFigure
 
 KEY = ("calibrate", "alpha.a", "")
 
 
 def measured(value, stderr, freedom=None, field="alpha.a", unit=""):
     half = coverage_factor(freedom) * stderr
-    return Figure(field, unit, value, stderr, value - half, value + half)
+    return ResultFigure(field, unit, value, stderr, value - half, value + half)
 
 
 def only(a, b, key=KEY):
@@ -55,18 +55,18 @@ def test_several_results_are_averaged_and_their_scatter_counts():
 
 
 def test_results_without_an_error_are_taken_to_be_like_the_others():
-    found = mean_of([measured(1.0, 0.3, 5), Figure("alpha.a", "", 1.0)])
+    found = mean_of([measured(1.0, 0.3, 5), ResultFigure("alpha.a", "", 1.0)])
     assert found.uncertainty == pytest.approx(0.3 / np.sqrt(2))
     assert found.freedom == pytest.approx(5)
 
 
 def test_an_interval_alone_gives_the_uncertainty():
-    found = mean_of([Figure("coulomb_Nm", "Nm", 3.0, None, 2.0, 4.0)])
+    found = mean_of([ResultFigure("coulomb_Nm", "Nm", 3.0, None, 2.0, 4.0)])
     assert found.uncertainty == pytest.approx(1 / 1.959964, rel=1e-5)
 
 
 def test_without_uncertainty_nothing_is_judged():
-    one = only([Figure("x", "", 1.0)], [measured(5.0, 0.1)])
+    one = only([ResultFigure("x", "", 1.0)], [measured(5.0, 0.1)])
     assert (one.difference, one.half_width, one.p_value, one.changed) == (4.0, None, None, False)
 
 

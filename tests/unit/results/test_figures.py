@@ -17,7 +17,7 @@ from motord.experiments.inertia.error_budget import Share
 from motord.experiments.sensitivity.slope_fit import Branch
 from motord.identification.point_ripple import PointRipple
 from motord.intervals import coverage_factor
-from motord.results.figures import Figure, figures
+from motord.results.figures import ResultFigure, figures
 from tests.unit.service.test_installation import calibration
 
 T5 = coverage_factor(5)
@@ -37,42 +37,42 @@ def interval(value, stderr, factor=MANY):
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ({"peak_Nm": 0.4}, [Figure("peak_Nm", "Nm", 0.4)]),
+        ({"peak_Nm": 0.4}, [ResultFigure("peak_Nm", "Nm", 0.4)]),
         (
             {"delay_s": 2.0, "delay_stderr_s": 1.0, "degrees_of_freedom": 5},
-            [Figure("delay_s", "s", 2.0, 1.0, 2 - T5, 2 + T5)],
+            [ResultFigure("delay_s", "s", 2.0, 1.0, 2 - T5, 2 + T5)],
         ),
         (
             {"inertia_kg_m2": 3.0, "uncertainty_kg_m2": 0.5, "interval_95_kg_m2": [1.5, 4.0]},
-            [Figure("inertia_kg_m2", "kg m2", 3.0, 0.5, 1.5, 4.0)],
+            [ResultFigure("inertia_kg_m2", "kg m2", 3.0, 0.5, 1.5, 4.0)],
         ),
         (
             {"coulomb_Nm": 3.0, "coulomb_low_Nm": 2.0, "coulomb_high_Nm": 5.0},
-            [Figure("coulomb_Nm", "Nm", 3.0, None, 2.0, 5.0)],
+            [ResultFigure("coulomb_Nm", "Nm", 3.0, None, 2.0, 5.0)],
         ),
         (
             {"order": 4, "amplitude_Nm": 1.0, "phase_rad": 2.0, "stderr_Nm": 0.25,
              "half_width_Nm": 0.5, "phase_half_width_rad": 1.0},
             [
-                Figure("order", "", 4.0),
-                Figure("amplitude_Nm", "Nm", 1.0, 0.25, 0.5, 1.5),
-                Figure("phase_rad", "rad", 2.0, None, 1.0, 3.0),
+                ResultFigure("order", "", 4.0),
+                ResultFigure("amplitude_Nm", "Nm", 1.0, 0.25, 0.5, 1.5),
+                ResultFigure("phase_rad", "rad", 2.0, None, 1.0, 3.0),
             ],
         ),
         (
             {"error_percent": {"after": {"max": 2}}},
-            [Figure("error_percent.after.max", "%", 2)],
+            [ResultFigure("error_percent.after.max", "%", 2)],
         ),
-        ({"alpha": [1, 2, 3]}, [Figure(f"alpha.{'abc'[n]}", "", n + 1) for n in range(3)]),
-        ({"turns": [1, 2, 3]}, [Figure(f"turns.{n}", "", n) for n in (1, 2, 3)]),
+        ({"alpha": [1, 2, 3]}, [ResultFigure(f"alpha.{'abc'[n]}", "", n + 1) for n in range(3)]),
+        ({"turns": [1, 2, 3]}, [ResultFigure(f"turns.{n}", "", n) for n in (1, 2, 3)]),
         ({"tau_cog_Nm": [0.1] * 17, "pairs": [[1, 2]], "seen": True, "text": "1"}, []),
         ({"a": float("nan"), "b": float("inf"), "c": 10**400, "d": None}, []),
         ({"motor": {"slots": 48}, "told": {"x_rad": 1.0}, "freedom": 4}, []),
-        ({"x_Nm": 2.0, "interval_95_Nm": [1.0]}, [Figure("x_Nm", "Nm", 2.0)]),
-        ({"value": 1.0, "stderr": "big", "unit": None}, [Figure("value", "", 1.0)]),
+        ({"x_Nm": 2.0, "interval_95_Nm": [1.0]}, [ResultFigure("x_Nm", "Nm", 2.0)]),
+        ({"value": 1.0, "stderr": "big", "unit": None}, [ResultFigure("value", "", 1.0)]),
         (
             {"degrees_of_freedom": {"alpha": [5]}, "alpha": [0.0, None, 1.0], "alpha_stderr": [1]},
-            [Figure("alpha.a", "", 0.0, 1.0, -T5, T5), Figure("alpha.c", "", 1.0)],
+            [ResultFigure("alpha.a", "", 0.0, 1.0, -T5, T5), ResultFigure("alpha.c", "", 1.0)],
         ),
     ],
 )  # fmt: skip
@@ -108,9 +108,11 @@ def test_calibration():
                 "phase_stderr_rad": 0.02, "degrees_of_freedom": 5.0}  # fmt: skip
     made = calibration(degrees_of_freedom=freedom, tau_cog_harmonics=[harmonic])
     found = by_field(made.to_json())
-    assert found["alpha.a"] == Figure("alpha.a", "", 0.8, 0.001, **interval(0.8, 0.001, T5))
+    assert found["alpha.a"] == ResultFigure("alpha.a", "", 0.8, 0.001, **interval(0.8, 0.001, T5))
     assert found["alpha.b"].high == pytest.approx(1.118 + coverage_factor(6) * 0.001)
-    assert found["beta_A.c"] == Figure("beta_A.c", "A", -0.5, 0.01, **interval(-0.5, 0.01, T5))
+    assert found["beta_A.c"] == ResultFigure(
+        "beta_A.c", "A", -0.5, 0.01, **interval(-0.5, 0.01, T5)
+    )
     assert found["tau_cog_harmonics.48.amplitude_Nm"].stderr == 0.01
     assert found["tau_cog_harmonics.48.phase_rad"].low == pytest.approx(1.0 - T5 * 0.02)
     assert found["condition_number"].stderr is None

@@ -70,6 +70,9 @@ def test_rows_are_in_order_of_time_whatever_the_names_of_their_files(tmp_path):
 
 def test_a_condition_chooses(table):
     assert [one.value for one in rows_of(table, "alpha.a", "value > 0.85")] == [0.9]
+    assert [one.field for one in rows_of(table, "delta_epsilon", "false OR true")] == [
+        "delta_epsilon"
+    ]
     assert [one.field for one in rows_of(table, None, "bench = 'south' -- only")] == [
         "delta_epsilon"
     ]

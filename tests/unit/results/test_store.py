@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from motord.results.error import ResultsError
-from motord.results.figures import Figure
+from motord.results.figures import ResultFigure
 from motord.results.parquet_file import (
     RECORDINGS_KEY,
     SCHEMA_KEY,
@@ -33,7 +33,7 @@ RELEASED = Path(__file__).parents[2] / "data" / "results-1.parquet"
 NAMES = st.text(max_size=12)
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 FIGURES = st.builds(
-    Figure, NAMES, NAMES, FINITE, st.none() | FINITE, st.none() | FINITE, st.none() | FINITE
+    ResultFigure, NAMES, NAMES, FINITE, st.none() | FINITE, st.none() | FINITE, st.none() | FINITE
 )
 RESULTS = st.builds(
     StoredResult,

@@ -13,7 +13,7 @@ from motord.cli.results.trends import Where
 
 if TYPE_CHECKING:
     from motord.results.comparison import Difference, Key
-    from motord.results.figures import Figure
+    from motord.results.figures import ResultFigure
     from motord.results.row import ResultRow
 
 
@@ -54,8 +54,8 @@ def compare(
     reading.finish()
 
 
-def _by_key(rows: "Iterable[ResultRow]") -> "dict[Key, list[Figure]]":
-    found: dict[Key, list[Figure]] = {}
+def _by_key(rows: "Iterable[ResultRow]") -> "dict[Key, list[ResultFigure]]":
+    found: dict[Key, list[ResultFigure]] = {}
     for row in rows:
         found.setdefault((row.experiment, row.field, row.unit), []).append(row.figure)
     return found
