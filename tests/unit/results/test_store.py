@@ -158,6 +158,15 @@ def test_files_of_released_schemas_stay_readable():
     assert rows == [vars(row) for row in result().rows()]
 
 
+def test_more_columns_than_the_table_has_are_passed_over(tmp_path):
+    store = fill(tmp_path / "s", 0.8)
+    [path] = (tmp_path / "s").iterdir()
+    table = parquet.read_table(path)
+    parquet.write_table(table.append_column("more", pa.array([1])), path)
+    assert store.read().unreadable == ()
+    assert store.read().table.schema.equals(table_schema())
+
+
 def foreign(path):
     parquet.write_table(pa.table({"a": [1]}), path)
 
