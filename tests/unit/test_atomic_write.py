@@ -11,6 +11,8 @@ def test_it_is_there_whole_and_alone(tmp_path: Path) -> None:
     write_whole(path, "old\n")
     write_whole(path, "new é\n")
     assert path.read_text(encoding="utf-8") == "new é\n"
+    write_whole(path, b"\xff\r\n")
+    assert path.read_bytes() == b"\xff\r\n"
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 

@@ -35,6 +35,7 @@ COMMANDS = {
     "test": "motord.cli.motor_test:run_test",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
+    "results": "motord.cli.results.commands:app",
     "record": "motord.cli.record.commands:app",
     "security": "motord.cli.security:app",
     "bridge": "motord.cli.viewers.bridge:app",

@@ -13,7 +13,16 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import CommandGroup, group, phase_bars, plain_console, print_json, single
+from motord.cli.console import (
+    CommandGroup,
+    group,
+    phase_bars,
+    plain_console,
+    print_json,
+    remark,
+    single,
+)
+from motord.cli.results.store_options import AnalysisStorage, Store
 
 if TYPE_CHECKING:
     from motord.config.experiments import AnalysisKind
@@ -84,7 +93,7 @@ def _command(kind: "AnalysisKind") -> Callable[..., None]:
         options = {one.name: given[one.name] for one in own}
         if named:
             options["command"] = context.info_name
-        _run(analysis, given["runs"] or [], given["config"], options, given)
+        _run(analysis, kind.name, options, given)
 
     keyword = Parameter.KEYWORD_ONLY
     runs = typer.Argument(metavar="RUN..." if needed else "[RUN...]", help="Recordings, .mcap.")
@@ -97,6 +106,7 @@ def _command(kind: "AnalysisKind") -> Callable[..., None]:
         ),
         Parameter("output", keyword, default=None, annotation=Output),
         Parameter("report", keyword, default=None, annotation=Report),
+        Parameter("store", keyword, default=None, annotation=Store),
         *own,
         Parameter("config", keyword, default=None, annotation=BenchFile),
         Parameter("as_json", keyword, default=False, annotation=ResultAsJson),
@@ -108,26 +118,24 @@ def _command(kind: "AnalysisKind") -> Callable[..., None]:
 
 
 def _run(
-    analysis: "Analysis[Any]",
-    paths: list[Path],
-    config: Path | None,
-    options: dict[str, Any],
-    given: dict[str, Any],
+    analysis: "Analysis[Any]", kind: str, options: dict[str, Any], given: dict[str, Any]
 ) -> None:
-    """Estimate, write what is asked for, print."""
+    """Estimate, write what is asked for, print, store."""
     from motord.experiments.subject import Recordings
 
+    paths, config = given["runs"] or [], given["config"]
     output, report = given["output"], given["report"]
+    storage = _storage(analysis, kind, options, given)
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)  # each recording stays open
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     with phase_bars(silent=given["as_json"]) as progress:
         recordings = Recordings.open(paths, config, progress)
         result = analysis.estimate(recordings, **options)
+    content = analysis.to_json(result, recordings)
     if output and analysis.save:
         analysis.save(result, output)
     elif output:
-        text = json.dumps(analysis.to_json(result, recordings), indent=analysis.indent)
-        write_whole(output, text + "\n")
+        write_whole(output, json.dumps(content, indent=analysis.indent) + "\n")
     if report:
         from motord.experiments.operator_notes import add_operator_notes
 
@@ -135,10 +143,27 @@ def _run(
         add_operator_notes(page, recordings)
         page.write(report)
     if given["as_json"]:
-        print_json(analysis.to_json(result, recordings))
-        return
-    print_text(analysis.lines(result, recordings))
-    print_files(output, report)
+        print_json(content)
+    else:
+        print_text(analysis.lines(result, recordings))
+        print_files(output, report)
+    if storage is not None:
+        storage.add(content, recordings)
+
+
+def _storage(
+    analysis: "Analysis[Any]", kind: str, options: dict[str, Any], given: dict[str, Any]
+) -> AnalysisStorage | None:
+    """Return where the result is to be stored, if it is."""
+    if given["store"] is None:
+        return None
+    if not given["runs"]:
+        remark("not stored: a store keeps results of recordings")
+        return None
+    settings = {name: value for name, value in options.items() if name not in analysis.outputs}
+    if given["config"] is not None:
+        settings["config"] = given["config"]
+    return AnalysisStorage(given["store"], kind, settings)
 
 
 def print_files(*files: Path | None) -> None:

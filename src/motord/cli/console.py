@@ -71,6 +71,7 @@ EXPLAINED = frozenset(
         "motord.identification.IdentifyError",
         "motord.loop.latency.LatencyError",
         "motord.recording.errors.RecordError",
+        "motord.results.error.ResultsError",
         "motord.security.error.SecurityError",
         "motord.sequencing.settings.PlanError",
         "motord.service.daemon.LoopFailedError",

@@ -45,8 +45,9 @@ class PlanKind:
 class AnalysisKind:
     """A kind of `motord analyse`. command: `module:object`, an `experiments.analysis.Analysis`.
 
-    aliases: further names of the command, which its help does not list. figures: those of its
-    result that have an uncertainty.
+    aliases: further names of the command, which its help does not list. schema: what its JSON names
+    as its `schema`, by which `motord results add` knows it; "" if it names none. figures: those of
+    its result that have an uncertainty.
     """
 
     name: str
@@ -54,6 +55,7 @@ class AnalysisKind:
     command: str
     aliases: tuple[str, ...] = ()
     figures: tuple[FigureKind, ...] = ()
+    schema: str = ""
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,8 @@ class Analysis(Generic[Result]):
     estimate: `Recordings` to result; its further parameters, annotated for typer, are the command's
     own options, but for `command`, the name by which it was called. json: the result as `--json`
     prints it; report: its page; text: what the terminal shows. save: writes what `-o` asks for,
-    by default the JSON, with `indent`. details: more of the command's help.
+    by default the JSON, with `indent`. details: more of the command's help. outputs: options that
+    name files to write, which are no settings of the analysis.
 
     Where the data depart from the model the result says so in its `findings`, a field or property.
     They are shown here for all: `to_json`, `page` and `lines` are what the three give, with them.
@@ -78,6 +79,7 @@ class Analysis(Generic[Result]):
     indent: int | None = 1
     details: str = ""
     needs_recordings: bool = True
+    outputs: tuple[str, ...] = ()
 
     def to_json(self, result: Result, recordings: "Recordings") -> dict[str, Any]:
         """Return the result as JSON, with its findings."""

@@ -42,6 +42,7 @@ AFTER = PALETTE["after"].light
 REFERENCE = PALETTE["reference"].light
 OTHER = PALETTE["other"].light
 PAPER = PALETTE["paper"].light
+SERIOUS = PALETTE["serious"].light
 
 WIDTH_IN = 9.0
 """Width of a picture that fills the page."""

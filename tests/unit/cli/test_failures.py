@@ -59,6 +59,7 @@ FILES = [
     "security add anna --role viewer --in {}",
     "security remove anna --in {}",
     "status --connect tls/127.0.0.1:1 --identity {}",
+    "results add {} --store store",
 ]
 NOWHERE = [
     "simulate calibrate --set torques_Nm=2 --set speeds_Hz=1.0 --set turns=2 -o {}.mcap",
@@ -68,6 +69,11 @@ NOWHERE = [
     "calibration list --dir {}",
     "calibration export --format odrive good.json -o {}",
     "test type.toml --serial 1 --certificate {}/c.html",
+    "results add good.json --store {}",
+    "results query 'SELECT 1' --store {}",
+    "results trend alpha.a --store {}",
+    "results compare A B --store {}",
+    "analyse calibrate none.mcap --store {}",
 ]
 """Commands that write, or look, where that cannot be."""
 
@@ -169,6 +175,7 @@ def test_what_cannot_be_written_is_one_line(words, folder):
         "simulate verify -o new.mcap",
         "security add anna --role viewer --in .",
         "analyse cogging none.mcap -c none.toml",
+        "analyse calibrate none.mcap --store store",
     ],
 )
 def test_what_cannot_be_done_is_one_line(words):
@@ -192,6 +199,12 @@ def test_what_cannot_be_done_is_one_line(words):
         "emulate",
         "record import a.csv",
         "no-such-command",
+        "results query",
+        "results query 'SELECT 1'",
+        "results query 'SELECT 1' --store . --csv --json",
+        "results trend alpha.a --by weather --store .",
+        "results trend alpha.a --store . -o chart.pdf",
+        "results add --store store",
     ],
 )
 def test_wrong_usage_is_exit_2(words):

@@ -5,7 +5,7 @@ import pytest
 from motord.attribute_docs import described
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
-from motord.service.rpc.plan_forms import setting_fields, unit_of
+from motord.service.rpc.plan_forms import setting_fields
 from motord.service.rpc.plan_list import plan_form
 from tests.unit.service.virtual_service import VirtualService
 
@@ -52,15 +52,6 @@ def test_a_setting_has_unit_and_limits(plans):
     assert swing["springs"]["columns"] == ["stiffness_N_per_m", "lever", "mass_kg"]
     gain = fields(plans["sensitivity"])["alpha_a"]
     assert (gain["type"], gain["length_min"], gain["length_max"]) == ("list", 2, 2)
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [("turns", ""), ("move_s", "s"), ("alpha_a", ""), ("beta_a_A", "A"), ("bar_kg_m2", "kg m2"),
-     ("stiffness_N_per_m", "N/m"), ("levers_m", "m"), ("rests", ""), ("temperature_C", "degC")],
-)  # fmt: skip
-def test_the_unit_is_the_end_of_the_name(name, unit):
-    assert unit_of(name) == unit
 
 
 def test_what_is_compensated_is_a_choice_of_what_the_plan_takes(plans):

@@ -17,6 +17,7 @@ EXPERIMENT = Experiment(
             "align",
             "Find phase order, encoder direction and encoder zero from a run of the plan align.",
             command="motord.experiments.alignment.command:ANALYSIS",
+            schema="motord.align/1",
         ),
     ),
     position=10,

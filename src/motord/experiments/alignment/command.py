@@ -89,4 +89,5 @@ ANALYSIS = Analysis(
     json=json_of("motord.align/1", "name", "serial", "pole_pairs", "counts"),
     report=report,
     text=_text,
+    outputs=("write",),
 )

@@ -40,6 +40,7 @@ class Alignment:
         "fields": "fields",
         "accuracy_fields": "accuracy_fields",
         "told": "configured",
+        "encoder_offset_rad": "offset_rad",
         "encoder_offset_stderr_rad": "offset_stderr_rad",
         "encoder_offset_stderr_points": "offset_stderr_points",
         "degrees_of_freedom": "degrees_of_freedom",

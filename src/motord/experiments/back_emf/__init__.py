@@ -30,6 +30,7 @@ EXPERIMENT = Experiment(
                     by=("order",),
                 ),
             ),
+            schema="motord.back-emf/1",
         ),
     ),
     position=50,

@@ -70,6 +70,7 @@ EXPERIMENT = Experiment(
                     by=("order",),
                 ),
             ),
+            schema="motord.calibration/1",
         ),
     ),
     position=20,

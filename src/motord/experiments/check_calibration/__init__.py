@@ -17,6 +17,7 @@ EXPERIMENT = Experiment(
             "check-calibration",
             "Test whether a calibration still holds, by the turns of its check.",
             command="motord.experiments.check_calibration.command:ANALYSIS",
+            schema="motord.calibration-check/1",
         ),
     ),
     position=35,

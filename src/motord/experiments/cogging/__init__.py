@@ -30,6 +30,7 @@ EXPERIMENT = Experiment(
                     by=("order",),
                 ),
             ),
+            schema="motord.cogging/1",
         ),
     ),
     position=40,

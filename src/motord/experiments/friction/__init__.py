@@ -40,6 +40,7 @@ EXPERIMENT = Experiment(
                     by=("direction",),
                 ),
             ),
+            schema="motord.friction/1",
         ),
     ),
     position=65,

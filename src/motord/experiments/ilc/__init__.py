@@ -18,6 +18,7 @@ EXPERIMENT = Experiment(
             "Learn from a pass what is left in the torque; -o writes the calibration to apply "
             "next.",
             command="motord.experiments.ilc.command:ANALYSIS",
+            schema="motord.learn/1",
         ),
     ),
     position=80,

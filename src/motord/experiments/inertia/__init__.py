@@ -24,6 +24,7 @@ EXPERIMENT = Experiment(
             "inertia",
             "Find the moment of inertia from releases of a bar or from steps of torque.",
             command="motord.experiments.inertia.command:ANALYSIS",
+            schema="motord.inertia/1",
             aliases=("inertia-oscillation", "inertia-acceleration"),
             figures=(
                 FigureKind(

@@ -39,6 +39,7 @@ EXPERIMENT = Experiment(
                     combine="mean",
                 ),
             ),
+            schema="motord.verification/1",
         ),
     ),
     position=30,

@@ -18,6 +18,7 @@ EXPERIMENT = Experiment(
             "Compare the ripple that induced errors make with theory, and calibrate from them "
             "again.",
             command="motord.experiments.sensitivity.command:ANALYSIS",
+            schema="motord.sensitivity/1",
         ),
     ),
     position=70,

@@ -9,12 +9,8 @@ from typing import Any
 from motord.api.replies import SettingField
 from motord.attribute_docs import described
 from motord.config.base import Section
+from motord.unit_suffixes import unit_of
 
-UNITS = {
-    "kg_m2": "kg m2", "N_per_m": "N/m", "Nm": "Nm", "Hz": "Hz", "rad": "rad", "kg": "kg",
-    "s": "s", "A": "A", "C": "degC", "m": "m",
-}  # fmt: skip
-"""Unit by the end of a name; the longest counts."""
 _TYPES = {"number": "number", "integer": "integer", "boolean": "boolean", "string": "text"}
 
 
@@ -22,11 +18,6 @@ def setting_fields(section: Section) -> list[SettingField]:
     """Return the settings of a section with the values that it has as defaults."""
     schema = type(section).model_json_schema()
     return _fields(type(section), schema, schema.get("$defs", {}), section.model_dump(mode="json"))
-
-
-def unit_of(name: str) -> str:
-    """Return the unit of a setting, "" for none."""
-    return next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
 
 
 def _fields(

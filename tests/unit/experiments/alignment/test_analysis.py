@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from typer.testing import CliRunner
 
 from motord.cli import app
@@ -82,6 +83,25 @@ def test_what_is_found_is_written_into_the_bench_file(bench: Path, tmp_path: Pat
     assert page.count("<figure>") == 3
     assert "<td>acb</td><td>abc</td>" in page
     assert f"encoder_zero_rad = {limit_rad}" in page
+
+
+def test_the_file_that_is_written_is_no_setting_of_what_is_stored(
+    bench: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "a.toml").write_text((bench / "bench.toml").read_text())
+    (tmp_path / "b.toml").write_text((bench / "bench.toml").read_text() + "\n# another\n")
+    for name, new in (("a.toml", True), ("b.toml", False)):
+        done = motord(
+            "analyse", "align", bench / "run.mcap", "--write", tmp_path / name,
+            "--store", tmp_path / "store",
+        )  # fmt: skip
+        assert done.exit_code == 0
+        assert done.stderr.startswith("stored ") == new
+    [stored] = (tmp_path / "store").iterdir()
+    rows = parquet.read_table(stored).to_pylist()
+    [zero] = [row for row in rows if row["field"] == "encoder_offset_rad"]
+    assert zero["settings"] == "{}"
+    assert 0 < zero["stderr"] < zero["high"] - zero["value"]
 
 
 def test_a_limit_of_the_zero_that_was_stated_is_replaced_and_comments_stay(

@@ -1,0 +1,1 @@
+"""`motord results`, and the storing of what `motord analyse` finds."""

@@ -1,0 +1,151 @@
+"""`motord results trend`: a field over time, with control limits."""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from motord.atomic_write import write_whole
+from motord.cli.common_options import AsJson
+from motord.cli.console import fail, print_json, print_line
+from motord.cli.results.printing import aligned, plain
+from motord.cli.results.store_options import StoreReading, StoreToRead
+
+if TYPE_CHECKING:
+    from motord.results.trend import Trend
+
+PICTURES = (".svg", ".png")
+"""Kinds of pictures, by the end of their names."""
+
+PANELS_MAX = 24
+"""Charts on one picture."""
+
+Where = Annotated[
+    str,
+    typer.Option(
+        "--where", metavar="SQL", help="Only rows for which this holds, e.g. motor = 'A'."
+    ),
+]
+
+
+def trend(
+    field: Annotated[str, typer.Argument(metavar="FIELD", help="Such as alpha.a.")],
+    by: Annotated[
+        Literal["serial", "motor", "bench"],
+        typer.Option("--by", help="What has a chart of its own."),
+    ] = "serial",
+    where: Where = "",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Draw the charts: .svg or .png."),
+    ] = None,
+    store: StoreToRead = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show how a field varies over time: control charts by the Western Electric rules.
+
+    Of each recording the newest version's result counts. Limits are three standard deviations from
+    the mean of all points, by the mean difference of successive points / 1.128.
+    """
+    from motord.results.selection import newest, rows_of
+    from motord.results.trend import trends
+
+    if output is not None and output.suffix not in PICTURES:
+        raise typer.BadParameter(f"{output}: its name must end with {' or '.join(PICTURES)}")
+    reading = StoreReading(store)
+    found = trends(newest(rows_of(reading.table, field, where)), by)
+    if output is not None:
+        _draw(field, by, found, output)
+    if as_json:
+        print_json([_as_json(by, one) for one in found])
+    else:
+        for one in found:
+            _print(by, one)
+        if output is not None:
+            print_line(f"wrote {output}")
+    reading.finish()
+
+
+def _print(by: str, one: "Trend") -> None:
+    from motord.results.control_chart import PRELIMINARY, RULES
+
+    name, unit = f"{by} {one.name or '(none)'}", f" {one.rows[0].unit}".rstrip()
+    if one.chart is None:
+        print_line(f"{name}: one result, {one.values[0]:.6g}{unit}: no limits")
+        return
+    low, high = one.chart.limits
+    stated = f"{one.stderr:.2g}" if one.stderr is not None else "none"
+    print_line(
+        f"{name}: {len(one.rows)} results, mean {one.chart.centre:.6g}{unit}, "
+        f"sigma {one.chart.sigma:.2g}, limits {low:.6g} to {high:.6g}; "
+        f"stated standard error {stated}"
+    )
+    if one.chart.preliminary:
+        print_line(f"  fewer than {PRELIMINARY} results: the limits are preliminary")
+    marked = [at for at, rules in enumerate(one.violated) if rules]
+    if not marked:
+        print_line("  no rule is violated")
+        return
+    rows = [
+        (one.rows[at].time, one.rows[at].run, float(one.values[at]), ", ".join(map(str, rules)))
+        for at, rules in enumerate(one.violated)
+        if rules
+    ]
+    for line in aligned(("time", "run", "value", "rules"), rows):
+        print_line(f"  {line}")
+    for rule in RULES:
+        if any(rule.number in rules for rules in one.violated):
+            print_line(f"  rule {rule.number}: {rule.words}")
+
+
+def _as_json(by: str, one: "Trend") -> dict[str, Any]:
+    chart = one.chart
+    points = zip(one.rows, one.values.tolist(), one.violated, strict=True)
+    return {
+        by: one.name,
+        "field": one.rows[0].field,
+        "unit": one.rows[0].unit,
+        "mean": chart and chart.centre,
+        "sigma": chart and chart.sigma,
+        "limits": chart and list(chart.limits),
+        "preliminary": chart and chart.preliminary,
+        "points": [
+            {
+                "time": plain(row.time), "run": row.run, "version": row.version, "value": value,
+                "stderr": row.stderr, "low": row.low, "high": row.high, "violated": list(rules),
+            }
+            for row, value, rules in points
+        ],
+    }  # fmt: skip
+
+
+def _draw(field: str, by: str, found: "list[Trend]", path: Path) -> None:
+    from motord.report.plots.control_charts import ChartPanel, control_charts
+    from motord.report.style import PAPER, drawing
+
+    if len(found) > PANELS_MAX:
+        fail(f"{len(found)} charts, at most {PANELS_MAX} on a picture: choose with --where")
+    panels = [
+        ChartPanel(
+            title=f"{by} {one.name or '(none)'}",
+            values=one.values,
+            errors=one.errors,
+            dates=[f"{row.time:%Y-%m-%d}" for row in one.rows],
+            limits=(one.chart.limits[0], one.chart.centre, one.chart.limits[1])
+            if one.chart
+            else None,
+            violated=one.violated,
+        )
+        for one in found
+    ]
+    unit = found[0].rows[0].unit
+    kind = path.suffix.removeprefix(".")
+    label = f"{field} ({unit})" if unit else field
+    buffer = io.BytesIO()
+    with drawing():
+        control_charts(label, panels).savefig(
+            buffer, format=kind, dpi=150, facecolor=PAPER,
+            metadata={"Date": None} if kind == "svg" else None,
+        )  # fmt: skip
+    write_whole(path, buffer.getvalue())

@@ -1,0 +1,129 @@
+"""Two sets of results compared: differences, their combined uncertainty, and which are no chance.
+
+    u(A - B)^2 = u(A)^2 + u(B)^2,   degrees of freedom by Welch and Satterthwaite (JCGM 100, G.4)
+
+Of so many differences some are large by chance: p-values are judged together, by Holm (1979).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import hypot, inf, isinf, nan
+
+import numpy as np
+from scipy.special import stdtr, stdtridf
+
+from motord.intervals import LEVEL, coverage_factor
+from motord.results.figures import ResultFigure
+from motord.results.phases import unwrapped, without_turns
+
+FALSE_ALARMS = 1 - LEVEL
+"""Probability that chance alone makes any difference count, where nothing has changed."""
+
+
+@dataclass(frozen=True)
+class MeanFigure:
+    """A figure by one or more results: mean, standard uncertainty, its degrees of freedom.
+
+    uncertainty: None where no result states any, and their scatter does not show it.
+    """
+
+    value: float
+    uncertainty: float | None
+    freedom: float
+    results: int
+
+
+Key = tuple[str, str, str]
+"""Experiment, field and unit, which results have in common."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """b less a, half of its 95 % interval and p-value, both None without any uncertainty.
+
+    changed: it is more than the uncertainties explain.
+    """
+
+    experiment: str
+    field: str
+    unit: str
+    a: MeanFigure
+    b: MeanFigure
+    difference: float
+    half_width: float | None
+    p_value: float | None
+    changed: bool = False
+
+
+def compare(
+    a: Mapping[Key, Sequence[ResultFigure]], b: Mapping[Key, Sequence[ResultFigure]]
+) -> list[Difference]:
+    """Return the differences of what both have, in the order of a.
+
+    Several figures of one key are results that are averaged.
+    """
+    return _judged([_difference(key, a[key], b[key]) for key in a if key in b])
+
+
+def mean_of(results: Sequence[ResultFigure]) -> MeanFigure:
+    """Return the mean of results of one field (one at least), n of them.
+
+    Its uncertainty is the larger one of what the results state (those that state none are taken to
+    be like the others) and of what their scatter shows.
+    """
+    values = unwrapped(results)
+    n = len(values)
+    each = [_uncertainty(one) for one in results]
+    known = [(u, freedom) for u, freedom in each if u is not None]
+    stated, freedom = None, inf
+    if known:
+        stated = float(np.sqrt(np.mean([u**2 for u, _ in known]) / n))
+        freedom = _welch(known)
+    if n > 1:
+        scatter = float(np.std(values, ddof=1) / np.sqrt(n))
+        if stated is None or scatter > stated:
+            stated, freedom = scatter, n - 1
+    return MeanFigure(float(np.mean(values)), stated, freedom, n)
+
+
+def _difference(key: Key, of_a: Sequence[ResultFigure], of_b: Sequence[ResultFigure]) -> Difference:
+    a, b = mean_of(of_a), mean_of(of_b)
+    difference = without_turns(of_a[0], b.value - a.value)
+    if a.uncertainty is None or b.uncertainty is None:
+        return Difference(*key, a, b, difference, None, None)
+    u = hypot(a.uncertainty, b.uncertainty)
+    freedom = max(_welch([(a.uncertainty, a.freedom), (b.uncertainty, b.freedom)]), 1.0)
+    t = abs(difference) / u if u > 0 else (inf if difference else 0.0)
+    p_value = 2 * float(stdtr(freedom, -t))
+    half = coverage_factor(None if isinf(freedom) else freedom) * u
+    return Difference(*key, a, b, difference, half, p_value)
+
+
+def _judged(found: Sequence[Difference]) -> list[Difference]:
+    """Return the differences, with those marked that are no chance, all of them together."""
+    known = sorted(
+        (one.p_value, place) for place, one in enumerate(found) if one.p_value is not None
+    )
+    changed = set()
+    for rank, (p_value, place) in enumerate(known):
+        if p_value > FALSE_ALARMS / (len(known) - rank):
+            break
+        changed.add(place)
+    return [replace(one, changed=place in changed) for place, one in enumerate(found)]
+
+
+def _uncertainty(one: ResultFigure) -> tuple[float | None, float]:
+    """Return standard uncertainty and degrees of freedom, by what the 95 % interval is of it."""
+    half = nan if one.low is None or one.high is None else (one.high - one.low) / 2
+    if one.stderr is None:
+        return (None, inf) if np.isnan(half) else (half / coverage_factor(), inf)
+    if not half > coverage_factor() * one.stderr * (1 + 1e-9) or one.stderr == 0:
+        return one.stderr, inf
+    return one.stderr, float(stdtridf((1 + LEVEL) / 2, half / one.stderr))
+
+
+def _welch(parts: Sequence[tuple[float, float]]) -> float:
+    """Return the effective degrees of freedom of a sum of uncertainties."""
+    whole = sum(u**2 for u, _ in parts)
+    doubt = sum(u**4 / freedom for u, freedom in parts)
+    return whole**2 / doubt if doubt > 0 else inf

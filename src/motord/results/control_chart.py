@@ -1,0 +1,90 @@
+"""Individuals control chart: Shewhart's limits and the four Western Electric rules.
+
+    centre = mean(x),   sigma = mean(|x[i] - x[i - 1]|) / 1.128
+
+Western Electric Company: Statistical Quality Control Handbook, 1956; ISO 7870-2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+D2 = 1.128
+"""Mean range of two normal values, in standard deviations."""
+
+PRELIMINARY = 20
+"""Points below which limits are known badly."""
+
+LIMIT_SIGMAS = 3
+"""Distance of the control limits from the centre line."""
+
+
+@dataclass(frozen=True)
+class RunRule:
+    """`count` of `window` successive points on one side beyond `sigmas` standard deviations."""
+
+    number: int
+    count: int
+    window: int
+    sigmas: float
+    words: str
+
+
+RULES = (
+    RunRule(1, 1, 1, 3.0, "a point beyond 3 sigma"),
+    RunRule(2, 2, 3, 2.0, "2 of 3 successive points beyond 2 sigma on one side"),
+    RunRule(3, 4, 5, 1.0, "4 of 5 successive points beyond 1 sigma on one side"),
+    RunRule(4, 8, 8, 0.0, "8 successive points on one side of the centre line"),
+)
+"""The Western Electric rules."""
+
+
+@dataclass(frozen=True)
+class ControlChart:
+    """Values (n,) in order of time, with centre line and standard deviation.
+
+    violated: rules, by number, that each point completes, n of them.
+    """
+
+    values: np.ndarray
+    centre: float
+    sigma: float
+    violated: tuple[tuple[int, ...], ...]
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lower and upper control limit."""
+        half = LIMIT_SIGMAS * self.sigma
+        return self.centre - half, self.centre + half
+
+    @property
+    def preliminary(self) -> bool:
+        """Whether there are too few points for limits that one can rely on."""
+        return self.values.size < PRELIMINARY
+
+
+def control_chart(values: np.ndarray) -> ControlChart:
+    """Return the chart of values (n,), n >= 2; all of them count for the limits.
+
+    Raises ValueError for fewer.
+    """
+    if values.size < 2:
+        raise ValueError("a control chart needs two points")
+    centre = float(values.mean())
+    sigma = float(np.abs(np.diff(values)).mean()) / D2
+    return ControlChart(values, centre, sigma, violations(values, centre, sigma))
+
+
+def violations(values: np.ndarray, centre: float, sigma: float) -> tuple[tuple[int, ...], ...]:
+    """Return which rules each value (n,) completes; it is itself one of the points that count."""
+    rounding = 4 * np.spacing(abs(centre))
+    found: list[list[int]] = [[] for _ in values]
+    for rule in RULES:
+        for side in (1, -1):
+            beyond = side * (values - centre) > rule.sigmas * sigma + rounding
+            before = np.concatenate([[0], np.cumsum(beyond)])
+            first = np.maximum(np.arange(values.size) + 1 - rule.window, 0)
+            enough = before[1:] - before[first] >= rule.count
+            for place in np.flatnonzero(beyond & enough):
+                found[place].append(rule.number)
+    return tuple(map(tuple, found))

@@ -1,0 +1,32 @@
+"""What a results store cannot do, and the packages that it needs."""
+
+from types import ModuleType
+
+
+class ResultsError(Exception):
+    """A store or a question that cannot be used; the message says which, why and what to do."""
+
+
+def parquet() -> ModuleType:
+    """Return pyarrow.parquet. Raises ResultsError where it is not installed."""
+    try:
+        from pyarrow import parquet
+    except ImportError as error:
+        raise _missing("pyarrow") from error
+    found: ModuleType = parquet
+    return found
+
+
+def duckdb() -> ModuleType:
+    """Return duckdb. Raises ResultsError where it is not installed."""
+    try:
+        import duckdb
+    except ImportError as error:
+        raise _missing("duckdb") from error
+    return duckdb
+
+
+def _missing(package: str) -> ResultsError:
+    return ResultsError(
+        f"the results store needs the package {package}: pip install 'motord[results]'"
+    )

@@ -1,0 +1,162 @@
+"""The figures of a result, from its JSON: one way for the results of all experiments.
+
+Names say what is what, as everywhere: `x_Nm` is a quantity in Nm, of which `x_stderr_Nm` or
+`x_uncertainty_Nm` is the standard error, `x_half_width_Nm` half of the 95 % interval, `x_low_Nm`
+and `x_high_Nm` its ends, and `interval_95_Nm` both. `stderr_Nm` without a name is that of the
+quantity in Nm that stands before it, `stderr` that of `value`, whose unit is in `unit`.
+`degrees_of_freedom` holds for the object that it is in and all in it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from motord.intervals import coverage_factor
+from motord.results.field_names import label_elements, number_elements
+from motord.unit_suffixes import UNITS, split_unit
+
+NOT_RESULTS = frozenset(
+    {"motor", "told", "left_out", "unreached", "learned", "degrees_of_freedom", "freedom"}
+)
+"""Keys of what an analysis was given, did not use, or states of its errors."""
+
+UNIT_STATED = ("value", "limit", "detectable", "bound")
+"""Keys whose unit is the one that the object states in `unit`."""
+
+ROLES = {
+    "stderr": "stderr", "uncertainty": "stderr", "half_width": "half_width",
+    "low": "low", "high": "high", "interval_95": "interval",
+}  # fmt: skip
+"""What a key states of another one, by the end of its name."""
+
+
+@dataclass(frozen=True)
+class ResultFigure:
+    """A quantity of a result with its standard error and 95 % interval; None: not stated."""
+
+    field: str
+    unit: str
+    value: float
+    stderr: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class _Around:
+    """What holds for an object by where it is: path, suffix of a unit, degrees of freedom."""
+
+    path: tuple[str, ...] = ()
+    suffix: str = ""
+    freedom: float | None = None
+
+    def within(self, key: str, suffix: str, freedom: Any) -> "_Around":
+        return _Around((*self.path, key), suffix or self.suffix, _number(freedom))
+
+
+def figures(content: Mapping[str, Any]) -> list[ResultFigure]:
+    """Return all finite figures of a result, in its order."""
+    return list(_of_object(content, _Around()))
+
+
+def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[ResultFigure]:
+    freedom = content.get("degrees_of_freedom", content.get("freedom", around.freedom))
+    errors = _errors(content)
+    stated = {key for known in errors.values() for key in known.values()}
+    for key, part in content.items():
+        if key in NOT_RESULTS or key in stated:
+            continue
+        inner = around.within(key, split_unit(key)[1], freedom)
+        if isinstance(part, Mapping):
+            yield from _of_object(part, inner)
+        elif isinstance(part, Sequence) and part and all(isinstance(o, Mapping) for o in part):
+            for label, element, used in label_elements(part):
+                rest = {name: value for name, value in element.items() if name not in used}
+                yield from _of_object(rest, inner.within(label, "", inner.freedom))
+        else:
+            known = {role: content[name] for role, name in errors.get(key, {}).items()}
+            yield from _of_numbers(key, part, known, content, inner, freedom)
+
+
+def _of_numbers(
+    key: str,
+    part: Any,
+    errors: dict[str, Any],
+    content: Mapping[str, Any],
+    around: _Around,
+    freedom: Any,
+) -> Iterator[ResultFigure]:
+    """Yield the figure of a number, or those of a short list of numbers."""
+    path = around.path[:-1] if key == "value" else around.path
+    unit = UNITS.get(around.suffix, "")
+    if key in UNIT_STATED and isinstance(content.get("unit"), str):
+        unit = content["unit"]
+    freedom = freedom.get(key) if isinstance(freedom, Mapping) else freedom
+    if (value := _number(part)) is not None:
+        yield _figure(".".join(path) or key, unit, value, errors, freedom)
+        return
+    for place, label in number_elements(key, part):
+        if (value := _number(part[place])) is not None:
+            own = {role: _element(error, place) for role, error in errors.items()}
+            field = ".".join((*path, label))
+            yield _figure(field, unit, value, own, _element(freedom, place))
+
+
+def _figure(
+    field: str, unit: str, value: float, errors: dict[str, Any], freedom: Any
+) -> ResultFigure:
+    stderr = _number(errors.get("stderr"))
+    half = _number(errors.get("half_width"))
+    if half is None and stderr is not None:
+        half = coverage_factor(_number(freedom)) * stderr
+    ends = errors.get("interval")
+    low = _number(errors.get("low") if ends is None else _element(ends, 0))
+    high = _number(errors.get("high") if ends is None else _element(ends, 1))
+    if low is None or high is None:
+        low, high = (None, None) if half is None else (value - half, value + half)
+    return ResultFigure(field, unit, value, stderr, low, high)
+
+
+def _errors(content: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Return which keys state what of which, by the key of the quantity: {quantity: {role: key}}"""
+    found: dict[str, dict[str, str]] = {}
+    for place, key in enumerate(content):
+        name, suffix = split_unit(key)
+        for ending, role in ROLES.items():
+            of = name.removesuffix(ending)
+            if of == name or not (of == "" or of.endswith("_")):
+                continue
+            quantity = _quantity(list(content)[:place], of.removesuffix("_"), suffix, content)
+            if quantity is not None and role not in found.get(quantity, {}):
+                found.setdefault(quantity, {})[role] = key
+    return found
+
+
+def _quantity(
+    before: Sequence[str], name: str, suffix: str, content: Mapping[str, Any]
+) -> str | None:
+    """Return the key of the quantity that an error is of, None if it is not of any."""
+    if name or not suffix:
+        key = "_".join(filter(None, (name or "value", suffix)))
+        return key if key in content else None
+    same = [key for key in before if split_unit(key)[1] == suffix]
+    quantities = [key for key in same if split_unit(key)[0] not in ROLES]
+    return quantities[-1] if quantities else None
+
+
+def _element(values: Any, place: int) -> Any:
+    """Return an element of what is stated of a list; None where it is not stated of each."""
+    if isinstance(values, Sequence) and not isinstance(values, str):
+        return values[place] if place < len(values) else None
+    return None
+
+
+def _number(value: Any) -> float | None:
+    """Return a finite number, None for what is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value) if isfinite(value) else None
+    except OverflowError:
+        return None

@@ -1,0 +1,97 @@
+"""A result as it is stored: what it is of, and its figures; its name says the same."""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from motord.results.figures import ResultFigure
+from motord.results.row import ResultRow
+
+NAME_MAX = 40
+"""Characters of a serial number or motor that a file's name has of it."""
+
+DIGEST_LENGTH = 12
+"""Hexadecimal digits of the digests in a file's name."""
+
+
+@dataclass(frozen=True)
+class StoredResult:
+    """One analysis: its figures, and what all of them have in common.
+
+    experiment: as `motord analyse` names it; run: names of the recordings; time: when the first of
+    them began; version: of motord, "" if it is not known; settings: options of the analysis;
+    recordings: name and digest of each.
+    """
+
+    experiment: str
+    motor: str
+    serial: str
+    bench: str
+    run: str
+    time: datetime
+    version: str
+    settings: Mapping[str, Any]
+    recordings: Sequence[tuple[str, str]]
+    figures: Sequence[ResultFigure]
+
+    def rows(self) -> list[ResultRow]:
+        """Return the rows of the table, one a figure."""
+        settings = _canonical(self.settings)
+        return [
+            ResultRow(
+                self.experiment, self.motor, self.serial, self.bench, self.run, self.time,
+                self.version, settings,
+                one.field, one.unit, one.value, one.stderr, one.low, one.high,
+            )
+            for one in self.figures
+        ]  # fmt: skip
+
+    @property
+    def file_name(self) -> str:
+        """Name of its file, the same for the same result."""
+        parts = (
+            _plain(self.experiment),
+            _plain(self.serial or self.motor) or "unnamed",
+            f"{self.time.astimezone(UTC):%Y%m%dT%H%M%SZ}",
+            *(self.analysis_digest, self.content_digest),
+        )
+        return f"{'-'.join(parts)}.parquet"
+
+    @property
+    def analysis_digest(self) -> str:
+        """Digest of what was analysed and how; recordings by their content, in any order."""
+        of = (self.experiment, self.motor, self.serial, self.bench, self.version)
+        return text_digest(
+            (*of, dict(self.settings), sorted(digest for _, digest in self.recordings))
+        )
+
+    @property
+    def content_digest(self) -> str:
+        """Digest of what was found in which recordings."""
+        found = [(one.field, one.unit, one.value, one.stderr) for one in self.figures]
+        return text_digest((self.experiment, self.serial, self.run, found))
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's content. Raises OSError."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def text_digest(value: Any) -> str:
+    """Return a short digest of what JSON can say."""
+    return hashlib.sha256(_canonical(value).encode()).hexdigest()[:DIGEST_LENGTH]
+
+
+def _canonical(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, separators=(",", ":"))
+
+
+def _plain(text: str) -> str:
+    """Return a text with letters, digits, dots and underscores alone, as the part of a name."""
+    return re.sub(r"[^A-Za-z0-9._]+", "_", text).strip("._")[:NAME_MAX]
