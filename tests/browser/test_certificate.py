@@ -11,7 +11,6 @@ from motord.verdict.motor_type import FigureLimit, MotorType
 from motord.verdict.recordings import UsedRecording
 from tests.unit.verdict.made_up import decided
 
-
 NAME = "back-emf back_emf_V_s_per_rad, order"
 
 
