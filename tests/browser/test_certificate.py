@@ -11,12 +11,19 @@ from motord.verdict.motor_type import FigureLimit, MotorType
 from motord.verdict.recordings import UsedRecording
 from tests.unit.verdict.made_up import decided
 
+NAME = "back-emf back_emf_V_s_per_rad, order"
+
 
 def certificate(figures: int) -> Certificate:
     limit = FigureLimit(analysis="calibrate", figure="alpha", low=0.9, high=1.1)
     bounds = ({"low": 0.9, "high": 1.1}, {"high": 1.1}, {"low": 0.9})
     verdicts = [
-        decided(0.85 + 0.01 * n, u=0.01, name=f"back-emf back_emf_V_s_per_rad, order {n} (V s/rad)", **bounds[n % 3])
+        decided(
+            0.85 + 0.01 * n,
+            u=0.01,
+            name=f"{NAME} {n} (V s/rad)",
+            **bounds[n % 3],
+        )
         for n in range(figures)
     ]
     recording = UsedRecording(
