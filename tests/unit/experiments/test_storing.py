@@ -37,7 +37,7 @@ def test_an_analysis_is_stored_once_with_what_it_is_of(recorded: Recorded, tmp_p
         "version": version("motord"), "settings": "{}",
     }  # fmt: skip
     first_ns = int(open_run(recorded.off).ticks(("t_ns",))["t_ns"][0])
-    assert rows[0]["time"].timestamp() * 1e9 == pytest.approx(first_ns, abs=1e3)  # type: ignore[attr-defined]
+    assert rows[0]["time"].timestamp() * 1e9 == pytest.approx(first_ns, abs=1e3)
     values = {row["field"]: row["value"] for row in rows}
     errors = json.loads(out)["rms_error_percent"]
     assert values["rms_error_percent.after.mean"] == errors["after"]["mean"]

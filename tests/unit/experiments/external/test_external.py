@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from motord.config import packaged
+from motord.results.store import ResultsStore
 
 HERE = Path(__file__).parent
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -89,8 +90,17 @@ def test_it_is_simulated_and_analysed(run: Run, tmp_path: Path) -> None:
     bench = bench_file(tmp_path, "\n[plans.spin-down]\naccelerate_s = 0.1\n")
     done = run("-m", "motord", "simulate", "spin-down", "-c", str(bench), "-o", "a.mcap")
     assert done.returncode == 0, done.stderr
-    done = run("-m", "motord", "analyse", "spin-down", "a.mcap", "--json", "--report", "a.html")
+    done = run(
+        "-m", "motord", "analyse", "spin-down", "a.mcap",
+        "--json", "--report", "a.html", "--store", "store",
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith("stored ")
+    rows = ResultsStore(tmp_path / "store").read().table.to_pylist()
+    assert {(row["experiment"], row["field"].split(".")[0], row["unit"]) for row in rows} == {
+        ("spin-down", "time_s", "s"),
+        ("spin-down", "turns", ""),
+    }
     found = json.loads(done.stdout)
     assert found["schema"] == "spin-down/1"
     assert found["turns"][0] > 1
