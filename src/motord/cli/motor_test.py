@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,16 +11,18 @@ import typer
 from motord.cli.common_options import ResultAsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, phase_bars, print_json, remark
+from motord.cli.results.store_options import AnalysisStorage, Store
 
 if TYPE_CHECKING:
     from motord.client import Client
+    from motord.experiments.subject import Recordings
     from motord.report.text import TextTable
     from motord.verdict.certificate import Certificate
     from motord.verdict.motor_type import MotorType
 
 EXIT_CODES = {"pass": 0, "fail": 3, "undecidable": 4}
 
-Recordings = Annotated[
+RunFiles = Annotated[
     list[Path] | None,
     typer.Option(
         "--recordings", metavar="RUN.mcap ...",
@@ -38,7 +40,7 @@ def run_test(
         list[Path] | None,
         typer.Argument(metavar="[RUN...]", help="More recordings after --recordings."),
     ] = None,
-    recordings: Recordings = None,
+    recordings: RunFiles = None,
     certificate: Annotated[
         Path | None,
         typer.Option(
@@ -48,6 +50,7 @@ def run_test(
     operator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Who tests; default: user and host.")
     ] = None,
+    store: Store = None,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: ResultAsJson = False,
@@ -66,11 +69,12 @@ def run_test(
     check_serial(serial)
     kind = load_motor_type(motor_type)
     _require_folder(certificate)
+    storages = {} if store is None else _storages(store, kind, serial)
     if recordings:
         paths = [*recordings, *(more or [])]
     else:
         paths = _run(connection, kind, serial, force=force, quiet=as_json)
-    made = _certificate(kind, motor_type, serial, operator, paths, silent=as_json)
+    made = _certificate(kind, motor_type, serial, operator, paths, storages, silent=as_json)
     path = certificate or Path(certificate_name(motor_type, serial, stamp(time.time_ns())))
     made.page().write(path)
     if as_json:
@@ -89,16 +93,23 @@ def _require_folder(certificate: Path | None) -> None:
         fail(f"{certificate}: is a folder; name a file for the certificate")
 
 
+def _storages(store: Path, kind: "MotorType", serial: str) -> dict[str, AnalysisStorage]:
+    """Return where the results are to be stored, by analysis."""
+    names = dict.fromkeys(limit.analysis for limit in kind.limit)
+    return {name: AnalysisStorage(store, name, {}, serial) for name in names}
+
+
 def _certificate(
     kind: "MotorType",
     file: Path,
     serial: str,
     operator: str | None,
     paths: Sequence[Path],
+    storages: Mapping[str, AnalysisStorage],
     *,
     silent: bool,
 ) -> "Certificate":
-    """Analyse the recordings and decide."""
+    """Analyse the recordings, store the results where that is wanted, and decide."""
     from datetime import UTC, datetime
     from importlib.metadata import version
 
@@ -107,8 +118,12 @@ def _certificate(
     from motord.verdict.judgement import judge
     from motord.verdict.recordings import analyse, sha256_of
 
+    def stored(name: str, result: Mapping[str, Any], recordings: "Recordings") -> None:
+        if name in storages:
+            storages[name].add(result, recordings)
+
     with phase_bars(silent=silent) as progress:
-        results, used = analyse(paths, kind, serial, progress)
+        results, used = analyse(paths, kind, serial, progress, stored)
     return Certificate(
         motor_type=kind,
         type_file=str(file),

@@ -1,7 +1,7 @@
 """The recordings that a verdict rests on: what they are of, their digests, their analyses."""
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
@@ -37,11 +37,13 @@ def analyse(
     motor_type: MotorType,
     serial: str,
     progress: PhaseProgress = lambda phase, fraction: None,
+    analysed: Callable[[str, Mapping[str, Any], Recordings], None] = lambda *_: None,
 ) -> tuple[dict[str, Mapping[str, Any]], tuple[UsedRecording, ...]]:
     """Return the JSON results by analysis, of those that have limits, and the recordings.
 
-    Recordings of one analysis are analysed together. Raises AnalysisError for one that is of
-    another motor or given twice, and what analyses raise.
+    Recordings of one analysis are analysed together. analysed: called with each analysis' name,
+    result and recordings. Raises AnalysisError for one that is of another motor or given twice, and
+    what analyses raise.
     """
     runs = [open_run(path) for path in paths]
     for run in runs:
@@ -53,16 +55,19 @@ def analyse(
         kind = analysis_of(plan_name(run))
         if kind is not None and kind.name in limited:
             groups.setdefault(kind.name, []).append(run)
-    results = {name: _result(name, group, progress) for name, group in groups.items()}
+    results = {}
+    for name, group in groups.items():
+        recordings = Recordings(tuple(group), None, progress)
+        results[name] = _result(name, recordings)
+        analysed(name, results[name], recordings)
     used = tuple(_used(run, digest) for run, digest in zip(runs, digests, strict=True))
     return results, used
 
 
-def _result(name: str, runs: Sequence[Run], progress: PhaseProgress) -> Mapping[str, Any]:
+def _result(name: str, recordings: Recordings) -> Mapping[str, Any]:
     kind = analysis_of(name)
     assert kind is not None
     analysis: Analysis[Any] = resolve_name(kind.command)
-    recordings = Recordings(tuple(runs), None, progress)
     return analysis.to_json(analysis.estimate(recordings), recordings)
 
 

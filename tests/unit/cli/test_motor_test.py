@@ -294,8 +294,10 @@ def test_a_type_without_plans_needs_recordings(folder, bench):
 def test_from_a_recording_through_its_analysis_to_the_certificate(folder):
     """Cogging torque of the simulated rig, 0.33 Nm at order 48, without any stand-in."""
     config = load()
-    plan = {"name": "cogging"}
-    metadata = describe(config, packaged("sim.toml").read_text(), plan=plan)
+    nameless = config.motor.model_copy(update={"serial": ""})
+    config = config.model_copy(update={"motor": nameless})
+    text = packaged("sim.toml").read_text().replace('serial = "sim-1"', 'serial = ""')
+    metadata = describe(config, text, plan={"name": "cogging"})
     settings = {"speeds_Hz": [1.0], "turns": 3, "settle_s": 0.3}
     with RunWriter(folder / "cogging.mcap", metadata) as writer:
         taken = run_plan(
@@ -314,3 +316,10 @@ def test_from_a_recording_through_its_analysis_to_the_certificate(folder):
         decisions.append((result.exit_code, content["decision"]))
         assert content["figures"][0]["value"] == pytest.approx(0.332, rel=0.05)
     assert decisions == [(0, "pass"), (3, "fail")]
+    stored = run("--recordings", "cogging.mcap", "--store", "store")
+    assert "stored" in stored.stderr
+    asked = "SELECT serial, value FROM results WHERE field = 'harmonics.48.amplitude_Nm'"
+    found = CliRunner().invoke(app, ["results", "query", asked, "--store", "store", "--json"])
+    [row] = json.loads(found.stdout)
+    assert row["serial"] == SERIAL
+    assert row["value"] == content["figures"][0]["value"]

@@ -28,15 +28,19 @@ StoreToRead = Annotated[
 class AnalysisStorage:
     """Where an analysis is to be stored, with its settings and what their files held before it.
 
-    Raises ResultsError if nothing can be stored there: before the analysis, which may take long.
+    serial: of the motor, where its recordings do not know it. Raises ResultsError if nothing can be
+    stored there: before the analysis, which may take long.
     """
 
-    def __init__(self, folder: Path, experiment: str, settings: Mapping[str, Any]) -> None:
+    def __init__(
+        self, folder: Path, experiment: str, settings: Mapping[str, Any], serial: str = ""
+    ) -> None:
         from motord.results.store import ResultsStore
 
         self._store = ResultsStore(folder)
         self._store.make()
         self._experiment = experiment
+        self._serial = serial
         given = {name: value for name, value in settings.items() if value is not None}
         self._settings = {name: _setting(value) for name, value in given.items()}
 
@@ -57,7 +61,7 @@ class AnalysisStorage:
             StoredResult(
                 experiment=self._experiment,
                 motor=subject.motor.name,
-                serial=subject.motor.serial,
+                serial=subject.motor.serial or self._serial,
                 bench=subject.bench,
                 run=", ".join(sorted(recordings.names)),
                 time=recorded_since(recordings.runs),
