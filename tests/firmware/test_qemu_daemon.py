@@ -31,6 +31,8 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 INVERTER_TIMEOUT_S = 1.0
 """Until then the rig waits for a command: `rig_patience_s`. The board waits as long for heartbeats,
 which take their way through three processes here; that it keeps a shorter time is shown without."""
+BOARD = {"board_is_a_process": True}
+"""QEMU: a computer that keeps it waiting keeps it from heartbeats that have been sent."""
 MARGIN_S = 1.5
 """What a busy computer may take longer than the timeouts say."""
 COUNT_RAD = 2 * np.pi / 4096
@@ -88,7 +90,7 @@ def steady(client, lease, states_in_a_row=5):
     The machine sees the rig as late as the computer lets it. Of a rotor that stands this changes
     nothing; what it is for one that turns is shown in virtual time (`test_in_the_loop`).
     """
-    return hold(client, lease, 0.0, 0.0, states_in_a_row, limit_s=INVERTER_TIMEOUT_S)
+    return hold(client, lease, 0.0, 0.0, states_in_a_row, INVERTER_TIMEOUT_S, **BOARD)
 
 
 def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
@@ -162,7 +164,7 @@ def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
                 time.sleep(1.5)  # the time that the noise lasts, and some
                 if client.state().state == "ENABLED":
                     break
-                forgive(client, kept, limit_s=INVERTER_TIMEOUT_S)
+                forgive(client, kept, limit_s=INVERTER_TIMEOUT_S, **BOARD)
         assert running.end() == 0, running.said()
         errors = np.concatenate([run.ticks(("link_errors",)) for run in running.runs()])
         assert errors["link_errors"].max() > 10

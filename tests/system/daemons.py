@@ -187,7 +187,7 @@ def emulator(folder, bench_path, truth: Path):
         running.close()
 
 
-def forgive(client, kept, error=None, limit_s=STALE_S):
+def forgive(client, kept, error=None, limit_s=STALE_S, *, board_is_a_process=False):
     """Count a trip, or a request not fulfilled in time, that `kept` (stalls) explains; else fail.
 
     `error` is what a request was answered with, if that reported it.
@@ -195,7 +195,10 @@ def forgive(client, kept, error=None, limit_s=STALE_S):
     state = client.state()
     cause = state.first_trip if state.state == "TRIPPED" or error is None else error.code
     where = os.environ.get("PYTEST_CURRENT_TEST", "").partition(" ")[0]
-    stalls.forgive(where, cause or state.fault or state.state, kept, limit_s, state.loop.missed)
+    stalls.forgive(
+        where, cause or state.fault or state.state, kept, limit_s, state.loop.missed,
+        board_is_a_process=board_is_a_process,
+    )  # fmt: skip
 
 
 def wait_for(client, condition, what):

@@ -68,12 +68,12 @@ def wire(tmp_path, request):
         yield Wire(running, devices, truth)
 
 
-def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row, limit_s=STALE_S):
+def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row, limit_s=STALE_S, **board):
     """Bring the bench to torque and speed until the speed has stayed there for some states.
 
     At speed 0 the rotor has stood. Returns the first and the last of the states. A trip that
     a computer too busy explains, and no other, costs another try (`tests.support.stalls`);
-    `limit_s` is the bench's shortest limit.
+    `limit_s` is the bench's shortest limit, `board` what `forgive` is told of the bridge board.
     """
     while True:
         kept, seen = stalls.of_bench(client.state()), []
@@ -85,11 +85,11 @@ def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row, limit_s=STALE_S):
             wait_for(client, partial(_held, seen, speed_Hz, states_in_a_row), f"{speed_Hz} Hz")
             if seen:
                 return seen[0], seen[-1]
-            forgive(client, kept, limit_s=limit_s)
+            forgive(client, kept, limit_s=limit_s, **board)
         except ClientError as error:
             if error.code not in ("tripped", "timeout", "refused"):
                 raise
-            forgive(client, kept, error, limit_s)
+            forgive(client, kept, error, limit_s, **board)
 
 
 def _held(seen, speed_Hz, states_in_a_row, state):

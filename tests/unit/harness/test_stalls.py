@@ -80,3 +80,13 @@ def test_no_port_is_given_twice() -> None:
     ).stdout  # fmt: skip
     theirs = [int(port) for port in output.strip("[]\n").split(",")]
     assert len({*mine, *theirs}) == 100
+
+
+def test_a_board_that_is_a_process_may_have_waited_itself(monkeypatch):
+    kept = stalled(0.9, monkeypatch)
+    with pytest.raises(AssertionError, match="no stall of 1 s"):
+        forgive("a test", "INVERTER_FAULT", kept, limit_s=1.0, board_is_a_process=True)
+    kept = stalled(1.1, monkeypatch)
+    forgive("a test", "INVERTER_FAULT", kept, limit_s=1.0, board_is_a_process=True)
+    with pytest.raises(AssertionError, match="no stall of 1 s"):
+        forgive("a test", "INVERTER_FAULT", kept, limit_s=1.0)
