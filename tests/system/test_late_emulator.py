@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.emulate.process import FEEDBACK_AGE_MAX_NS
+from motord.emulate.process import FEEDBACK_AGE_MAX_NS, FEEDBACK_SILENCE_MAX_NS
 from motord.schema import State
 from tests.support.virtual_wire import STEP_MAX_NS, World, on_the_wire
 from tests.system.test_shipped_limits import shipped
@@ -24,6 +24,8 @@ EVERY_NS = 150_000_000
 PREEMPTED_EVERY = 150
 """Samples from one to the next."""
 PREEMPTED_NS = 20_000_000
+SLOW_NS = 1_500_000
+"""What a sample costs a computer that cannot keep up with 1 kHz."""
 
 
 def stalled(world: World, to_ns: int) -> None:
@@ -55,7 +57,6 @@ def enabled(
 
         monkeypatch.setattr(port, "send", noting)
         yield service, world, service.enabled(), ages_ns
-        assert service.bench.state is State.ENABLED, service.messages()
 
 
 def test_an_emulator_that_stalls_sends_no_old_feedback(
@@ -66,6 +67,7 @@ def test_an_emulator_that_stalls_sends_no_old_feedback(
         service.ask("set", token=token, torque_Nm=TORQUE_NM)
         service.run_s(1.0, token)
         emulator = world.emulator
+        assert service.bench.state is State.ENABLED, service.messages()
     assert max(ages_ns) < 1_000_000
     stalls = 1_000_000_000 // EVERY_NS
     assert emulator.summary()["feedback_late"] > stalls * (STALL_NS // 1_000_000 - 2)
@@ -86,5 +88,25 @@ def test_an_emulator_that_is_preempted_while_it_sends_sends_no_old_feedback(
         service.ask("set", token=token, torque_Nm=TORQUE_NM)
         service.run_s(1.0, token)
         emulator = world.emulator
+        assert service.bench.state is State.ENABLED, service.messages()
     assert max(ages_ns) < FEEDBACK_AGE_MAX_NS
     assert emulator.summary()["feedback_late"] >= 1000 // PREEMPTED_EVERY - 1
+
+
+def test_an_emulator_that_is_always_late_is_not_silent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with enabled(tmp_path, monkeypatch) as (_, world, _, ages_ns):
+        sample = world.emulator._link.sample
+
+        def slowly(*arguments):
+            sample(*arguments)
+            world.now_ns += SLOW_NS
+
+        monkeypatch.setattr(world.emulator._link, "sample", slowly)
+        ages_ns.clear()
+        began_ns = world.now_ns
+        while world.now_ns - began_ns < 10 * FEEDBACK_SILENCE_MAX_NS:
+            world.now_ns += STEP_MAX_NS
+            world._step()
+    assert sum(age_ns >= FEEDBACK_AGE_MAX_NS for age_ns in ages_ns) >= 3

@@ -4,8 +4,8 @@ The devices sample and send at instants of their own, fixed beforehand. A proces
 produces what was due meanwhile, with the right times; what the host sent takes effect at the time
 when it arrived. Only a stall of more than `CATCH_UP_NS`, or than the rig's patience if it has any,
 leaves instants out. The inverter's feedback carries no time, its stamp is that of its arrival: of
-what is due at once only the newest is sent, as no inverter queues measurements, and that not if the
-process was kept from running while it got there.
+what is due at once only the newest is sent, as no inverter queues measurements, and that not if it
+is old by now, unless none has been sent for long.
 """
 
 import gc
@@ -40,9 +40,9 @@ from motord.wire.can import dbc
 from motord.wire.can.codec import MessageCodec
 
 CATCH_UP_NS = 200_000_000
-FEEDBACK_AGE_MAX_NS = 5_000_000
-"""Currents that could not be sent until they are so old are not sent: the host takes them for those
-of their arrival, when its commands were others."""
+FEEDBACK_AGE_MAX_NS, FEEDBACK_SILENCE_MAX_NS = 5_000_000, 100_000_000
+"""Older currents are not sent, which the host would take for those of their arrival; but after such
+a silence they are, however old: the computer is always late."""
 BOARD_STATUS_HZ = 20
 INVERTER_STATUS_HZ = 100
 
@@ -102,6 +102,7 @@ class Emulator:
         self.ticks = 0
         self.skipped = 0
         self.feedback_late = 0
+        self._feedback_sent_ns = 0
 
     def __enter__(self) -> "Emulator":
         """Open all ports. Raises EmulatorError for one that cannot be had."""
@@ -262,8 +263,7 @@ class Emulator:
         if self._samples.due(at_ns):
             self._link.sample(board, reading, at_ns)
         if self._feedback.due(at_ns):
-            newest = now_ns - at_ns < self._period_ns
-            if newest and time.monotonic_ns() - at_ns < FEEDBACK_AGE_MAX_NS:
+            if self._feedback_is_current(at_ns, now_ns):
                 self._send(self._fast, reading, status, at_ns)
             else:
                 self.feedback_late += 1
@@ -276,6 +276,17 @@ class Emulator:
             self._status = status
         if self._board_status.due(at_ns) and board.streaming:
             self._link.send(board.status(at_ns), at_ns)
+
+    def _feedback_is_current(self, at_ns: int, now_ns: int) -> bool:
+        """Return whether feedback of `at_ns` is to be sent, and note that it is."""
+        if now_ns - at_ns >= self._period_ns:
+            return False
+        real_ns = time.monotonic_ns()
+        silent = real_ns - self._feedback_sent_ns >= FEEDBACK_SILENCE_MAX_NS
+        if real_ns - at_ns >= FEEDBACK_AGE_MAX_NS and not silent:
+            return False
+        self._feedback_sent_ns = real_ns
+        return True
 
     def _send(
         self,
