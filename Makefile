@@ -35,6 +35,7 @@ test: lint                ## every check but `long`: lint, types, layers, tests
 	@$(MAKE) --no-print-directory --jobs 3 types layers unit
 
 long: $(VENV)/dev.stamp   ## the tests that take minutes each: the bring-up guide, whole plans, the emulated machine
+	@$(BIN)/python -m tests.vm.kernel
 	@$(BIN)/python tests/run.py --long --jobs $(JOBS)
 
 quick: $(VENV)/dev.stamp  ## for daily work: lint, types, layers and the unit tests that matter, under a minute

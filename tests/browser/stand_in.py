@@ -317,12 +317,12 @@ class Server:
         self.tokens = tokens or Tokens(Role.OPERATOR)
         live = LiveBench("sim", stand_in.config)
         live.calibrated = list(CALIBRATED)
-        pages = Pages(live, stand_in, "anna@bench")  # type: ignore[arg-type]
+        pages = Pages(live, stand_in, "anna@bench")
         live.publish = pages.publish
         self._listener = listen(port)
         self.port = self._listener.getsockname()[1]
         self.urls = urls(self._listener, self.tokens)
-        app = application(pages, self.tokens, stand_in)  # type: ignore[arg-type]
+        app = application(pages, self.tokens, stand_in)
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,

@@ -75,13 +75,13 @@ def put(name: str, value: object) -> dict[str, Callable[..., Any]]:
 
 
 def _first_values(self: Driver, frame: Frame) -> None:
-    self.first = getattr(self, "first", frame.values)  # type: ignore[attr-defined]
-    self.values = self.first  # type: ignore[attr-defined]
+    self.first = getattr(self, "first", frame.values)
+    self.values = self.first
 
 
 def _first_time(self: Driver, frame: Frame) -> None:
-    self.first = getattr(self, "first", frame.t_ns)  # type: ignore[attr-defined]
-    self.t_ns = self.first  # type: ignore[attr-defined]
+    self.first = getattr(self, "first", frame.t_ns)
+    self.t_ns = self.first
 
 
 def _waits(self: Driver, now_ns: int, feedback: np.ndarray) -> None:
@@ -91,7 +91,7 @@ def _waits(self: Driver, now_ns: int, feedback: np.ndarray) -> None:
 
 
 def _deaf_after_silence(self: Driver, now_ns: int, feedback: np.ndarray) -> None:
-    self.empty = 0 if self.end.on_the_way else getattr(self, "empty", 0) + 1  # type: ignore[attr-defined]
+    self.empty = 0 if self.end.on_the_way else getattr(self, "empty", 0) + 1
     if self.empty > 50:
         self.end.lose = 1 << 30
     Driver.read(self, now_ns, feedback)
@@ -122,7 +122,7 @@ def _counts_one_send(self: Driver, i_A: tuple[float, ...], enable: bool) -> None
     Driver.send(self, i_A, enable)
     if self.errors > errors and getattr(self, "refused_before", False):
         self.errors = errors
-    self.refused_before = self.end.refusing  # type: ignore[attr-defined]
+    self.refused_before = self.end.refusing
 
 
 def _leaks(self: Driver) -> None:
@@ -379,10 +379,10 @@ def _without(
 
 def _old_readings(self: Slow, setpoint: float) -> DeviceReading:
     try:
-        self.last = Slow.exchange(self, setpoint)  # type: ignore[attr-defined]
+        self.last = Slow.exchange(self, setpoint)
     except DeviceError:
-        return self.last  # type: ignore[attr-defined, no-any-return]
-    return self.last  # type: ignore[attr-defined, no-any-return]
+        return self.last
+    return self.last
 
 
 def _raises_as(error: type[Exception], text: str) -> dict[str, Callable[..., Any]]:

@@ -230,7 +230,7 @@ def test_a_wrong_map_is_seen() -> None:
     heads = {"CurrentMode.WriteCurrents": 0x1D0E}
     for signals in (
         {"command_i_d_A": "CurrentMode.CurrentQ", "command_i_q_A": "CurrentMode.CurrentD"},
-        {"command_constants": shipped("moteus").inverter.can.signals.command_constants | heads},  # type: ignore[union-attr]
+        {"command_constants": shipped("moteus").inverter.can.signals.command_constants | heads},
         {"command_enable_value": 10},
     ):
         payload = codec_of(shipped("moteus", **signals)).encode_command((-1.5, 6.25), True, 0)

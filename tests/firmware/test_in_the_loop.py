@@ -97,7 +97,7 @@ def test_torque_and_angle_by_the_firmware(
         board = CoreBoard(config, 0)
         emulator.bench.board = board
         links.append(CoreLink(Device(library), board, emulator._link._pty))
-        emulator._link = links[0]  # type: ignore[assignment]
+        emulator._link = links[0]
 
     with on_the_wire(config, tmp_path, equip) as (service, loop):
         token = service.enabled()

@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 INVERTER_TIMEOUT_S = 1.0
 """Until then the rig waits for a command: `rig_patience_s`. The board waits as long for heartbeats,
 which take their way through three processes here; that it keeps a shorter time is shown without."""
-BOARD = {"board_is_a_process": True}
+forgive_trip = partial(forgive, limit_s=INVERTER_TIMEOUT_S, board_is_a_process=True)
 """QEMU: a computer that keeps it waiting keeps it from heartbeats that have been sent."""
 MARGIN_S = 1.5
 """What a busy computer may take longer than the timeouts say."""
@@ -90,7 +91,9 @@ def steady(client, lease, states_in_a_row=5):
     The machine sees the rig as late as the computer lets it. Of a rotor that stands this changes
     nothing; what it is for one that turns is shown in virtual time (`test_in_the_loop`).
     """
-    return hold(client, lease, 0.0, 0.0, states_in_a_row, INVERTER_TIMEOUT_S, **BOARD)
+    return hold(
+        client, lease, 0.0, 0.0, states_in_a_row, INVERTER_TIMEOUT_S, board_is_a_process=True
+    )
 
 
 def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
@@ -164,7 +167,7 @@ def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
                 time.sleep(1.5)  # the time that the noise lasts, and some
                 if client.state().state == "ENABLED":
                     break
-                forgive(client, kept, limit_s=INVERTER_TIMEOUT_S, **BOARD)
+                forgive_trip(client, kept)
         assert running.end() == 0, running.said()
         errors = np.concatenate([run.ticks(("link_errors",)) for run in running.runs()])
         assert errors["link_errors"].max() > 10

@@ -10,7 +10,7 @@ from motord.config.experiments import Experiment, PlanKind
 from motord.sequencing import Demand, OperatingPoint, Plan
 from motord.sequencing.capture import account
 from motord.sequencing.motions import enable, hold, ramp_down
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.sequencing.quality import GOOD
 
 QUANTITY = "x_percent"

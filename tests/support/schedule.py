@@ -48,7 +48,7 @@ def longest_first(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: -table.get(file_of(item.nodeid), 0.0))
 
 
-class Lanes(LoadScopeScheduling):  # type: ignore[misc]
+class Lanes(LoadScopeScheduling):
     """Hands out files; those of system tests in lanes, each to one process."""
 
     def __init__(self, config: pytest.Config, log: Any = None) -> None:

@@ -157,7 +157,7 @@ def on_the_wire(
                 # a kernel stamps with its own clock
                 return [(key, data, min(t_ns, world.now_ns)) for key, data, t_ns in take(0.0)]
 
-            bus.receive = receive  # type: ignore[method-assign]
+            bus.receive = receive
             return bus
 
         patch.setenv("XDG_RUNTIME_DIR", str(folder))

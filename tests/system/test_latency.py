@@ -35,8 +35,8 @@ def assert_compared(done: "subprocess.CompletedProcess[str]", picture: Path) -> 
     assert isinstance(clean, dict)
     assert isinstance(rest, dict)
     assert clean["samples"] + rest["loop"]["samples"] > 0
-    assert found["cyclictest"]["samples"] + rest["cyclictest"]["samples"] > 0  # type: ignore[index]
-    assert found["slices"]["clean"] + found["slices"]["stolen"] >= 2  # type: ignore[index]
+    assert found["cyclictest"]["samples"] + rest["cyclictest"]["samples"] > 0
+    assert found["slices"]["clean"] + found["slices"]["stolen"] >= 2
     assert done.returncode == 0 or "steals time" in done.stderr
     assert picture.read_bytes().startswith(b"\x89PNG")
     return found
@@ -50,8 +50,8 @@ def test_with_a_stub(tmp_path: Path) -> None:
     path = f"{tmp_path}:{os.environ['PATH']}"
     done = latency(path, "--seconds", "2", "--json", "--plot", str(picture))
     found = assert_compared(done, picture)
-    both = [found["cyclictest"], found["stolen"]["cyclictest"]]  # type: ignore[index]
-    measured = [figures for figures in both if figures["samples"]]  # type: ignore[index,call-overload]
+    both = [found["cyclictest"], found["stolen"]["cyclictest"]]
+    measured = [figures for figures in both if figures["samples"]]
     assert measured
     assert all(figures["max_us"] == 9.0 for figures in measured)
 

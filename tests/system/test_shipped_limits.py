@@ -151,7 +151,7 @@ def test_a_loop_held_up_between_waking_and_reading_goes_on(bench: Bench) -> None
         bench.world.advance(bench.world.now_ns + (held.pop() if held else 0))
         read(now_ns, feedback)
 
-    rig.read = late  # type: ignore[method-assign]
+    rig.read = late
     bench.service.run_s(0.3, bench.token)
     assert bench.service.bench.state is State.ENABLED, bench.service.messages()[-2:]
 

@@ -68,13 +68,23 @@ def wire(tmp_path, request):
         yield Wire(running, devices, truth)
 
 
-def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row, limit_s=STALE_S, **board):
+def hold(
+    client,
+    lease,
+    torque_Nm,
+    speed_Hz,
+    states_in_a_row,
+    limit_s=STALE_S,
+    *,
+    board_is_a_process=False,
+):
     """Bring the bench to torque and speed until the speed has stayed there for some states.
 
     At speed 0 the rotor has stood. Returns the first and the last of the states. A trip that
     a computer too busy explains, and no other, costs another try (`tests.support.stalls`);
-    `limit_s` is the bench's shortest limit, `board` what `forgive` is told of the bridge board.
+    `limit_s` is the bench's shortest limit; `board_is_a_process` as `forgive` takes it.
     """
+    forgive_trip = partial(forgive, client, board_is_a_process=board_is_a_process)
     while True:
         kept, seen = stalls.of_bench(client.state()), []
         try:
@@ -85,11 +95,11 @@ def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row, limit_s=STALE_S, *
             wait_for(client, partial(_held, seen, speed_Hz, states_in_a_row), f"{speed_Hz} Hz")
             if seen:
                 return seen[0], seen[-1]
-            forgive(client, kept, limit_s=limit_s, **board)
+            forgive_trip(kept, limit_s=limit_s)
         except ClientError as error:
             if error.code not in ("tripped", "timeout", "refused"):
                 raise
-            forgive(client, kept, error, limit_s, **board)
+            forgive_trip(kept, error, limit_s)
 
 
 def _held(seen, speed_Hz, states_in_a_row, state):

@@ -49,7 +49,7 @@ def make(**changes: object) -> Calibration:
         ),
         "condition_number": 12.0,
     }
-    return Calibration(**{**values, **changes})  # type: ignore[arg-type]
+    return Calibration(**{**values, **changes})
 
 
 def test_a_bound_is_kept_and_files_from_before_have_none(tmp_path: Path) -> None:

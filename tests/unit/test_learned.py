@@ -27,7 +27,7 @@ def learned(**changes: object) -> LearnedTorque:
         "points": tuple(point(0.001 * n) for n in range(6)),
         "runs": ("learn-1.mcap",),
     }
-    return LearnedTorque(**{**values, **changes})  # type: ignore[arg-type]
+    return LearnedTorque(**{**values, **changes})
 
 
 def test_a_calibration_without_it_is_what_it_was() -> None:

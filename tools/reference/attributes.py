@@ -8,7 +8,7 @@ from motord.attribute_docs import comments_by_line
 
 def described_values(module: object, name: str) -> dict[str, str]:
     """Return the values of the `Literal` that a module calls `name`, with the comments on them."""
-    source = inspect.getsource(module)  # type: ignore[arg-type]
+    source = inspect.getsource(module)
     comments = comments_by_line(source)
     for node in ast.parse(source).body:
         match node:

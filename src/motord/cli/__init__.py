@@ -34,7 +34,7 @@ COMMANDS = {
     "analyse": "motord.cli.analysis_command:app",
     "test": "motord.cli.motor_test:run_test",
     "simulate": "motord.cli.simulate:simulate",
-    "calibration": "motord.cli.calibration:app",
+    "calibration": "motord.cli.calibration.commands:app",
     "results": "motord.cli.results.commands:app",
     "record": "motord.cli.record.commands:app",
     "security": "motord.cli.security:app",

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from motord.unit_suffixes import UNITS, split_unit
+from motord.config.unit_suffixes import UNITS, split_unit
 
 OF_PHASES = (
     "alpha", "beta", "alpha_induced", "beta_induced", "current_gain", "offset", "noise",

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+from motord.config.unit_suffixes import UNITS, split_unit
 from motord.intervals import coverage_factor
 from motord.results.field_names import label_elements, number_elements
-from motord.unit_suffixes import UNITS, split_unit
 
 NOT_RESULTS = frozenset(
     {"motor", "told", "left_out", "unreached", "learned", "degrees_of_freedom", "freedom"}

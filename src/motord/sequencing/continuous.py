@@ -27,8 +27,7 @@ from motord.sequencing.motions import (
     wait,
     within,
 )
-from motord.sequencing.observation import Observation
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Observation, Precision
 from motord.sequencing.quality import quality
 
 SETTLE_S = 0.1

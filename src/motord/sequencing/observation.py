@@ -1,13 +1,13 @@
 """What a plan sees of the bench: a summary of the ticks since the observation before."""
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from motord.schema import State
 from motord.sequencing.demand import Demand
-from motord.sequencing.precision import Precision
 
 WINDOW_TURNS = 1.0
 """The speed that counts is the mean over the last whole turn: ripple must not move the brake.
@@ -18,6 +18,40 @@ has no ticks, and the rotor's path meanwhile says nothing of the operating point
 
 WINDOW_BLOCKS = 500
 """Blocks looked back on at most, for a rotor that hardly turns."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How precisely a plan knows by now what it is to find out: what it may end early by.
+
+    Halves of the 95 % intervals that the captures so far give, by quantity with its unit.
+
+    captures: how many operating points it is of; half_widths: such as {"beta_A": 0.03}, a quantity
+    that these cannot give yet being left out; obstacle: why the plan must not end early by it (a
+    model that does not fit), "" if it may; remark: what else the captures show, as text.
+    """
+
+    captures: int
+    half_widths: Mapping[str, float] = field(default_factory=dict)
+    obstacle: str = ""
+    remark: str = ""
+
+    def reaches(self, targets: Mapping[str, float]) -> bool:
+        """Return whether every target is reached; False without targets."""
+        return (
+            bool(targets)
+            and not self.obstacle
+            and all(self.half_widths.get(name, float("inf")) <= targets[name] for name in targets)
+        )
+
+    def in_words(self, targets: Mapping[str, float]) -> str:
+        """Return what is reached next to what is wanted, as "beta_A 0.03 of 0.02"."""
+        known = ((name, self.half_widths.get(name)) for name in targets)
+        parts = [
+            f"{name} {'?' if half is None else format(half, '.2g')} of {targets[name]:g}"
+            for name, half in known
+        ]
+        return ", ".join([*parts, *([self.obstacle] if self.obstacle else [])])
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from motord.config import Config
 from motord.control.types import SETPOINT
 from motord.schema import Request
 from motord.sequencing import Demand, Executor, Observation, Plan, PlanState, TickWatcher
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.virtual.bench import VirtualBench
 
 LOOK_S = 0.05

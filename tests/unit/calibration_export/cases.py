@@ -49,4 +49,4 @@ def calibration(
         ),
         "condition_number": 12.0,
     }
-    return Calibration(**{**values, **changes})  # type: ignore[arg-type]
+    return Calibration(**{**values, **changes})

@@ -161,7 +161,7 @@ def test_a_back_emf_with_harmonics_is_in_a_table_of_currents_not_of_torques() ->
 
 def test_the_harmonics_are_those_of_the_calibration() -> None:
     made = exported(calibration(), FORMATS["beckhoff-harmonics"], DriveFrame(), None)
-    terms = made.columns[0].stored.terms  # type: ignore[attr-defined]
+    terms = made.columns[0].stored.terms
     assert [one.order for one in terms] == [48, 96, 16]
     by_order = {n: (a, phi) for n, a, phi in HARMONICS}
     for one in terms:

@@ -17,7 +17,7 @@ def motor(*harmonics: BackEmfHarmonic, **changes: object) -> MotorConfig:
         "name": "m", "pole_pairs": 8, "slots": 48, "counts": COUNTS, "rated_torque_Nm": 6.0,
         "connection": "star", "back_emf": harmonics,
     }  # fmt: skip
-    return MotorConfig(**{**values, **changes})  # type: ignore[arg-type]
+    return MotorConfig(**{**values, **changes})
 
 
 FUNDAMENTAL = BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.206, phase_rad=0.3)

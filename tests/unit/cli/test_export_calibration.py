@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from motord.calibration import CalibratedMotor, Calibration
 from motord.calibration.export import FORMATS
 from motord.cli import app
-from motord.cli.export_calibration import NAMES
+from motord.cli.calibration.export import NAMES
 from motord.config import load, packaged
 from tests.contract.peers import until
 from tests.unit.calibration_export.cases import calibration

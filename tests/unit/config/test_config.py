@@ -57,7 +57,7 @@ def test_a_small_bench_is_enough(tmp_path: Path) -> None:
     assert bench.limits.current_A == 20.0
     assert bench.zenoh.listen == ("tcp/127.0.0.1:7447",)
     with pytest.raises(ValueError, match="frozen"):
-        bench.bench.name = "other"  # type: ignore[misc]
+        bench.bench.name = "other"
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*.toml")), ids=lambda p: p.name)

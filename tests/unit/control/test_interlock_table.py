@@ -33,7 +33,7 @@ def test_a_row_is_what_the_kernel_and_the_events_have(row: Interlock) -> None:
 def test_limits_are_keys_of_the_bench_file(row: Interlock) -> None:
     for key in filter(None, row.limit.split(", ")):
         section, _, name = key.partition(".")
-        assert name in Config.model_fields[section].annotation.model_fields  # type: ignore[union-attr]
+        assert name in Config.model_fields[section].annotation.model_fields
 
 
 def test_every_source_of_evidence_has_its_bits() -> None:

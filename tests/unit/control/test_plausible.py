@@ -17,9 +17,7 @@ class Answering(Bench):
     """A bench whose currents follow a tick later, and whose sensor shows the torque asked for."""
 
     def __init__(self, **sections: object) -> None:
-        limits = {"current_error_A": 5.0, "torque_error_Nm": 1.5} | dict(
-            sections.pop("limits", {})  # type: ignore[arg-type]
-        )
+        limits = {"current_error_A": 5.0, "torque_error_Nm": 1.5} | dict(sections.pop("limits", {}))
         super().__init__(make_config(limits=limits, **sections))
         self.error_A = np.zeros(3)
         self.error_Nm = 0.0

@@ -8,14 +8,14 @@ from typer.testing import CliRunner
 from motord.calibration import load
 from motord.cli import console
 from motord.cli.analysis_command import app as analyse
-from motord.cli.calibration import app as calibration
+from motord.cli.calibration.commands import app as calibration
 from motord.config import packaged
 from motord.recording.writer import RunWriter
 from tests.unit.experiments.conftest import Recorded
 
 
 def run(app: object, *arguments: object) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [str(a) for a in arguments])  # type: ignore[arg-type]
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr

@@ -242,12 +242,12 @@ class Narrow:
 
 
 def measured_cogging(run: object, subject: Subject) -> MeasuredCogging:
-    points = driven_points([run], REQUIRED)  # type: ignore[list-item]
+    points = driven_points([run], REQUIRED)
     return cogging.measure(points, subject.motor, subject.sensor)
 
 
 def measured_back_emf(run: object, subject: Subject) -> MeasuredBackEmf:
-    return back_emf.measure(driven_points([run], back_emf.VOLTAGES), subject.motor)  # type: ignore[list-item]
+    return back_emf.measure(driven_points([run], back_emf.VOLTAGES), subject.motor)
 
 
 def test_columns_that_are_not_there(runs: Path) -> None:

@@ -95,7 +95,7 @@ def test_a_board_that_says_nothing() -> None:
 def test_something_else_with_the_boards_identifier() -> None:
     config = bridge_can_config("virtual")
     board = CanBoard(config)
-    board._obey = lambda *_: board.put(config.board_id, b"\xc0noise")  # type: ignore[method-assign]
+    board._obey = lambda *_: board.put(config.board_id, b"\xc0noise")
     message = error_of(config, connect_timeout_s=1.5)
     assert "CAN frames of something else; are the identifiers in [bridge.can]" in message
     board.close()
@@ -130,7 +130,7 @@ def test_inverter_and_bridge_share_a_channel() -> None:
         update={"channel": inverter.channel, "options": inverter.options, "fd": True}
     )
     drive, board = Drive(inverter), CanBoard(shared)
-    board.put = _only_own(board)  # type: ignore[method-assign]
+    board.put = _only_own(board)
     rig = make_rig(bench(inverter, driver="can", bridge_can=shared))
     rig.open()
     drive.stop()

@@ -180,8 +180,8 @@ def test_a_board_that_says_nothing() -> None:
 
 
 def test_something_else_on_the_port(board: Board) -> None:
-    board.identity = None  # type: ignore[assignment]
-    board._obey = lambda *_: setattr(board, "raw", b"login: ")  # type: ignore[method-assign]
+    board.identity = None
+    board._obey = lambda *_: setattr(board, "raw", b"login: ")
     message = error_of(port=board.port, connect_timeout_s=0.15)
     assert "bytes of something else" in message
 

@@ -100,9 +100,9 @@ def test_a_frame_that_the_port_cuts_off_is_reported_and_spoils_no_other(adapter:
 def test_what_has_arrived_can_be_forgotten(adapter: Adapter) -> None:
     os.write(adapter.fd, LINE + LINE)
     receive(adapter.bus)
-    port = adapter.bus.serialPortOrig  # type: ignore[attr-defined]
+    port = adapter.bus.serialPortOrig
     assert isinstance(port, BulkPort)
-    adapter.bus.flush()  # type: ignore[attr-defined]
+    adapter.bus.flush()
     assert (port.in_waiting, adapter.bus.recv(0)) == (0, None)
     assert port.fileno() == adapter.bus.fileno()
 

@@ -17,9 +17,9 @@ class Bus:
 
 def sent(now_ns: list[int], **changes: object) -> list[tuple[int, bytes]]:
     host, bus = CanopenHost(CanopenConfig.model_validate(changes)), Bus()
-    host.start(bus)  # type: ignore[arg-type]
+    host.start(bus)
     for each in now_ns:
-        host.after_command(bus, each)  # type: ignore[arg-type]
+        host.after_command(bus, each)
     return bus.sent
 
 

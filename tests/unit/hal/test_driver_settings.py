@@ -23,7 +23,7 @@ class Settings(Section):
 
 
 def bench(**settings: object) -> config.Config:
-    inverter = InverterConfig(driver="acme", settings=settings)  # type: ignore[arg-type]
+    inverter = InverterConfig(driver="acme", settings=settings)
     return config.load().model_copy(update={"inverter": inverter})
 
 

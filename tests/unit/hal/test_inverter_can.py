@@ -60,7 +60,7 @@ class SilentBus:
 
 
 def wrapped(bus: SilentBus) -> PythonCan:
-    return PythonCan(bus, fd=True)  # type: ignore[arg-type]
+    return PythonCan(bus, fd=True)
 
 
 @pytest.fixture

@@ -64,7 +64,7 @@ def test_a_driver_of_another_package() -> None:
 def test_slow_devices(kind: str) -> None:
     modbus = {"driver": "modbus", "modbus": ModbusConfig(watchdog_s=0.2)}
     setup = Config(motor=MOTOR, **{kind: modbus})
-    device = registry.make_setpoint_device(kind, setup)  # type: ignore[arg-type]
+    device = registry.make_setpoint_device(kind, setup)
     assert isinstance(device, ModbusDevice)
 
 

@@ -25,7 +25,7 @@ from tests.benchmarks.figure import Figure
 def test_a_figure_and_its_bound(
     value: float, bound: float | None, side: str, met: bool | None, expected: str
 ) -> None:
-    figure = Figure("x", value, "us", bound, side)  # type: ignore[arg-type]
+    figure = Figure("x", value, "us", bound, side)
     assert figure.met is met
     assert figure.row()[3] == expected
     assert json.loads(json.dumps(figure.as_json(), allow_nan=False))["met"] is met

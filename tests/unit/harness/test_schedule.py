@@ -24,7 +24,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_longest_files_come_first_and_each_keeps_its_order() -> None:
     ids = ("b.py::2", "b.py::1", "c.py::1", "u.py::1")
     items = [SimpleNamespace(nodeid=nodeid) for nodeid in ids]
-    schedule.longest_first(items)  # type: ignore[arg-type]
+    schedule.longest_first(items)
     assert [item.nodeid for item in items] == ["u.py::1", "b.py::2", "b.py::1", "c.py::1"]
 
 

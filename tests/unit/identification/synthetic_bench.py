@@ -43,7 +43,7 @@ def motor(
         slots=slots,
         counts=counts,
         rated_torque_Nm=6.0,
-        connection=connection,  # type: ignore[arg-type]
+        connection=connection,
         back_emf=tuple(harmonics),
     )
 
@@ -157,7 +157,7 @@ class Bench:
         for p in range(3):
             for h in self.motor.back_emf:
                 electrical = self.motor.pole_pairs * angle_rad - p * 2 * np.pi / 3
-                k[:, p] += h.amplitude_V_s_per_rad * np.sin(h.order * electrical + h.phase_rad)  # type: ignore[union-attr]
+                k[:, p] += h.amplitude_V_s_per_rad * np.sin(h.order * electrical + h.phase_rad)
         return k
 
     def _command(self, angle_rad: np.ndarray, torque_Nm: float, calibration: object) -> np.ndarray:
@@ -167,9 +167,9 @@ class Bench:
         wanted = np.full(angle_rad.size, torque_Nm)
         alpha, beta, gain = np.ones(3), np.zeros(3), 1.0
         if calibration is not None:
-            alpha, beta = np.array(calibration.alpha), np.array(calibration.beta_A)  # type: ignore[attr-defined]
-            gain = calibration.delta_epsilon  # type: ignore[attr-defined]
-            table = np.asarray(calibration.tau_cog_Nm)  # type: ignore[attr-defined]
+            alpha, beta = np.array(calibration.alpha), np.array(calibration.beta_A)
+            gain = calibration.delta_epsilon
+            table = np.asarray(calibration.tau_cog_Nm)
             turn = np.append(table, table[0])
             position = (angle_rad / (2 * np.pi) % 1) * table.size
             wanted = wanted - np.interp(position, np.arange(turn.size), turn)

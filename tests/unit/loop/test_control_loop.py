@@ -156,7 +156,7 @@ def test_reason_to_stop_before_the_first_tick(loop: Loop) -> None:
 
 def test_loop_allocates_nothing_that_stays(loop: Loop) -> None:
     """The number of live memory blocks is the same after 2000 ticks as after 3000."""
-    loop.rig.write = lambda _command: None  # type: ignore[method-assign]
+    loop.rig.write = lambda _command: None
     blocks: list[int] = []
     script = {n: lambda: blocks.append(sys.getallocatedblocks()) for n in (1000, 2000, 3000)}
     loop.run(3100, script)

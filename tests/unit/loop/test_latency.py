@@ -152,7 +152,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def plan(**other: object) -> MeasurementPlan:
-    return MeasurementPlan(LoopConfig(rate_Hz=1000), 1e9, **{"slice_s": 0.02, "enough": 5, **other})  # type: ignore[arg-type]
+    return MeasurementPlan(LoopConfig(rate_Hz=1000), 1e9, **{"slice_s": 0.02, "enough": 5, **other})
 
 
 def test_goes_on_until_there_are_enough_clean_slices(machine: list[int]) -> None:

@@ -18,7 +18,7 @@ from motord.sequencing.continuous import (
     lead_s,
     point_s,
 )
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from tests.unit.control.bench import make_config
 from tests.unit.sequencing.fakes import LOOK_TICKS, PERIOD_NS, FakeBench
 
@@ -140,7 +140,7 @@ def test_a_torque_that_is_not_reached_fails_and_names_it() -> None:
         block["torque_set_Nm"] = np.minimum(block["torque_set_Nm"], 1.5)
         return block
 
-    ride.bench.look = stuck  # type: ignore[method-assign]
+    ride.bench.look = stuck
     ride.finish()
     assert ride.executor.state is PlanState.FAILED
     assert ride.executor.message.startswith("3 Nm, about 1 Hz: the torque is still 1.5 Nm")
@@ -298,7 +298,7 @@ def test_a_poor_point_is_taken_again() -> None:
         block["temperature_C"] = 25.0 if ride.executor.points else 35.0
         return block
 
-    ride.bench.look = warm  # type: ignore[method-assign]
+    ride.bench.look = warm
     ride.finish()
     assert [(one["take"], one["quality"] == "ok") for one in ride.executor.points] == [
         (1, False), (2, True),
@@ -314,7 +314,7 @@ def poor(ride: Ride) -> Ride:
         block["temperature_C"] = 35.0
         return block
 
-    ride.bench.look = hot  # type: ignore[method-assign]
+    ride.bench.look = hot
     return ride
 
 

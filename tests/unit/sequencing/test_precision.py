@@ -2,7 +2,7 @@
 
 import pytest
 
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 
 BOTH = {"alpha_percent": 0.1, "beta_A": 0.02}
 KNOWN = {"alpha_percent": 0.1, "beta_A": 0.015, "cogging_percent": 7.0}

@@ -10,7 +10,7 @@ from motord.api.errors import RpcError
 from motord.config import load
 from motord.experiments.check_calibration import plan
 from motord.schema import State
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.virtual import VirtualBench
 from tests.campaigns.check_calibration import stated_calibration, with_drift
 from tests.campaigns.estimator import rig

@@ -2,7 +2,7 @@
 
 import pytest
 
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.service.estimator.link import ENDED
 from tests.support import early_end
 from tests.unit.service.virtual_service import VirtualService

@@ -15,7 +15,7 @@ from motord.config import load, packaged
 from motord.recorder.launch import spawn_piped
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.sequencing import Plan
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.service.estimator import process
 from motord.service.estimator.captures import CaptureTicks
 from motord.service.estimator.link import ENDED, ESTIMATOR, EstimatorLink

@@ -77,7 +77,7 @@ class Overtaken(MailboxReader):
         self.copied = 0
 
         class Copies(list[memoryview]):
-            def __getitem__(inner, index: int) -> memoryview:  # type: ignore[override]
+            def __getitem__(inner, index: int) -> memoryview:
                 if self.copied < attempts:
                     for _ in range(writes):
                         writer.write(setpoint(10 + self.copied))

@@ -109,7 +109,7 @@ def test_write_between_looking_and_acknowledging_is_taken_up(
                 writer.write(*tables(2.0))
             words[place] = value
 
-    words, reader._words = reader._words, Words()  # type: ignore[assignment]
+    words, reader._words = reader._words, Words()
     assert reader.poll()
     assert values(reader) == {2.0}
     assert writer.in_use == 2

@@ -38,7 +38,7 @@ class Stingy:
 def test_a_file_that_takes_little_at_a_time_gets_it_all() -> None:
     file, block = Stingy(), np.zeros(5, TICK_DTYPE)
     block["tick"] = np.arange(5)
-    rows.write(file, block)  # type: ignore[arg-type]
+    rows.write(file, block)
     assert file.taken == block.tobytes()
 
 

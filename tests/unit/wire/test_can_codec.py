@@ -88,7 +88,7 @@ def test_decodes_as_cantools_does(layout: Layout, draw: st.DataObject) -> None:
     ours = layout.codec.decode(payload)
     assert ours is not None
     for name, value in zip(layout.codec.slots, ours, strict=True):
-        assert close(value, float(theirs[name])), name  # type: ignore[index,arg-type,call-overload]
+        assert close(value, float(theirs[name])), name
 
 
 @given(layouts(), st.data())
@@ -109,9 +109,9 @@ def test_encodes_as_cantools_does(layout: Layout, draw: st.DataObject) -> None:
     for signal in layout.message.signals:
         if signal.is_float:
             # the smallest format holds 11 bits
-            assert float(back[signal.name]) == pytest.approx(raws[signal.name], rel=1e-3, abs=1e-3)  # type: ignore
+            assert float(back[signal.name]) == pytest.approx(raws[signal.name], rel=1e-3, abs=1e-3)
         else:
-            assert back[signal.name] == raws[signal.name]  # type: ignore[index,call-overload]
+            assert back[signal.name] == raws[signal.name]
     if not any(signal.is_float for signal in layout.message.signals):
         assert ours == layout.message.encode(raws, scaling=False)
 

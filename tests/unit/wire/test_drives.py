@@ -26,7 +26,7 @@ def inverter_of(example: str) -> InverterConfig:
     return InverterConfig.model_validate(section)
 
 
-INVERTERS = {inverter_of(example).can.dbc.stem: inverter_of(example) for example in EXAMPLES}  # type: ignore[union-attr]
+INVERTERS = {inverter_of(example).can.dbc.stem: inverter_of(example) for example in EXAMPLES}
 
 
 def drive(name: str) -> InverterCodec:
@@ -39,7 +39,7 @@ def drive(name: str) -> InverterCodec:
 def test_every_example_loads(name: str) -> None:
     codec = drive(name)
     assert INVERTERS[name].q_only == (name != "moteus")
-    assert INVERTERS[name].can.signals.feedback_u_bus_V  # type: ignore[union-attr]
+    assert INVERTERS[name].can.signals.feedback_u_bus_V
     payload = codec.encode_command((0.0, 0.0), False, 0)
     assert codec.decode_command(payload) == ((0.0, 0.0, 0.0), not codec.signals.command_enable)
 

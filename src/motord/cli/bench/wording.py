@@ -73,7 +73,7 @@ def _whole(value: float | None) -> str:
 
 def precision(plan: "PlanView") -> str:
     """Return how precise a plan is by now, next to its targets; "" of a plan without."""
-    from motord.sequencing.precision import Precision
+    from motord.sequencing.observation import Precision
 
     return Precision(0, plan.precision, plan.obstacle).in_words(plan.targets)
 

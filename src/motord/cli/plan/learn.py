@@ -6,10 +6,10 @@ import typer
 
 from motord.cli.analysis_command import Output, Report, print_files, print_text
 from motord.cli.bench.lease_session import in_command
+from motord.cli.calibration.in_force import load_in_force
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
-from motord.cli.in_force import load_in_force
 from motord.cli.plan.commands import closed_recording, follow
 from motord.cli.plan.settings import settings_of
 

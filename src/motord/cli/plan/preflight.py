@@ -3,8 +3,8 @@
 import json
 from typing import TYPE_CHECKING, Any
 
+from motord.cli.calibration.in_force import load_in_force
 from motord.cli.console import fail
-from motord.cli.in_force import load_in_force
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration

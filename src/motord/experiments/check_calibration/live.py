@@ -14,7 +14,7 @@ from motord.experiments.subject import Subject
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
 from motord.sequencing.capture import final
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 
 
 class LiveCheck:

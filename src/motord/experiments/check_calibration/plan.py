@@ -25,8 +25,7 @@ from motord.sequencing.continuous import (
 )
 from motord.sequencing.limits import check_operating_points
 from motord.sequencing.motions import Motion, MotionFailed, hold, restartable, within
-from motord.sequencing.observation import Observation
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Observation, Precision
 from motord.sequencing.settings import chosen, compensation
 
 NAME = "check-calibration"

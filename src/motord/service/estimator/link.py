@@ -6,7 +6,7 @@ from typing import Any
 from uuid import uuid4
 
 from motord.sequencing import Plan
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.service.estimator.protocol import PrecisionReport
 from motord.service.host.child_pipes import ChildPipes
 from motord.service.host.children import Children

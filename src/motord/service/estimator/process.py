@@ -19,7 +19,7 @@ import numpy as np
 from motord.config import Config
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.service.estimator.captures import CaptureTicks
 from motord.service.estimator.protocol import PrecisionReport
 from motord.service.host import background

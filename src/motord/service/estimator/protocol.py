@@ -11,7 +11,7 @@ from typing import Annotated
 from pydantic import Field
 
 from motord.recorder.protocol import Count, Message, Text
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 
 QUANTITIES_MAX = 64
 NAME_MAX = 100

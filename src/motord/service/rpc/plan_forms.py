@@ -9,7 +9,7 @@ from typing import Any
 from motord.api.replies import SettingField
 from motord.attribute_docs import described
 from motord.config.base import Section
-from motord.unit_suffixes import unit_of
+from motord.config.unit_suffixes import unit_of
 
 _TYPES = {"number": "number", "integer": "integer", "boolean": "boolean", "string": "text"}
 

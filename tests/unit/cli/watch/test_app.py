@@ -11,8 +11,7 @@ from motord.cli.bench.watch.app import WatchApp
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import UNICODE
 from motord.cli.bench.watch.keys import ACTIONS, KEYS
-from motord.cli.bench.watch.operator_session import OperatorSession
-from motord.cli.bench.watch.pending_stop import UNANSWERED_S
+from motord.cli.bench.watch.operator_session import UNANSWERED_S, OperatorSession
 from motord.client import ClientError
 from tests.unit.cli.watch.samples import NOW_NS, PLAN, TRIP, FakeClient, state, ticks
 

@@ -60,7 +60,7 @@ def test_a_real_run_has_no_truth(recorded: Recorded) -> None:
     class Bare:
         truth_table = type("Table", (), {"present": False})()
 
-    assert recorded_truth([Bare()], Subject.of_config(load())) is None  # type: ignore[list-item]
+    assert recorded_truth([Bare()], Subject.of_config(load())) is None
 
 
 def test_from_runs_to_a_page(recorded: Recorded) -> None:

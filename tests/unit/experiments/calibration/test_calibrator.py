@@ -339,7 +339,7 @@ def test_compensation_inverts_the_model(
         delta_epsilon = 1.0
         tau_cog_Nm = tuple(table)
 
-    TrueModel.alpha, TrueModel.beta_A = alpha, beta_A  # type: ignore[attr-defined]
+    TrueModel.alpha, TrueModel.beta_A = alpha, beta_A
     assert bench.true_rms_percent(torque_Nm, TrueModel) < 0.01
 
 

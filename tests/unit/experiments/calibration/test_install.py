@@ -92,7 +92,7 @@ def test_a_client_that_accepts_nothing_sends_what_older_daemons_know() -> None:
         def call(self, rpc: object, **fields: object) -> None:
             sent.append(fields)
 
-    commander = Commander(Daemon(), "token")  # type: ignore[arg-type]
+    commander = Commander(Daemon(), "token")
     commander.install_calibration(Path("/c.json"))
     commander.install_calibration(Path("/c.json"), accept=("kirchhoff",))
     assert sent == [

@@ -16,7 +16,7 @@ from motord.identification.operating_points import PointData, split
 from motord.rig.truth import EncoderHarmonic, RigTruth
 from motord.rig.truth import load as load_truth
 from motord.sequencing import Plan
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 from motord.virtual import VirtualBench, run_plan
 
 CONFIG = load()

@@ -165,7 +165,7 @@ def test_without_time_limit_and_targets_it_is_the_mesh(config: Config) -> None:
 
 @pytest.mark.parametrize("motor", [MOTORS[0], MOTORS[2]], ids=str)
 def test_any_motor_has_a_quick_plan(motor: object) -> None:
-    other, _ = bench(motor)  # type: ignore[arg-type]
+    other, _ = bench(motor)
     plan = build("calibrate", other, {"time_limit_s": 30})
     assert len(plan.points) >= 4
     assert turns(plan) >= LEAST_VISITS * TURNS

@@ -28,7 +28,7 @@ def driven(bench: synthetic.Bench, *speeds_Hz: float, turns: float = 9.3) -> lis
 
 
 def no_current(**changes: object) -> synthetic.Truth:
-    return synthetic.Truth(alpha=(1.0, 1.0, 1.0), beta_A=(0.0, 0.0, 0.0), **changes)  # type: ignore[arg-type]
+    return synthetic.Truth(alpha=(1.0, 1.0, 1.0), beta_A=(0.0, 0.0, 0.0), **changes)
 
 
 def test_the_simulated_rig_is_measured_in_spite_of_belt_and_sensor() -> None:

@@ -19,8 +19,12 @@ from motord.cli.bench.watch.dialogs import (
     Help,
 )
 from motord.cli.bench.watch.feed import EVENTS_KEPT, Feed
-from motord.cli.bench.watch.operator_session import OperatorSession, in_thread, refusal_text
-from motord.cli.bench.watch.pending_stop import PendingStop
+from motord.cli.bench.watch.operator_session import (
+    OperatorSession,
+    PendingStop,
+    in_thread,
+    refusal_text,
+)
 from motord.client import ClientError, Commander
 from motord.security.access import permits
 

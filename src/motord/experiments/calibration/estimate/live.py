@@ -13,7 +13,7 @@ from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
 from motord.recording.captures import COLUMNS
-from motord.sequencing.precision import Precision
+from motord.sequencing.observation import Precision
 
 AGAIN = 1.25
 """Factor by which captures must have grown since a whole analysis that did not confirm the targets

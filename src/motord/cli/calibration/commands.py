@@ -6,13 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.adopt import adopt
 from motord.cli.bench.tracking import lines
+from motord.cli.calibration.adopt import adopt
+from motord.cli.calibration.export import export
+from motord.cli.calibration.in_force import load_in_force
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
-from motord.cli.export_calibration import export
-from motord.cli.in_force import load_in_force
 
 app = group("Calibration files: show, list, install, export for a drive, adopt what is tracked.")
 app.command()(adopt)

@@ -1,6 +1,6 @@
 import pytest
 
-from motord.unit_suffixes import UNITS, split_unit, unit_of
+from motord.config.unit_suffixes import UNITS, split_unit, unit_of
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.calibration.in_force import load_in_force
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_json, remark
-from motord.cli.in_force import load_in_force
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration

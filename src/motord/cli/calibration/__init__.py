@@ -1,0 +1,1 @@
+"""`motord calibration`: show, list, install, adopt, and export for a drive."""
