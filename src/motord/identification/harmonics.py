@@ -3,23 +3,74 @@
 y(theta) = Re sum_h line_h exp(j h theta) = sum_h |line_h| sin(h theta + arg(j line_h))
 """
 
+from collections.abc import Callable
+
 import numpy as np
-from scipy.linalg import solve_toeplitz
+
+from motord.identification.orders import SAMPLES_PER_ORDER
+
+DAMPING = 0.1
+"""Damping of the highest order that the samples resolve, in parts of them, falling with the square
+of the order: what a gap in the turn leaves open, where a busy computer took no samples, stays
+smooth and small."""
+
+DAMPED_ROUNDS = 5
+"""Rounds of iterated Tikhonov regularisation: of what is sampled well DAMPING^5 is lost at most."""
+
+SOLVED = 1e-5
+"""Residual of a round's equations, in parts of their right side; the next round takes it up."""
 
 
 def lines_at(count: np.ndarray, values: np.ndarray, counts: int, highest: int) -> np.ndarray:
     """Return complex amplitudes of orders 0 to `highest` of values (n,) at counts (n,).
 
-    values are Re(sum of line_h exp(j h theta)); line 0 is the mean. Least squares over all samples:
-    with unevenly visited points the normal matrix is Toeplitz, the spectrum of the visits.
+    values are Re(sum of line_h exp(j h theta)); line 0 is the mean. See `lines_of_sums`.
     """
     visits = np.fft.fft(np.bincount(count, minlength=counts))
-    right = np.fft.fft(np.bincount(count, values, minlength=counts))
-    column = visits[np.arange(2 * highest + 1) % counts]
-    solution = solve_toeplitz(column, right[np.arange(-highest, highest + 1)])
-    lines: np.ndarray = 2 * solution[highest:]
-    lines[0] /= 2
+    sums = np.fft.rfft(np.bincount(count, values, minlength=counts))
+    return lines_of_sums(visits[np.arange(2 * highest + 1) % counts], sums[: highest + 1])
+
+
+def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
+    """Return lines (h + 1,) of orders 0 to h by damped least squares over all samples.
+
+    visits (2 h + 1,): transform of the samples at each angle; sums (h + 1,): that of the sums of
+    their values. With unevenly visited angles the normal matrix is Toeplitz, the spectrum of the
+    visits: multiplied by transforms, solved by conjugate gradients (Hansen 1998, chapters 5 and 6).
+    """
+    highest, samples = sums.size - 1, visits[0].real
+    damping = DAMPING * (np.arange(highest + 1) * SAMPLES_PER_ORDER / samples) ** 2
+    grid = 1 << (4 * highest + 2).bit_length()
+    weight = np.fft.irfft(visits, grid) * (grid / samples)
+
+    def damped(lines: np.ndarray) -> np.ndarray:
+        return seen(lines) + damping * lines
+
+    def seen(lines: np.ndarray) -> np.ndarray:
+        return np.asarray(np.fft.rfft(weight * np.fft.irfft(lines, grid))[: highest + 1])
+
+    wanted = sums / samples
+    lines = np.zeros_like(wanted)
+    for _ in range(DAMPED_ROUNDS):
+        lines = lines + _solved(damped, wanted - seen(lines))
+    lines[1:] *= 2
     return lines
+
+
+def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
+    """Solve product(x) = right by conjugate gradients; orders but 0 count twice, as -h and h."""
+    twice = np.r_[1.0, np.full(right.size - 1, 2.0)]
+    x, rest, along = np.zeros_like(right), right, right
+    square = first = twice @ np.abs(rest) ** 2
+    for _ in range(2 * right.size):
+        if square <= SOLVED**2 * first:
+            break
+        moved = product(along)
+        step = square / (twice @ (along.conj() * moved).real)
+        x, rest = x + step * along, rest - step * moved
+        before, square = square, twice @ np.abs(rest) ** 2
+        along = rest + square / before * along
+    return x
 
 
 def over_one_turn(lines: np.ndarray, points: int) -> np.ndarray:

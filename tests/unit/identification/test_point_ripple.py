@@ -65,6 +65,20 @@ def test_harmonics_of_unevenly_visited_points(counts: int) -> None:
     assert np.allclose(found, lines, atol=1e-8)
 
 
+@pytest.mark.parametrize("gap", [3, 22, 90])
+def test_what_a_gap_leaves_open_is_small(gap: int) -> None:
+    counts, highest, samples = 4096, 400, 1000
+    lines = np.zeros(highest + 1, complex)
+    lines[[8, 16, 48, 96]] = 0.5, 0.08j, 0.33 * np.exp(0.3j), 0.06
+    rng = np.random.default_rng(gap)
+    count = np.delete(np.arange(samples) * counts // samples, np.arange(300, 300 + gap))
+    values = over_one_turn(lines, counts)[count] + 0.03 * rng.standard_normal(count.size)
+    found = lines_at(count, values, counts, highest)
+    share = gap / samples
+    assert np.abs(found[48]) == pytest.approx(0.33, rel=2 * share + 0.02)
+    assert np.abs(found - lines).max() < 0.02 + 2 * share
+
+
 def test_gaps_are_filled_round_the_zero_point() -> None:
     table = np.array([np.nan, 1.0, 2.0, np.nan, 4.0, np.nan])
     assert np.allclose(fill_gaps(table), [2.0, 1.0, 2.0, 3.0, 4.0, 3.0])

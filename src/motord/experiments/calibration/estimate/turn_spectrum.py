@@ -7,10 +7,10 @@ the samples are gone. Noise is what differs between the groups.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 
 from motord.config import TorqueSensorConfig
 from motord.identification.basis import Basis, cell_gain
+from motord.identification.harmonics import lines_of_sums
 from motord.identification.operating_points import Samples
 from motord.identification.orders import resolved_order
 from motord.identification.torque_sensor import order_below_resonance
@@ -109,11 +109,10 @@ class TurnSpectrum:
         Lines (groups, h) of orders 1 to h, complex: order h is Re(line exp(j h theta)).
         """
         sums = self.sums[:, :, -1] - self.sums[:, :, :-1] @ coefficients
-        both = np.concatenate([sums[:, :0:-1].conj(), sums], axis=1)
         return np.array(
             [
-                2 * solve_toeplitz(visits, right)[self.highest + 1 :]
-                for visits, right in zip(self.visits, both, strict=True)
+                lines_of_sums(visits, right)[1:]
+                for visits, right in zip(self.visits, sums, strict=True)
             ]
         )
 
