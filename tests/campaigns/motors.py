@@ -92,9 +92,8 @@ def main() -> int:
         print(f"{serial}: {cogging_Nm} Nm, limit {LIMIT_NM} Nm: exit code {ended.returncode}")
         print(ended.stdout + ended.stderr, flush=True)
         wrong += ended.returncode != code
-    amplitude = "cogging_Nm.48"
+    amplitude = "tau_cog_harmonics.48.amplitude_Nm"
     questions = (
-        ("query", "SELECT DISTINCT field FROM results ORDER BY 1"),
         ("query", f"SELECT serial, value, stderr FROM results WHERE field = '{amplitude}'"),
         ("trend", amplitude, "--by", "motor", "-o", "trend.svg"),
     )

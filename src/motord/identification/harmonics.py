@@ -44,13 +44,13 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
     weight = np.fft.irfft(visits, grid) * (grid / samples)
 
     def damped(lines: np.ndarray) -> np.ndarray:
-        return seen(lines) + damping * lines
+        return np.asarray(seen(lines) + damping * lines)
 
     def seen(lines: np.ndarray) -> np.ndarray:
         return np.asarray(np.fft.rfft(weight * np.fft.irfft(lines, grid))[: highest + 1])
 
     wanted = sums / samples
-    lines = np.zeros_like(wanted)
+    lines: np.ndarray = np.zeros_like(wanted)
     for _ in range(DAMPED_ROUNDS):
         lines = lines + _solved(damped, wanted - seen(lines))
     lines[1:] *= 2

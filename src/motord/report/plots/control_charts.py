@@ -35,7 +35,7 @@ def control_charts(label: str, panels: Sequence[ChartPanel]) -> Figure:
         all_axes = picture.subplots(len(panels), 1, squeeze=False)[:, 0]
         for axes, panel in zip(all_axes, panels, strict=True):
             _chart(axes, panel)
-            axes.set_ylabel(label)
+            axes.set_title(f"{label}, {panel.title}")
         all_axes[-1].set_xlabel("date of the recording (UTC), in order of time")
         handles, labels = all_axes[0].get_legend_handles_labels()
         picture.legend(handles, labels, loc="outside upper right", ncols=3, borderaxespad=0.1)
@@ -61,7 +61,6 @@ def _chart(axes: Axes, panel: ChartPanel) -> None:
         capsize=3, elinewidth=1.2, zorder=3, label="result with 95 % interval",
     )  # fmt: skip
     _mark(axes, panel)
-    axes.set_title(panel.title)
     step = max(1, -(-panel.values.size // DATES))
     axes.set_xticks(place[::step], [panel.dates[at] for at in place[::step]])
     axes.set_xlim(-0.5, panel.values.size - 0.5)
