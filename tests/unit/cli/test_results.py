@@ -145,7 +145,7 @@ def test_a_picture_shows_points_intervals_limits_and_rules():
     [bars] = axes.containers
     ends = [segment[:, 1].tolist() for segment in bars.lines[2][0].get_segments()]
     assert ends == [[0.5, 2.0], [2.0, 2.0], [8.5, 10.0]]
-    assert (axes.get_title(loc="left"), axes.get_ylabel()) == ("serial A", "alpha.a")
+    assert axes.get_title(loc="left") == "alpha.a, serial A"
 
 
 def test_too_many_charts_are_none(folder):
