@@ -7,7 +7,6 @@ import numpy as np
 
 from motord.config import Config
 from motord.experiments.profile.course import (
-    STEP_S,
     Course,
     brake_load_Nm,
     fastest_rad_s,
@@ -87,7 +86,9 @@ def check_power(course: Course, own: ProfileConfig) -> None:
         return
     trace = course.trace
     at_s = np.union1d(trace.time_s, course.at_s[course.at_s >= 0])
-    torque_Nm, speed_Hz = (np.interp(at_s, trace.time_s, v) for v in (trace.torque_Nm, trace.speed_Hz))
+    torque_Nm, speed_Hz = (
+        np.interp(at_s, trace.time_s, v) for v in (trace.torque_Nm, trace.speed_Hz)
+    )
     power_W = np.abs(2 * np.pi * torque_Nm * speed_Hz)
     if (over := power_W > own.power_max_W * ROUNDING).any():
         first = int(np.argmax(over))

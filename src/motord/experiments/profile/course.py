@@ -60,12 +60,14 @@ class Course:
         lead_s = LEAD_TIME_CONSTANTS * config.brake.excitation_time_constant_s
         ramp_s, settle_s = _way_s(trace, config.limits.torque_rate_Nm_per_s)
         first_s = -settle_s - ramp_s - lead_s
-        at_s = np.arange(math.floor(first_s / STEP_S), math.ceil(trace.duration_s / STEP_S) + 1)
-        at_s = STEP_S * at_s
+        first, last = math.floor(first_s / STEP_S), math.ceil(trace.duration_s / STEP_S)
+        at_s = STEP_S * np.arange(first, last + 1)
         way_s = [first_s, -settle_s - ramp_s, -settle_s] if ramp_s else [first_s]
         time_s = np.concatenate([way_s, trace.time_s])
         torque_Nm, speed_Hz = (
-            np.interp(at_s, time_s, np.concatenate([([0.0, 0.0, row[0]] if ramp_s else [0.0]), row]))
+            np.interp(
+                at_s, time_s, np.concatenate([([0.0, 0.0, row[0]] if ramp_s else [0.0]), row])
+            )
             for row in (trace.torque_Nm, trace.speed_Hz)
         )
         load_Nm = brake_load_Nm(torque_Nm, speed_Hz, np.gradient(speed_Hz, STEP_S), inertia_kg_m2)
@@ -147,7 +149,7 @@ def fastest_rad_s(course: Course, brake: BrakeConfig, inertia_kg_m2: float) -> n
 
 
 def _way_s(trace: Trace, rate_Nm_per_s: float) -> tuple[float, float]:
-    """Return the times (s) of the ramp to the first row and of settling there, 0 from standstill."""
+    """Return the times (s) of the ramp to the first row and of settling there."""
     torque_Nm, speed_Hz = abs(float(trace.torque_Nm[0])), abs(float(trace.speed_Hz[0]))
     if torque_Nm == 0.0 and speed_Hz == 0.0:
         return 0.0, 0.0

@@ -7,7 +7,7 @@ configured curve slowly. A cycle begins at standstill, and again from its beginn
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from math import log
+from math import exp, log
 from typing import Any
 
 import numpy as np
@@ -175,7 +175,7 @@ def _play(
             demand.labelled("playing" if captured else "on the way to its first row"),
             torque_Nm=torque_Nm,
             speed_Hz=speed_Hz,
-            brake=min(brake * np.exp(0.5 * servo.shift), 1.0),
+            brake=min(brake * exp(0.5 * servo.shift), 1.0),
             plan_point=point.index if captured else -1,
         )
         step_s = min(seen.since_s(before), 0.2)

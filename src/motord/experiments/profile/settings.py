@@ -30,7 +30,7 @@ class ProfileConfig(Section):
     """Moment of inertia of all that turns."""
     power_max_W: Positive | None = None
     """Largest mechanical power. None: no limit."""
-    speed_tolerance_Hz: Positive = 0.05
+    speed_tolerance_Hz: Positive = 0.1
     """Speed error that counts as tracked."""
     torque_tolerance_Nm: Positive = 0.3
     """Torque error that counts as tracked."""

@@ -152,7 +152,9 @@ class _Table:
             cells = self._cells(number)
             for column, place in enumerate(self._places):
                 table[column, row] = self._number(number, cells, place)
-        units = [_units(quantity)[name] for quantity, name in zip(PER_UNIT, self._names, strict=True)]
+        units = [
+            _units(quantity)[name] for quantity, name in zip(PER_UNIT, self._names, strict=True)
+        ]
         return np.array(self._filled), table * np.array(units)[:, None]
 
     def _cells(self, number: int) -> list[str]:
@@ -162,7 +164,9 @@ class _Table:
     def _number(self, number: int, cells: Sequence[str], place: int) -> float:
         if place >= len(cells):
             missing = self._names[self._places.index(place)]
-            raise self._error(number, f"has {len(cells)} columns, {missing} is in column {place + 1}")
+            raise self._error(
+                number, f"has {len(cells)} columns, {missing} is in column {place + 1}"
+            )
         text = cells[place]
         if self._separator != "," and "." not in text:
             text = text.replace(",", ".")
