@@ -1,7 +1,7 @@
 """How torque and speed followed a profile, and the mechanical energy, from the ticks of its cycles.
 
 A torque sensor that does not pass the mean, but H = s tau / (1 + s tau), shows the fast part of the
-torque, and drifts. The slow part is that of the currents, T_i = sum_p (alpha_p i_p + beta_p) k_p.
+torque, and drifts. The slow part is T_i = sum_p (alpha_p i_p + beta_p) k_p + tau_cog of the currents.
 Complementary, with another H against the drift: T = H T_sensor + (1 - H^2) T_i.
 """
 
@@ -163,13 +163,14 @@ def _passed(torque_Nm: np.ndarray, decay: float) -> np.ndarray:
 def _from_currents(
     ticks: np.ndarray, subject: Subject, calibration: Calibration | None
 ) -> np.ndarray:
-    """Return the torque (n,) of the sensed currents with the back-EMF of the bench file."""
+    """Return the torque (n,) of the sensed currents, and cogging if there is a calibration."""
     i_A = np.column_stack([ticks[name] for name in CURRENTS]).astype(float)
+    count, cogging_Nm = ticks["encoder_count"], np.zeros(1)
     if calibration is not None:
         i_A = i_A * (calibration.delta_epsilon * np.array(calibration.alpha))
         i_A = i_A + np.array(calibration.beta_A)
-    back_emf = subject.motor.back_emf_table()
-    return np.asarray((i_A * back_emf[ticks["encoder_count"]]).sum(axis=1))
+        cogging_Nm = np.array(calibration.tau_cog_Nm)[count]
+    return np.asarray((i_A * subject.motor.back_emf_table()[count]).sum(axis=1) + cogging_Nm)
 
 
 def _asked_for(t_s: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

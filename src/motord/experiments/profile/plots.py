@@ -19,12 +19,12 @@ def over_time(cycle: Cycle) -> Figure:
     with drawing():
         picture = figure(5.0)
         upper, lower = picture.subplots(2, 1, sharex=True)
+        upper.plot(series.t_s, series.speed_wanted_Hz, color=INK, linewidth=2.6, label=WANTED)
         _with_range(upper, series.t_s, series.speed_Hz, series.speed_low_Hz, series.speed_high_Hz)
-        upper.plot(series.t_s, series.speed_wanted_Hz, color=INK, linewidth=0.9, label=WANTED)
+        lower.plot(series.t_s, series.torque_wanted_Nm, color=INK, linewidth=2.6)
         _with_range(
             lower, series.t_s, series.torque_Nm, series.torque_low_Nm, series.torque_high_Nm
         )
-        lower.plot(series.t_s, series.torque_wanted_Nm, color=INK, linewidth=0.9)
         upper.set_ylabel("speed (turns/s)")
         lower.set(xlabel="time of the profile (s)", ylabel="torque (Nm)")
         picture.legend(*upper.get_legend_handles_labels(), loc="outside upper left", ncols=3)
@@ -74,5 +74,5 @@ def over_plane(cycles: Sequence[Cycle]) -> Figure:
 def _with_range(
     axes: Axes, t_s: np.ndarray, mean: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> None:
-    axes.fill_between(t_s, low, high, color=AFTER, alpha=0.25, linewidth=0, label="its range")
-    axes.plot(t_s, mean, color=AFTER, label=MEASURED)
+    axes.fill_between(t_s, low, high, color=AFTER, alpha=0.3, linewidth=0, label="its range")
+    axes.plot(t_s, mean, color=AFTER, linewidth=1.1, label=MEASURED)

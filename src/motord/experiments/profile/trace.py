@@ -99,7 +99,7 @@ def _content(file: str) -> bytes:
     """Return what is in a file. Raises PlanError."""
     packed = file.startswith("package:")
     path = packaged(file.removeprefix("package:")) if packed else Path(file).expanduser()
-    if path.suffix.lower() != ".csv":
+    if path.suffix.lower() != ".csv" or not file.isprintable():
         raise PlanError(
             f"profile: file = {file[:SHOWN]!r}: the name of a CSV file ends in .csv; "
             "motord plan start profile --set file=/path/cycle.csv"
