@@ -1,8 +1,12 @@
 """How torque and speed followed a profile, and the mechanical energy, from the ticks of its cycles.
 
 A torque sensor that does not pass the mean, but H = s tau / (1 + s tau), shows the fast part of the
-torque, and drifts. The slow part is T_i = sum_p (alpha_p i_p + beta_p) k_p + tau_cog of the currents.
-Complementary, with another H against the drift: T = H T_sensor + (1 - H^2) T_i.
+torque, and drifts. The slow part is that of the currents, T_i = sum_p (alpha_p i_p + beta_p) k_p
+plus the cogging torque. Complementary, with another H against the drift:
+
+    T = H T_sensor + (1 - H^2) T_i
+
+The energy is the integral of T over the encoder's angle: the estimated speed lacks fast ripple.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +19,7 @@ from scipy.signal import lfilter
 
 from motord.calibration import Calibration
 from motord.experiments.points_left_out import points_left_out
-from motord.experiments.profile.result import Cycle, CycleSeries, ProfileTracking, Tracking
+from motord.experiments.profile.result import Cycle, CycleSeries, ProfileTracking, TrackingError
 from motord.experiments.profile.settings import NAME, ProfileConfig
 from motord.experiments.subject import (
     AnalysisError,
@@ -41,13 +45,17 @@ SPANS = 1200
 
 @dataclass(frozen=True)
 class _Signals:
-    """A cycle over time, n samples: t_s of the profile, what was asked for, what was measured."""
+    """A cycle over time, n samples: t_s of the profile, what was asked for, what was measured.
+
+    angle_rad: not wrapped.
+    """
 
     t_s: np.ndarray
     speed_wanted_Hz: np.ndarray
     speed_Hz: np.ndarray
     torque_wanted_Nm: np.ndarray
     torque_Nm: np.ndarray
+    angle_rad: np.ndarray
 
 
 def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileTracking:
@@ -142,15 +150,17 @@ def _signals(
     captured = ticks["plan_point"] == int(point["index"])
     ticks, torque_Nm = ticks[captured], torque_Nm[captured]
     if not ticks.size:
-        return _Signals(*(np.empty(0),) * 5)
+        return _Signals(*(np.empty(0),) * 6)
     at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
     speed_wanted, torque_wanted_Nm = _asked_for(at_s, ticks)
+    step_rad = 2 * np.pi / subject.motor.counts
     return _Signals(
         at_s + float(point.get("profile_start_s", 0.0)),
         speed_wanted / (2 * np.pi),
         ticks["speed_rad_s"].astype(float) / (2 * np.pi),
         torque_wanted_Nm,
         torque_Nm,
+        np.unwrap(subject.motor.encoder_direction * step_rad * ticks["encoder_count"]),
     )
 
 
@@ -188,30 +198,30 @@ def _asked_for(t_s: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _cycle(signals: _Signals, index: int, run: str, own: ProfileConfig) -> Cycle:
-    t_s, speed_rad_s = signals.t_s, 2 * np.pi * signals.speed_Hz
-    power_W = signals.torque_Nm * speed_rad_s
+    t_s, torque_Nm = signals.t_s, signals.torque_Nm
+    work_J = 0.5 * (torque_Nm[1:] + torque_Nm[:-1]) * np.diff(signals.angle_rad)
     wanted_W = 2 * np.pi * signals.torque_wanted_Nm * signals.speed_wanted_Hz
     duration_s = float(t_s[-1] - t_s[0])
-    speed_mean_Hz = float(np.trapezoid(signals.speed_Hz, t_s)) / duration_s
+    turns = float(signals.angle_rad[-1] - signals.angle_rad[0]) / (2 * np.pi)
     return Cycle(
         index + 1,
         run,
         duration_s,
         _tracking(t_s, signals.speed_Hz - signals.speed_wanted_Hz, own.speed_tolerance_Hz),
-        _tracking(t_s, signals.torque_Nm - signals.torque_wanted_Nm, own.torque_tolerance_Nm),
-        energy_J=float(np.trapezoid(power_W, t_s)),
-        absorbed_J=float(-np.trapezoid(np.minimum(power_W, 0.0), t_s)),
+        _tracking(t_s, torque_Nm - signals.torque_wanted_Nm, own.torque_tolerance_Nm),
+        energy_J=float(work_J.sum()),
+        absorbed_J=float(-np.minimum(work_J, 0.0).sum()),
         energy_wanted_J=float(np.trapezoid(wanted_W, t_s)),
-        torque_mean_Nm=float(np.trapezoid(signals.torque_Nm, t_s)) / duration_s,
-        speed_mean_Hz=speed_mean_Hz,
-        turns=speed_mean_Hz * duration_s,
+        torque_mean_Nm=float(np.trapezoid(torque_Nm, t_s)) / duration_s,
+        speed_mean_Hz=turns / duration_s,
+        turns=turns,
         series=_series(signals),
     )
 
 
-def _tracking(t_s: np.ndarray, error: np.ndarray, tolerance: float) -> Tracking:
+def _tracking(t_s: np.ndarray, error: np.ndarray, tolerance: float) -> TrackingError:
     worst = int(np.argmax(np.abs(error)))
-    return Tracking(
+    return TrackingError(
         float(np.sqrt(np.mean(error**2))),
         float(abs(error[worst])),
         float(t_s[worst]),

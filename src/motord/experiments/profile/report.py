@@ -1,7 +1,7 @@
 """The report of a profile: torque and speed over time, errors, energy."""
 
 from motord.experiments.profile.plots import errors, over_plane, over_time
-from motord.experiments.profile.result import Estimate, ProfileTracking
+from motord.experiments.profile.result import CycleMean, ProfileTracking
 from motord.experiments.subject import Recordings, facts
 from motord.intervals import plus_minus
 from motord.report.html import Page
@@ -82,7 +82,7 @@ def mean_rows(found: ProfileTracking, sign: str) -> list[list[str]]:
     ]
 
 
-def in_words(found: Estimate, sign: str) -> str:
+def in_words(found: CycleMean, sign: str) -> str:
     """Return a mean with half of its interval, if that is known."""
     if found.high is None:
         return f"{found.value:.4g}"

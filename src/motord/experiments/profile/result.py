@@ -16,7 +16,7 @@ TRACKED_PERCENT = 95.0
 
 
 @dataclass(frozen=True)
-class Tracking:
+class TrackingError:
     """How a quantity follows what was asked for; in its unit.
 
     max: largest error, either way, at max_at_s of the profile's time; within_percent: share of the
@@ -49,7 +49,10 @@ class CycleSeries:
 
 @dataclass(frozen=True)
 class Cycle:
-    """A cycle: tracking, mechanical energy and means over its time. absorbed_J: where T w < 0."""
+    """A cycle: tracking, mechanical energy and means over its time.
+
+    absorbed_J: where torque and motion were against each other.
+    """
 
     JSON: ClassVar = {
         "cycle": "cycle", "run": "run", "duration_s": "duration_s",
@@ -64,8 +67,8 @@ class Cycle:
     cycle: int
     run: str
     duration_s: float
-    speed: Tracking
-    torque: Tracking
+    speed: TrackingError
+    torque: TrackingError
     energy_J: float
     absorbed_J: float
     energy_wanted_J: float
@@ -81,7 +84,7 @@ class Cycle:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CycleMean:
     """A mean over the cycles with its 95 % interval; None: not known from one cycle."""
 
     value: float
@@ -129,32 +132,32 @@ class ProfileTracking:
     left_out: tuple[Finding, ...] = ()
 
     @cached_property
-    def speed_rms_Hz(self) -> Estimate:
+    def speed_rms_Hz(self) -> CycleMean:
         """RMS of the speed error."""
         return _mean([one.speed.rms for one in self.cycles])
 
     @cached_property
-    def torque_rms_Nm(self) -> Estimate:
+    def torque_rms_Nm(self) -> CycleMean:
         """RMS of the torque error."""
         return _mean([one.torque.rms for one in self.cycles])
 
     @cached_property
-    def energy_J(self) -> Estimate:
+    def energy_J(self) -> CycleMean:
         """Mechanical energy of a cycle."""
         return _mean([one.energy_J for one in self.cycles], self.torque_uncertainty)
 
     @cached_property
-    def power_mean_W(self) -> Estimate:
+    def power_mean_W(self) -> CycleMean:
         """Mean mechanical power."""
         return _mean([one.power_mean_W for one in self.cycles], self.torque_uncertainty)
 
     @cached_property
-    def torque_mean_Nm(self) -> Estimate:
+    def torque_mean_Nm(self) -> CycleMean:
         """Mean torque."""
         return _mean([one.torque_mean_Nm for one in self.cycles], self.torque_uncertainty)
 
     @cached_property
-    def speed_mean_Hz(self) -> Estimate:
+    def speed_mean_Hz(self) -> CycleMean:
         """Mean speed."""
         return _mean([one.speed_mean_Hz for one in self.cycles])
 
@@ -214,7 +217,7 @@ class ProfileTracking:
                 )  # fmt: skip
 
 
-def _mean(values: list[float], relative: float | None = 0.0) -> Estimate:
+def _mean(values: list[float], relative: float | None = 0.0) -> CycleMean:
     """Return the mean with its interval; relative: standard uncertainty of their scale, if known.
 
     What repeats from cycle to cycle does not show in their scatter: without it there is none.
@@ -225,4 +228,4 @@ def _mean(values: list[float], relative: float | None = 0.0) -> Estimate:
         scatter = float(np.std(values, ddof=1)) / sqrt(len(values))
         half = hypot(half, coverage_factor(len(values) - 1) * scatter)
     known = relative is not None and half > 0.0
-    return Estimate(mean, mean - half, mean + half) if known else Estimate(mean, None, None)
+    return CycleMean(mean, mean - half, mean + half) if known else CycleMean(mean, None, None)

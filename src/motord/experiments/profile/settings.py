@@ -24,8 +24,8 @@ class ProfileConfig(Section):
     """By what the torques of the file are multiplied."""
     speed_factor: Positive = 1.0
     """By what its speeds are multiplied."""
-    repeats: Annotated[int, Field(ge=1, le=1000)] = 1
-    """How often it is played."""
+    repeats: Annotated[int, Field(ge=1, le=1000)] = 3
+    """How often it is played; three times or more show the scatter."""
     inertia_kg_m2: Positive = 0.01
     """Moment of inertia of all that turns."""
     power_max_W: Positive | None = None

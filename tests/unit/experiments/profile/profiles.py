@@ -24,7 +24,8 @@ def write(path: Path, rows: Rows, header: str = "time_s,torque_Nm,speed_Hz") -> 
 
 
 def made(path: Path, rows: Rows, config: Config | None = None, **settings: Any) -> Plan:
-    return build("profile", config or load(), {"file": str(write(path, rows)), **settings})
+    given = {"file": str(write(path, rows)), "repeats": 1, **settings}
+    return build("profile", config or load(), given)
 
 
 def changed(**tables: dict[str, Any]) -> Config:
