@@ -30,6 +30,7 @@ from motord.experiments.subject import (
 )
 from motord.identification.operating_points import CURRENTS, good_points
 from motord.recording.reader import Run, bounds_of
+from motord.uncertainty_budget import totals
 
 COLUMNS = (
     *("t_ns", "encoder_count", *CURRENTS, "torque_Nm", "torque_set_Nm", "speed_rad_s"),
@@ -96,9 +97,9 @@ def _scale_uncertainty(subject: Subject, calibration: Calibration | None) -> flo
         return accuracy.torque_gain_percent / 100 / sqrt(3)
     if calibration is None:
         return None
-    assumed = calibration.delta_epsilon_source == "assumed"
-    gain_percent = accuracy.current_gain_percent if assumed else accuracy.torque_gain_percent
-    return hypot(gain_percent, accuracy.back_emf_percent) / 100 / sqrt(3)
+    if calibration.budget:
+        return totals(calibration.budget)[2].delta_epsilon / calibration.delta_epsilon
+    return hypot(accuracy.current_gain_percent, accuracy.back_emf_percent) / 100 / sqrt(3)
 
 
 def _source(subject: Subject, calibration: Calibration | None) -> str:

@@ -69,6 +69,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
         point_s=partial(cycle_s, course),
         settings={**own.model_dump(mode="json"), "sha256": trace.sha256, "compensate": applied},
         outlook=_outlook(course, own),
+        continuous=True,
     )
     check_room(config, plan.seconds)
     return plan

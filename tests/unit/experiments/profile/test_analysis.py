@@ -66,9 +66,9 @@ def test_the_energy_is_that_of_the_rig_within_its_interval(played: Played) -> No
         result = found(path, played.calibration)
         true_J = np.mean(true_energy_J(path))
         assert result.energy_J.low < true_J < result.energy_J.high
-        assert result.energy_J.value == pytest.approx(true_J, rel=0.015)
+        assert result.energy_J.value == pytest.approx(true_J, rel=0.006)
         assert result.energy_J.high - result.energy_J.low < 0.05 * true_J
-        assert result.power_mean_W.value == pytest.approx(true_J / 14, rel=0.015)
+        assert result.power_mean_W.value == pytest.approx(true_J / 14, rel=0.01)
         true_turns = open_run(path).operating_points()[0]["turns"]
         assert result.cycles[0].turns == pytest.approx(true_turns, abs=0.01)
 
