@@ -140,7 +140,7 @@ def settings_of(arguments: list[str]) -> dict[str, Any]:
         for at, argument in enumerate(arguments)
         if argument == "--set"
     ]
-    return {key: json.loads(f"[{value}]" if "," in value else value) for key, value in pairs}
+    return {key: value_of(value) for key, value in pairs}
 
 
 def check_motord(arguments: list[str]) -> None:
