@@ -40,7 +40,7 @@ COLUMNS = (
 BEFORE_TIME_CONSTANTS = 5.0
 """Time before a cycle from which on its torque is followed, in time constants of the sensor."""
 
-SPANS = 1200
+SPANS = 400
 """Spans of a cycle in pictures, at most."""
 
 

@@ -19,11 +19,17 @@ def over_time(cycle: Cycle) -> Figure:
     with drawing():
         picture = figure(5.0)
         upper, lower = picture.subplots(2, 1, sharex=True)
-        upper.plot(series.t_s, series.speed_wanted_Hz, color=INK, linewidth=2.6, label=WANTED)
-        _with_range(upper, series.t_s, series.speed_Hz, series.speed_low_Hz, series.speed_high_Hz)
-        lower.plot(series.t_s, series.torque_wanted_Nm, color=INK, linewidth=2.6)
         _with_range(
-            lower, series.t_s, series.torque_Nm, series.torque_low_Nm, series.torque_high_Nm
+            upper,
+            series.t_s,
+            series.speed_wanted_Hz,
+            (series.speed_Hz, series.speed_low_Hz, series.speed_high_Hz),
+        )
+        _with_range(
+            lower,
+            series.t_s,
+            series.torque_wanted_Nm,
+            (series.torque_Nm, series.torque_low_Nm, series.torque_high_Nm),
         )
         upper.set_ylabel("speed (turns/s)")
         lower.set(xlabel="time of the profile (s)", ylabel="torque (Nm)")
@@ -72,7 +78,13 @@ def over_plane(cycles: Sequence[Cycle]) -> Figure:
 
 
 def _with_range(
-    axes: Axes, t_s: np.ndarray, mean: np.ndarray, low: np.ndarray, high: np.ndarray
+    axes: Axes,
+    t_s: np.ndarray,
+    wanted: np.ndarray,
+    measured: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> None:
+    """Draw what was asked for (n,), and mean, low and high of what was measured, each (n,)."""
+    mean, low, high = measured
     axes.fill_between(t_s, low, high, color=AFTER, alpha=0.3, linewidth=0, label="its range")
+    axes.plot(t_s, wanted, color=INK, linewidth=2.4, label=WANTED)
     axes.plot(t_s, mean, color=AFTER, linewidth=1.1, label=MEASURED)

@@ -23,7 +23,7 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
     page.heading("Torque and speed over time")
     page.picture(
         over_time(found.cycles[0]),
-        f"Cycle {found.cycles[0].cycle}: what the profile asks for (dark line), the mean of what "
+        f"Cycle {found.cycles[0].cycle}: what the profile asks for (thick line), the mean of what "
         "was measured and, shaded, its range within each span: mostly ripple.",
     )
     page.heading("Errors")
