@@ -3,8 +3,10 @@
 import hashlib
 import math
 import stat
-from collections.abc import Callable, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ import numpy as np
 from motord.config import packaged
 from motord.sequencing import PlanError
 
-MAX_BYTES = 64 * 1024 * 1024
+MAX_BYTES = 32 * 1024 * 1024
 """Largest file."""
 
 MAX_ROWS = 1_000_000
@@ -25,6 +27,8 @@ PER_UNIT = {
 """How many s, Nm and turns a second there are in each unit, by the column's name up to its unit."""
 
 COLUMNS = "time_s, torque_Nm and speed_Hz (or time_ms, torque_mNm, speed_rpm, speed_rad_per_s)"
+
+BETWEEN = "between them it is interpolated"
 
 SHOWN = 40
 """Characters of a cell that a message shows."""
@@ -81,14 +85,12 @@ def read(file: str, sha256: str = "") -> Trace:
             f"{sha256[:12]}...; put the file back as it was, or leave sha256 out"
         )
     try:
-        text = content.decode("utf-8-sig")
+        content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise PlanError(
             f"profile: {file}: not a text file in UTF-8 (byte {error.start}); save it as CSV UTF-8"
         ) from None
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    table = _Table(file, lines)
-    line, columns = table.rows()
+    line, columns = _Table(file, TextIOWrapper(BytesIO(content), encoding="utf-8-sig")).rows()
     time_s, torque_Nm, speed_Hz = columns
     trace = Trace(file, digest, line, time_s - time_s[0], torque_Nm, speed_Hz)
     _check_times(trace, time_s)
@@ -117,48 +119,42 @@ def _content(file: str) -> bytes:
         ) from None
     if len(content) > MAX_BYTES:
         raise PlanError(
-            f"profile: {file}: larger than {MAX_BYTES >> 20} MiB: take fewer rows, it is "
-            "interpolated between them"
+            f"profile: {file}: larger than {MAX_BYTES >> 20} MiB: take fewer rows, {BETWEEN}"
         )
     return content
 
 
 class _Table:
-    """The lines of a file as rows of numbers: (n,) lines, and (3, n) times, torques and speeds."""
+    """The lines of a file as rows of numbers, read one by one: others may run meanwhile."""
 
-    def __init__(self, file: str, lines: Sequence[str]) -> None:
-        self._file, self._lines = file, lines
-        filled = [n for n, text in enumerate(lines, start=1) if _is_filled(text)]
-        if not filled:
+    def __init__(self, file: str, lines: Iterable[str]) -> None:
+        self._file = file
+        self._filled = ((n, text) for n, text in enumerate(lines, start=1) if _is_filled(text))
+        self._header, header = next(self._filled, (0, ""))
+        if not header:
             raise PlanError(f"profile: {file}: is empty; its first line names {COLUMNS}")
-        if len(filled) - 1 > MAX_ROWS:
-            raise PlanError(
-                f"profile: {file}: has {len(filled) - 1} rows, more than the {MAX_ROWS} allowed: "
-                "take fewer, it is interpolated between them"
-            )
-        self._header, *self._filled = filled
-        header = lines[self._header - 1]
         self._separator = next((mark for mark in ";\t" if mark in header), ",")
-        names = self._cells(self._header)
+        names = self._cells(header)
         self._names = [self._column(names, quantity) for quantity in PER_UNIT]
         self._places = [names.index(name) for name in self._names]
 
     def rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lines (n,) and the columns (3, n), in s, Nm and Hz. Raises PlanError."""
-        if len(self._filled) < 2:
-            raise PlanError(f"profile: {self._file}: has {len(self._filled)} rows; it takes two")
-        table = np.empty((3, len(self._filled)))
-        for row, number in enumerate(self._filled):
-            cells = self._cells(number)
-            for column, place in enumerate(self._places):
-                table[column, row] = self._number(number, cells, place)
-        units = [
-            _units(quantity)[name] for quantity, name in zip(PER_UNIT, self._names, strict=True)
-        ]
-        return np.array(self._filled), table * np.array(units)[:, None]
+        numbers, values = array("q"), array("d")
+        for number, text in self._filled:
+            if len(numbers) == MAX_ROWS:
+                raise self._error(number, f"more than {MAX_ROWS} rows; take fewer, {BETWEEN}")
+            cells = self._cells(text)
+            numbers.append(number)
+            values.extend([self._number(number, cells, place) for place in self._places])
+        if len(numbers) < 2:
+            raise PlanError(f"profile: {self._file}: has {len(numbers)} rows; it takes two")
+        known = zip(PER_UNIT, self._names, strict=True)
+        units = [_units(quantity)[name] for quantity, name in known]
+        table = np.frombuffer(values).reshape(-1, 3).T * np.array(units)[:, None]
+        return np.frombuffer(numbers, np.int64), table
 
-    def _cells(self, number: int) -> list[str]:
-        text = self._lines[number - 1]
+    def _cells(self, text: str) -> list[str]:
         return [cell.strip().strip('"').strip() for cell in text.split(self._separator)]
 
     def _number(self, number: int, cells: Sequence[str], place: int) -> float:
@@ -198,7 +194,7 @@ class _Table:
 
 
 def _is_filled(text: str) -> bool:
-    return bool(text.strip(' \t;,"')) and not text.lstrip().startswith("#")
+    return bool(text.strip(' \t\n;,"')) and not text.lstrip().startswith("#")
 
 
 def _units(quantity: str) -> dict[str, float]:

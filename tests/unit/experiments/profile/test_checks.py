@@ -24,6 +24,7 @@ from motord.sequencing.continuous import fastest_Hz
 from tests.unit.experiments.profile.profiles import SMALL, changed, made
 
 FASTEST_Hz = fastest_Hz(load())
+HOW_TO = Path(__file__).parents[4] / "docs" / "how-to" / "play-a-profile.md"
 
 
 def test_the_example_can_be_played_and_says_what_it_is() -> None:
@@ -127,6 +128,8 @@ def test_the_i2t_limit_is_found_with_time_and_line(tmp_path: Path) -> None:
     said = str(error.value)
     assert "p.csv:3: the i2t limit would be reached at t = " in said
     assert "([limits] i2t_current_A = 10, i2t_time_s = 5); lower the torque before" in said
+    documented = " ".join(HOW_TO.read_text().split())
+    assert said.replace(f"{tmp_path}/p.csv", "cycle.csv") in documented
     at_s = float(said.partition("t = ")[2].partition(" ")[0])
     peak_A = 5 / 0.206 / 1.5 * checks.CURRENT_MARGIN
     assert at_s == pytest.approx(5.0 / (peak_A**2 / 2 / 100 - 1) + 1.8, rel=0.1)
