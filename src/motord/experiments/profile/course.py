@@ -72,8 +72,8 @@ class Course:
         )
         load_Nm = brake_load_Nm(torque_Nm, speed_Hz, np.gradient(speed_Hz, STEP_S), inertia_kg_m2)
         wanted = _excitation(config.brake, load_Nm, speed_Hz)
-        decay = math.exp(-STEP_S / config.brake.excitation_time_constant_s)
-        return cls(trace, at_s, torque_Nm, speed_Hz, _setpoints(wanted, decay))
+        setpoints = _setpoints(wanted, _decay(config.brake, STEP_S))
+        return cls(trace, at_s, torque_Nm, speed_Hz, setpoints)
 
     @property
     def begins_s(self) -> float:
@@ -127,7 +127,7 @@ def fastest_rad_s(course: Course, brake: BrakeConfig, inertia_kg_m2: float) -> n
     """
     slope = WEAK * 2 * brake.torque_max_Nm / brake.critical_speed_rad_s
     critical_rad_s, count = brake.critical_speed_rad_s, round(STEP_S / SUBSTEP_S)
-    decay = math.exp(-SUBSTEP_S / brake.excitation_time_constant_s)
+    decay = _decay(brake, SUBSTEP_S)
     found = np.zeros(course.at_s.size)
     excitation, speed = float(course.brake[0]), 0.0
     for step, (torque_Nm, wanted) in enumerate(
@@ -170,13 +170,19 @@ def _excitation(brake: BrakeConfig, load_Nm: np.ndarray, speed_Hz: np.ndarray) -
     return np.asarray(excitation[places[np.minimum(following, places.size - 1)]])
 
 
+def _decay(brake: BrakeConfig, time_s: float) -> float:
+    """Return what is left of the excitation's departure from its set-point after a time."""
+    tau_s = brake.excitation_time_constant_s
+    return math.exp(-time_s / tau_s) if tau_s > 0 else 0.0
+
+
 def _setpoints(wanted: np.ndarray, decay: float) -> np.ndarray:
     """Return the set-points (n,), 0 to 1, that bring the excitation where it is `wanted` (n,).
 
     decay: of the excitation's departure from its set-point within a step.
     """
     reached = wanted.tolist()
-    for step in range(len(reached) - 2, -1, -1):
+    for step in range(len(reached) - 2, -1, -1) if decay else ():
         reached[step] = max(reached[step], (reached[step + 1] - (1 - decay)) / decay)
     setpoints, excitation = [], reached[0]
     for following in [*reached[1:], reached[-1]]:

@@ -60,6 +60,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     flags = int(compensation(applied))
     own = chosen(config, NAME, ProfileConfig, given, "compensate")
     trace = read(own.file, own.sha256)
+    check_room(config, own.repeats * trace.duration_s)
     course = Course.of(trace.scaled(own.torque_factor, own.speed_factor), config, own.inertia_kg_m2)
     check(course, config, own, compensated=bool(flags))
     plan = Plan(

@@ -19,6 +19,9 @@ MAX_BYTES = 32 * 1024 * 1024
 
 MAX_ROWS = 1_000_000
 
+SHORTEST_S, LONGEST_S = 1.0, 24 * 3600.0
+"""Time from the first row to the last."""
+
 PER_UNIT = {
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "torque": {"Nm": 1.0, "mNm": 1e-3},
@@ -212,3 +215,8 @@ def _check_times(trace: Trace, time_s: np.ndarray) -> None:
         )
 
     trace.refuse_first(falls, why)
+    if not SHORTEST_S <= trace.duration_s <= LONGEST_S:
+        raise trace.refused(
+            -1,
+            f"lasts {trace.duration_s:.4g} s; from {SHORTEST_S:g} to {LONGEST_S:g} s can be played",
+        )

@@ -18,10 +18,12 @@ from motord.control.types import FEEDBACK
 from motord.experiments.plans import build
 from motord.experiments.profile import checks
 from motord.experiments.profile.checks import HEAT_STEP_S, heated
+from motord.experiments.profile.course import STEP_S, Course
+from motord.experiments.profile.trace import read
 from motord.sequencing import PlanError
 from motord.sequencing.brake_servo import brake_torque_Nm
 from motord.sequencing.continuous import fastest_Hz
-from tests.unit.experiments.profile.profiles import SMALL, changed, made
+from tests.unit.experiments.profile.profiles import SMALL, changed, made, write
 
 FASTEST_Hz = fastest_Hz(load())
 HOW_TO = Path(__file__).parents[4] / "docs" / "how-to" / "play-a-profile.md"
@@ -137,6 +139,28 @@ def test_the_i2t_limit_is_found_with_time_and_line(tmp_path: Path) -> None:
     made(tmp_path / "p.csv", [(0, 0, 0), (2, 5, 1), (at_s - 1.5, 5, 1), (at_s, 0, 0)], hot)
 
 
+def test_the_excitation_is_there_when_it_is_needed(tmp_path: Path) -> None:
+    """Followed by the set-points, with the brake's time constant; a quick one, too."""
+    rows = [(0, 0, 0), (2, 1, 1.0), (4, 1, 1.0), (4.4, 5, 1.0), (8, 5, 1.0), (8.4, 1, 1.0)]
+    trace = read(str(write(tmp_path / "p.csv", rows)))
+    for tau_s in (0.0, 0.01, 0.2, 2.0):
+        config = changed(brake={"excitation_time_constant_s": tau_s})
+        course = Course.of(trace, config, 0.01)
+        assert course.begins_s == pytest.approx(-4 * tau_s, abs=0.051)
+        excitation, short = course.brake[0], []
+        for at_s, torque_Nm, setpoint in zip(
+            course.at_s[:-1], course.torque_Nm[1:], course.brake[:-1], strict=True
+        ):
+            left = np.exp(-STEP_S / tau_s) if tau_s else 0.0
+            excitation = setpoint + (excitation - setpoint) * left
+            if 2.1 < at_s < 8:
+                held_Nm = brake_torque_Nm(config.brake, excitation, 2 * np.pi)
+                short.append(float(torque_Nm - held_Nm))
+        assert 0 <= course.brake.min() <= course.brake.max() <= 1
+        assert max(short) < 1e-6
+        assert min(short) > (-1e-6 if tau_s < 0.1 else -4.1)
+
+
 def test_heat_that_stays_from_cycle_to_cycle_counts(tmp_path: Path) -> None:
     rows = [(0, 0, 0), (1, 5, 1), (11, 5, 1), (12, 0, 0), (13, 0, 0)]
     warm = changed(limits={"i2t_current_A": 10.0, "i2t_time_s": 6.0})
@@ -167,5 +191,5 @@ def test_a_recording_must_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         made(tmp_path / "p.csv", SMALL, changed(recording={"file_max_MB": 1.0}))
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(0, 0, 501_000_000))
-    with pytest.raises(PlanError, match=r"may take 2 MB, and .* has 1 MB beyond"):
+    with pytest.raises(PlanError, match=r"may take 1 MB, and .* has 1 MB beyond"):
         made(tmp_path / "p.csv", SMALL)

@@ -17,7 +17,10 @@ from motord.sequencing import PlanError
 HEADER = "time_s,torque_Nm,speed_Hz\n"
 
 NUMBERS = st.floats(-1e9, 1e9)
-TIMES = st.lists(st.integers(0, 10**9), min_size=2, max_size=12, unique=True).map(sorted)
+TIMES = st.lists(st.integers(1, 10**7), max_size=12, unique=True).map(
+    lambda inner: [0, *sorted(inner), 10**7 + 1]
+)
+"""Whole ms."""
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +113,8 @@ def test_units_are_converted_and_a_comma_may_be_decimal(
         (HEADER + "0,0,0\n1,2\n", ":3: has 2 columns, speed_Hz is in column 3"),
         (HEADER + "0,0,0\n1,0,0\n1,0,0\n", ":4: time 1 s does not come after 1 s in line 3"),
         (HEADER + "5,0,0\n\n4,0,0\n", ":4: time 4 s does not come after 5 s in line 2"),
+        (HEADER + "0,0,0\n0.999,0,0\n", ":3: lasts 0.999 s; from 1 to 86400 s can be played"),
+        (HEADER + "0,0,0\n1e12,0,0\n", ":3: lasts 1e+12 s; from 1 to 86400 s"),
         (HEADER.encode() + b"0,0,0\n1,\xff,0\n", ": not a text file in UTF-8 (byte 34)"),
         (HEADER.encode("utf-16"), ": not a text file in UTF-8 (byte 0)"),
     ],
@@ -129,7 +134,7 @@ def test_a_million_rows_are_read_and_no_more(
     parse: Callable[[str | bytes], Trace], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(traces, "MAX_ROWS", 100_000)
-    rows = [f"{n},1,0.5" for n in range(100_000)]
+    rows = [f"{n / 2},1,0.5" for n in range(100_000)]
     assert parse(HEADER + "\n".join(rows)).time_s.size == 100_000
     assert ":100002: more than 100000 rows; take fewer" in refused(
         parse, HEADER + "\n".join([*rows, "100000,1,1"])
