@@ -89,18 +89,10 @@ def _point(course: Course, own: ProfileConfig, number: int) -> OperatingPoint:
 
 def _outlook(course: Course, own: ProfileConfig) -> str:
     trace = course.trace
-    energy_J = own.repeats * float(np.trapezoid(trace.torque_Nm, 2 * np.pi * turned(course)))
     return (
-        f"{trace.line.size} rows, sha256 {trace.sha256[:12]}..., {energy_J:.4g} J of mechanical "
-        "energy"
+        f"{trace.line.size} rows, sha256 {trace.sha256[:12]}..., "
+        f"{own.repeats * trace.energy_J:.4g} J of mechanical energy"
     )
-
-
-def turned(course: Course) -> np.ndarray:
-    """Return the turns of a rotor that follows at each row of the trace (n,)."""
-    trace = course.trace
-    steps = 0.5 * (trace.speed_Hz[1:] + trace.speed_Hz[:-1]) * np.diff(trace.time_s)
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def cycle_s(course: Course, _: OperatingPoint) -> float:
@@ -137,7 +129,11 @@ def cycle(
         lambda seen: f"{demand.label}: the rotor still turns at {seen.speed_Hz:.3g} Hz",
     )
     seen, start_s = yield from _play(point, course, own, servo, demand, began)
-    fault = "" if abs(seen.point_turns) > 0 or not turned(course).any() else "the rotor stood still"
+    fault = (
+        ""
+        if abs(seen.point_turns) > 0 or not course.trace.speed_Hz.any()
+        else "the rotor stood still"
+    )
     return account(
         point,
         seen,
@@ -167,7 +163,8 @@ def _play(
     seen, step_s, followed, start_s = began, 0.0, began, None
     while True:
         at_s = course.begins_s + seen.since_s(began)
-        if start_s is not None and at_s >= course.trace.duration_s:
+        ended = at_s >= course.trace.duration_s and seen.plan_point == point.index
+        if start_s is not None and ended:
             return seen, start_s
         torque_Nm, speed_Hz, brake = course.wanted(at_s + 0.5 * step_s)
         captured = at_s >= 0

@@ -56,6 +56,13 @@ class Trace:
         """Time of the last row."""
         return float(self.time_s[-1])
 
+    @property
+    def energy_J(self) -> float:
+        """Mechanical energy: the integral of torque times speed."""
+        (t0, t1), (n0, n1) = ((v[:-1], v[1:]) for v in (self.torque_Nm, self.speed_Hz))
+        sums = 2 * (t0 * n0 + t1 * n1) + t0 * n1 + t1 * n0
+        return float((np.diff(self.time_s) * sums).sum()) * math.pi / 3
+
     def scaled(self, torque_factor: float, speed_factor: float) -> "Trace":
         """Return the trace with torques and speeds multiplied by these factors."""
         return replace(

@@ -34,6 +34,7 @@ def test_the_example_can_be_played_and_says_what_it_is() -> None:
     assert len(plan.points) == 3
     assert plan.points[0].aim.startswith("cycle 1 of 3, 48 s of package:examples/profiles/short")
     assert plan.outlook.startswith("16 rows, sha256 ")
+    assert plan.outlook.endswith("..., 1452 J of mechanical energy")
     assert plan.settings["sha256"] == build("profile", load(), plan.settings).settings["sha256"]
     assert 3 * 49 < plan.seconds < 3 * 53
 
