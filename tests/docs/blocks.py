@@ -50,6 +50,7 @@ PRINTED = {
 _PRINTED = "what commands print: compared by tests/system/test_bring_up.py, which runs them"
 LISTED = {
     "text": {
+        "docs/how-to/play-a-profile.md": "a message, in unit/experiments/profile/test_checks.py",
         "docs/bring-up.md": _PRINTED,
         "docs/notebook.md": "what cells print, which differs from run to run: tools/notebook.py",
         "docs/first-calibration.md": "what commands print: test_first_calibration.py compares",
@@ -57,6 +58,7 @@ LISTED = {
     "ini": {
         "docs/security.md": "a drop-in of systemd with an address of a network that is not here",
     },
+    "csv": {"docs/how-to/play-a-profile.md": "the beginning of config/profiles/short-cycle.csv"},
     "": {"docs/architecture.md": "a drawing"},
 }
 """By language and file: blocks that are neither read nor run, and why."""

@@ -1,6 +1,5 @@
 """Every block of README and docs is read or run, or listed with the reason why not."""
 
-import json
 import re
 import shlex
 import tomllib
@@ -12,6 +11,7 @@ import typer
 
 from motord import config
 from motord.cli import app
+from motord.cli.plan.settings import value_of
 from motord.config import Config
 from motord.config.experiments import GROUP, plan_kinds
 from motord.config.faults import Timeline
@@ -140,7 +140,7 @@ def settings_of(arguments: list[str]) -> dict[str, Any]:
         for at, argument in enumerate(arguments)
         if argument == "--set"
     ]
-    return {key: json.loads(f"[{value}]" if "," in value else value) for key, value in pairs}
+    return {key: value_of(value) for key, value in pairs}
 
 
 def check_motord(arguments: list[str]) -> None:

@@ -1,7 +1,7 @@
 """The unit of a quantity, by the end of its name: torque_Nm, speed_rad_s, ripple_percent."""
 
 UNITS = {
-    "A": "A", "mA": "mA", "V": "V", "W": "W", "Hz": "Hz", "C": "degC",
+    "A": "A", "mA": "mA", "V": "V", "W": "W", "J": "J", "Hz": "Hz", "C": "degC",
     "s": "s", "ms": "ms", "us": "us", "ns": "ns", "per_s": "1/s",
     "rad": "rad", "rad_s": "rad/s", "rad_s2": "rad/s2", "per_rad2": "1/rad2",
     "Nm": "Nm", "mNm": "mNm", "Nm_per_rad": "Nm/rad", "Nm_s_per_rad": "Nm s/rad",

@@ -40,8 +40,8 @@ from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[3]
 CONFIG = ROOT / "src/motord/config"
-READ_ELSEWHERE = {  # by the alignment, and by the design of a quick calibration
-    "encoder_error_rad",
+READ_ELSEWHERE = {  # by alignment, design of a quick calibration, energy of a profile
+    *("encoder_error_rad", "torque_gain_percent", "current_gain_percent", "back_emf_percent"),
     *("friction_ripple_percent", "torque_crosstalk_percent", "saturation_percent"),
 }
 BY_NAME = {

@@ -1,0 +1,257 @@
+"""How torque and speed followed a profile, and the mechanical energy, from the ticks of its cycles.
+
+A torque sensor that does not pass the mean, but H = s tau / (1 + s tau), shows the fast part of the
+torque, and drifts. The slow part is that of the currents, T_i = sum_p (alpha_p i_p + beta_p) k_p
+plus the cogging torque. Complementary, with another H against the drift:
+
+    T = H T_sensor + (1 - H^2) T_i
+
+The energy is the integral of T over the encoder's angle: the estimated speed lacks fast ripple.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import exp, hypot, sqrt
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from motord.calibration import Calibration
+from motord.experiments.points_left_out import points_left_out
+from motord.experiments.profile.result import Cycle, CycleSeries, ProfileTracking, TrackingError
+from motord.experiments.profile.settings import NAME, ProfileConfig
+from motord.experiments.subject import (
+    AnalysisError,
+    Recordings,
+    Subject,
+    check_plan,
+    recorded_settings,
+)
+from motord.identification.operating_points import CURRENTS, good_points
+from motord.recording.reader import Run, bounds_of
+from motord.uncertainty_budget import totals
+
+COLUMNS = (
+    *("t_ns", "encoder_count", *CURRENTS, "torque_Nm", "torque_set_Nm", "speed_rad_s"),
+    *("speed_set_rad_s", "setpoint_seq", "plan_point"),
+)
+
+BEFORE_TIME_CONSTANTS = 5.0
+"""Time before a cycle from which on its torque is followed, in time constants of the sensor."""
+
+SPANS = 400
+"""Spans of a cycle in pictures, at most."""
+
+
+@dataclass(frozen=True)
+class _Signals:
+    """A cycle over time, n samples: t_s of the profile, what was asked for, what was measured.
+
+    angle_rad: not wrapped.
+    """
+
+    t_s: np.ndarray
+    speed_wanted_Hz: np.ndarray
+    speed_Hz: np.ndarray
+    torque_wanted_Nm: np.ndarray
+    torque_Nm: np.ndarray
+    angle_rad: np.ndarray
+
+
+def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileTracking:
+    """Return how the profile of the recordings was followed.
+
+    calibration: the one in force, for gains and offsets of the currents. Raises AnalysisError.
+    """
+    runs, subject = recordings.runs, recordings.subject
+    for run in runs:
+        check_plan(run, NAME)
+    settings = [recorded_settings(run, ProfileConfig) for run in runs]
+    for run, own in zip(runs, settings, strict=True):
+        if own.sha256 != settings[0].sha256:
+            raise AnalysisError(
+                f"{run.path}: is of another profile than {runs[0].path}; analyse them one by one"
+            )
+    own = settings[0]
+    cycles = tuple(one for run in runs for one in _cycles(run, subject, own, calibration))
+    if not cycles:
+        files = ", ".join(str(run.path) for run in runs)
+        raise AnalysisError(f"{files}: no cycle of good quality in there; play the profile again")
+    return ProfileTracking(
+        own.file,
+        own.sha256,
+        own.speed_tolerance_Hz,
+        own.torque_tolerance_Nm,
+        _scale_uncertainty(subject, calibration),
+        _source(subject, calibration),
+        cycles,
+        points_left_out(runs),
+    )
+
+
+def _scale_uncertainty(subject: Subject, calibration: Calibration | None) -> float | None:
+    """Return the standard uncertainty of the torque's scale, in parts (Type B); None: unknown."""
+    accuracy = subject.accuracy
+    if subject.sensor.highpass_time_constant_s == 0:
+        return accuracy.torque_gain_percent / 100 / sqrt(3)
+    if calibration is None:
+        return None
+    if calibration.budget:
+        return totals(calibration.budget)[2].delta_epsilon / calibration.delta_epsilon
+    return hypot(accuracy.current_gain_percent, accuracy.back_emf_percent) / 100 / sqrt(3)
+
+
+def _source(subject: Subject, calibration: Calibration | None) -> str:
+    tau_s = subject.sensor.highpass_time_constant_s
+    if tau_s == 0:
+        return "as the sensor measures it"
+    gains = (
+        f"with calibration {calibration.id}"
+        if calibration
+        else "whose gains and offsets are not known, so that energy, power and mean torque have no "
+        "interval: name the calibration with --calibration"
+    )
+    return (
+        f"as the sensor measures it above {1 / (2 * np.pi * tau_s):.2g} Hz; below that, which it "
+        f"does not pass, from the currents, {gains}"
+    )
+
+
+def _cycles(
+    run: Run, subject: Subject, own: ProfileConfig, calibration: Calibration | None
+) -> Iterator[Cycle]:
+    missing = [name for name in COLUMNS if name not in run.columns]
+    if missing:
+        raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
+    for point in good_points(run.operating_points()):
+        signals = _signals(run, point, subject, calibration)
+        if signals.t_s.size < 2 or not np.isfinite(signals.torque_Nm).all():
+            raise AnalysisError(
+                f"{run.path}: cycle {int(point['index']) + 1} has no ticks, or no torque, speed "
+                "or currents in them"
+            )
+        yield _cycle(signals, int(point["index"]), run.path.name, own)
+
+
+def _signals(
+    run: Run, point: Mapping[str, Any], subject: Subject, calibration: Calibration | None
+) -> _Signals:
+    """Return a cycle over the profile's time."""
+    tau_s, bounds = subject.sensor.highpass_time_constant_s, bounds_of(point)
+    bounds["from_ns"] -= round(BEFORE_TIME_CONSTANTS * tau_s * 1e9)
+    ticks = run.ticks(COLUMNS, **bounds)
+    torque_Nm = ticks["torque_Nm"].astype(float)
+    if tau_s > 0 and ticks.size > 1:
+        period_s = float(np.median(np.diff(ticks["t_ns"]))) * 1e-9
+        currents_Nm = _from_currents(ticks, subject, calibration)
+        decay = exp(-period_s / tau_s)
+        fast_Nm = _passed(_passed(currents_Nm, decay), decay)
+        torque_Nm = _passed(torque_Nm, decay) + currents_Nm - fast_Nm
+    captured = ticks["plan_point"] == int(point["index"])
+    ticks, torque_Nm = ticks[captured], torque_Nm[captured]
+    if not ticks.size:
+        return _Signals(*(np.empty(0),) * 6)
+    at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
+    speed_wanted, torque_wanted_Nm = _asked_for(at_s, ticks)
+    step_rad = 2 * np.pi / subject.motor.counts
+    return _Signals(
+        at_s + float(point.get("profile_start_s", 0.0)),
+        speed_wanted / (2 * np.pi),
+        ticks["speed_rad_s"].astype(float) / (2 * np.pi),
+        torque_wanted_Nm,
+        torque_Nm,
+        np.unwrap(subject.motor.encoder_direction * step_rad * ticks["encoder_count"]),
+    )
+
+
+def _passed(torque_Nm: np.ndarray, decay: float) -> np.ndarray:
+    """Return what the high-pass passes of a torque (n,) that was constant before."""
+    start = [decay * torque_Nm[0]]
+    return np.asarray(torque_Nm - lfilter([1 - decay], [1, -decay], torque_Nm, zi=start)[0])
+
+
+def _from_currents(
+    ticks: np.ndarray, subject: Subject, calibration: Calibration | None
+) -> np.ndarray:
+    """Return the torque (n,) of the sensed currents, and cogging if there is a calibration."""
+    i_A = np.column_stack([ticks[name] for name in CURRENTS]).astype(float)
+    count, cogging_Nm = ticks["encoder_count"], np.zeros(1)
+    if calibration is not None:
+        i_A = i_A * (calibration.delta_epsilon * np.array(calibration.alpha))
+        i_A = i_A + np.array(calibration.beta_A)
+        cogging_Nm = np.array(calibration.tau_cog_Nm)[count]
+    return np.asarray((i_A * subject.motor.back_emf_table()[count]).sum(axis=1) + cogging_Nm)
+
+
+def _asked_for(t_s: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return speed (rad/s) and torque (Nm) that were asked for at each tick (n,).
+
+    Each set-point is that of the middle of its time, and the torque's ramp is at it by the end.
+    """
+    starts = np.flatnonzero(np.diff(ticks["setpoint_seq"].astype(np.int64), prepend=-1))
+    ends = np.append(starts[1:], t_s.size) - 1
+    middle_s = 0.5 * (t_s[starts] + t_s[ends])
+    return (
+        np.interp(t_s, middle_s, ticks["speed_set_rad_s"][ends].astype(float)),
+        np.interp(t_s, middle_s, ticks["torque_set_Nm"][ends].astype(float)),
+    )
+
+
+def _cycle(signals: _Signals, index: int, run: str, own: ProfileConfig) -> Cycle:
+    t_s, torque_Nm = signals.t_s, signals.torque_Nm
+    work_J = 0.5 * (torque_Nm[1:] + torque_Nm[:-1]) * np.diff(signals.angle_rad)
+    wanted_W = 2 * np.pi * signals.torque_wanted_Nm * signals.speed_wanted_Hz
+    duration_s = float(t_s[-1] - t_s[0])
+    turns = float(signals.angle_rad[-1] - signals.angle_rad[0]) / (2 * np.pi)
+    return Cycle(
+        index + 1,
+        run,
+        duration_s,
+        _tracking(t_s, signals.speed_Hz - signals.speed_wanted_Hz, own.speed_tolerance_Hz),
+        _tracking(t_s, torque_Nm - signals.torque_wanted_Nm, own.torque_tolerance_Nm),
+        energy_J=float(work_J.sum()),
+        absorbed_J=float(-np.minimum(work_J, 0.0).sum()),
+        energy_wanted_J=float(np.trapezoid(wanted_W, t_s)),
+        torque_mean_Nm=float(np.trapezoid(torque_Nm, t_s)) / duration_s,
+        speed_mean_Hz=turns / duration_s,
+        turns=turns,
+        series=_series(signals),
+    )
+
+
+def _tracking(t_s: np.ndarray, error: np.ndarray, tolerance: float) -> TrackingError:
+    worst = int(np.argmax(np.abs(error)))
+    return TrackingError(
+        float(np.sqrt(np.mean(error**2))),
+        float(abs(error[worst])),
+        float(t_s[worst]),
+        100 * float(np.mean(np.abs(error) <= tolerance)),
+    )
+
+
+def _series(signals: _Signals) -> CycleSeries:
+    edges = np.unique(np.linspace(0, signals.t_s.size, SPANS + 1).astype(int))[:-1]
+    counts = np.diff(np.append(edges, signals.t_s.size))
+
+    def means(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return [np.add.reduceat(one, edges) / counts for one in values]
+
+    t_s, speed_wanted, speed, torque_wanted, torque = means(
+        [
+            *(signals.t_s, signals.speed_wanted_Hz, signals.speed_Hz),
+            *(signals.torque_wanted_Nm, signals.torque_Nm),
+        ]
+    )
+    low, high = np.minimum.reduceat, np.maximum.reduceat
+    return CycleSeries(
+        t_s,
+        speed_wanted,
+        speed,
+        low(signals.speed_Hz, edges),
+        high(signals.speed_Hz, edges),
+        torque_wanted,
+        torque,
+        low(signals.torque_Nm, edges),
+        high(signals.torque_Nm, edges),
+    )

@@ -1,0 +1,231 @@
+"""What is found of a profile that was played: each cycle, and the means over them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import hypot, sqrt
+from typing import ClassVar
+
+import numpy as np
+
+from motord.findings import Finding
+from motord.intervals import coverage_factor
+
+TRACKED_PERCENT = 95.0
+"""Share of the time within the tolerance below which that is a finding."""
+
+
+@dataclass(frozen=True)
+class TrackingError:
+    """How a quantity follows what was asked for; in its unit.
+
+    max: largest error, either way, at max_at_s of the profile's time; within_percent: share of the
+    time within the tolerance.
+    """
+
+    rms: float
+    max: float
+    max_at_s: float
+    within_percent: float
+
+
+@dataclass(frozen=True)
+class CycleSeries:
+    """Means over short spans of a cycle, for pictures; n spans.
+
+    wanted and measured (n,) of each; low and high (n,): range of the measured within the span.
+    """
+
+    t_s: np.ndarray
+    speed_wanted_Hz: np.ndarray
+    speed_Hz: np.ndarray
+    speed_low_Hz: np.ndarray
+    speed_high_Hz: np.ndarray
+    torque_wanted_Nm: np.ndarray
+    torque_Nm: np.ndarray
+    torque_low_Nm: np.ndarray
+    torque_high_Nm: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A cycle: tracking, mechanical energy and means over its time.
+
+    absorbed_J: where torque and motion were against each other.
+    """
+
+    JSON: ClassVar = {
+        "cycle": "cycle", "run": "run", "duration_s": "duration_s",
+        "speed_rms_Hz": "speed.rms", "speed_max_Hz": "speed.max",
+        "speed_max_at_s": "speed.max_at_s", "speed_within_percent": "speed.within_percent",
+        "torque_rms_Nm": "torque.rms", "torque_max_Nm": "torque.max",
+        "torque_max_at_s": "torque.max_at_s", "torque_within_percent": "torque.within_percent",
+        "energy_J": "energy_J", "absorbed_J": "absorbed_J", "energy_wanted_J": "energy_wanted_J",
+        "torque_mean_Nm": "torque_mean_Nm", "speed_mean_Hz": "speed_mean_Hz", "turns": "turns",
+    }  # fmt: skip
+
+    cycle: int
+    run: str
+    duration_s: float
+    speed: TrackingError
+    torque: TrackingError
+    energy_J: float
+    absorbed_J: float
+    energy_wanted_J: float
+    torque_mean_Nm: float
+    speed_mean_Hz: float
+    turns: float
+    series: CycleSeries
+
+    @property
+    def power_mean_W(self) -> float:
+        """Mean mechanical power."""
+        return self.energy_J / self.duration_s
+
+
+@dataclass(frozen=True)
+class CycleMean:
+    """A mean over the cycles with its 95 % interval; None: not known from one cycle."""
+
+    value: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class ProfileTracking:
+    """A profile that was played once or more.
+
+    torque_uncertainty: standard uncertainty of the torque's scale, in parts (Type B), None if it
+    is not known; torque_source: where the torque is from, in words; left_out: findings of points
+    without a good take.
+    """
+
+    JSON: ClassVar = {
+        "file": "file", "sha256": "sha256",
+        "speed_tolerance_Hz": "speed_tolerance_Hz", "torque_tolerance_Nm": "torque_tolerance_Nm",
+        **{
+            name: attribute
+            for quantity, unit in (
+                ("speed_rms", "Hz"), ("torque_rms", "Nm"), ("energy", "J"), ("power_mean", "W"),
+                ("torque_mean", "Nm"), ("speed_mean", "Hz"),
+            )
+            for name, attribute in (
+                (f"{quantity}_{unit}", f"{quantity}_{unit}.value"),
+                (f"{quantity}_low_{unit}", f"{quantity}_{unit}.low"),
+                (f"{quantity}_high_{unit}", f"{quantity}_{unit}.high"),
+            )
+        },
+        "speed_max_Hz": "speed_max_Hz", "torque_max_Nm": "torque_max_Nm",
+        "speed_within_percent": "speed_within_percent",
+        "torque_within_percent": "torque_within_percent",
+        "cycles": "cycles", "notes": "notes",
+    }  # fmt: skip
+
+    file: str
+    sha256: str
+    speed_tolerance_Hz: float
+    torque_tolerance_Nm: float
+    torque_uncertainty: float | None
+    torque_source: str
+    cycles: tuple[Cycle, ...]
+    left_out: tuple[Finding, ...] = ()
+
+    @cached_property
+    def speed_rms_Hz(self) -> CycleMean:
+        """RMS of the speed error."""
+        return _mean([one.speed.rms for one in self.cycles])
+
+    @cached_property
+    def torque_rms_Nm(self) -> CycleMean:
+        """RMS of the torque error."""
+        return _mean([one.torque.rms for one in self.cycles])
+
+    @cached_property
+    def energy_J(self) -> CycleMean:
+        """Mechanical energy of a cycle."""
+        return _mean([one.energy_J for one in self.cycles], self.torque_uncertainty)
+
+    @cached_property
+    def power_mean_W(self) -> CycleMean:
+        """Mean mechanical power."""
+        return _mean([one.power_mean_W for one in self.cycles], self.torque_uncertainty)
+
+    @cached_property
+    def torque_mean_Nm(self) -> CycleMean:
+        """Mean torque."""
+        return _mean([one.torque_mean_Nm for one in self.cycles], self.torque_uncertainty)
+
+    @cached_property
+    def speed_mean_Hz(self) -> CycleMean:
+        """Mean speed."""
+        return _mean([one.speed_mean_Hz for one in self.cycles])
+
+    @property
+    def speed_max_Hz(self) -> float:
+        """Largest speed error of all cycles."""
+        return max(one.speed.max for one in self.cycles)
+
+    @property
+    def torque_max_Nm(self) -> float:
+        """Largest torque error of all cycles."""
+        return max(one.torque.max for one in self.cycles)
+
+    @property
+    def speed_within_percent(self) -> float:
+        """Share of the time with the speed within its tolerance."""
+        return float(np.mean([one.speed.within_percent for one in self.cycles]))
+
+    @property
+    def torque_within_percent(self) -> float:
+        """Share of the time with the torque within its tolerance."""
+        return float(np.mean([one.torque.within_percent for one in self.cycles]))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is worth knowing of the result, in sentences."""
+        said = [f"torque: {self.torque_source}"]
+        if len(self.cycles) == 1:
+            said.append(
+                "one cycle shows no scatter: an interval is that of the torque's scale alone; set "
+                "repeats to 3 or more"
+            )
+        return said
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Where the bench did not follow."""
+        return (*self._untracked(), *self.left_out)
+
+    def _untracked(self) -> Iterator[Finding]:
+        for name, within, tolerance, action in (
+            (
+                "speed", self.speed_within_percent, f"{self.speed_tolerance_Hz:g} Hz",
+                "where torque is below friction and cogging torque nothing holds the speed; "
+                "else set [brake] right, or let the profile change more slowly",
+            ),
+            (
+                "torque", self.torque_within_percent, f"{self.torque_tolerance_Nm:g} Nm",
+                "calibrate and play it with compensate = on, if it is ripple",
+            ),
+        ):  # fmt: skip
+            if within < TRACKED_PERCENT:
+                yield Finding(
+                    f"{name}-off-the-profile", within, TRACKED_PERCENT, "%", "note",
+                    f"the {name} was within {tolerance} of the profile for this share of the time",
+                    action,
+                )  # fmt: skip
+
+
+def _mean(values: list[float], relative: float | None = 0.0) -> CycleMean:
+    """Return the mean with its interval; relative: standard uncertainty of their scale, if known.
+
+    What repeats from cycle to cycle does not show in their scatter: without it there is none.
+    """
+    mean, half = float(np.mean(values)), coverage_factor() * (relative or 0.0)
+    half *= abs(mean)
+    if len(values) > 1:
+        scatter = float(np.std(values, ddof=1)) / sqrt(len(values))
+        half = hypot(half, coverage_factor(len(values) - 1) * scatter)
+    known = relative is not None and half > 0.0
+    return CycleMean(mean, mean - half, mean + half) if known else CycleMean(mean, None, None)
