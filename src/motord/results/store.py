@@ -77,6 +77,10 @@ class ResultsStore:
                 raise self._cannot("store the result", error) from error
         return Added(there or path, len(result.figures), new=there is None)
 
+    def has(self, name: str) -> bool:
+        """Return whether there is a file of this name that can be read."""
+        return self._readable(self.folder / Path(name).name)
+
     def read(self) -> Contents:
         """Return all rows, in the order of the files' names. Raises ResultsError."""
         parquet()
