@@ -124,7 +124,9 @@ class DaskPool:
 
     def _lost(self) -> BatchError:
         where = self._scheduler or "on this computer"
-        return BatchError(f"the scheduler {where} is gone; what is done is kept, so go on with it")
+        return BatchError(
+            f"the scheduler {where} is gone; what is done is kept, start again to go on"
+        )
 
     def _start(self) -> None:
         distributed()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -52,6 +53,8 @@ def of_each(given: Mapping[str, Any]) -> bool:
 
     if given["workers"] is not None and given["scheduler"] is not None:
         raise typer.BadParameter("--workers or --scheduler")
+    if given["scheduler"] is not None and not re.fullmatch(r"\w+://.+:\d+", given["scheduler"]):
+        raise typer.BadParameter(f"{given['scheduler']}: needed is tcp://HOST:PORT")
     if given["workers"] is not None or given["scheduler"] is not None:
         return True
     if any(names_many(path) for path in given["runs"] or []):
@@ -211,7 +214,9 @@ class _Report:
             self._lines.finish()
             print_line(json.dumps({"summary": counts}))
         else:
-            named = ", ".join(f"{count} {name}" for name, count in self._counts.items())
-            print_line(f"{len(self._numbers)} recordings: {named}")
+            left = len(self._numbers) - sum(self._counts.values())
+            named = self._counts if not left else {**self._counts, "not analysed": left}
+            line = ", ".join(f"{count} {name}" for name, count in named.items())
+            print_line(f"{len(self._numbers)} recordings: {line}")
         for number in sorted(self.failures):
             remark(self.failures[number])
