@@ -1,4 +1,4 @@
-"""Many recordings by Dask's workers: runs are interrupted and killed, some recordings are poison."""
+"""Many recordings by Dask: runs are interrupted and killed, some recordings are poison."""
 
 import json
 import os
@@ -14,7 +14,7 @@ import pytest
 from motord.results.store import ResultsStore
 from tests.support import probe_analysis
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 GOOD = 6
 PATIENCE_S = 60.0

@@ -143,6 +143,10 @@ def _local(workers: int) -> Iterator[Any]:
     from distributed.system import MEMORY_LIMIT
 
     found = distributed()
+    try:
+        keys = found.Security.temporary()
+    except ImportError as error:
+        raise BatchError(f"{error}: pip install 'motord[cluster]'") from error
     with (
         tempfile.TemporaryDirectory(prefix="motord-batch-") as folder,
         dask.config.set(CONFIG),
@@ -152,7 +156,7 @@ def _local(workers: int) -> Iterator[Any]:
             memory_limit=MEMORY_LIMIT // workers,
             host="127.0.0.1",
             protocol="tls://",
-            security=found.Security.temporary(),
+            security=keys,
             dashboard_address=None,
             scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK},
             silence_logs=SILENT,

@@ -72,8 +72,8 @@ def analyse_batch(
     from motord.batch.dask_pool import DaskPool
     from motord.batch.expansion import expand
 
-    _check_usage(analysis, options, given)
     paths = expand(given["runs"] or [])
+    _check_usage(analysis, options, given)
     task = _task(analysis, kind, options, given)
     workers = min(given["workers"] or len(os.sched_getaffinity(0)), len(paths))
     with TemporaryFile() as file, _bars() as bars:
