@@ -11,10 +11,11 @@ from motord.config import Config, packaged
 from motord.experiments.plans import build
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
+from motord.rig.truth import RigTruth
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 
-SETTINGS = {"speeds_Hz": [1.0], "turns": 3, "settle_s": 0.2, "spin_up": 1.0}
+SETTINGS = {"speeds_Hz": [1.0], "settle_s": 0.2, "spin_up": 1.0}
 NOISE_NM = 0.02
 DAY_NS = 86_400_000_000_000
 
@@ -28,26 +29,30 @@ class ShortRecording:
     points: tuple[dict[str, object], ...]
 
     @classmethod
-    def of(cls, config: Config, seed: int = 4) -> "ShortRecording":
-        """Return one from virtual time."""
-        bench, blocks = VirtualBench(config, seed=seed), []
+    def of(
+        cls, config: Config, truth: RigTruth | None = None, turns: int = 3, seed: int = 4
+    ) -> "ShortRecording":
+        """Return one from virtual time, of a rig of the bench."""
+        bench, blocks = VirtualBench(config, truth, seed=seed), []
         points = tuple(
             run_plan(
                 bench,
-                build("cogging", config, SETTINGS),
+                build("cogging", config, {**SETTINGS, "turns": turns}),
                 lambda ticks, truth: blocks.append(ticks.copy()),
             )
         )
         return cls(config, np.concatenate(blocks), points)
 
     def write(self, path: Path, number: int = 0) -> Path:
-        """Write it with the noise of `number`, so many days later."""
+        """Write it with the noise of `number`, so many days later, of the motor of that number."""
         ticks = self.ticks.copy()
         noise_Nm = np.random.default_rng([7, number]).normal(0.0, NOISE_NM, ticks.size)
         ticks["torque_Nm"] += noise_Nm.astype(ticks["torque_Nm"].dtype)
         later_ns = number * DAY_NS
         ticks["t_ns"] += later_ns
-        with RunWriter(path, describe(self.config, packaged("sim.toml").read_text())) as writer:
+        motor = self.config.motor.model_copy(update={"serial": f"SN{number:04d}"})
+        config = self.config.model_copy(update={"motor": motor})
+        with RunWriter(path, describe(config, packaged("sim.toml").read_text())) as writer:
             writer.ticks(ticks)
             for point in self._points(later_ns):
                 writer.operating_point(int(point["t_end_ns"]), point)

@@ -36,6 +36,7 @@ CONFIG = {
         THREAD_LIMIT: 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "NUMBA_NUM_THREADS": 1,
     },
     "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.comm.timeouts.connect": "60s",
 }  # fmt: skip
 """What workers on this computer have, whatever this user's configuration of Dask says."""
 
@@ -140,31 +141,39 @@ class DaskPool:
 def _local(workers: int) -> Iterator[Any]:
     """Start workers here. A dashboard is none; what Dask listens on is 127.0.0.1."""
     import dask
+
+    found = distributed()
+    with (
+        tempfile.TemporaryDirectory(prefix="motord-batch-") as folder,
+        dask.config.set(CONFIG),
+        _cluster(workers, folder) as cluster,
+        found.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def _cluster(workers: int, folder: str) -> Any:
+    """Start scheduler and workers, with files of theirs in a folder. Raises BatchError."""
     from distributed.system import MEMORY_LIMIT
 
     found = distributed()
     try:
-        keys = found.Security.temporary()
-    except ImportError as error:
-        raise BatchError(f"{error}: pip install 'motord[cluster]'") from error
-    with (
-        tempfile.TemporaryDirectory(prefix="motord-batch-") as folder,
-        dask.config.set(CONFIG),
-        found.LocalCluster(
+        return found.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             memory_limit=MEMORY_LIMIT // workers,
             host="127.0.0.1",
             protocol="tls://",
-            security=keys,
+            security=found.Security.temporary(),
             dashboard_address=None,
             scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK},
             silence_logs=SILENT,
             local_directory=folder,
-        ) as cluster,
-        found.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+        )
+    except ImportError as error:  # of the package that makes keys
+        raise BatchError(f"{error}: pip install 'motord[cluster]'") from error
+    except (OSError, RuntimeError) as error:
+        raise BatchError(f"workers cannot be started on this computer: {error}") from error
 
 
 @contextmanager

@@ -63,11 +63,11 @@ def analyse_into_store(
     """
     hashes = FileHashes(ledger.folder, trusted=not rehash)
     digests: dict[Path, str] = {}
-    for path, outcome in hash_files(paths, pool, hashes, partial(progress, "hashing")):
-        if outcome.failure:
-            yield BatchLine(path, "failed", outcome.failure)
+    for path, sha256, failure in hash_files(paths, hashes, partial(progress, "hashing")):
+        if failure:
+            yield BatchLine(path, "failed", failure)
         else:
-            digests[path] = outcome.sha256
+            digests[path] = sha256
     to_do: dict[Path, LedgerEntry] = {}
     for path, analysis, line in _chosen(paths, digests, task, ledger, retry=retry):
         if line is None:

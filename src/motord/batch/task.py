@@ -14,7 +14,7 @@ from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
 from motord.experiments.subject import Recordings
 from motord.results.error import ResultsError
-from motord.results.stored_result import StoredResult, file_digest
+from motord.results.stored_result import StoredResult
 
 THREAD_LIMIT = "OMP_NUM_THREADS"
 """Environment variable that has to be 1 in a worker: sums depend on how many threads share them."""
@@ -50,14 +50,6 @@ class Outcome:
     to_store: StoredResult | None = None
     failure: str = ""
     lasting: bool = False
-
-
-def hash_recording(path: Path) -> Outcome:
-    """Return the SHA-256 of a file."""
-    try:
-        return Outcome(sha256=file_digest(path))
-    except OSError as error:
-        return _failed(path, error)
 
 
 def analyse_recording(task: BatchTask, path: Path) -> Outcome:

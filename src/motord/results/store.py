@@ -112,12 +112,11 @@ class ResultsStore:
 
     def _find(self, result: StoredResult) -> Path | None:
         """Return the file of a result that is there and can be read."""
+        of_analysis = result.analysis_digest
+        of_content = result.content_digest if not result.version else None
         for path in self._files():
             analysis, content = ["", "", *path.stem.split("-")][-2:]
-            same = analysis == result.analysis_digest
-            if not result.version:
-                same |= content == result.content_digest
-            if same and self._readable(path):
+            if (analysis == of_analysis or content == of_content) and self._readable(path):
                 return path
         return None
 

@@ -3,7 +3,7 @@
 import json
 import os
 from collections import Counter
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from motord.batch.run import analyse_each, analyse_into_store
 from motord.batch.task import BatchTask, analyse_recording
 from motord.results import store
 from motord.results.store import ResultsStore
+from motord.results.stored_result import file_digest
 from tests.support import probe_analysis
 from tests.unit.batch.pools import InlinePool
 
@@ -67,15 +68,34 @@ def values(folder):
     return sorted((row["run"], row["value"]) for row in rows)
 
 
-def test_what_is_done_is_not_done_again(folder):
+@contextmanager
+def hashed(monkeypatch):
+    """Yield a list, and keep in it which files are hashed, in order."""
+    read = []
+
+    def digest(path):
+        read.append(path)
+        return file_digest(path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(hashing, "file_digest", digest)
+        yield read
+        read.sort()
+
+
+def test_what_is_done_is_not_done_again(folder, monkeypatch):
     assert analyse(folder) == dict.fromkeys(["a.mcap", "b.mcap", "c.mcap"], ("done", ""))
     assert values(folder) == [("a.mcap", 1.0), ("b.mcap", 2.0), ("c.mcap", 3.0)]
     before = {path: path.read_bytes() for path in (folder / "store").glob("*.parquet")}
     again = InlinePool()
     assert states(analyse(folder, pool=again)) == {"skipped": 3}
     assert again.calls == []
-    assert states(analyse(folder, pool=again, rehash=True)) == {"skipped": 3}
-    assert [function.__name__ for function, _ in again.calls] == ["hash_recording"] * 3
+    with hashed(monkeypatch) as read:
+        assert states(analyse(folder, pool=again)) == {"skipped": 3}
+        assert read == []
+        assert states(analyse(folder, pool=again, rehash=True)) == {"skipped": 3}
+    assert [path.name for path in read] == ["a.mcap", "b.mcap", "c.mcap"]
+    assert again.calls == []
     assert {path: path.read_bytes() for path in before} == before
 
 
@@ -241,22 +261,19 @@ def test_two_runs_at_once_store_each_result_once(folder):
 
 
 def test_hashes_are_kept_when_hashing_is_interrupted(folder, monkeypatch):
-    class Interrupted(InlinePool):
-        def submit(self, function, *arguments):
-            if len(self.calls) == 4:
-                raise KeyboardInterrupt
-            return super().submit(function, *arguments)
-
-        def window(self):
-            return 1
-
-    recordings(folder, "d", "e", "f", first_Nm=10.0)
     monkeypatch.setattr(hashing, "SAVED_EVERY_S", 1e9)
+    kept = Ledger(ResultsStore(folder / "store"))
+    kept.make()
+
+    def interrupt(what, done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
     with pytest.raises(KeyboardInterrupt):
-        analyse(folder, pool=Interrupted())
-    pool = InlinePool()
-    analyse(folder, pool=pool)
-    assert [function.__name__ for function, _ in pool.calls].count("hash_recording") == 2
+        list(analyse_into_store(paths(folder), TASK, InlinePool(), kept, interrupt))
+    with hashed(monkeypatch) as read:
+        assert states(analyse(folder)) == {"done": 3}
+    assert len(read) == 1
 
 
 @pytest.mark.parametrize(
