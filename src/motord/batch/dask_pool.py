@@ -161,7 +161,7 @@ def _cluster(workers: int, folder: str) -> Any:
         return found.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
-            memory_limit=MEMORY_LIMIT // workers,
+            memory_limit=MEMORY_LIMIT,  # less would set large recordings aside
             host="127.0.0.1",
             protocol="tls://",
             security=found.Security.temporary(),
@@ -180,6 +180,9 @@ def _cluster(workers: int, folder: str) -> Any:
 def _remote(address: str) -> Iterator[Any]:
     """Connect to a scheduler; of tls:// the keys are those of Dask's configuration."""
     try:
+        keys = distributed().Security().get_connection_args("client")
+        if address.startswith("tls://") and not keys.get("ssl_context"):
+            raise BatchError(f"{address}: no keys; Dask's configuration has distributed.comm.tls")
         client = distributed().Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise BatchError(f"no scheduler of Dask answers at {address}: {error}") from error
