@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, TypeVar
 
+from motord.batch.dispatch import WorkerDiedError
 from motord.batch.error import BatchError, distributed
 from motord.batch.task import THREAD_LIMIT
 
@@ -61,7 +62,7 @@ class DaskPool:
         self._stack = ExitStack()
         self._client: Any = None
         self._executor: Any = None
-        self._threads = 0
+        self._threads: int | None = None
         self._looked_s = self._seen_s = 0.0
 
     def __enter__(self) -> "DaskPool":
@@ -82,13 +83,11 @@ class DaskPool:
 
     def result(self, future: "Future[Result]") -> Result:
         """Return the result of a job that ended. Raises WorkerDiedError, BatchError."""
-        from motord.batch.dispatch import WorkerDiedError
-
         try:
             return future.result()
         except distributed().KilledWorker as error:
-            raise WorkerDiedError(str(error)) from error
-        except CancelledError:
+            raise WorkerDiedError from error
+        except (CancelledError, OSError):  # a task raises none: its outcome is a value
             raise self._lost() from None
         except BatchError:
             raise
@@ -106,7 +105,7 @@ class DaskPool:
         if now_s >= self._looked_s + LOOK_S:
             self._looked_s = now_s
             self._count(now_s)
-        return max(WINDOW_PER_THREAD * self._threads, LEAST_WINDOW)
+        return max(WINDOW_PER_THREAD * (self._threads or 0), LEAST_WINDOW)
 
     def _count(self, now_s: float) -> None:
         try:
@@ -117,7 +116,7 @@ class DaskPool:
             raise self._lost() from None
         if threads or not self._seen_s:
             self._seen_s = now_s
-        if not threads and self._threads and self._scheduler:
+        if not threads and self._threads != 0 and self._scheduler:
             self._remark(f"no worker at {self._scheduler}: waiting for one")
         if not threads and self._scheduler is None and now_s > self._seen_s + START_S:
             raise BatchError(f"no worker has started for {START_S:g} s")
