@@ -71,7 +71,7 @@ def test_workers_that_do_not_start_here_end_it(remarks):
 @pytest.mark.parametrize(
     ("error", "kind", "why"),
     [
-        (KilledWorker("task", None, 1), WorkerDiedError, ""),
+        (KilledWorker("task", None, 1), WorkerDiedError, "^$"),
         (OSError("closed"), BatchError, "is gone"),
         (ModuleNotFoundError("no motord"), BatchError, "does it have motord"),
         (BatchError("a worker has motord 1"), BatchError, "^a worker has motord 1$"),
