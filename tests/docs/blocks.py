@@ -64,6 +64,7 @@ LISTED = {
 """By language and file: blocks that are neither read nor run, and why."""
 
 PROGRAMS = {
+    "dask": "starts schedulers and workers on other machines",
     "sudo": "changes the computer",
     "apt": "changes the computer",
     "st-flash": "needs a board",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.atomic_write import write_whole
+from motord.cli.batch_analysis import Rehash, Retry, Scheduler, Workers, analyse_batch, of_each
 from motord.cli.common_options import ResultAsJson
 from motord.cli.console import (
     CommandGroup,
@@ -42,6 +43,8 @@ BenchFile = Annotated[
         help="Bench file or motor file; without it, what the recordings say of themselves.",
     ),
 ]  # fmt: skip
+
+RUNS = "Recordings, .mcap, analysed together; each by itself with --workers, a folder or a pattern."
 
 
 def _kinds() -> "dict[str, AnalysisKind]":
@@ -93,10 +96,10 @@ def _command(kind: "AnalysisKind") -> Callable[..., None]:
         options = {one.name: given[one.name] for one in own}
         if named:
             options["command"] = context.info_name
-        _run(analysis, kind.name, options, given)
+        (analyse_batch if of_each(given) else _run)(analysis, kind.name, options, given)
 
     keyword = Parameter.KEYWORD_ONLY
-    runs = typer.Argument(metavar="RUN..." if needed else "[RUN...]", help="Recordings, .mcap.")
+    runs = typer.Argument(metavar="RUN..." if needed else "[RUN...]", help=RUNS)
     kind_of_runs = list[Path] if needed else list[Path] | None
     parameters = [
         Parameter("context", keyword, annotation=typer.Context),
@@ -110,6 +113,10 @@ def _command(kind: "AnalysisKind") -> Callable[..., None]:
         *own,
         Parameter("config", keyword, default=None, annotation=BenchFile),
         Parameter("as_json", keyword, default=False, annotation=ResultAsJson),
+        Parameter("workers", keyword, default=None, annotation=Workers),
+        Parameter("scheduler", keyword, default=None, annotation=Scheduler),
+        Parameter("rehash", keyword, default=False, annotation=Rehash),
+        Parameter("retry", keyword, default=False, annotation=Retry),
     ]  # fmt: skip
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}

@@ -77,6 +77,10 @@ class ResultsStore:
                 raise self._cannot("store the result", error) from error
         return Added(there or path, len(result.figures), new=there is None)
 
+    def has(self, name: str) -> bool:
+        """Return whether there is a file of this name that can be read."""
+        return self._readable(self.folder / Path(name).name)
+
     def read(self) -> Contents:
         """Return all rows, in the order of the files' names. Raises ResultsError."""
         parquet()
@@ -108,12 +112,11 @@ class ResultsStore:
 
     def _find(self, result: StoredResult) -> Path | None:
         """Return the file of a result that is there and can be read."""
+        of_analysis = result.analysis_digest
+        of_content = result.content_digest if not result.version else None
         for path in self._files():
             analysis, content = ["", "", *path.stem.split("-")][-2:]
-            same = analysis == result.analysis_digest
-            if not result.version:
-                same |= content == result.content_digest
-            if same and self._readable(path):
+            if (analysis == of_analysis or content == of_content) and self._readable(path):
                 return path
         return None
 

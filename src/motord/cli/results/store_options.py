@@ -35,50 +35,21 @@ class AnalysisStorage:
     def __init__(
         self, folder: Path, experiment: str, settings: Mapping[str, Any], serial: str = ""
     ) -> None:
+        from motord.batch.stored import settings_to_store
         from motord.results.store import ResultsStore
 
         self._store = ResultsStore(folder)
         self._store.make()
         self._experiment = experiment
         self._serial = serial
-        given = {name: value for name, value in settings.items() if value is not None}
-        self._settings = {name: _setting(value) for name, value in given.items()}
+        self._settings = settings_to_store(settings)
 
     def add(self, content: Mapping[str, Any], recordings: "Recordings") -> None:
         """Store the JSON of a result, and say so on stderr. Raises ResultsError."""
-        from importlib.metadata import version
+        from motord.batch.stored import stored_result
 
-        from motord.results.figures import figures
-        from motord.results.recorded import recorded_digests, recorded_since
-        from motord.results.stored_result import StoredResult, text_digest
-
-        subject = recordings.subject
-        settings = dict(self._settings)
-        if "config" in settings:  # the bench file may name another one with the back-EMF
-            table = subject.motor.back_emf_table()
-            settings["config"] += f" back-emf:{text_digest(table.tolist())}"
-        added = self._store.add(
-            StoredResult(
-                experiment=self._experiment,
-                motor=subject.motor.name,
-                serial=subject.motor.serial or self._serial,
-                bench=subject.bench,
-                run=", ".join(sorted(recordings.names)),
-                time=recorded_since(recordings.runs),
-                version=version("motord"),
-                settings=settings,
-                recordings=recorded_digests(recordings.runs),
-                figures=figures(content),
-            )
-        )
-        remark(added.in_words())
-
-
-def _setting(value: Any) -> Any:
-    """Return a setting as it is stored: of a file the digest of its content, which counts."""
-    from motord.results.stored_result import file_digest
-
-    return f"sha256:{file_digest(value)}" if isinstance(value, Path) else value
+        result = stored_result(self._experiment, self._settings, content, recordings, self._serial)
+        remark(self._store.add(result).in_words())
 
 
 def named(store: Path | None) -> Path:

@@ -1,0 +1,195 @@
+"""Dask's workers: processes on this computer, or those of a scheduler that runs already."""
+
+import logging
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Future
+from contextlib import ExitStack, contextmanager
+from types import TracebackType
+from typing import Any, TypeVar
+
+from motord.batch.dispatch import WorkerDiedError
+from motord.batch.error import BatchError, distributed
+from motord.batch.task import THREAD_LIMIT
+
+CONNECT_S = 10.0
+"""How long a scheduler may take to answer."""
+
+START_S = 60.0
+"""How long this computer may have no worker, which takes 1 to 3 s to start."""
+
+LOOK_S = 1.0
+"""How often the workers are counted."""
+
+WINDOW_PER_THREAD = 2
+"""Jobs under way for each thread of a worker: one at work, one that waits for it."""
+
+LEAST_WINDOW = 4
+"""Jobs under way at least, by which a cluster sees that it is to grow."""
+
+DEATHS = 2
+"""Workers on this computer that a job may have until it is a suspect."""
+
+CONFIG = {
+    "distributed.scheduler.allowed-failures": DEATHS - 1,
+    "distributed.nanny.pre-spawn-environ": {
+        THREAD_LIMIT: 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "NUMBA_NUM_THREADS": 1,
+    },
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.comm.timeouts.connect": "60s",
+}  # fmt: skip
+"""What workers on this computer have, whatever this user's configuration of Dask says."""
+
+LOOPBACK = "127.0.0.1:0"
+"""Where Dask's HTTP server listens, which cannot be left out; any free port."""
+
+SILENT = logging.CRITICAL + 1
+
+Result = TypeVar("Result")
+
+
+class DaskPool:
+    """Workers, started or connected to with the first job, and ended or left with the pool.
+
+    workers: processes on this computer, behind a scheduler that only listens on the loopback
+    interface and only talks to who has the keys made for it. scheduler: address of one that there
+    is, instead. remark: called with a line for people.
+    """
+
+    def __init__(self, workers: int, scheduler: str | None, remark: Callable[[str], None]) -> None:
+        self._workers, self._scheduler, self._remark = workers, scheduler, remark
+        self._stack = ExitStack()
+        self._client: Any = None
+        self._executor: Any = None
+        self._threads: int | None = None
+        self._looked_s = self._seen_s = 0.0
+
+    def __enter__(self) -> "DaskPool":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+
+    def submit(self, function: Callable[..., Result], *arguments: object) -> "Future[Result]":
+        """Begin a job. Raises BatchError."""
+        future: Future[Result] = self._executor.submit(function, *arguments)
+        return future
+
+    def result(self, future: "Future[Result]") -> Result:
+        """Return the result of a job that ended. Raises WorkerDiedError, BatchError."""
+        try:
+            return future.result()
+        except distributed().KilledWorker as error:
+            raise WorkerDiedError from error
+        except (CancelledError, OSError):  # a task raises none: its outcome is a value
+            raise self._lost() from None
+        except BatchError:
+            raise
+        except Exception as error:
+            raise BatchError(
+                f"a worker cannot carry out the task ({type(error).__name__}: {error}): does it "
+                "have motord, and the packages of this one?"
+            ) from error
+
+    def window(self) -> int:
+        """Return how many jobs may be under way. Raises BatchError if there are no workers."""
+        if self._client is None:
+            self._start()
+        now_s = time.monotonic()
+        if now_s >= self._looked_s + LOOK_S:
+            self._looked_s = now_s
+            self._count(now_s)
+        return max(WINDOW_PER_THREAD * (self._threads or 0), LEAST_WINDOW)
+
+    def _count(self, now_s: float) -> None:
+        try:
+            if self._client.status != "running":
+                raise self._lost()
+            threads = sum(self._client.nthreads().values())
+        except OSError:
+            raise self._lost() from None
+        if threads or not self._seen_s:
+            self._seen_s = now_s
+        if not threads and self._threads != 0 and self._scheduler:
+            self._remark(f"no worker at {self._scheduler}: waiting for one")
+        if not threads and self._scheduler is None and now_s > self._seen_s + START_S:
+            raise BatchError(f"no worker has started for {START_S:g} s")
+        self._threads = threads
+
+    def _lost(self) -> BatchError:
+        where = self._scheduler or "on this computer"
+        return BatchError(
+            f"the scheduler {where} is gone; what is done is kept, start again to go on"
+        )
+
+    def _start(self) -> None:
+        distributed()
+        _silence()
+        client = _remote(self._scheduler) if self._scheduler else _local(self._workers)
+        self._client = self._stack.enter_context(client)
+        self._executor = self._client.get_executor(pure=False)
+
+
+@contextmanager
+def _local(workers: int) -> Iterator[Any]:
+    """Start workers here. A dashboard is none; what Dask listens on is 127.0.0.1."""
+    import dask
+
+    found = distributed()
+    with (
+        tempfile.TemporaryDirectory(prefix="motord-batch-") as folder,
+        dask.config.set(CONFIG),
+        _cluster(workers, folder) as cluster,
+        found.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def _cluster(workers: int, folder: str) -> Any:
+    """Start scheduler and workers, with files of theirs in a folder. Raises BatchError."""
+    from distributed.system import MEMORY_LIMIT
+
+    found = distributed()
+    try:
+        return found.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=MEMORY_LIMIT,  # less would set large recordings aside
+            host="127.0.0.1",
+            protocol="tls://",
+            security=found.Security.temporary(),
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK},
+            silence_logs=SILENT,
+            local_directory=folder,
+        )
+    except ImportError as error:  # of the package that makes keys
+        raise BatchError(f"{error}: pip install 'motord[cluster]'") from error
+    except (OSError, RuntimeError) as error:
+        raise BatchError(f"workers cannot be started on this computer: {error}") from error
+
+
+@contextmanager
+def _remote(address: str) -> Iterator[Any]:
+    """Connect to a scheduler; of tls:// the keys are those of Dask's configuration."""
+    try:
+        keys = distributed().Security().get_connection_args("client")
+        if address.startswith("tls://") and not keys.get("ssl_context"):
+            raise BatchError(f"{address}: no keys; Dask's configuration has distributed.comm.tls")
+        client = distributed().Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise BatchError(f"no scheduler of Dask answers at {address}: {error}") from error
+    with client:
+        yield client
+
+
+def _silence() -> None:
+    """Keep Dask's log off the terminal: what matters of it is an error here."""
+    for handler in logging.getLogger("distributed").handlers:
+        handler.setLevel(SILENT)

@@ -1,0 +1,77 @@
+"""What became of each analysis: the file of the store that has its result, or why there is none."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from motord.atomic_write import write_whole
+from motord.results.store import ResultsStore
+from motord.results.stored_result import StoredResult
+
+FOLDER = ".ledger"
+"""In the results store, which passes over it."""
+
+
+@dataclass(frozen=True)
+class LedgerEntry:
+    """One analysis of one recording. stored: name of the file in the store; failure: the reason.
+
+    One of the two is not empty. recording, sha256, experiment, version and settings are for people;
+    the entry is found by their digest.
+    """
+
+    recording: str
+    sha256: str
+    experiment: str
+    version: str
+    settings: Mapping[str, Any]
+    stored: str = ""
+    failure: str = ""
+
+
+class Ledger:
+    """Entries in a folder of the store, a file each, replaced whole.
+
+    A result is stored before it is entered, and an entry counts only while its result is there. So
+    whoever is killed in between analyses again, and the store finds the result to be there already.
+    """
+
+    def __init__(self, store: ResultsStore) -> None:
+        self._store = store
+        self.folder = store.folder / FOLDER
+
+    def make(self) -> None:
+        """Make store and ledger. Raises ResultsError, OSError."""
+        self._store.make()
+        self.folder.mkdir(exist_ok=True)
+
+    def find(self, analysis: LedgerEntry) -> LedgerEntry | None:
+        """Return what became of an analysis; None if it is to be made."""
+        with suppress(OSError, ValueError, TypeError):
+            entry = LedgerEntry(**json.loads(self._path(analysis).read_bytes()))
+            if entry.failure or (entry.stored and self._store.has(entry.stored)):
+                return entry
+        return None
+
+    def store(self, analysis: LedgerEntry, result: StoredResult) -> str:
+        """Store a result and enter it; return its file's name. Raises ResultsError, OSError."""
+        name = self._store.add(result).path.name
+        self._enter(analysis, stored=name)
+        return name
+
+    def set_aside(self, analysis: LedgerEntry, failure: str) -> None:
+        """Enter why there is no result. Raises OSError."""
+        self._enter(analysis, failure=failure)
+
+    def _enter(self, analysis: LedgerEntry, **outcome: str) -> None:
+        content = {**asdict(analysis), "settings": dict(analysis.settings), **outcome}
+        write_whole(self._path(analysis), json.dumps(content, indent=1) + "\n")
+
+    def _path(self, analysis: LedgerEntry) -> Path:
+        of = (analysis.sha256, analysis.experiment, analysis.version, dict(analysis.settings))
+        digest = hashlib.sha256(json.dumps(of, sort_keys=True).encode()).hexdigest()
+        return self.folder / f"{digest}.json"

@@ -1,0 +1,100 @@
+"""What a worker does with one recording. Its outcome is a value: no recording raises."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+from motord.batch.error import BatchError
+from motord.batch.stored import settings_to_store, stored_result
+from motord.config.experiments import analysis_kinds
+from motord.experiments.analysis import Analysis
+from motord.experiments.subject import Recordings
+from motord.results.error import ResultsError
+from motord.results.stored_result import StoredResult
+
+THREAD_LIMIT = "OMP_NUM_THREADS"
+"""Environment variable that has to be 1 in a worker: sums depend on how many threads share them."""
+
+
+@dataclass(frozen=True)
+class BatchTask:
+    """The analysis that is made of each recording.
+
+    experiment: as `motord analyse` names it; options: of its estimate; settings: those of them that
+    count, and `config`, files being absolute paths; version: that the workers must have; to_store,
+    to_print: what is wanted, the figures or the whole JSON.
+    """
+
+    experiment: str
+    options: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    config: Path | None = None
+    version: str = field(default_factory=lambda: version("motord"))
+    to_store: bool = True
+    to_print: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a recording: a result, or a failure, which says why there is none.
+
+    sha256: of the file, where it was read; lasting: it would fail again.
+    """
+
+    sha256: str = ""
+    content: Mapping[str, Any] | None = None
+    to_store: StoredResult | None = None
+    failure: str = ""
+    lasting: bool = False
+
+
+def analyse_recording(task: BatchTask, path: Path) -> Outcome:
+    """Analyse one recording. Raises BatchError if this worker is none for the task."""
+    _check_worker(task)
+    try:
+        return _analysed(task, path)
+    except (Exception, SystemExit) as error:
+        return _failed(path, error)
+
+
+def _analysed(task: BatchTask, path: Path) -> Outcome:
+    analysis: Analysis[Any] = resolve_name(analysis_kinds()[task.experiment].command)
+    recordings = Recordings.open([path], task.config)
+    content = analysis.to_json(analysis.estimate(recordings, **task.options), recordings)
+    if not task.to_store:
+        return Outcome(content=content)
+    settings = settings_to_store(task.settings)
+    result = stored_result(task.experiment, settings, content, recordings)
+    if not result.figures:
+        raise ResultsError("the result has no figures to store")
+    [(_, sha256)] = result.recordings
+    return Outcome(sha256, content if task.to_print else None, result)
+
+
+def _check_worker(task: BatchTask) -> None:
+    found = version("motord")
+    if found != task.version:
+        raise BatchError(f"a worker has motord {found}, this is {task.version}: install the same")
+    if os.environ.get(THREAD_LIMIT) != "1":
+        raise BatchError(
+            f"a worker may compute with several threads, by whose number results differ: start it "
+            f"with {THREAD_LIMIT}=1, as Dask's nannies do"
+        )
+
+
+def _failed(path: Path, error: BaseException) -> Outcome:
+    """Return the failure as one line, without the path. Errors of the system may pass."""
+    name = type(error).__name__
+    if isinstance(error, OSError):
+        text = error.strerror or str(error) or name
+    elif type(error).__module__.startswith("motord."):
+        text = str(error)
+    else:
+        text = f"{name}: {error}"
+    system = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
+    line = " ".join(text.replace(f"{path}: ", "").split())
+    return Outcome(failure=line or name, lasting=not system)

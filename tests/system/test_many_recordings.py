@@ -1,0 +1,132 @@
+"""Many recordings by Dask: runs are interrupted and killed, some recordings are poison."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from motord.results.store import ResultsStore
+from tests.support import probe_analysis
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+GOOD = 6
+PATIENCE_S = 60.0
+
+
+class Runs:
+    """A folder with recordings, of which two wait for the pipe `gate`, and the command for them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.runs = folder, folder / "runs"
+        self.runs.mkdir()
+        self.names = [f"a{number}" for number in range(GOOD)] + ["waits0", "waits1"]
+        for number, name in enumerate(self.names):
+            probe_analysis.write(self.runs / f"{name}.mcap", 1.0 + number)
+        os.mkfifo(self.runs / "gate")
+        self._environment = probe_analysis.announced(folder / "site")
+
+    def start(self, *words: str) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-m", "motord", "analyse", probe_analysis.NAME, "runs"]
+        return subprocess.Popen(
+            [*command, "--store", "s", *words], cwd=self.folder, env=self._environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+        )  # fmt: skip
+
+    def entered(self) -> int:
+        """Return how many analyses the ledger has."""
+        entries = (self.folder / "s" / ".ledger").glob("[0-9a-f]*.json")
+        return sum(not one.name.startswith(("hashes", ".")) for one in entries)
+
+    def values(self) -> list[tuple[str, float]]:
+        rows = ResultsStore(self.folder / "s").read().table.to_pylist()
+        return sorted((row["run"], row["value"]) for row in rows)
+
+    def expected(self, count: int) -> list[tuple[str, float]]:
+        return [(f"{name}.mcap", 1.0 + n) for n, name in enumerate(self.names[:count])]
+
+
+def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> None:
+    """Dask listens on the loopback interface alone; no worker outlives its run."""
+    runs = Runs(tmp_path)
+    process = runs.start("--workers", "2")
+    while runs.entered() < GOOD:
+        assert process.poll() is None, process.communicate()
+    listening = listeners([process.pid, *children(process.pid)])
+    assert len(listening) >= 3
+    assert {address for address, _ in listening} == {"127.0.0.1"}
+    _, errors = ended(process, lambda: os.killpg(process.pid, signal.SIGINT))
+    assert (process.returncode, errors) == (1, "motord: interrupted\n")
+    assert runs.values() == runs.expected(GOOD)
+
+    process = runs.start("--workers", "2")
+    while len(children(process.pid)) < 2:
+        assert process.poll() is None, process.communicate()
+    ended(process, process.kill)
+    assert runs.values() == runs.expected(GOOD)
+
+    (runs.runs / "gate").unlink()
+    (runs.runs / "gate").write_text("open")
+    for name, torque_Nm in (("kills", 20.0), ("raises", 21.0)):
+        probe_analysis.write(runs.runs / f"{name}.mcap", torque_Nm)
+    (runs.runs / "text.mcap").write_text("no recording")
+    process = runs.start("--workers", "2", "--json")
+    output, errors = process.communicate()
+    assert process.returncode == 1, errors
+    *lines, last = map(json.loads, output.splitlines())
+    counts = {"recordings": GOOD + 5, "done": 2, "skipped": GOOD, "failed": 3}
+    assert last == {"summary": counts}
+    assert [line["recording"] for line in lines] == sorted(line["recording"] for line in lines)
+    failed = {Path(one["recording"]).stem: one["note"] for one in lines if one["state"] == "failed"}
+    assert set(failed) == {"kills", "raises", "text"}
+    assert failed["kills"] == "workers die of it, also when it is the only one"
+    assert failed["raises"] == "ZeroDivisionError: two lines"
+    assert len(errors.splitlines()) == 3, errors
+    assert runs.values() == runs.expected(GOOD + 2)
+
+    output, errors = runs.start().communicate()
+    assert output == f"{GOOD + 5} recordings: 0 done, {GOOD + 2} skipped, 3 failed\n"
+    assert errors.count("set aside by an earlier run") == 3
+
+
+def ended(process: "subprocess.Popen[str]", end: Callable[[], object]) -> tuple[str, str]:
+    """End a run, and wait for its workers to end. Return what it printed."""
+    workers = [os.pidfd_open(pid) for pid in children(process.pid)]
+    assert len(workers) >= 2
+    end()
+    printed = process.communicate()
+    for worker in workers:
+        assert select.select([worker], [], [], PATIENCE_S)[0]
+        os.close(worker)
+    return printed
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes below one."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in map(int, (task / "children").read_text().split()):
+            found += [child, *children(child)]
+    return found
+
+
+def listeners(pids: list[int]) -> list[tuple[str, int]]:
+    """Return addresses (IPv4) and ports on which processes listen; they must not on IPv6."""
+    open_files = {str(one.readlink()) for pid in pids for one in Path(f"/proc/{pid}/fd").iterdir()}
+    found = []
+    for protocol in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{protocol}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] != "0A" or f"socket:[{fields[9]}]" not in open_files:
+                continue
+            assert protocol == "tcp", line
+            address, port = fields[1].split(":")
+            numbers = reversed(bytes.fromhex(address))
+            found.append((".".join(map(str, numbers)), int(port, 16)))
+    return found

@@ -1,0 +1,97 @@
+"""What Dask says of workers and schedulers that are gone, in the words of this program."""
+
+from concurrent.futures import Future
+
+import pytest
+from distributed import KilledWorker
+
+from motord.batch import dask_pool
+from motord.batch.dask_pool import DaskPool
+from motord.batch.dispatch import WorkerDiedError
+from motord.batch.error import BatchError
+
+ADDRESS = "tcp://there:8786"
+
+
+class Client:
+    """In place of Dask's. threads: of each worker."""
+
+    status = "running"
+
+    def __init__(self):
+        self.threads = {}
+
+    def nthreads(self):
+        if self.threads is None:
+            raise OSError("closed")
+        return self.threads
+
+
+@pytest.fixture
+def remarks(monkeypatch):
+    monkeypatch.setattr(dask_pool.time, "monotonic", iter(range(1, 1000, 2)).__next__)
+    return []
+
+
+def pool_of(client, remarks, scheduler=ADDRESS):
+    pool = DaskPool(2, scheduler, remarks.append)
+    pool._client = client
+    return pool
+
+
+def test_the_window_follows_the_workers(remarks):
+    client = Client()
+    pool = pool_of(client, remarks)
+    windows = []
+    for threads in ({}, {}, {"a": 1}, {"a": 1, "b": 8}, {}, {"a": 4}):
+        client.threads = threads
+        windows.append(pool.window())
+    assert windows == [4, 4, 4, 18, 4, 8]
+    assert remarks == [f"no worker at {ADDRESS}: waiting for one"] * 2
+
+
+@pytest.mark.parametrize(("threads", "status"), [(None, "running"), ({"a": 1}, "connecting")])
+def test_a_scheduler_that_is_gone_is_said(remarks, threads, status):
+    client = Client()
+    client.threads, client.status = threads, status
+    with pytest.raises(BatchError, match=f"{ADDRESS} is gone; what is done is kept"):
+        pool_of(client, remarks).window()
+
+
+def test_workers_that_do_not_start_here_end_it(remarks):
+    client = Client()
+    pool = pool_of(client, remarks, scheduler=None)
+    client.threads = {"a": 1}
+    assert pool.window() == dask_pool.LEAST_WINDOW
+    client.threads = {}
+    with pytest.raises(BatchError, match="no worker has started for 60 s"):
+        [pool.window() for _ in range(100)]
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "why"),
+    [
+        (KilledWorker("task", None, 1), WorkerDiedError, "^$"),
+        (OSError("closed"), BatchError, "is gone"),
+        (ModuleNotFoundError("no motord"), BatchError, "does it have motord"),
+        (BatchError("a worker has motord 1"), BatchError, "^a worker has motord 1$"),
+    ],
+)
+def test_how_a_job_ended(remarks, error, kind, why):
+    future = Future()
+    future.set_exception(error)
+    with pytest.raises(kind, match=why):
+        pool_of(Client(), remarks).result(future)
+
+
+def test_a_job_that_is_cancelled_has_lost_its_scheduler(remarks):
+    future = Future()
+    future.cancel()
+    with pytest.raises(BatchError, match="is gone"):
+        pool_of(Client(), remarks).result(future)
+
+
+def test_tls_without_keys_is_refused():
+    pool = DaskPool(1, "tls://there:8786", print)
+    with pytest.raises(BatchError, match="no keys; Dask's configuration"):
+        pool.window()
