@@ -45,7 +45,7 @@ class _TextPort:
         """Pass on the lines that have come. Raises DeviceError for a port that is gone."""
         port = self._opened()
         *lines, self._rest = _ENDS.split(self._rest + port.read())
-        if port.failures:
+        if port.failures or port.hung_up():
             self.close()
             raise DeviceError(f"{self._source.port}: the port does not answer; is it plugged in?")
         if len(self._rest) > LINE_MAX_BYTES:
