@@ -193,7 +193,7 @@ def test_a_bench_with_a_hot_channel_is_not_enabled_and_says_why():
     take(bench, 120.0)
     bench.run_s(0.1)
     token = bench.acquire()
-    with pytest.raises(RpcError, match="CHANNEL .*; channel a, degC 120, limit 100"):
+    with pytest.raises(RpcError, match=r"CHANNEL .*; channel a, degC 120, limit 100"):
         bench.ask("enable", token=token)
 
 
