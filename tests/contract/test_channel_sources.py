@@ -20,8 +20,8 @@ from motord.config import ChannelConfig, Config, load, packaged
 from motord.emulate.devices import ReadOnlyRegisters
 from motord.emulate.modbus import ModbusServers
 from motord.hal.base import DeviceError
-from motord.hal.channels.base import ChannelReading, ChannelSource, Sample
-from motord.hal.channels.reader import OPEN_AGAIN_S, LineReader
+from motord.hal.channel_source import ChannelReading, ChannelSource, RawSample
+from motord.hal.channels.line_poller import OPEN_AGAIN_S, LinePoller
 from motord.hal.channels.registry import check_drivers, make_lines
 from motord.schema import TICK_DTYPE
 from motord.wire.can.dbc import signal_codec
@@ -152,7 +152,7 @@ def first(config: Config) -> ChannelSource:
     return make_lines(config)[0][0][1]
 
 
-def read(source: ChannelSource, peer: Peer, value: float) -> Sample:
+def read(source: ChannelSource, peer: Peer, value: float) -> RawSample:
     """Return the first sample of this value; errors of a peer that comes back are waited out."""
     end_s = time.monotonic() + WAIT_S
     error: object = "another value"
@@ -201,10 +201,10 @@ def test_registers_share_a_connection_and_one_that_is_missing_is_named() -> None
     with joined(ModbusPeer(tcp_port=free_port())) as peer:
         [[(_, one), (_, other)]] = make_lines(peer.config)
         peer.set(5.0)
-        assert one.read() == Sample(5.0)
+        assert one.read() == RawSample(5.0)
         with pytest.raises(DeviceError, match=r"holding register 11: .* exception 2 \(no such reg"):
             other.read()
-        assert one.read() == Sample(5.0)
+        assert one.read() == RawSample(5.0)
         one.close()
 
 
@@ -328,7 +328,7 @@ def test_drivers_of_other_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     lines = make_lines(config)
     assert [len(line) for line in lines] == [1, 1, 1]  # a thread each
     script.write_text("7.5")
-    assert lines[0][0][1].read() == Sample(7.5)
+    assert lines[0][0][1].read() == RawSample(7.5)
     with pytest.raises(DeviceError, match=r"\[channels.source.settings\] s.*: .*required"):
         lines[2][0][1].open()
     with pytest.raises(DeviceError, match=r'"c0": driver = "acme" is not known; known: .*scripted'):
@@ -366,18 +366,18 @@ class Clock:
         return self.now_ns
 
 
-def reader(clock: Clock, *sources: Scripted, **values: Any) -> tuple[LineReader, list[Any]]:
+def reader(clock: Clock, *sources: Scripted, **values: Any) -> tuple[LinePoller, list[Any]]:
     readings: list[ChannelReading] = []
     config = bench(*({"driver": "simulated"} for _ in sources), **values)
     pairs: list[tuple[ChannelConfig, ChannelSource]] = list(
         zip(config.channels, sources, strict=True)
     )
-    return LineReader(pairs, readings.append, clock), readings
+    return LinePoller(pairs, readings.append, clock), readings
 
 
 def test_readings_have_the_time_at_which_they_began_less_their_age() -> None:
     clock = Clock()
-    line, readings = reader(clock, Scripted(Sample(1.0), None, Sample(2.0, 0.25)))
+    line, readings = reader(clock, Scripted(RawSample(1.0), None, RawSample(2.0, 0.25)))
     assert line.step() == 1.0
     for clock.now_ns in (10**9, 2 * 10**9):
         line.step()
@@ -385,7 +385,7 @@ def test_readings_have_the_time_at_which_they_began_less_their_age() -> None:
 
 
 def test_errors_of_device_and_driver_are_passed_on_and_the_source_is_opened_again() -> None:
-    clock, source = Clock(), Scripted(DeviceError("off"), 1 / 3, "closed", "closed", Sample(4.0))
+    clock, source = Clock(), Scripted(DeviceError("off"), 1 / 3, "closed", "closed", RawSample(4.0))
     line, readings = reader(clock, source, rate_Hz=10.0)
     while source.script:
         clock.now_ns += round(line.step() * 1e9)
@@ -401,7 +401,7 @@ def test_errors_of_device_and_driver_are_passed_on_and_the_source_is_opened_agai
 
 def test_what_waited_during_a_pause_is_old_and_left_out() -> None:
     clock = Clock()
-    line, readings = reader(clock, Scripted(*map(Sample, (1.0, 2.0, 3.0))), timeout_s=3.0)
+    line, readings = reader(clock, Scripted(*map(RawSample, (1.0, 2.0, 3.0))), timeout_s=3.0)
     line.step()
     clock.now_ns = round(3.1e9)
     while clock.now_ns < 6e9 and len(readings) < 2:
@@ -411,7 +411,7 @@ def test_what_waited_during_a_pause_is_old_and_left_out() -> None:
 
 def test_channels_of_a_line_take_turns() -> None:
     clock = Clock()
-    slow, fast = Scripted(*[Sample(1.0)] * 3), Scripted(*[Sample(2.0)] * 9)
+    slow, fast = Scripted(*[RawSample(1.0)] * 3), Scripted(*[RawSample(2.0)] * 9)
     line, readings = reader(clock, slow, fast, rate_Hz=10.0)
     for _ in range(3):
         clock.now_ns += round(line.step() * 1e9) or 1

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from motord.config import ChannelConfig, Section
 from motord.hal.base import DeviceError
-from motord.hal.channels.base import Sample, read_channel_settings
+from motord.hal.channel_source import RawSample, read_channel_settings
 
 PACKAGE = "scripted_channels"
 ENTRY_POINT = f"[motord.channels]\nscripted = {__name__}:Scripted\n"
@@ -27,7 +27,7 @@ class Scripted:
     def open(self) -> None:
         pass
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         said = self._script.read_text().strip()
         match said:
             case "hang":
@@ -41,7 +41,7 @@ class Scripted:
                 os._exit(3)
             case "nothing":
                 return None
-        return Sample(float(said))
+        return RawSample(float(said))
 
     def close(self) -> None:
         pass

@@ -11,7 +11,7 @@ from motord.cli.console import explain_first_run, fail, print_result
 
 if TYPE_CHECKING:
     from motord.config import ChannelConfig, Config
-    from motord.hal.channels.base import ChannelSource
+    from motord.hal.channel_source import ChannelSource
 
 LOOK_S = 0.02
 Finding = dict[str, Any]
@@ -140,7 +140,7 @@ def _probe_channel(channel: "ChannelConfig", source: "ChannelSource") -> str:
     import time
 
     from motord.hal.base import DeviceError
-    from motord.hal.channels.base import ChannelReading
+    from motord.hal.channel_source import ChannelReading
     from motord.service.bench.channels import Channel
 
     judged, end_s = Channel(channel), time.monotonic() + channel.timeout_s

@@ -10,7 +10,7 @@ import pytest
 
 from motord.api.errors import RpcError
 from motord.config import ChannelConfig, load
-from motord.hal.channels.base import ChannelReading
+from motord.hal.channel_source import ChannelReading
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.schema import State
 from motord.service.bench.channels import HELD_NS, NOTHING_YET, Channel

@@ -9,7 +9,7 @@ from motord.config.channel_sources import CanSource
 from motord.hal.base import DeviceError
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 from motord.wire.can.dbc import signal_codec
 
 
@@ -58,7 +58,7 @@ class CanChannel:
         """Open the bus, or join those who have. Raises DeviceError."""
         self._port.open(self._codec.key)
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return the signal in the newest frame, None if none has come since the last call.
 
         A frame of another length has no number. Raises DeviceError.
@@ -70,7 +70,7 @@ class CanChannel:
         self._seen_ns = t_ns
         values = self._codec.decode(payload)
         age_s = max(time.time_ns() - t_ns, 0) * 1e-9
-        return Sample(math.nan if values is None else values[0], age_s)
+        return RawSample(math.nan if values is None else values[0], age_s)
 
     def close(self) -> None:
         """Leave the bus to be opened again."""

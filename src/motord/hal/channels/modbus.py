@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 from motord.config.channel_sources import ModbusSource
 from motord.hal.base import DeviceError
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 from motord.hal.modbus.client import ModbusClient
 from motord.wire.modbus.pdu import read
 from motord.wire.modbus.registers import Register
@@ -32,7 +32,7 @@ class ModbusChannel:
     def open(self) -> None:
         """Leave it to the first reading to connect."""
 
-    def read(self) -> Sample:
+    def read(self) -> RawSample:
         """Return the register. Raises DeviceError."""
         source = self._source
         what = f"read of {source.table} register {source.address}"
@@ -43,7 +43,7 @@ class ModbusChannel:
             if source.transport == "rtu":
                 self._wait(source.timeout_s)
             raise
-        return Sample(self._register.decode(words))
+        return RawSample(self._register.decode(words))
 
     def close(self) -> None:
         """Disconnect, and with it all on the same line; the next reading connects again."""

@@ -11,7 +11,7 @@ import numpy as np
 from motord.config import ChannelConfig, Config, ConfigError
 from motord.config.channel_sources import OtherSource
 from motord.hal.base import DeviceError
-from motord.hal.channels.base import ChannelSource, Sample
+from motord.hal.channel_source import ChannelSource, RawSample
 from motord.schema import TICK_DTYPE
 
 GROUP = "motord.channels"
@@ -31,7 +31,7 @@ class BrokenSource:
         """Raise DeviceError."""
         raise DeviceError(self._error)
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return nothing."""
         return None
 

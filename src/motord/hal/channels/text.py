@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from motord.config.channel_sources import SerialSource
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial_port import SerialPort
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 
 LINE_MAX_BYTES = 4096
 """A longer line is none: its end is looked for."""
@@ -76,14 +76,14 @@ class TextChannel:
         self._port = port
         self._pattern = re.compile(source.pattern)
         self._group = next(iter(self._pattern.groupindex), 1)
-        self._newest: Sample | None = None
+        self._newest: RawSample | None = None
         port.listeners.append(self._look)
 
     def open(self) -> None:
         """Open the port, or join those who have. Raises DeviceError."""
         self._port.open()
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return the number in the newest line that has it. Raises DeviceError."""
         if self._source.request:
             self._ask()
@@ -114,7 +114,7 @@ class TextChannel:
     def _look(self, line: str) -> None:
         found = self._pattern.search(line)
         if found is not None:
-            self._newest = Sample(_number(found[self._group]))
+            self._newest = RawSample(_number(found[self._group]))
 
 
 def _number(text: str | None) -> float:

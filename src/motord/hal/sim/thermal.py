@@ -9,7 +9,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.config.channel_sources import SimulatedSource
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 from motord.rig.thermal import ThermalNetwork
 from motord.rig.truth import load
 
@@ -45,10 +45,10 @@ class SimulatedChannel:
     def open(self) -> None:
         """Do nothing."""
 
-    def read(self) -> Sample:
+    def read(self) -> RawSample:
         """Return the temperature now, degC."""
         self._motor.follow()
-        return Sample(self._motor.network.named_C[self._quantity])
+        return RawSample(self._motor.network.named_C[self._quantity])
 
     def close(self) -> None:
         """Do nothing."""

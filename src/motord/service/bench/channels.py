@@ -9,7 +9,7 @@ from math import inf, isfinite, nan
 
 from motord.api.channel_messages import ChannelStatus, ChannelView
 from motord.config import ChannelConfig, Config
-from motord.hal.channels.base import ChannelReading
+from motord.hal.channel_source import ChannelReading
 from motord.service.bench.trip_report import ValuesAndLimits
 from motord.service.host.events import EventLog
 
