@@ -199,11 +199,18 @@ def test_it_reads_what_the_peer_has_also_after_the_peer_was_gone(peer: Peer) -> 
 
 def test_registers_share_a_connection_and_one_that_is_missing_is_named() -> None:
     with joined(ModbusPeer(tcp_port=free_port())) as peer:
+        assert isinstance(peer, ModbusPeer)
         [[(_, one), (_, other)]] = make_lines(peer.config)
         peer.set(5.0)
         assert one.read() == RawSample(5.0)
         with pytest.raises(DeviceError, match=r"holding register 11: .* exception 2 \(no such reg"):
             other.read()
+        other.close()  # as after each error; the link is not to blame
+        peer.servers.close()
+        with pytest.raises(DeviceError, match="lost"):  # so it was still the same one
+            one.read()
+        one.close()
+        peer.join()
         assert one.read() == RawSample(5.0)
         one.close()
 
@@ -244,11 +251,16 @@ def test_frames_that_are_old_are_not_read_again_and_wrong_ones_are_no_number() -
         peer.leave()
 
 
-def test_a_dbc_without_the_signal_is_a_channel_without_readings() -> None:
-    config = bench({"driver": "can", "dbc": str(DBC), "signal": "InverterStatus.Temprature",
-                    "bus": {"interface": "virtual", "channel": "x"}})  # fmt: skip
+def test_a_signal_that_the_dbc_does_not_have_costs_its_own_channel() -> None:
+    bus = {"interface": "virtual", "channel": "x", "fd": False}
+    source = {"driver": "can", "dbc": str(DBC), "signal": TEMPERATURE, "bus": bus}
+    wrong = {**source, "signal": "InverterStatus.Temprature"}
+    [[(_, missing), (_, there)]] = make_lines(bench(wrong, source))
     with pytest.raises(DeviceError, match=r"inverter.dbc: signal: .*did you mean Temperature"):
-        first(config).open()
+        missing.open()
+    there.open()
+    assert there.read() is None
+    there.close()
 
 
 def test_lines_of_text_half_lines_and_what_is_no_number(tmp_path: Path) -> None:

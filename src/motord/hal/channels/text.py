@@ -3,7 +3,7 @@
 import math
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from motord.config.channel_sources import SerialSource
 from motord.hal.base import DeviceError
@@ -15,7 +15,7 @@ LINE_MAX_BYTES = 4096
 _ENDS = re.compile(rb"[\r\n]+")
 
 
-class _TextPort:
+class TextPort:
     """The port that several channels have, each with a look at every line."""
 
     def __init__(self, source: SerialSource) -> None:
@@ -26,6 +26,7 @@ class _TextPort:
         self.listeners: list[Callable[[str], None]] = []
 
     def open(self) -> None:
+        """Open it, unless it is. Raises DeviceError."""
         if self._port is None:
             path, baud = self._source.port, self._source.baud
             self._port = SerialPort(path, baud, "serial channel")
@@ -39,6 +40,7 @@ class _TextPort:
         port.write(text.encode())
 
     def wait(self, timeout_s: float) -> None:
+        """Wait until something has come, at most so long. Raises DeviceError."""
         self._opened().wait(timeout_s)
 
     def pump(self) -> None:
@@ -58,6 +60,7 @@ class _TextPort:
                 listen(line.decode("ascii", errors="replace"))
 
     def close(self) -> None:
+        """Close it; may be called twice."""
         port, self._port = self._port, None
         if port is not None:
             port.close()
@@ -71,7 +74,7 @@ class _TextPort:
 class TextChannel:
     """A number in lines that come by themselves, or in the answer to a request."""
 
-    def __init__(self, source: SerialSource, port: _TextPort) -> None:
+    def __init__(self, source: SerialSource, port: TextPort) -> None:
         self._source = source
         self._port = port
         self._pattern = re.compile(source.pattern)
@@ -123,9 +126,3 @@ def _number(text: str | None) -> float:
         return float((text or "").replace(",", "."))
     except ValueError:
         return math.nan
-
-
-def text_channels(sources: Sequence[SerialSource]) -> list[TextChannel]:
-    """Return the channels of one port."""
-    port = _TextPort(sources[0])
-    return [TextChannel(source, port) for source in sources]

@@ -3,7 +3,7 @@
 The rig is simulated in the loop; here its temperatures follow from the currents that it reports.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,7 +17,7 @@ Ticks = Callable[[], np.ndarray]
 """Returns the ticks since its last call, TICK_DTYPE (n,)."""
 
 
-class _HeatedMotor:
+class HeatedMotor:
     """The motor that all simulated channels look at."""
 
     def __init__(self, config: Config, ticks: Ticks) -> None:
@@ -38,7 +38,7 @@ class _HeatedMotor:
 class SimulatedChannel:
     """A temperature of the simulated rig."""
 
-    def __init__(self, source: SimulatedSource, motor: _HeatedMotor) -> None:
+    def __init__(self, source: SimulatedSource, motor: HeatedMotor) -> None:
         self._quantity = source.quantity
         self._motor = motor
 
@@ -52,11 +52,3 @@ class SimulatedChannel:
 
     def close(self) -> None:
         """Do nothing."""
-
-
-def simulated_channels(
-    sources: Sequence[SimulatedSource], config: Config, ticks: Ticks
-) -> list[SimulatedChannel]:
-    """Return the channels of a simulated bench. Raises ConfigError for a rig file that is wrong."""
-    motor = _HeatedMotor(config, ticks)
-    return [SimulatedChannel(source, motor) for source in sources]
