@@ -4,12 +4,13 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from motord.config import Config, ConfigError, load
+from motord.config.reading import check_text
 from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench
 from motord.emulate.modbus import ModbusServers
 from motord.emulate.selection import register_devices
 from tests.support.ports import free_port
-from tests.unit.emulate.benches import write_bench
+from tests.unit.emulate.benches import EMULATED, write_bench
 from tests.unit.emulate.test_bench import CONFIG, CURRENTS, TRUTH, operate
 
 CHANNELS = """
@@ -82,3 +83,13 @@ def test_simulated_channels_are_not_for_the_emulator(tmp_path):
     text = '[[channels]]\nname = "a"\nunit = ""\nsource = {driver = "simulated"}\n'
     with pytest.raises(ConfigError, match='with the emulator take driver = "modbus"'):
         bench(tmp_path, text)
+
+
+def test_the_example_in_the_bench_file_is_one():
+    lines = EMULATED.read_text().splitlines()
+    begin = next(n for n, line in enumerate(lines) if line.startswith("# [[channels]]"))
+    end = lines.index("", begin)
+    example = "\n".join(line.removeprefix("# ") for line in lines[begin:end])
+    [channel] = check_text(EMULATED, "\n".join([*lines, example])).channels
+    assert (channel.name, channel.trip_above) == ("winding_C", 130.0)
+    assert channel.source.model_dump()["emulated"] == "winding_C"
