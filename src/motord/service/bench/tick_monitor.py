@@ -4,6 +4,7 @@ Pure: blocks of ticks in, views and events out.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from motord.config import Config
 from motord.schema import State, Trip
 from motord.service.bench import link_health
 from motord.service.bench.recent_ticks import RecentTicks
-from motord.service.bench.trip_report import trip_values
+from motord.service.bench.trip_report import ValuesAndLimits, trip_values
 from motord.service.host.events import EventLog
 
 REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
@@ -30,7 +31,8 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _values_text(values: Mapping[str, Mapping[str, float]]) -> str:
+def values_text(values: Mapping[str, Mapping[str, float]]) -> str:
+    """Return values and limits as text that goes on after a semicolon."""
     return "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}" for what, v in values.items())
 
 
@@ -43,6 +45,8 @@ class TickMonitor:
         self._events = events
         self.trip: TripReport | None = None
         """Of the trip that the bench is in."""
+        self.channels: ValuesAndLimits = {}
+        """Of the slow channels that trip the bench."""
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self.last: np.void | None = None
         self.read_ns = 0  # monotonic, when the newest tick was read
@@ -116,15 +120,15 @@ class TickMonitor:
                 if self.trip is not None:
                     self.trip = self.trip.extended(trip_names(added), values)
                 self._events.emit(
-                    "trip", f"further cause: {trip_text(added)}{_values_text(values)}",
+                    "trip", f"further cause: {trip_text(added)}{values_text(values)}",
                     int(tick["t_ns"]), causes=trip_names(added), values=values,
                     action=trip_action(added), tick=int(tick["tick"]),
                 )  # fmt: skip
             before, first_bits = state, int(tick["trip_bits"])
 
-    def _values(self, bits: int, row: int) -> dict[str, dict[str, float]]:
+    def _values(self, bits: int, row: int) -> ValuesAndLimits:
         """Return value and limit for each cause in `bits`, as of a row of the newest block."""
-        return trip_values(bits, self._recent.until(row))
+        return trip_values(bits, replace(self._recent.until(row), channels=self.channels))
 
     def _report_change(self, old: State, new: State, row: int, tick: np.void) -> None:
         where = {"tick": int(tick["tick"]), "from": old.name, "to": new.name}
@@ -139,7 +143,7 @@ class TickMonitor:
             "first": trip_names(first), "causes": trip_names(bits), "values": values,
             "action": trip_action(first or bits),
         }  # fmt: skip
-        reason = f"{old.name} -> TRIPPED: {trip_text(first or bits)}{_values_text(values)}"
+        reason = f"{old.name} -> TRIPPED: {trip_text(first or bits)}{values_text(values)}"
         box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **report})
         self.trip = TripReport(t_ns=t_ns, reason=reason, blackbox=box, **report)
         self._events.emit("trip", reason, t_ns, **where, **report, blackbox=box)
