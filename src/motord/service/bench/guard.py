@@ -21,6 +21,7 @@ PARTS = {
     "requests": "requests are not carried out",
     "estimator": "how precise a plan is by now is not followed",
     "tracker": "the calibration in force is not tracked",
+    "queue": "the queue of plans does not go on",
     "answers": "requests wait for their answer",
     "gateway": "what the gateway reports is not passed on",
     "recording": "recorder and recording are not followed",
