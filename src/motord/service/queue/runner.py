@@ -58,7 +58,7 @@ class QueueRunner:
         if item is not None:
             run = self._plans.run_of(item.run_id)
             if run is None:
-                self._event(f"{_name(item)} had not begun when the daemon ended")
+                self._event(f"{_name(item)} is run from its beginning: it left nothing to resume")
                 self.change(self.queue.with_first(state="queued", run_id=""))
             else:
                 self._ended(run.state, run.message, item.run_id, run.recording)
@@ -147,7 +147,7 @@ class QueueRunner:
 
     def _prepare(self, item: QueueItem, *, resume: bool) -> None:
         if item.run_id and not resume:
-            self._event(f"{_name(item)} is run again from its beginning: nothing can be resumed")
+            self._event(f"{_name(item)} is run from its beginning: it left nothing to resume")
         run_id = item.run_id if resume else uuid4().hex
         work = partial(self._plans.prepare_queued, item.plan, run_id, resume=resume)
         self._attempt = Attempt(item, run_id, self._submit(work))
