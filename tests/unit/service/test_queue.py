@@ -1,7 +1,6 @@
 """The queue of plans on the virtual bench."""
 
 import json
-import os
 import time
 
 import pytest
@@ -10,6 +9,7 @@ from motord.api.errors import RpcError
 from motord.api.queue_messages import QueueWait
 from motord.service.build import show_interrupted_plan
 from motord.service.plans.journal_file import Journal
+from motord.service.queue import attempt
 from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.queue_file import QueueFile
 from motord.service.queue.waits import WaitFailedError, Waits, due
@@ -18,7 +18,7 @@ from tests.unit.service.virtual_service import VirtualService
 SHORT = {
     "torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2, "gain_steps": [],
 }  # fmt: skip
-GOOD = {"name": "calibrate", "settings": {**SHORT, "speeds_Hz": [1.0]}}
+GOOD = {"name": "calibrate", "settings": {**SHORT, "speeds_Hz": [1.0], "settle_s": 0.1}}
 BAD = {"name": "calibrate", "settings": {**SHORT, "settle_timeout_s": 0.05}}
 
 
@@ -124,7 +124,7 @@ def test_what_is_no_failure_of_the_plan_pauses_the_queue_whatever_its_policy(ser
         service.run_s(1.0, token)
     else:
         service.ask("lease/release", token=token)
-    service.run_s(30.0)
+    service.run_s(5.0)
     assert not service.bench.queue.active
     assert not service.bench.plans.active
     assert [item.id for item in service.queue.queue.items] == [1, 2]
@@ -141,8 +141,9 @@ def test_a_queue_that_waits_is_ended_by_stop_and_by_the_loss_of_the_lease(servic
         service.ask("queue/start", token=token)
         service.run_s(1.0, token)
         assert service.bench.queue.message == "waits for winding below 40; it is 60"
-        service.ask(*(["stop"] if how == "stop" else [])) if how == "stop" else None
-        service.run_s(30.0)  # and so the lease has run out
+        if how == "stop":
+            service.ask("stop")
+        service.run_s(0.2 if how == "stop" else 5.0)  # and the lease has run out
         assert not service.bench.queue.active
     assert not service.sink.started
 
@@ -153,7 +154,7 @@ def test_a_detached_queue_waits_without_a_lease_and_keeps_others_off(service):
     add(service, token, {**GOOD, "wait": [{"channel": "winding", "below": 40}]})
     service.ask("queue/start", token=token, detach=True)
     service.ask("lease/release", token=token)
-    service.run_s(30.0)
+    service.run_s(1.0)
     assert service.bench.commander(service.now_ns) == "queue"
     ben = service.acquire("ben")
     for name, arguments in (("enable", {}), ("set", {"torque_Nm": 1.0}), ("plan/start", GOOD)):
@@ -244,12 +245,13 @@ def test_editing_needs_the_lease_and_looking_does_not(service):
     assert service.ask("queue/list")["items"] == []
 
 
-def test_a_start_that_is_refused_for_long_pauses_the_queue_and_loses_nothing(service):
+def test_a_start_that_is_refused_for_long_pauses_the_queue_and_loses_nothing(service, monkeypatch):
+    monkeypatch.setattr(attempt, "REFUSED_NS", 5_000_000_000)
     token = service.acquire()
     service.plans._unrecordable = lambda: "the disk is full"
     add(service, token, {**GOOD, "on_failure": "skip"})
     service.ask("queue/start", token=token)
-    service.run_s(29.0, token)
+    service.run_s(4.5, token)
     assert "waits for its start" in service.bench.queue.message
     service.plans._unrecordable = str
     until(service, token, lambda: service.bench.plans.active)
@@ -257,7 +259,7 @@ def test_a_start_that_is_refused_for_long_pauses_the_queue_and_loses_nothing(ser
     paused(service, token)
     service.plans._unrecordable = lambda: "the disk is full"
     service.ask("queue/start", token=token)
-    service.run_s(33.0, token)
+    service.run_s(6.5, token)
     end = service.bench.queue
     assert not end.active
     assert "was not started: not started: it could not be recorded: the disk is full" in end.message
@@ -291,7 +293,7 @@ def test_after_a_crash_the_queue_is_paused_and_goes_on_with_what_is_missing(tmp_
     until(first, token, lambda: len(first.sink.points) == 1)
     days.crash(first)
     again = days.daemon()
-    again.run_s(5.0)
+    again.run_s(0.5)
     queue = again.bench.queue
     assert (queue.state, queue.length, queue.next) == ("paused", 2, 1)
     assert not again.sink.started
@@ -390,7 +392,6 @@ def central_europe(monkeypatch):
     time.tzset()
     yield
     monkeypatch.undo()
-    os.environ.pop("TZ", None) if "TZ" not in os.environ else None
     time.tzset()
 
 
