@@ -11,6 +11,7 @@ import pytest
 import typer
 
 from motord import config
+from motord.api.queue_messages import QueuedPlans
 from motord.cli import app
 from motord.config import Config
 from motord.config.experiments import GROUP, plan_kinds
@@ -98,6 +99,8 @@ def test_toml_is_valid(block: Block) -> None:
         assert Timeline.model_validate(tables).fault
     elif kind == "map":
         assert ImportMap.model_validate(tables).columns
+    elif kind == "queue":
+        assert QueuedPlans.model_validate(tables).plan
     elif kind == "motor type":
         assert MotorType.model_validate(tables).plan
     elif kind == "experiments":

@@ -64,6 +64,7 @@ class PlayedPlans:
             if self.refused:
                 raise RpcError("refused", "not now")
             assert run_id in self.disk.queue
+            assert not resume or self.view.state != "done"
             if not resume:
                 self.begun.append(plan.name)
             self.view, self.active = PlanView(plan=plan.name, state="running", run_id=run_id), True
@@ -201,6 +202,8 @@ class QueueMachine(RuleBasedStateMachine):
         self.plans.end(state)
         if state == "done":
             self.done.add(item.plan.name)
+        else:  # the end of an earlier run died with a daemon
+            self.done.discard(item.plan.name)
         if noted:
             self.disk.journal = self.plans.view.model_dump()
         self.steps()
@@ -211,6 +214,15 @@ class QueueMachine(RuleBasedStateMachine):
             again = item.plan.on_failure == "retry" and item.failures < item.plan.retries
             goes_on &= again and state == "failed"
         assert self.bench.queue.active == (goes_on and bool(self.order))
+
+    @precondition(lambda self: self.order and not self.plans.active)
+    @rule(state=st.sampled_from(["done", "failed"]), noted=st.booleans())
+    def run(self, state, noted):
+        if not self.bench.queue.active:
+            self.start(through=True)
+        self.go_on(refused=False)
+        if self.plans.active:
+            self.plan_ends(state, noted)
 
     @precondition(lambda self: self.plans.active)
     @rule()
@@ -249,9 +261,22 @@ class QueueMachine(RuleBasedStateMachine):
             self.plans.view = PlanView(plan="theirs", state="done", run_id="theirs")
             self.disk.journal = self.plans.view.model_dump()
 
+    @precondition(lambda self: self.order and not self.plans.active)
     @rule()
-    def kill(self):
+    def the_first_is_resumed_by_hand(self):
+        first = self.runner.queue.first
+        if self.bench.queue.state == "paused" and self.plans.run_of(first.run_id) is not None:
+            self.plans.view = self.plans.view.model_copy(update={"state": "done"})
+            self.disk.journal = self.plans.view.model_dump()
+            self.done.add(first.plan.name)
+            self.start(through=False)
+            assert first.plan.name not in self.order
+
+    @rule(now=st.sampled_from([True, False, False]))
+    def kill(self, now):
         """The daemon dies; what was not on the disk is gone with it."""
+        if not now:
+            return
         self.work = None
         self.order = [*self.order_on_disk]
         self.boot()

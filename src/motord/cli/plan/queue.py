@@ -77,7 +77,9 @@ def add(
     """Put a plan, or those of a file, at the end of the queue; each is checked first."""
     if (name is None) == (file is None):
         raise typer.BadParameter("give the name of a plan, or --file")
-    wait = [
+    if file is not None and (settings or below or above or until or notes):
+        raise typer.BadParameter("with --file, settings, waits and notes stand in the file")
+    wait: list[dict[str, Any]] = [
         *([{"until": until}] if until is not None else []),
         *({"channel": channel, "below": value} for channel, value in map(_limit, below or [])),
         *({"channel": channel, "above": value} for channel, value in map(_limit, above or [])),

@@ -90,6 +90,7 @@ class QueueRunner:
         self._active = self._pausing = False
         self._waits, self._message = None, why
         self._event(f"paused: {why}")
+        self.show()
 
     def pause_after_plan(self, why: str) -> None:
         """Begin no further plan; paused once the one under way has ended."""
@@ -97,6 +98,7 @@ class QueueRunner:
             self.pause(why)
         else:
             self._pausing, self._message = True, why
+            self.show()
 
     def step(self, now_ns: int) -> None:
         """Do what is due at `now_ns` (monotonic)."""

@@ -119,7 +119,6 @@ class QueueOperation:
             runner.pause(why)
         else:
             runner.pause_after_plan(why)
-        runner.show()
         return self._all()
 
     @handles(rpc.QUEUE_LIST)
