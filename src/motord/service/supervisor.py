@@ -122,7 +122,8 @@ class Supervisor:
         """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short."""
         bench, limits = self.bench, self.bench.config.limits
         bench.events.emit("daemon", f"shutting down: {why}")
-        self.queue.pause("the daemon shuts down")
+        if bench.queue.active:
+            self.queue.pause("the daemon shuts down")
         bench.plans.abort("the daemon shuts down")
         bench.disable()
         ramp_s = limits.torque_Nm / limits.torque_rate_Nm_per_s + RAMP_MARGIN_S

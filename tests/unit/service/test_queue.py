@@ -218,6 +218,30 @@ def test_pause_lets_the_plan_end_and_pause_now_does_not(service):
     assert len(service.sink.started) == 3
 
 
+def test_a_queue_is_not_started_on_a_bench_that_is_enabled_and_stops_what_turns(service):
+    token = service.enabled()
+    add(service, token, GOOD)
+    error = refused(service, "queue/start", token=token)
+    assert error.message.startswith("disable the bench first")
+    service.ask("disable", token=token)
+    service.bench.setpoint.drive_Hz = 0.5
+    service.ask("queue/start", token=token)
+    assert service.bench.setpoint.drive_Hz == 0.0
+
+
+def test_a_queue_that_is_started_again_detached_goes_on_without_the_lease(service):
+    token = service.acquire()
+    add(service, token, GOOD)
+    service.ask("queue/start", token=token)
+    until(service, token, lambda: service.bench.plans.active)
+    service.ask("queue/pause", token=token, now=True)
+    service.ask("queue/start", token=token, detach=True)
+    service.ask("queue/start", token=token)  # to follow it
+    service.ask("lease/release", token=token)
+    until(service, None, lambda: not service.bench.queue.active)
+    assert runs(service) == [(1, "done", False)]
+
+
 def test_the_queue_is_edited_while_it_runs_but_for_the_item_under_way(service):
     token = service.acquire()
     add(service, token, GOOD, GOOD, GOOD, GOOD)

@@ -69,17 +69,19 @@ class QueueRunner:
 
     def start(self, holder: str, *, detached: bool) -> None:
         """Begin with the first item, or go on; the caller has checked that this is possible."""
-        bench, attempt = self._bench, self._attempt
-        self._stops = bench.stops
+        plans, attempt = self._bench.plans, self._attempt
+        self._stops = self._bench.stops
+        self._detached = detached or (self._active and self._detached)
         if not self._active:
-            self._holder, self._detached = holder, detached
+            self._holder = holder
             self._done = self._failed = 0
             self._event(f"started by {holder}{', detached' if detached else ''}")
             if self.queue.first is not None and attempt is None:
                 self.change(self.queue.with_first(failures=0))
         self._active, self._pausing, self._message = True, False, ""
-        if attempt is not None and bench.plans.active:
-            bench.plans.resume()
+        if attempt is not None and plans.active and plans.view is not None:
+            plans.view = plans.view.model_copy(update={"detached": self._detached})
+            plans.resume()
         self.show()
 
     def pause(self, why: str) -> None:

@@ -7,6 +7,7 @@ from motord.api.errors import RpcError
 from motord.api.plan_messages import PlanView
 from motord.api.queue_messages import QueuedPlan
 from motord.api.requests import NoArguments, RpcRequest, parse
+from motord.schema import State
 from motord.service.bench.bench import Bench
 from motord.service.plans.resume import Resumption
 from motord.service.queue.attempt import BeginPlan
@@ -102,6 +103,10 @@ class QueueOperation:
             raise RpcError("refused", "the queue is empty; motord queue add")
         if runner.queue.running is None and bench.plans.active:
             raise RpcError("plan_running", "a plan that is not of the queue is under way")
+        if not bench.queue.active and not bench.plans.active:
+            if bench.state is State.ENABLED:
+                raise RpcError("refused", "disable the bench first: the queue may have to wait")
+            bench.manual.rest()
         if self._resumption.interrupted and not bench.plans.active:
             run = self._resumption.view()
             if run is not None and run.run_id != first.run_id:
@@ -114,7 +119,7 @@ class QueueOperation:
         """Begin no further plan; with `now`, pause the one under way, too."""
         runner, why = self._runner, f"by {context.holder}"
         if request.now:
-            if runner.queue.running is not None:
+            if self._bench.plans.active and runner.queue.running is not None:
                 self._bench.plans.pause()
             runner.pause(why)
         else:
@@ -146,6 +151,8 @@ class QueueOperation:
             if not runner.file.error:
                 return self._all(added)
             if added:
+                if runner.queue.running is not None and runner.queue.running.id in added:
+                    runner.pause(runner.file.error)  # it has not begun, nor will it
                 still = {item.id for item in runner.queue.items} & set(added)
                 runner.change(runner.queue.without(still))
             undone = "; nothing was added" if added else ", but only until the daemon ends"
