@@ -15,7 +15,7 @@ class QueueAdd(WithToken):
     """`queue/add`: plans, each checked as for `plan/start`; all of them are added, or none."""
 
     plans: Annotated[list[QueuedPlan], Field(min_length=1, max_length=PLANS_MAX)]
-    """In order, each as [`QueuedPlan`](#queuedplan)."""
+    """In order."""
 
 
 class QueueMove(WithToken):
