@@ -16,6 +16,7 @@ __all__ = ["COMMANDS", "FOLLOWED", "ROOT", "Block", "blocks", "commands", "named
 READ_BY = {
     ("docs/faults.md", "[[fault]]"): "faults",
     ("docs/how-to/test-motors.md", 'motor = "axial-flux 48/16"'): "motor type",
+    ("docs/how-to/queue-plans.md", "[[plan]]"): "queue",
     ("docs/import.md", 'motor = "motor.toml"            # [motor] and, if wanted,'): "map",
     ("docs/how-to/add-an-experiment.md", "[project.entry-points"): "experiments",
     ("docs/how-to/add-a-driver.md", '[project.entry-points."motord.drivers"]'): "entry points",

@@ -10,6 +10,7 @@ import pytest
 import typer
 
 from motord import config
+from motord.api.queue_messages import QueuedPlans
 from motord.cli import app
 from motord.cli.plan.settings import value_of
 from motord.config import Config
@@ -98,6 +99,8 @@ def test_toml_is_valid(block: Block) -> None:
         assert Timeline.model_validate(tables).fault
     elif kind == "map":
         assert ImportMap.model_validate(tables).columns
+    elif kind == "queue":
+        assert QueuedPlans.model_validate(tables).plan
     elif kind == "motor type":
         assert MotorType.model_validate(tables).plan
     elif kind == "experiments":

@@ -12,12 +12,13 @@ from tools.reference.models import fields, output_fields
 from motord.api import errors, messages
 from motord.api.descriptions import EVENT_MEANING
 from motord.api.keys import KEYS
+from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
 from motord.api.replies import AcceptedSetpoint, AvailablePlan
 from motord.api.requests import RPCS, PlanStart, Rpc
 from motord.security.access import READ
 
-PARTS = (AcceptedSetpoint, AvailablePlan)
-"""Parts of replies that have a section of their own."""
+PARTS = (AcceptedSetpoint, AvailablePlan, QueuedPlan, QueueItem, QueueRun, QueueView)
+"""Parts of requests and replies that have a section of their own."""
 MESSAGES = (messages.BenchState, messages.PlanView, messages.Event)
 INTRO = """Everything is under `motord/<bench>/`, where `<bench>` is `[bench] name`. How to talk to
 a bench, and who is in command of it: [Talking to a running bench](../api.md)."""

@@ -76,6 +76,7 @@ EVENT_MEANING: dict[str, str] = {
     "note": "a remark by an operator",
     "plan": "a plan was started, paused, resumed or ended",
     "process": "a process of the daemon ended or sent what is no message",
+    "queue": "the queue of plans was started, paused or edited, or one of its runs ended",
     "recorder_restarted": "in a recording: the recorder was started again",
     "recording": "the recorder reports an error, or what became of a file that was cut off",
     "recording_ended": "in a recording: why it ended early",

@@ -7,6 +7,7 @@ from pydantic import Field
 from motord.api.channel_messages import ChannelView
 from motord.api.plan_messages import PlanView
 from motord.api.published_message import PublishedMessage
+from motord.api.queue_messages import QueueView
 from motord.api.tracking_messages import TrackingView
 from motord.api.trip_messages import TripReport, TripView
 from motord.sequencing.settings import Compensation
@@ -239,6 +240,8 @@ class BenchState(PublishedMessage):
     """Who is in command."""
     plan: PlanView | None
     """The plan under way, or how the last one ended."""
+    queue: QueueView | None = None
+    """The queue of plans in short; none of daemons without."""
     loop: LoopView
     """Timing of the loop."""
     ages: dict[str, float] = Field(default_factory=dict)

@@ -3,28 +3,23 @@
 A request is a JSON object. Unknown fields, other types and numbers that are not finite are refused.
 """
 
-from dataclasses import dataclass
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    StringConstraints,
-    ValidationError,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, StringConstraints, ValidationError, model_validator
 
-from motord.api import replies
+from motord.api import queue_requests, replies
 from motord.api.errors import RpcError
 from motord.api.replies import RpcReply
+from motord.api.request_base import Name
+from motord.api.request_base import NoArguments as NoArguments
+from motord.api.request_base import ReplyT as ReplyT
+from motord.api.request_base import RequestT as RequestT
+from motord.api.request_base import Rpc as Rpc
+from motord.api.request_base import RpcRequest as RpcRequest
+from motord.api.request_base import WithToken as WithToken
+from motord.config.base import Finite
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.sequencing.settings import Compensation
-
-Token = Annotated[str, Field(min_length=1, max_length=128)]
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def _printable(text: str) -> str:
@@ -34,16 +29,6 @@ def _printable(text: str) -> str:
     return text
 
 
-class RpcRequest(BaseModel):
-    """The body of an RPC: JSON object, strict types, unknown fields refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
-class NoArguments(RpcRequest):
-    """`config`, `plan/list`, `calibration/list`: nothing."""
-
-
 class LeaseAcquire(RpcRequest):
     """`lease/acquire`: who asks."""
 
@@ -51,13 +36,6 @@ class LeaseAcquire(RpcRequest):
     """Who asks, for people: user, host, terminal."""
     force: bool = False
     """Take over from whoever is in command; it is an event."""
-
-
-class WithToken(RpcRequest):
-    """`lease/renew`, `lease/release`, `enable`, `disable`, `reset`, `plan/pause|abort|discard`."""
-
-    token: Token
-    """That of the lease in force, as it was granted, without escapes."""
 
 
 class StopNow(RpcRequest):
@@ -115,7 +93,7 @@ class PlanStart(RpcRequest):
     """As `plan/list` names it."""
     token: Annotated[str, Field(max_length=128)] = ""
     """That of the lease in force; not for a dry run."""
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
     """Changes to `[plans.<name>]`."""
     detach: bool = False
     """The plan goes on when the lease ends."""
@@ -141,7 +119,7 @@ class CalibrationInstall(WithToken):
     """The file's content."""
     path: Annotated[str, Field(max_length=4096)] | None = None
     """The file, as the daemon's host sees it."""
-    accept: Annotated[list[Name], Field(max_length=32)] = []
+    accept: Annotated[list[Name], Field(default_factory=list, max_length=32)]
     """Names of its serious findings; with one that is not named it is refused."""
 
     @model_validator(mode="after")
@@ -158,7 +136,7 @@ NOTHING_DEPARTED = "nothing-departed"
 class CalibrationAdopt(WithToken):
     """`calibration/adopt`."""
 
-    accept: Annotated[list[Literal["nothing-departed"]], Field(max_length=1)] = []
+    accept: Annotated[list[Literal["nothing-departed"]], Field(default_factory=list, max_length=1)]
     """`nothing-departed`: that no quantity has departed that can be adopted; else it is refused."""
 
 
@@ -167,25 +145,6 @@ class CalibrationShow(RpcRequest):
 
     id: Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")] = ""
     """Which; "" is the one in force."""
-
-
-RequestT = TypeVar("RequestT", bound=RpcRequest)
-ReplyT = TypeVar("ReplyT", bound=RpcReply)
-
-
-@dataclass(frozen=True)
-class Rpc(Generic[RequestT, ReplyT]):
-    """A request `rpc/<name>`, the model of its body, that of its reply, and what it does."""
-
-    name: str
-    request: type[RequestT]
-    reply: type[ReplyT]
-    meaning: str = ""
-
-    @property
-    def needs_lease(self) -> bool:
-        """True if it is refused without the token of the lease in force."""
-        return issubclass(self.request, WithToken)
 
 
 LEASE_ACQUIRE = Rpc(
@@ -246,9 +205,11 @@ CALIBRATION_SHOW = Rpc(
 )  # fmt: skip
 
 RPCS: dict[str, Rpc[Any, Any]] = {
-    value.name: value for value in tuple(globals().values()) if isinstance(value, Rpc)
+    value.name: value
+    for value in (*globals().values(), *vars(queue_requests).values())
+    if isinstance(value, Rpc)
 }
-"""Every RPC above, by its name."""
+"""Every RPC above and of the queue, by its name."""
 
 MAX_REQUEST_BYTES = 64 * 1024
 """Of every request but `calibration/install`."""

@@ -30,6 +30,7 @@ COMMANDS = {
     "set": "motord.cli.bench.operate:set_",
     "note": "motord.cli.bench.operate:note",
     "plan": "motord.cli.plan.commands:app",
+    "queue": "motord.cli.plan.queue:app",
     "learn": "motord.cli.plan.learn:learn",
     "analyse": "motord.cli.analysis_command:app",
     "test": "motord.cli.motor_test:run_test",

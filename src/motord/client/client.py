@@ -10,6 +10,7 @@ from motord.api import requests as rpc
 from motord.api.endpoints import key
 from motord.api.messages import BenchState, Event
 from motord.api.plan_messages import MeshView, PlanView
+from motord.api.queue_requests import QUEUE_LIST, QueueContent
 from motord.api.replies import AvailablePlan, ConfigReply, NoteReply, PlanOutline, StateReply
 from motord.client.connection import DaemonConnection
 from motord.client.decoding import (
@@ -85,6 +86,10 @@ class Client(DaemonConnection):
         more = {} if check else {"check": False}  # which older daemons do not know
         given = dict(settings or {})
         return self.call(rpc.PLAN_START, name=name, settings=given, dry_run=True, **more)
+
+    def queue(self) -> QueueContent:
+        """Return the queue of plans, and how its runs have ended."""
+        return self.call(QUEUE_LIST)
 
     def config(self) -> ConfigReply:
         """Return the bench file as text, and with all defaults."""

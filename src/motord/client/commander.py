@@ -1,10 +1,13 @@
 """What the holder of the lease may ask of a bench."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from motord.api import queue_requests
 from motord.api import requests as rpc
+from motord.api.queue_messages import QueuedPlan
+from motord.api.queue_requests import QueueContent
 from motord.api.replies import (
     InstalledCalibration,
     PlanName,
@@ -131,6 +134,39 @@ class Commander:
     def discard_plan(self) -> PlanName:
         """Forget a plan that was interrupted; its recordings stay."""
         return self._daemon.call(rpc.PLAN_DISCARD, token=self.token)
+
+    def add_to_queue(self, plans: Sequence[QueuedPlan]) -> QueueContent:
+        """Put plans at the end of the queue, all or none; `added` has their numbers.
+
+        >>> from motord.api.queue_messages import QueuedPlan
+        >>> with client.lease("anna") as lease:
+        ...     added = lease.add_to_queue([QueuedPlan(name="cogging", settings={"turns": 2})])
+        ...     lease.remove_from_queue(added.added).queue.length
+        0
+        """
+        given = [plan.model_dump(mode="json") for plan in plans]
+        return self._daemon.call(queue_requests.QUEUE_ADD, token=self.token, plans=given)
+
+    def move_in_queue(self, id: int, position: int) -> QueueContent:
+        """Give an item of the queue another place: 1 is the next one to run."""
+        return self._daemon.call(
+            queue_requests.QUEUE_MOVE, token=self.token, id=id, position=position
+        )
+
+    def remove_from_queue(self, ids: Sequence[int]) -> QueueContent:
+        """Take items out of the queue; the one under way stays."""
+        return self._daemon.call(queue_requests.QUEUE_REMOVE, token=self.token, ids=[*ids])
+
+    def start_queue(self, *, detach: bool = False) -> QueueContent:
+        """Run the plans of the queue one after the other, or go on after a pause.
+
+        detach: it goes on when the lease ends.
+        """
+        return self._daemon.call(queue_requests.QUEUE_START, token=self.token, detach=detach)
+
+    def pause_queue(self, *, now: bool = False) -> QueueContent:
+        """Begin no further plan; the one under way runs to its end, or pauses `now`, too."""
+        return self._daemon.call(queue_requests.QUEUE_PAUSE, token=self.token, now=now)
 
     def install_calibration(
         self, calibration: Calibration | Path, *, accept: Collection[str] = ()

@@ -13,7 +13,9 @@ from motord.security.roles import Role
 
 WATCHED = ("state", "tick", "ticks", "event", "plan", "mesh")
 """Keys that are subscribed to, or asked for the newest."""
-READ = ("rpc/plan/list", "rpc/config", "rpc/calibration/list", "rpc/calibration/show")
+READ = (
+    "rpc/plan/list", "rpc/config", "rpc/calibration/list", "rpc/calibration/show", "rpc/queue/list",
+)  # fmt: skip
 """Requests that change nothing."""
 COMMANDS = "rpc/**"
 

@@ -1,10 +1,12 @@
 """Builds the daemon of a bench, each part after those that it needs; opens and starts nothing."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from motord.api.queue_requests import QUEUE_ADD
 from motord.api.requests import (
     CALIBRATION_ADOPT,
     CALIBRATION_INSTALL,
@@ -40,6 +42,9 @@ from motord.service.publish.named_state import named_state
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
+from motord.service.queue.queue_file import QueueFile
+from motord.service.queue.runner import QueueRunner
+from motord.service.queue.waits import ChannelValue
 from motord.service.recording.control import RecordingControl
 from motord.service.rpc.adoption import Adoption
 from motord.service.rpc.calibration import Installation
@@ -49,12 +54,16 @@ from motord.service.rpc.intake import Offloaded
 from motord.service.rpc.operation import ManualOperation
 from motord.service.rpc.plan_list import AvailablePlans
 from motord.service.rpc.plans import PlanControl
+from motord.service.rpc.queue import QueuedPlanControl, QueueOperation
 from motord.service.supervisor import Supervisor
 from motord.service.tracker.link import TrackerLink
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
 from motord.unix_clock import Clock
+
+TICK_TEMPERATURES = ("temperature_C", "brake_temperature_C")
+"""Fields of the tick that the queue can wait for as for a slow channel."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +138,17 @@ def build(
 
     installation = Installation(bench, store, tables.write, toml)
     adoption = Adoption(tracker, installation, store, run_dir)
+    plans = PlanControl(bench, resumption, recording.obstacle, store.file)
+    queue = QueueRunner(
+        *(bench, QueuedPlanControl(plans, resumption)),
+        QueueFile(state_dir / "plans" / f"{config.bench.name}.queue.json"),
+        channel_value(bench),
+        time.time_ns,
+        ThreadPoolExecutor(1, "queue").submit,
+    )
+    queue.load()
     dispatcher, offloaded = build_rpc(
-        bench, resumption, recording, loop, store, installation, adoption
+        bench, plans, resumption, queue, recording, loop, store, installation, adoption
     )
     api = Api(
         *(config.bench.name, dispatcher.calls, offloaded, publisher.documents),
@@ -138,7 +156,7 @@ def build(
         in_command=lambda payload: bench.lease.is_in(payload, time.monotonic_ns()),
     )
     supervisor = Supervisor(
-        *(bench, dispatcher, children, loop, tables, recording, boxes),
+        *(bench, queue, dispatcher, children, loop, tables, recording, boxes),
         *(publisher, channels, estimator, tracker),
         GatewayLink(children, events) if config.zenoh.remote else None,
         *(guard, notifier),
@@ -148,7 +166,9 @@ def build(
 
 def build_rpc(
     bench: Bench,
+    plans: PlanControl,
     resumption: Resumption,
+    queue: QueueRunner,
     recording: RecordingControl,
     loop: LoopLink,
     store: CalibrationStore,
@@ -156,11 +176,12 @@ def build_rpc(
     adoption: Adoption,
 ) -> tuple[Dispatcher, dict[str, Offloaded]]:
     """Return what carries requests out, and which of them are prepared in other threads."""
-    plans = PlanControl(bench, resumption, recording.obstacle, store.file)
+    queued = QueueOperation(bench, plans, resumption, queue)
     operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()), recording.file)
     kept, available = CalibrationFiles(store), AvailablePlans(bench)
     longest = max_request_bytes(bench.config.motor.counts)
-    return Dispatcher(bench, operation, available, plans, installation, adoption, kept), {
+    services = operation, available, plans, queued, installation, adoption, kept
+    return Dispatcher(bench, *services), {
         CALIBRATION_ADOPT.name: Offloaded(adoption.prepare, adoption.save),
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
         CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
@@ -168,7 +189,20 @@ def build_rpc(
         PLAN_LIST.name: Offloaded(available.prepare),
         PLAN_START.name: Offloaded(plans.make),
         PLAN_RESUME.name: Offloaded(plans.read_remaining),
+        QUEUE_ADD.name: Offloaded(queued.prepare_add),
     }
+
+
+def channel_value(bench: Bench) -> ChannelValue:
+    """Return what gives the queue values: of slow channels, or temperatures of the newest tick."""
+
+    def value_of(name: str) -> float | None:
+        if name not in TICK_TEMPERATURES:
+            return bench.channels.value(name, time.monotonic_ns())
+        tick = bench.monitor.tick_view()
+        return None if tick is None else getattr(tick, name)
+
+    return value_of
 
 
 def slow_devices(config: Config, events: EventLog) -> dict[str, SlowDevice]:

@@ -23,6 +23,7 @@ from motord.service.host.children import Children, Ended
 from motord.service.host.log import log_error
 from motord.service.host.systemd import Notifier
 from motord.service.publish.publisher import Publisher
+from motord.service.queue.runner import QueueRunner
 from motord.service.recording.control import RecordingControl
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.tracker.link import TrackerLink
@@ -44,6 +45,7 @@ class Supervisor:
     """
 
     bench: Bench
+    queue: QueueRunner
     dispatcher: Dispatcher
     children: Children
     loop: LoopLink
@@ -85,6 +87,8 @@ class Supervisor:
             with part("tracker", now_ns):
                 self.tracker.step(now_ns)
         self.bench.step(block, lost, now_ns)
+        with part("queue", now_ns):
+            self.queue.step(now_ns)
         with part("answers", now_ns):
             self.dispatcher.step(now_ns)
         with part("gateway", now_ns):
@@ -123,6 +127,8 @@ class Supervisor:
         """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short."""
         bench, limits = self.bench, self.bench.config.limits
         bench.events.emit("daemon", f"shutting down: {why}")
+        if bench.queue.active:
+            self.queue.pause("the daemon shuts down")
         bench.plans.abort("the daemon shuts down")
         bench.disable()
         ramp_s = limits.torque_Nm / limits.torque_rate_Nm_per_s + RAMP_MARGIN_S

@@ -257,7 +257,7 @@ def test_whatever_comes_in_is_answered_with_json(live, name, payload):
         assert json.loads(content).keys() == {"code", "message"}
     else:
         assert (payload, name) in [
-            (b"", n) for n in ("stop", "plan/list", "config", "calibration/list")
+            (b"", n) for n in ("stop", "plan/list", "config", "calibration/list", "queue/list")
         ]
 
 

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 from motord.api.messages import RecordingView
+from motord.api.queue_requests import QUEUE_ADD
 from motord.api.requests import (
     CALIBRATION_ADOPT,
     CALIBRATION_INSTALL,
@@ -59,7 +60,7 @@ class LiveService(VirtualService):
         kept, self.store = CalibrationFiles(store, read_files), store
         adoption = Adoption(tracker, installation, store, RunDir("bench", tmp_path))
         self.dispatcher = Dispatcher(
-            *(self.bench, self.operation, self.available, self.plans),
+            *(self.bench, self.operation, self.available, self.plans, self.queued),
             *(installation, kept, adoption),
         )
         longest = max_request_bytes(self.config.motor.counts)
@@ -71,6 +72,7 @@ class LiveService(VirtualService):
             PLAN_LIST.name: Offloaded(self.available.prepare),
             PLAN_START.name: Offloaded(self.plans.make),
             PLAN_RESUME.name: Offloaded(self.plans.read_remaining),
+            QUEUE_ADD.name: Offloaded(self.queued.prepare_add),
         }
         self.api = Api(
             self.config.bench.name,
@@ -95,6 +97,7 @@ class LiveService(VirtualService):
             block = self.loop.run()
             self.now_ns += STEP_NS
             self.bench.step(block, 0, self.now_ns)
+            self.queue.step(self.now_ns)
             self.dispatcher.step(self.now_ns)
             self.publisher.step(block, self.now_ns)
 

@@ -190,6 +190,7 @@ PERIPHERAL = {
     "processes": "children.poll",
     "requests": "dispatcher.take",
     "estimator": "estimator.step",
+    "queue": "queue.step",
     "answers": "dispatcher.step",
     "recording": "recording.step",
     "publisher": "publisher.step",

@@ -36,6 +36,12 @@ VALID = {
     "calibration/list": {},
     "calibration/show": {"id": "0123abcd"},
     "calibration/install": {"token": "t", "calibration": {"id": "x"}},
+    "queue/add": {"token": "t", "plans": [{"name": "cogging", "settings": {"turns": 2}}]},
+    "queue/move": {"token": "t", "id": 3, "position": 1},
+    "queue/remove": {"token": "t", "ids": [1, 2]},
+    "queue/start": {"token": "t", "detach": True},
+    "queue/pause": {"token": "t", "now": True},
+    "queue/list": {},
     "calibration/adopt": {"token": "t", "accept": ["nothing-departed"]},
 }
 

@@ -1,6 +1,7 @@
 """The supervisor's core on a virtual bench: the real kernel and rig, time that only steps."""
 
 import json
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,14 @@ from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption
+from motord.service.queue.plan_queue import PlanQueue
+from motord.service.queue.queue_file import QueueFile
+from motord.service.queue.runner import QueueRunner
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.rpc.operation import ManualOperation
 from motord.service.rpc.plan_list import AvailablePlans
 from motord.service.rpc.plans import PlanControl
+from motord.service.rpc.queue import QueuedPlanControl, QueueOperation
 from motord.virtual import VirtualBench
 
 STEP_NS = 10_000_000
@@ -63,6 +68,30 @@ def journal_in_memory():
     journal = Journal(Path("none"))
     journal._disk = NoDisk()
     return journal
+
+
+class NoQueueFile(QueueFile):
+    """The file of a queue that is on no disk."""
+
+    def __init__(self):
+        super().__init__(Path("none"))
+        self.saved = None
+
+    def load(self):
+        return PlanQueue(), ""
+
+    def save(self, queue):
+        self.saved = queue
+
+
+def done_at_once(work):
+    """Do what a thread would do, now."""
+    future = Future()
+    try:
+        future.set_result(work())
+    except Exception as error:
+        future.set_exception(error)
+    return future
 
 
 class VirtualLoop:
@@ -115,8 +144,9 @@ class VirtualService:
     """
 
     def __init__(
-        self, devices=None, bench_config=None, journal=None, safe=False, virtual=None, **changes
-    ):
+        self, devices=None, bench_config=None, journal=None, safe=False, virtual=None,
+        queue_file=None, **changes
+    ):  # fmt: skip
         base = (bench_config or config.load()).model_dump()
         for section, values in changes.items():
             base[section].update(values)
@@ -142,7 +172,15 @@ class VirtualService:
             self.bench, self.resumption, calibration=lambda: self.calibration_file
         )
         self.available = AvailablePlans(self.bench)
-        self.dispatcher = Dispatcher(self.bench, self.operation, self.available, self.plans)
+        self.channels = {}
+        self.queue = QueueRunner(
+            self.bench, QueuedPlanControl(self.plans, self.resumption),
+            queue_file or NoQueueFile(), self.channels.get, lambda: self.now_ns, done_at_once,
+        )  # fmt: skip
+        self.queued = QueueOperation(self.bench, self.plans, self.resumption, self.queue)
+        self.dispatcher = Dispatcher(
+            *(self.bench, self.operation, self.available, self.plans, self.queued)
+        )
         self.bench.loop_up()
         self.step(2)
 
@@ -155,6 +193,7 @@ class VirtualService:
         for _ in range(steps):
             self.now_ns += STEP_NS
             self.bench.step(self.loop.run(), lost, self.now_ns)
+            self.queue.step(self.now_ns)
             self.dispatcher.step(self.now_ns)
 
     def run_s(self, seconds, token=None):
@@ -182,6 +221,8 @@ class VirtualService:
             _, prepared = self.plans.read_remaining(payload)
         if name == "plan/start":
             _, prepared = self.plans.make(payload)
+        if name == "queue/add":
+            _, prepared = self.queued.prepare_add(payload)
         if name == "plan/list":
             _, prepared = self.available.prepare(payload)
         return Call(name, parse(RPCS[name], payload), prepared)

@@ -102,6 +102,8 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
     rows.append(("lease", state.lease.holder or "nobody"))
     if (plan := state.plan) is not None:
         rows.append(("plan", f"{plan.plan} {plan.state}, {wording.plan_progress(plan)}"))
+    if state.queue is not None and (state.queue.length or state.queue.active):
+        rows.append(("queue", wording.queue(state.queue)))
     rows.append(("calibration", wording.calibration(state)))
     if state.tracking is not None:
         rows.append(("tracked", short(state.tracking, state.t_ns)))

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from motord.api.channel_messages import ChannelView
     from motord.api.messages import BenchState
     from motord.api.plan_messages import PlanView
+    from motord.api.queue_messages import QueueView
 
 
 def number(value: float | None) -> str:
@@ -84,6 +85,13 @@ def loop(state: "BenchState") -> str:
 
 def _whole(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
+
+
+def queue(queue: "QueueView") -> str:
+    """Return where the queue of plans stands: why it is paused or waits, plans and time left."""
+    why = f": {queue.message}" if queue.message else ""
+    left = f", about {duration(queue.eta_s)}" if queue.length else ""
+    return f"{queue.state}{why}; {queue.length} plans{left}"
 
 
 def precision(plan: "PlanView") -> str:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from motord.api.messages import Health, SetpointView
+from motord.api.queue_messages import QueueView
 from motord.config import Config
 from motord.schema import Request, State
 from motord.sequencing import TickWatcher
@@ -64,6 +65,8 @@ class Bench:
         self.manual = ManualControl(config, self.setpoint)
         self._torque_error = TorqueError(config)
         self.plans = PlanRunner(self.setpoint, journal, lambda point: self._torque_error.of(point))
+        self.queue = QueueView()
+        """Where the queue of plans stands."""
         self.calibrated = False
         self.stops = 0
         """How often it was stopped: what was being prepared meanwhile is not carried out."""
@@ -112,11 +115,11 @@ class Bench:
         return name in self.devices or (self.config.simulated and section.driver == "sim")
 
     def commander(self, now_ns: int) -> str | None:
-        """Return the lease's holder, else a detached plan, else None."""
+        """Return the lease's holder, else a detached plan or queue, else None."""
         holder = self.lease.holder(now_ns)
         if holder is None and self.plans.detached and self.plans.view:
             return f"plan {self.plans.view.plan}"
-        return holder
+        return "queue" if holder is None and self.queue.detached else holder
 
     def setpoint_view(self) -> SetpointView:
         """Return the set-point, manual or of a plan."""

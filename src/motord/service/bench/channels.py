@@ -159,6 +159,12 @@ class ChannelMonitor:
             views.append(view.model_copy(update={"status": "trip"}) if held else view)
         return views
 
+    def value(self, name: str, now_ns: int) -> float | None:
+        """Return the value of a channel; None of one that is broken or frozen, or not there."""
+        channel = self._channels.get(name)
+        usable = channel is not None and channel.status(now_ns) not in ("broken", "frozen")
+        return channel.value if channel is not None and usable else None
+
     def _hold(self, channel: Channel, now_ns: int) -> None:
         if values := channel.trip(now_ns):
             self._held[channel.config.name] = values, now_ns + HELD_NS

@@ -22,6 +22,7 @@ PARTS = {
     "estimator": "how precise a plan is by now is not followed",
     "channels": "no channel is read: one with a trip limit trips after timeout_s",
     "tracker": "the calibration in force is not tracked",
+    "queue": "the queue of plans does not go on",
     "answers": "requests wait for their answer",
     "gateway": "what the gateway reports is not passed on",
     "recording": "recorder and recording are not followed",

@@ -202,6 +202,11 @@ class Resumption:
             run_id=plan.run_id,
         )
 
+    def run_of(self, run_id: str) -> PlanView | None:
+        """Return the plan in the journal if it is this run of one."""
+        view = self.view()
+        return view if view is not None and view.run_id == run_id else None
+
     def complete(self) -> None:
         """Note that nothing is missing of the interrupted plan."""
         self._journal.end("done", "all points had been taken", self._unix_ns())

@@ -91,11 +91,12 @@ class PlanRunner:
         detached: bool,
         before: RemainingPlan | None = None,
         check: Plan | None = None,
+        run_id: str = "",
     ) -> PlanView:
         """Begin a plan with the next look. None may be under way.
 
         `before` says what there was of it, if `plan` is only its rest; `check` is run first, and
-        the plan fails if that fails.
+        the plan fails if that fails. `run_id`: of its progress, "" for a new one.
         """
         self._points_before = before.taken if before is not None else 0
         view = PlanView(
@@ -103,7 +104,7 @@ class PlanRunner:
             detached=detached,
             started_by=started_by,
             settings=plan.settings,
-            run_id=before.log.plan.run_id if before is not None else uuid4().hex,
+            run_id=before.log.plan.run_id if before is not None else run_id or uuid4().hex,
             continues=before.log.recordings[-1] if before is not None else "",
             targets=dict(plan.targets),
         )

@@ -127,6 +127,7 @@ class Publisher:
                 duration_s=config.zenoh.lease_s,
             ),
             plan=self._plan_view(),
+            queue=bench.queue,
             loop=bench.monitor.loop_view(now_ns),
             ages=ages_s(bench, now_ns),
             links=bench.monitor.links_view(),
@@ -162,7 +163,8 @@ def change_key(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, 
     """Return what makes a state worth publishing at once when it changes; cheap to make."""
     plan = bench.plans.view
     progress = (plan.plan, plan.state, plan.points_done) if plan is not None else None
-    return named_state(bench, now_ns), progress, bench.calibrated, recording_path
+    queue = bench.queue.state, bench.queue.running, bench.queue.next, bench.queue.length
+    return named_state(bench, now_ns), progress, queue, bench.calibrated, recording_path
 
 
 @cache

@@ -16,7 +16,14 @@ from motord.api.replies import (
 from motord.schema import Request, State
 from motord.service.bench.bench import Bench
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
-from motord.service.rpc.preconditions import can_be_enabled, causes_text, loop_up, no_plan, no_trip
+from motord.service.rpc.preconditions import (
+    can_be_enabled,
+    causes_text,
+    loop_up,
+    no_plan,
+    no_queue,
+    no_trip,
+)
 from motord.service.rpc.setpoint_validation import validate_setpoint
 
 TICKS_S = 0.5
@@ -83,7 +90,7 @@ class ManualOperation:
         self._bench.command_lost(f"{holder} gave up command")
         return RpcReply()
 
-    @handles(rpc.ENABLE, can_be_enabled)
+    @handles(rpc.ENABLE, no_queue, can_be_enabled)
     def enable(self, request: rpc.WithToken, context: RpcContext) -> Wait[StateReply]:
         """Enable at zero torque."""
         bench = self._bench
@@ -144,7 +151,7 @@ class ManualOperation:
             lambda: f"a cause is still there: {causes_text(bench)}",
         )
 
-    @handles(rpc.SET, loop_up, no_plan, no_trip)
+    @handles(rpc.SET, loop_up, no_plan, no_queue, no_trip)
     def set_point(
         self, request: rpc.SetpointChange, context: RpcContext
     ) -> SetpointReply | Wait[SetpointReply]:

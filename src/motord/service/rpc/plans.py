@@ -4,9 +4,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
+from motord.api.plan_messages import PlanView
 from motord.api.replies import PlanName, PlanOutline, PlanProgress
 from motord.experiments.check_calibration.plan import check_before, is_checked_before
 from motord.experiments.plans import build as build_plan
@@ -17,6 +19,7 @@ from motord.service.rpc.dispatcher import RpcContext, handles
 from motord.service.rpc.preconditions import (
     can_be_enabled,
     no_plan,
+    no_queue,
     plan_active,
     plan_devices,
     zero_torque,
@@ -59,14 +62,19 @@ class PlanControl:
     def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
         bench, prepared = self._bench, context.prepared
-        plan = prepared.plan
-        plan_devices(bench, plan)
-        if prepared.check is not None:
-            plan_devices(bench, prepared.check)
-        outline = _outline(plan, prepared.check)
+        outline = outline_of(bench, prepared)
         if request.dry_run:
             return outline
         holder = bench.lease.require(request.token, context.now_ns).holder
+        no_queue(bench)
+        view = self.begin(prepared, holder, request.notes, detached=request.detach)
+        return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
+
+    def begin(
+        self, prepared: PreparedPlan, holder: str, notes: str, *, detached: bool, run_id: str = ""
+    ) -> PlanView:
+        """Begin a plan. Raises RpcError if bench, recorder or journal are not ready for one."""
+        bench, plan = self._bench, prepared.plan
         self._check_startable()
         self._not_stopped_since(prepared)
         if prepared.check is not None and prepared.file != self._calibration():
@@ -74,15 +82,14 @@ class PlanControl:
             raise RpcError("refused", why)
         if self._resumption.interrupted:
             raise RpcError("refused", f"not started: {self._resumption.summary()}")
-        detached = ", detached" if request.detach else ""
+        apart = ", detached" if detached else ""
         checked = ", after a check of the calibration" if prepared.check is not None else ""
-        message = f"{plan.name} started by {holder}{detached}{checked}"
+        message = f"{plan.name} started by {holder}{apart}{checked}"
         bench.events.emit("plan", message, settings=plan.settings)
         bench.manual.rest()
-        view = bench.plans.start(
-            plan, holder, request.notes, detached=request.detach, check=prepared.check
+        return bench.plans.start(
+            plan, holder, notes, detached=detached, check=prepared.check, run_id=run_id
         )
-        return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
 
     def _not_stopped_since(self, prepared: PreparedPlan) -> None:
         """Refuse what was asked for before the bench was stopped. Raises RpcError."""
@@ -94,21 +101,28 @@ class PlanControl:
 
         Raises RpcError.
         """
-        stops = self._bench.stops
         request = rpc.parse(rpc.PLAN_START, payload)
+        return request, self.prepare(request.name, request.settings, check=request.check)
+
+    def prepare(self, name: str, settings: dict[str, Any], *, check: bool) -> PreparedPlan:
+        """Return a plan within all limits, with the check before it; for any thread.
+
+        Raises RpcError.
+        """
+        stops = self._bench.stops
         try:
-            plan = build_plan(request.name, self._bench.config, request.settings)
+            plan = build_plan(name, self._bench.config, settings)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
-        file = self._checked_before(plan) if request.check else None
+        file = self._checked_before(plan) if check else None
         if file is None:
-            return request, PreparedPlan(plan, stops)
+            return PreparedPlan(plan, stops)
         try:
-            check = check_before(self._bench.config, file)
+            before = check_before(self._bench.config, file)
         except PlanError as error:
             why = f"the check of the calibration before it (`--no-check` leaves it out): {error}"
             raise RpcError("invalid", why) from None
-        return request, PreparedPlan(plan, stops, check=check, file=file)
+        return PreparedPlan(plan, stops, check=before, file=file)
 
     def _checked_before(self, plan: Plan) -> Path | None:
         """Return the calibration that the bench file wants checked before a plan. Raises RpcError.
@@ -159,12 +173,13 @@ class PlanControl:
 
         For a thread that may wait, before `resume`: it reads recordings. Raises RpcError.
         """
-        stops = self._bench.stops
         request = rpc.parse(rpc.PLAN_RESUME, payload)
-        if self._bench.plans.active:
-            return request, None
-        remaining = self._resumption.remaining()
-        return request, PreparedPlan(remaining.plan, stops, remaining)
+        return request, None if self._bench.plans.active else self.prepare_rest()
+
+    def prepare_rest(self) -> PreparedPlan:
+        """Return what remains of the plan in the journal; for a thread. Raises RpcError."""
+        stops, remaining = self._bench.stops, self._resumption.remaining()
+        return PreparedPlan(remaining.plan, stops, remaining)
 
     @handles(rpc.PLAN_RESUME)
     def resume(self, request: rpc.PlanResume, context: RpcContext) -> PlanProgress:
@@ -174,17 +189,22 @@ class PlanControl:
             bench.events.emit("plan", f"resumed by {context.holder}")
             bench.plans.resume()
             return self._progress()
-        prepared: PreparedPlan | None = context.prepared
-        if prepared is None or prepared.remaining is None:  # not read here: it takes long
+        no_queue(bench)
+        if context.prepared is None:  # not read here: it takes long
             raise RpcError("busy", "the plan that was under way has just ended; ask again")
-        self._not_stopped_since(prepared)
+        self.begin_rest(context.prepared, context.holder, detached=request.detach)
+        return self._progress()
+
+    def begin_rest(self, prepared: PreparedPlan, holder: str, *, detached: bool) -> None:
+        """Go on with what remains of a plan, which may be nothing. Raises RpcError."""
         remaining = prepared.remaining
+        assert remaining is not None
+        self._not_stopped_since(prepared)
         if remaining.plan.points:
-            self._start_remaining(remaining, context.holder, detached=request.detach)
+            self._start_remaining(remaining, holder, detached=detached)
         else:
             self._resumption.complete()
-            bench.plans.show(self._resumption.view(), remaining.mesh)
-        return self._progress()
+            self._bench.plans.show(self._resumption.view(), remaining.mesh)
 
     def _start_remaining(self, remaining: RemainingPlan, holder: str, *, detached: bool) -> None:
         self._check_startable()
@@ -198,7 +218,7 @@ class PlanControl:
         bench.manual.rest()
         bench.plans.start(remaining.plan, holder, note.notes, detached=detached, before=remaining)
 
-    @handles(rpc.PLAN_DISCARD, no_plan)
+    @handles(rpc.PLAN_DISCARD, no_plan, no_queue)
     def discard(self, request: rpc.WithToken, context: RpcContext) -> PlanName:
         """Forget a plan that was interrupted."""
         name = self._resumption.discard()
@@ -216,8 +236,14 @@ class PlanControl:
 _POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")
 
 
-def _outline(plan: Plan, check: Plan | None) -> PlanOutline:
-    """Return what a plan will do: points, estimated time, settings. Raises RpcError."""
+def outline_of(bench: Bench, prepared: PreparedPlan) -> PlanOutline:
+    """Return what a plan will do: points, estimated time, settings.
+
+    Raises RpcError if the bench has not the devices, or not the calibration, that it needs.
+    """
+    plan, check = prepared.plan, prepared.check
+    for one in filter(None, (plan, check)):
+        plan_devices(bench, one)
     check_s = check.seconds if check is not None else 0.0
     checked = f"the calibration is checked first, about {check_s:.0f} s" if check else ""
     if not math.isfinite(plan.seconds):

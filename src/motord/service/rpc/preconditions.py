@@ -26,6 +26,13 @@ def no_plan(bench: Bench) -> None:
         )
 
 
+def no_queue(bench: Bench) -> None:
+    """The queue of plans does not begin plans by itself."""
+    if bench.queue.active:
+        why = f"the queue of plans is {bench.queue.state}; `motord queue pause` first"
+        raise RpcError("plan_running", why)
+
+
 def plan_active(bench: Bench) -> None:
     """A plan is under way."""
     if not bench.plans.active:

@@ -1,0 +1,241 @@
+"""`motord queue`: plans one after the other, in the daemon."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from motord.cli.bench.lease_session import command, in_command
+from motord.cli.bench.wording import clock, duration
+from motord.cli.bench.wording import queue as in_short
+from motord.cli.common_options import AsJson, PlanSettings
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
+from motord.cli.console import fail, group
+from motord.cli.plan.queue_progress import follow_queue
+from motord.cli.plan.settings import settings_of
+
+if TYPE_CHECKING:
+    from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
+    from motord.api.queue_requests import QueueContent
+    from motord.client import Commander
+
+HISTORY_SHOWN = 10
+
+ItemId = Annotated[int, typer.Argument(metavar="ID", help="Number, as `motord queue list` has it.")]
+
+app = group("The queue of plans: add, list, move, remove, start, pause.")
+
+
+@app.command()
+def add(
+    name: Annotated[
+        str | None, typer.Argument(help="The plan, as `motord plan list` names it.")
+    ] = None,
+    settings: PlanSettings = None,
+    file: Annotated[
+        Path | None,
+        typer.Option("--file", metavar="QUEUE.toml", help="Add the plans of a file; all or none."),
+    ] = None,
+    below: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--wait-below", metavar="CHANNEL=VALUE", help="Wait until a channel is below a value."
+        ),
+    ] = None,
+    above: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--wait-above", metavar="CHANNEL=VALUE", help="Wait until a channel is above a value."
+        ),
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option("--wait-until", metavar="HH:MM", help="Wait for a time of day.")
+    ] = None,
+    wait_limit_s: Annotated[
+        float | None,
+        typer.Option(help="The plan has failed if one of its waits takes longer."),
+    ] = None,
+    on_failure: Annotated[
+        Literal["stop", "skip", "retry"],
+        typer.Option(help="If the plan fails: pause the queue, leave it and go on, or again."),
+    ] = "stop",
+    retries: Annotated[int, typer.Option(help="With retry: how often at most.")] = 1,
+    notes: Annotated[str, typer.Option(help="For the recording.")] = "",
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check/--no-check",
+            help="Check the calibration before, if the bench file asks for it.",
+        ),
+    ] = True,
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Put a plan, or those of a file, at the end of the queue; each is checked first."""
+    if (name is None) == (file is None):
+        raise typer.BadParameter("give the name of a plan, or --file")
+    if file is not None and (settings or below or above or until or notes):
+        raise typer.BadParameter("with --file, settings, waits and notes stand in the file")
+    wait: list[dict[str, Any]] = [
+        *([{"until": until}] if until is not None else []),
+        *({"channel": channel, "below": value} for channel, value in map(_limit, below or [])),
+        *({"channel": channel, "above": value} for channel, value in map(_limit, above or [])),
+    ]
+    limit = {} if wait_limit_s is None else {"limit_s": wait_limit_s}
+    plan = {
+        "name": name, "notes": notes, "check": check, "on_failure": on_failure,
+        "retries": retries, "wait": [{**one, **limit} for one in wait],
+    }  # fmt: skip
+    plans = [_checked(plan)] if file is None else _plans_in(file)
+    with connection.open() as client, in_command(client, force=force) as session:
+        if name is not None:
+            chosen = settings_of(client, name, settings or [])
+            plans = [plans[0].model_copy(update={"settings": chosen})]
+        answer = session.commander.add_to_queue(plans)
+        print_answer(answer.content(), _added(answer), as_json)
+
+
+def _plans_in(file: Path) -> "Sequence[QueuedPlan]":
+    from motord.api.queue_messages import QueuedPlans
+    from motord.config.reading import read_toml, validate
+
+    text, data = read_toml(file)
+    return validate(QueuedPlans, file, text, data).plan
+
+
+def _checked(plan: dict[str, Any]) -> "QueuedPlan":
+    from pydantic import ValidationError
+
+    from motord.api.queue_messages import QueuedPlan
+    from motord.config.base import what_is_wrong
+
+    try:
+        return QueuedPlan.model_validate(plan)
+    except ValidationError as error:
+        raise typer.BadParameter("; ".join(what_is_wrong(error))) from None
+
+
+def _limit(pair: str) -> tuple[str, float]:
+    channel, _, value = pair.partition("=")
+    try:
+        return channel, float(value)
+    except ValueError:
+        raise typer.BadParameter(f"{pair}: expected CHANNEL=VALUE") from None
+
+
+def _added(answer: "QueueContent") -> str:
+    numbers = ", ".join(map(str, answer.added))
+    return f"added: {numbers}; the queue has {answer.queue.length}"
+
+
+@app.command("list")
+def list_(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
+    """Show the queue, and how its last runs ended."""
+    with connection.open() as client:
+        answer = client.queue()
+        print_answer(answer.content(), _text(answer), as_json)
+
+
+@app.command()
+def move(
+    id: ItemId,
+    position: Annotated[int, typer.Argument(min=1, help="Its new place: 1 is the next one.")],
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Give a plan of the queue another place."""
+
+    def moved(commander: "Commander") -> "QueueContent":
+        return commander.move_in_queue(id, position)
+
+    command(moved, connection, _text, force=force, as_json=as_json)
+
+
+@app.command()
+def remove(
+    ids: Annotated[list[int], typer.Argument(metavar="ID...", help="Numbers.")],
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Take plans out of the queue; not the one under way."""
+
+    def removed(commander: "Commander") -> "QueueContent":
+        return commander.remove_from_queue(ids)
+
+    command(removed, connection, _text, force=force, as_json=as_json)
+
+
+@app.command()
+def start(
+    detach: Annotated[
+        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
+    ] = False,
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run the queue, or go on after a pause, and follow it; Ctrl-C aborts the plan under way."""
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = session.commander.start_queue(detach=detach)
+        if detach:
+            print_answer(answer.content(), in_short(answer.queue), as_json)
+            return
+        end = follow_queue(client, session.commander, quiet=as_json)
+        answer = client.queue()
+        print_answer(answer.content(), _text(answer), as_json)
+        _fail_unless_done(end)
+
+
+@app.command()
+def pause(
+    now: Annotated[bool, typer.Option("--now", help="Pause the plan under way, too.")] = False,
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Begin no further plan; the one under way runs to its end."""
+
+    def paused(commander: "Commander") -> "QueueContent":
+        return commander.pause_queue(now=now)
+
+    command(paused, connection, lambda answer: in_short(answer.queue), force=force,
+            as_json=as_json)  # fmt: skip
+
+
+def _fail_unless_done(end: "QueueView") -> None:
+    if end.length:
+        fail(f"the queue is paused: {end.message}")
+    if end.failed:
+        fail(f"the queue is empty; {end.failed} runs have failed: see motord queue list")
+
+
+def _text(answer: "QueueContent") -> str:
+    lines = [in_short(answer.queue), *map(_item, answer.items)]
+    runs = [_run(run) for run in answer.history[-HISTORY_SHOWN:]]
+    return "\n".join([*lines, *(["ended:"] if runs else []), *runs])
+
+
+def _item(item: "QueueItem") -> str:
+    plan = item.plan
+    settings = " ".join(f"{name}={value}" for name, value in plan.settings.items())
+    policy = plan.on_failure + (f" {plan.retries}" if plan.on_failure == "retry" else "")
+    waits = "; ".join(wait.in_words() for wait in plan.wait)
+    parts = (
+        f"{item.id:4d}  {item.state:11} {plan.name}", settings,
+        f"about {duration(item.estimate_s)}", f"waits {waits}" if waits else "",
+        f"on failure {policy}",
+    )  # fmt: skip
+    return "  ".join(filter(None, parts))
+
+
+def _run(run: "QueueRun") -> str:
+    ended = datetime.fromtimestamp(run.ended_ns / 1e9)
+    when = f"{ended:%Y-%m-%d} {clock(run.ended_ns)}"
+    kept = "still in the queue" if run.kept else ""
+    parts = f"{run.id:4d}  {run.state:11} {run.plan}", when, run.message, kept, run.recording
+    return "  ".join(filter(None, parts))
