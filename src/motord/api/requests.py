@@ -21,6 +21,7 @@ from motord.api.errors import RpcError
 from motord.api.replies import RpcReply
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.sequencing.settings import Compensation
+from motord.verdict.serial import check_serial
 
 Token = Annotated[str, Field(min_length=1, max_length=128)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]
@@ -123,6 +124,8 @@ class PlanStart(RpcRequest):
     """Check it against the limits, and move nothing."""
     notes: Annotated[str, Field(max_length=4000)] = ""
     """For the recording."""
+    serial: Annotated[str, AfterValidator(check_serial)] = ""
+    """The motor's serial number, for the recording; refused if the bench file names another."""
     check: bool = True
     """Check the calibration before, if `[calibration] check_before_plans` asks for it."""
 

@@ -35,10 +35,15 @@ def run_test(
     motor_type: Annotated[
         Path, typer.Argument(metavar="MOTOR-TYPE", help="Plans and limits, a TOML file.")
     ],
-    serial: Annotated[str, typer.Option(metavar="S", help="The motor's serial number.")],
     more: Annotated[
         list[Path] | None,
         typer.Argument(metavar="[RUN...]", help="More recordings after --recordings."),
+    ] = None,
+    serial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S", help="The motor's serial number; of recordings, by default as recorded."
+        ),
     ] = None,
     recordings: RunFiles = None,
     certificate: Annotated[
@@ -66,14 +71,12 @@ def run_test(
 
     if more and not recordings:
         raise typer.BadParameter(f"{more[0]}: recordings come after --recordings")
-    check_serial(serial)
+    paths = [*(recordings or []), *(more or [])]
+    serial = check_serial(_recorded_serial(paths) if serial is None else serial)
     kind = load_motor_type(motor_type)
     _require_folder(certificate)
     storages = {} if store is None else _storages(store, kind, serial)
-    if recordings:
-        paths = [*recordings, *(more or [])]
-    else:
-        paths = _run(connection, kind, serial, force=force, quiet=as_json)
+    paths = paths or _run(connection, kind, serial, force=force, quiet=as_json)
     made = _certificate(kind, motor_type, serial, operator, paths, storages, silent=as_json)
     path = certificate or Path(certificate_name(motor_type, serial, stamp(time.time_ns())))
     made.page().write(path)
@@ -82,6 +85,18 @@ def run_test(
     else:
         _print(made, path)
     raise typer.Exit(EXIT_CODES[made.verdict.decision])
+
+
+def _recorded_serial(paths: Sequence[Path]) -> str:
+    """Return the serial number of recordings; the usage is wrong if they do not name one."""
+    from motord.recording.reader import open_run
+    from motord.verdict.recordings import recorded_serials
+
+    serials = {serial for path in paths for serial in recorded_serials(open_run(path))}
+    if len(serials) != 1:
+        named = f"the recordings name {', '.join(sorted(serials)) or 'none'}: " if paths else ""
+        raise typer.BadParameter(f"{named}which serial number? --serial S")
+    return serials.pop()
 
 
 def _require_folder(certificate: Path | None) -> None:
@@ -165,7 +180,9 @@ def _run(
                 if not quiet:
                     remark(f"{plan.name}, {len(found) + 1} of {len(kind.plan)}")
                 notes = note_of(kind.motor, serial)
-                run = session.commander.run_plan(plan.name, plan.settings, notes=notes)
+                run = session.commander.run_plan(
+                    plan.name, plan.settings, notes=notes, serial=serial
+                )
                 view = follow(run, session.commander, quiet=quiet)
                 if view.state != "done":
                     fail(f"{plan.name} {view.state}: {view.message}; nothing was decided")

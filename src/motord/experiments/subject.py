@@ -61,9 +61,10 @@ class Subject:
     def of_runs(cls, runs: Sequence[Run]) -> "Subject":
         """Return what the recordings say they are of. Raises AnalysisError if they differ.
 
-        Of accuracies that they state differently, the wider limit of each holds.
+        A serial number that only some of them name is that of all. Of accuracies that they state
+        differently, the wider limit of each holds.
         """
-        subjects = [_recorded(run) for run in runs]
+        subjects = _with_serial([_recorded(run) for run in runs])
         for run, subject in zip(runs, subjects, strict=True):
             if (subject.motor, subject.sensor) != (subjects[0].motor, subjects[0].sensor):
                 raise AnalysisError(
@@ -166,6 +167,15 @@ def facts(subject: Subject, runs: Sequence[str]) -> list[tuple[str, str]]:
             f"{motor.counts} counts, {motor.rated_torque_Nm:g} Nm rated, {motor.connection}",
         ),
         ("recordings", ", ".join(runs)),
+    ]
+
+
+def _with_serial(subjects: Sequence[Subject]) -> list[Subject]:
+    """Return them with a serial number, where one of them names one."""
+    known = {"serial": next(filter(None, (one.motor.serial for one in subjects)), "")}
+    return [
+        one if one.motor.serial else replace(one, motor=one.motor.model_copy(update=known))
+        for one in subjects
     ]
 
 

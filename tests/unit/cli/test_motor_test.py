@@ -75,7 +75,8 @@ def record(path, plan="calibrate", serial=SERIAL, notes="", name=MOTOR, **more):
 
 
 def run(*arguments, serial=SERIAL):
-    result = CliRunner().invoke(app, ["test", "pump.toml", "--serial", serial, *arguments])
+    named = () if serial is None else ("--serial", serial)
+    result = CliRunner().invoke(app, ["test", "pump.toml", *named, *arguments])
     assert isinstance(result.exception, SystemExit | None), repr(result.exception)
     return result
 
@@ -175,6 +176,29 @@ def test_a_recording_that_names_no_serial_number_is_taken(analysed):
     assert run("--recordings", record("a.mcap", serial="", notes=notes)).exit_code == 0
 
 
+def test_the_serial_number_is_that_of_the_recordings(analysed):
+    old = record("old.mcap", serial="", notes=f"test of {MOTOR}, serial 47/1")
+    files = (old, record("new.mcap", serial="47/1"))
+    result = run("--recordings", *files, "--json", serial=None)
+    assert (result.exit_code, json.loads(result.stdout)["serial"]) == (0, "47/1")
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        ({"a.mcap": "1", "b.mcap": "2"}, "the recordings name 1, 2: which serial number?"),
+        ({"a.mcap": ""}, "the recordings name none: which serial number?"),
+        ({}, "which serial number? --serial S"),
+    ],
+)
+def test_without_one_serial_number_the_usage_is_wrong(files, said, bench, analysed):
+    named = [record(path, serial=serial) for path, serial in files.items()]
+    result = run(*(["--recordings", *named] if named else []), serial=None)
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.replace("│", " ").split())
+    assert bench.calls == []
+
+
 def test_the_same_recording_twice_is_refused(analysed):
     Path("b.mcap").write_bytes(Path(record("a.mcap")).read_bytes())
     assert "b.mcap: is the same recording as a.mcap" in refused("--recordings", "a.mcap", "b.mcap")
@@ -225,9 +249,9 @@ class FakeClient:
     def dry_run(self, name, settings):
         self.calls.append(f"dry run of {name} {settings}")
 
-    def run_plan(self, name, settings, notes):
+    def run_plan(self, name, settings, notes, serial):
         self.calls.append(f"{name} {settings} {notes}")
-        path = record(f"{name}.mcap", name, serial="", notes=notes)
+        path = record(f"{name}.mcap", name, serial=serial, notes=notes)
         view = SimpleNamespace(
             plan=name, state=self.state, message="a trip", recording=path, fraction=1.0, over=True,
             points=1, points_done=1, targets={},

@@ -102,7 +102,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
     shown = {
         "file": f"{facts['file']}, {facts['bytes'] / 1e6:.1f} MB in {facts['chunks']} chunks",
         "bench": facts.get("bench"),
-        "motor": motor.get("name") if isinstance(motor, dict) else motor,
+        "motor": _motor(motor) if isinstance(motor, dict) else motor,
         "plan": _plan_name(facts.get("plan")),
         "calibration": _calibration(facts),
         "notes": facts.get("notes"),
@@ -123,6 +123,11 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             f"  {p.get('index', '?'):>3}  {p.get('torque_Nm', 0):6.2f} Nm "
             f"{p.get('speed_Hz', 0):6.3f} Hz  {p.get('turns', 0):5.1f} turns  {p.get('quality')}"
         )
+
+
+def _motor(motor: dict[str, Any]) -> str:
+    serial = motor.get("serial")
+    return f"{motor.get('name')}, serial {serial}" if serial else f"{motor.get('name')}"
 
 
 def _calibration(facts: dict[str, Any]) -> str:

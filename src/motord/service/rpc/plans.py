@@ -60,6 +60,7 @@ class PlanControl:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
         bench, prepared = self._bench, context.prepared
         plan = prepared.plan
+        _same_serial(bench.config.motor.serial, request.serial)
         plan_devices(bench, plan)
         if prepared.check is not None:
             plan_devices(bench, prepared.check)
@@ -80,8 +81,9 @@ class PlanControl:
         bench.events.emit("plan", message, settings=plan.settings)
         bench.manual.rest()
         view = bench.plans.start(
-            plan, holder, request.notes, detached=request.detach, check=prepared.check
-        )
+            plan, holder, request.notes,
+            detached=request.detach, serial=request.serial, check=prepared.check,
+        )  # fmt: skip
         return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
 
     def _not_stopped_since(self, prepared: PreparedPlan) -> None:
@@ -196,7 +198,10 @@ class PlanControl:
             run_id=note.run_id,
         )
         bench.manual.rest()
-        bench.plans.start(remaining.plan, holder, note.notes, detached=detached, before=remaining)
+        bench.plans.start(
+            remaining.plan, holder, note.notes,
+            detached=detached, serial=note.serial, before=remaining,
+        )  # fmt: skip
 
     @handles(rpc.PLAN_DISCARD, no_plan)
     def discard(self, request: rpc.WithToken, context: RpcContext) -> PlanName:
@@ -211,6 +216,13 @@ class PlanControl:
         view = self._bench.plans.view
         assert view is not None
         return PlanProgress.model_validate(view.model_dump(mode="json"))
+
+
+def _same_serial(known: str, serial: str) -> None:
+    """Raise RpcError if the bench file names the serial number of another motor."""
+    if serial and known not in ("", serial):
+        why = f"[motor] serial of the bench file is {known!r}, not {serial!r}"
+        raise RpcError("refused", f"not started: {why}")
 
 
 _POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")

@@ -40,6 +40,8 @@ def test_runs_of_different_motors_are_not_mixed(recorded: Recorded) -> None:
     other.metadata = {**other.metadata, "motor": {**other.metadata["motor"], "serial": "other"}}
     with pytest.raises(AnalysisError, match=r"on\.mcap: is of another motor"):
         Subject.of_runs([one, other])
+    other.metadata["motor"]["serial"] = ""
+    assert Subject.of_runs([other, one]).motor == Subject.of_runs([one]).motor
     other.metadata = {"bench": "x"}
     with pytest.raises(AnalysisError, match=r"on\.mcap: does not say which motor.*with -c"):
         Subject.of_runs([one, other])
