@@ -32,7 +32,7 @@ COMMANDS = {
     "plan": "motord.cli.plan.commands:app",
     "learn": "motord.cli.plan.learn:learn",
     "analyse": "motord.cli.analysis_command:app",
-    "test": "motord.cli.motor_test:run_test",
+    "test": "motord.cli.motor_test.command:run_test",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
     "results": "motord.cli.results.commands:app",

@@ -6,7 +6,7 @@ import time
 from contextlib import suppress
 from operator import methodcaller
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 
@@ -162,7 +162,14 @@ def _then(client: "Client", view: "PlanView") -> str:
     return f"\nnext: motord analyse {view.plan} {runs}{known}"
 
 
-def follow(run: "PlanRun", commander: "Commander", *, quiet: bool) -> "PlanView":
+class AbortsPlan(Protocol):
+    """What aborts the plan under way: a commander, or what has one."""
+
+    def abort_plan(self) -> "PlanProgress":
+        """Ramp down, disable, end the plan."""
+
+
+def follow(run: "PlanRun", commander: AbortsPlan, *, quiet: bool) -> "PlanView":
     """Show progress until the plan is over, well or not; the first Ctrl-C aborts it."""
     from rich.progress import BarColumn, TimeElapsedColumn
 

@@ -2,76 +2,20 @@
 
 import hashlib
 import json
-from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.cli.connection_options import Connection
 from motord.config import load, packaged
 from motord.experiments.plans import build
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
-from motord.schema import TICK_DTYPE
-from motord.verdict import recordings
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
+from tests.unit.cli.motor_test.made_up import MOTOR, SERIAL, TYPE, record
 from tests.unit.verdict.made_up import calibration
-
-MOTOR = "axial-flux 48/16"
-SERIAL = "sim-1"
-TYPE = f"""
-motor = "{MOTOR}"
-
-[[plan]]
-name = "calibrate"
-settings = {{time_limit_s = 30.0}}
-
-[[plan]]
-name = "verify"
-
-[[limit]]
-analysis = "calibrate"
-figure = "alpha_spread"
-high = 0.5
-"""
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "pump.toml").write_text(TYPE)
-    return tmp_path
-
-
-@pytest.fixture
-def analysed(monkeypatch):
-    """Let the analysis of any recordings give a made-up calibration; return what was analysed."""
-    seen = SimpleNamespace(runs=[], result=calibration())
-
-    def estimate(given):
-        seen.runs.append(given.names)
-        return seen.result
-
-    fake = SimpleNamespace(estimate=estimate, to_json=lambda result, _: result)
-    monkeypatch.setattr(recordings, "resolve_name", lambda _: fake)
-    return seen
-
-
-def record(path, plan="calibrate", serial=SERIAL, notes="", name=MOTOR, **more):
-    metadata = {
-        "bench": "b", "motor": {"name": name, "serial": serial}, "notes": notes,
-        "plan": {"name": plan} if isinstance(plan, str) else plan, **more,
-    }  # fmt: skip
-    ticks = np.zeros(3, TICK_DTYPE)
-    ticks["t_ns"], ticks["tick"] = 1_700_000_000_000_000_000 + np.arange(3), np.arange(3)
-    with RunWriter(Path(path), metadata) as writer:
-        writer.ticks(ticks)
-    return str(path)
 
 
 def run(*arguments, serial=SERIAL):
@@ -234,50 +178,6 @@ def test_what_is_wrong_with_the_type_or_the_place_is_said(folder, analysed):
     assert "recordings come after --recordings" in result.stderr
 
 
-class FakeClient:
-    """A bench that records what it is asked to do."""
-
-    bench = "b"
-
-    def __init__(self, serial="", state="done"):
-        self.motor = {"name": MOTOR, "serial": serial}
-        self.state, self.calls = state, []
-
-    def config(self):
-        return SimpleNamespace(config={"motor": self.motor})
-
-    def dry_run(self, name, settings):
-        self.calls.append(f"dry run of {name} {settings}")
-
-    def run_plan(self, name, settings, notes, serial):
-        self.calls.append(f"{name} {settings} {notes}")
-        path = record(f"{name}.mcap", name, serial=serial, notes=notes)
-        view = SimpleNamespace(
-            plan=name, state=self.state, message="a trip", recording=path, fraction=1.0, over=True,
-            points=1, points_done=1, targets={},
-        )  # fmt: skip
-        return [view]
-
-
-@pytest.fixture
-def bench(monkeypatch):
-    client = FakeClient()
-
-    @contextmanager
-    def opened(_self):
-        yield client
-
-    @contextmanager
-    def in_command(asked, force):
-        asked.calls.append("in command")
-        yield SimpleNamespace(commander=asked)
-        asked.calls.append("lease released")
-
-    monkeypatch.setattr(Connection, "open", opened)
-    monkeypatch.setattr("motord.cli.bench.lease_session.in_command", in_command)
-    return client
-
-
 def test_plans_are_checked_then_run_then_analysed(bench, analysed):
     assert run().exit_code == 0
     note = f"test of {MOTOR}, serial {SERIAL}"
@@ -286,11 +186,11 @@ def test_plans_are_checked_then_run_then_analysed(bench, analysed):
         f"dry run of {limited}", "dry run of verify {}", "in command",
         f"{limited} {note}", f"verify {{}} {note}", "lease released",
     ]  # fmt: skip
-    assert analysed.runs == [["calibrate.mcap"]]
+    assert analysed.runs == [["calibrate-sim-1-4.mcap"]]
 
 
 def test_a_plan_that_is_not_done_ends_the_test_without_a_certificate(bench, analysed):
-    bench.state = "failed"
+    bench.ends_in = "failed"
     result = run()
     assert result.exit_code == 1
     assert "calibrate failed: a trip; nothing was decided" in result.stderr
