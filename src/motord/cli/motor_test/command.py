@@ -89,12 +89,14 @@ def run_test(
     _require_folder(certificate.parent if certificate else Path())
     if certificate is not None and certificate.is_dir():
         fail(f"{certificate}: is a folder; name a file for the certificate")
-    made, path = tests.run(serial, paths, certificate)
+    tested = tests.run(serial, paths, certificate)
     if as_json:
-        print_json({**made.to_json(), "certificate": str(path)})
+        print_json({**tested.certificate.to_json(), "certificate": str(tested.path)})
     else:
-        _print(made, path)
-    raise typer.Exit(EXIT_CODES[made.verdict.decision])
+        _print(tested.certificate, tested.path)
+    if tested.not_stored:
+        fail(tested.not_stored)
+    raise typer.Exit(EXIT_CODES[tested.certificate.verdict.decision])
 
 
 def _recorded_serial(paths: Sequence[Path]) -> str:

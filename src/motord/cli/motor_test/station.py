@@ -5,7 +5,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
@@ -13,10 +13,7 @@ from motord.cli.bench.lease_session import interrupted_once
 from motord.cli.console import explanation, fail, print_line, remark
 from motord.cli.motor_test.banner import print_banner
 from motord.cli.motor_test.scanner import ScannedLines
-from motord.cli.motor_test.testing import MotorTestError, MotorTests
-
-if TYPE_CHECKING:
-    from motord.verdict.certificate import Certificate
+from motord.cli.motor_test.testing import MotorTestError, MotorTests, TestedMotor
 
 REST_S = 5.0
 """Within which a bench whose plan has ended and whose lease was given back is disabled."""
@@ -37,7 +34,7 @@ def run_station(tests: MotorTests, folder: Path, *, as_json: bool) -> int:
     with interrupted_once(), suppress(KeyboardInterrupt):
         station.serve(lines)
     station.say(station.shift.in_words(), {"summary": dict(station.shift.counts)})
-    return 1 if station.shift.counts["error"] else 0
+    return 0 if station.all_stored and not station.shift.counts["error"] else 1
 
 
 def standard_input() -> int:
@@ -54,6 +51,7 @@ class _Station:
         from motord.verdict.shift import Shift
 
         self.shift = Shift()
+        self.all_stored = True
         self._tests, self._folder, self._as_json = tests, folder, as_json
 
     def serve(self, lines: ScannedLines) -> None:
@@ -97,7 +95,7 @@ class _Station:
     def _run(self, serial: str) -> None:
         """Test a motor. Raises KeyboardInterrupt, and what is an error of the program."""
         try:
-            made, path = self._tests.run(serial, certificate=self._folder)
+            tested = self._tests.run(serial, certificate=self._folder)
         except KeyboardInterrupt:
             self._failed(serial, "interrupted; nothing was decided")
             raise
@@ -110,15 +108,19 @@ class _Station:
             if isinstance(error, MotorTestError) and error.interrupted:
                 raise KeyboardInterrupt from error
         else:
-            self._decided(serial, made, path)
+            self._decided(serial, tested)
 
-    def _decided(self, serial: str, made: "Certificate", path: Path) -> None:
+    def _decided(self, serial: str, tested: TestedMotor) -> None:
+        made, path = tested.certificate, tested.path
         decision = made.verdict.decision
         self.shift.add(serial, decision)
         for reason in made.verdict.reasons():
             self.say(f"- {reason}")
         self._show(decision, serial)
         self.say(f"certificate: {path}", {**made.to_json(), "certificate": str(path)})
+        if tested.not_stored:
+            self.all_stored = False
+            remark(f"motord: {tested.not_stored}")
         self.say(self.shift.in_words())
 
     def _failed(self, serial: str, why: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from motord.cli.connection_options import Connection
-from motord.cli.console import phase_bars, remark
+from motord.cli.console import explanation, phase_bars, remark
 from motord.cli.results.store_options import AnalysisStorage
 
 if TYPE_CHECKING:
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from motord.experiments.subject import Recordings
     from motord.verdict.certificate import Certificate
     from motord.verdict.motor_type import MotorType
+
+    AnalysedRecordings = tuple[str, Mapping[str, Any], Recordings]
 
 
 class MotorTestError(Exception):
@@ -31,23 +33,32 @@ class MotorTestInterruptedError(MotorTestError):
 
 
 @dataclass(frozen=True)
+class TestedMotor:
+    """A certificate, its file, and why results are not in the store, "" if they are."""
+
+    certificate: "Certificate"
+    path: Path
+    not_stored: str = ""
+
+
+@dataclass(frozen=True)
 class MotorTests:
     """What tests of motors have in common: file of their type, who tests, store and bench."""
 
     motor_type: Path
     operator: str | None
-    store: Path | None
+    store: str | None
     connection: Connection
     force: bool
     silent: bool
 
     def run(
         self, serial: str, recordings: Sequence[Path] = (), certificate: Path | None = None
-    ) -> "tuple[Certificate, Path]":
-        """Test a motor, or decide from recordings; return the certificate and its file.
+    ) -> TestedMotor:
+        """Test a motor, or decide from recordings; write the certificate, then store the results.
 
         certificate: its file, or the folder for a name of its own. Raises MotorTestError and what
-        clients, analyses and files raise.
+        clients, analyses and files raise; once there is a certificate no more.
         """
         from motord.recording.file_names import stamp
         from motord.verdict.motor_type import load_motor_type
@@ -56,12 +67,13 @@ class MotorTests:
         kind = load_motor_type(self.motor_type)
         storages = self._storages(kind, serial)
         paths = recordings or self._run_plans(kind, serial)
-        made = self._certificate(kind, serial, paths, storages)
+        results: list[AnalysedRecordings] = []
+        made = self._certificate(kind, serial, paths, results)
         path = certificate or Path()
         if path.is_dir():
             path /= certificate_name(self.motor_type, serial, stamp(time.time_ns()))
         made.page().write(path)
-        return made, path
+        return TestedMotor(made, path, _store(storages, results))
 
     def _storages(self, kind: "MotorType", serial: str) -> dict[str, AnalysisStorage]:
         """Return where the results are to be stored, by analysis."""
@@ -75,9 +87,9 @@ class MotorTests:
         kind: "MotorType",
         serial: str,
         paths: Sequence[Path],
-        storages: Mapping[str, AnalysisStorage],
+        results: "list[AnalysedRecordings]",
     ) -> "Certificate":
-        """Analyse the recordings, store the results where that is wanted, and decide."""
+        """Analyse the recordings and decide; `results` gets what is to be stored."""
         from datetime import UTC, datetime
         from importlib.metadata import version
 
@@ -86,12 +98,11 @@ class MotorTests:
         from motord.verdict.judgement import judge
         from motord.verdict.recordings import analyse, sha256_of
 
-        def stored(name: str, result: Mapping[str, Any], recordings: "Recordings") -> None:
-            if name in storages:
-                storages[name].add(result, recordings)
+        def keep(*found: Any) -> None:
+            results.append(found)
 
         with phase_bars(silent=self.silent) as progress:
-            results, used = analyse(paths, kind, serial, progress, stored)
+            found, used = analyse(paths, kind, serial, progress, keep)
         return Certificate(
             motor_type=kind,
             type_file=str(self.motor_type),
@@ -100,9 +111,9 @@ class MotorTests:
             operator=self.operator or user_and_host(),
             time=datetime.now(UTC),
             version=version("motord"),
-            verdict=judge(kind, results),
+            verdict=judge(kind, found),
             recordings=used,
-            findings=tuple(_findings(results)),
+            findings=tuple(_findings(found)),
         )
 
     def _run_plans(self, kind: "MotorType", serial: str) -> list[Path]:
@@ -147,6 +158,19 @@ class _Interrupt:
         """Ramp down, disable, end the plan."""
         self.came = True
         return self.commander.abort_plan()
+
+
+def _store(storages: Mapping[str, AnalysisStorage], results: "Sequence[AnalysedRecordings]") -> str:
+    """Store results where that is wanted; return why some are not stored, "" if all are."""
+    from motord.results.error import ResultsError
+
+    try:
+        for name, result, recordings in results:
+            if name in storages:
+                storages[name].add(result, recordings)
+    except (ResultsError, OSError) as error:
+        return f"{explanation(error)}; the certificate is written"
+    return ""
 
 
 def _findings(results: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

@@ -10,8 +10,11 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import load, packaged
 from motord.experiments.plans import build
+from motord.experiments.subject import Recordings, Subject
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
+from motord.results.error import ResultsError
+from motord.results.store import ResultsStore
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 from tests.unit.cli.motor_test.made_up import MOTOR, SERIAL, TYPE, record
@@ -187,6 +190,21 @@ def test_plans_are_checked_then_run_then_analysed(bench, analysed):
         f"{limited} {note}", f"verify {{}} {note}", "lease released",
     ]  # fmt: skip
     assert analysed.runs == [["calibrate-sim-1-4.mcap"]]
+
+
+def test_a_store_that_fails_does_not_cost_the_certificate(analysed, monkeypatch):
+    def dropped(self, result):
+        raise ResultsError("s3://b: cannot store the result: reset")
+
+    monkeypatch.setattr(ResultsStore, "add", dropped)
+    monkeypatch.setattr(Recordings, "subject", Subject.of_config(load()))
+    result = run("--recordings", record("a.mcap"), "--store", "store", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["decision"] == "pass"
+    assert "sim-1: pass" in certificate()
+    assert result.stderr == (
+        "motord: s3://b: cannot store the result: reset; the certificate is written\n"
+    )
 
 
 def test_a_plan_that_is_not_done_ends_the_test_without_a_certificate(bench, analysed):

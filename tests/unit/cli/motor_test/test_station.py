@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.connection_options import Connection
-from motord.cli.motor_test import station
+from motord.cli.motor_test import station, testing
 from motord.client import ClientError
 from tests.unit.cli.motor_test.made_up import TYPE
 
@@ -179,6 +179,14 @@ def test_a_daemon_that_fails_costs_one_test(monkeypatch, bench, analysed):
     assert "no daemon answers" in out
     assert "motord: whether the motor is at rest is not known: no daemon answers" in err
     assert out[-1] == "2 tested: 1 pass, 0 fail, 0 undecidable, 1 error"
+
+
+def test_a_store_that_fails_is_said_and_the_verdict_stands(monkeypatch, bench, analysed):
+    monkeypatch.setattr(testing, "_store", lambda *_: "s3://b: reset")
+    code, out, err = through_a_pipe(monkeypatch, b"1\n")
+    assert code == 1
+    assert "PASS  1" in {line.strip() for line in out}
+    assert "motord: s3://b: reset" in err
 
 
 def test_each_result_is_a_line_of_json(monkeypatch, bench, analysed):
