@@ -102,8 +102,16 @@ class Recordings:
 
     @cached_property
     def subject(self) -> Subject:
-        """Return what they are of. Raises AnalysisError, ConfigError."""
-        return Subject.of_file(self.config) if self.config else Subject.of_runs(self.runs)
+        """Return what they are of. Raises AnalysisError, ConfigError.
+
+        Where the file that was named has no serial number it is the recorded one.
+        """
+        if self.config is None:
+            return Subject.of_runs(self.runs)
+        named, recorded = Subject.of_file(self.config), {motor_serial(run) for run in self.runs}
+        if named.motor.serial or len(recorded) != 1:
+            return named
+        return replace(named, motor=named.motor.model_copy(update={"serial": recorded.pop()}))
 
 
 def bench_of(path: Path) -> Config | None:
@@ -114,6 +122,12 @@ def bench_of(path: Path) -> Config | None:
 def plan_name(run: Run) -> str:
     """Return the plan that a run is of, "" if it does not say."""
     return str(run.metadata.get("plan", {}).get("name", ""))
+
+
+def motor_serial(run: Run) -> str:
+    """Return the serial number of the motor that a run is of, "" if it does not say."""
+    motor = run.metadata.get("motor")
+    return str(motor.get("serial", "")) if isinstance(motor, dict) else ""
 
 
 def check_plan(run: Run, *needed: str, hint: str = "") -> None:

@@ -7,7 +7,13 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-from motord.experiments.subject import AnalysisError, PhaseProgress, Recordings, plan_name
+from motord.experiments.subject import (
+    AnalysisError,
+    PhaseProgress,
+    Recordings,
+    motor_serial,
+    plan_name,
+)
 from motord.recording.damage import utc
 from motord.recording.reader import Run, open_run
 from motord.verdict.motor_type import MotorType, analysis_of
@@ -84,11 +90,11 @@ def _check_motor(run: Run, motor_type: MotorType, serial: str) -> None:
 
 def recorded_serials(run: Run) -> set[str]:
     """Return the serial numbers that a recording has: of its motor, of the notes of a test."""
-    motor = run.metadata.get("motor", {})
-    noted = note_of(str(motor.get("name", "")))
+    motor = run.metadata.get("motor")
+    noted = note_of(str(motor.get("name", "")) if isinstance(motor, dict) else "")
     lines = str(run.metadata.get("notes", "")).splitlines()
     serials = {line.removeprefix(noted) for line in lines if line.startswith(noted)}
-    return {*serials, str(motor.get("serial", ""))} - {""}
+    return {*serials, motor_serial(run)} - {""}
 
 
 def check_same_serial(where: str, known: str, serial: str) -> None:

@@ -60,7 +60,7 @@ class _Station:
 
         while True:
             if lines.discard_typed():
-                remark("what was typed during the test is not tested")
+                remark("what was typed before is not tested")
             self.say("scan a serial number")
             if (line := lines.read()) is None:
                 break

@@ -130,7 +130,7 @@ def test_what_is_typed_during_a_test_is_not_tested(monkeypatch, bench, analysed)
 
     terminal = Typing(monkeypatch, "1\n", END)
     assert typed
-    assert "what was typed during the test is not tested" in terminal.lines
+    assert "what was typed before is not tested" in terminal.lines
     assert terminal.lines[-1] == "1 tested: 1 pass, 0 fail, 0 undecidable, 0 error"
 
 
