@@ -39,6 +39,8 @@ class PlanView(PublishedMessage):
     """It goes on without a lease."""
     started_by: str = ""
     """Holder of the lease at its start."""
+    serial: str = ""
+    """Serial number of the motor, where it was named at the start."""
     recording: str = ""
     """Path of its recording once it is whole."""
     settings: dict[str, Any] = Field(default_factory=dict)

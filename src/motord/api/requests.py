@@ -20,6 +20,7 @@ from motord.api.request_base import WithToken as WithToken
 from motord.config.base import Finite
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.sequencing.settings import Compensation
+from motord.verdict.serial import check_serial
 
 
 def _printable(text: str) -> str:
@@ -101,6 +102,8 @@ class PlanStart(RpcRequest):
     """Check it against the limits, and move nothing."""
     notes: Annotated[str, Field(max_length=4000)] = ""
     """For the recording."""
+    serial: Annotated[str, AfterValidator(check_serial)] = ""
+    """The motor's serial number, for the recording; refused if the bench file names another."""
     check: bool = True
     """Check the calibration before, if `[calibration] check_before_plans` asks for it."""
 

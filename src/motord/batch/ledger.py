@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from motord.atomic_write import write_whole
+from motord.results.error import ResultsError
+from motord.results.folder import LocalFolder
 from motord.results.store import ResultsStore
 from motord.results.stored_result import StoredResult
 
@@ -38,11 +40,17 @@ class Ledger:
 
     A result is stored before it is entered, and an entry counts only while its result is there. So
     whoever is killed in between analyses again, and the store finds the result to be there already.
+    Raises ResultsError for a store at a URL.
     """
 
     def __init__(self, store: ResultsStore) -> None:
+        if not isinstance(store.folder, LocalFolder):
+            raise ResultsError(
+                f"{store.folder}: results of many recordings go into a folder of this computer, "
+                "which keeps the ledger of what is done; copy it to an object store afterwards"
+            )
         self._store = store
-        self.folder = store.folder / FOLDER
+        self.folder = store.folder.path / FOLDER
 
     def make(self) -> None:
         """Make store and ledger. Raises ResultsError, OSError."""
@@ -59,7 +67,7 @@ class Ledger:
 
     def store(self, analysis: LedgerEntry, result: StoredResult) -> str:
         """Store a result and enter it; return its file's name. Raises ResultsError, OSError."""
-        name = self._store.add(result).path.name
+        name = Path(self._store.add(result).path).name
         self._enter(analysis, stored=name)
         return name
 

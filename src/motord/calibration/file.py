@@ -131,12 +131,19 @@ class Calibration(Part):
         content = {**dict(self), "id": "", "created": created, "learned": learned}
         return Calibration(**content)
 
-    def check_motor(self, motor: MotorConfig) -> None:
-        """Raise CalibrationError naming all that differs if this was made for another motor."""
+    def check_motor(self, motor: MotorConfig, *, recorded: bool = False) -> None:
+        """Raise CalibrationError naming all that differs if this was made for another motor.
+
+        recorded: `motor` is what recordings say, which may know a serial number where the bench
+        file has none: then one that is empty fits any.
+        """
         here = CalibratedMotor.of(motor)
+        names = list(CalibratedMotor.model_fields)
+        if recorded and "" in (here.serial, self.motor.serial):
+            names.remove("serial")
         differing = [
             f"{name} is {getattr(self.motor, name)!r} there and {getattr(here, name)!r} here"
-            for name in CalibratedMotor.model_fields
+            for name in names
             if getattr(self.motor, name) != getattr(here, name)
         ]
         if differing:

@@ -33,7 +33,7 @@ COMMANDS = {
     "queue": "motord.cli.plan.queue:app",
     "learn": "motord.cli.plan.learn:learn",
     "analyse": "motord.cli.analysis_command:app",
-    "test": "motord.cli.motor_test:run_test",
+    "test": "motord.cli.motor_test.command:run_test",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration.commands:app",
     "results": "motord.cli.results.commands:app",

@@ -61,6 +61,7 @@ EXPLAINED = frozenset(
     {
         "motord.batch.error.BatchError",
         "motord.calibration.file.CalibrationError",
+        "motord.cli.motor_test.testing.MotorTestError",
         "motord.client.error.ClientError",
         "motord.config.base.ConfigError",
         "motord.dashboard.server.DashboardError",
@@ -96,14 +97,21 @@ class CommandGroup(TyperGroup):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             fail("interrupted")
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            fail(f"{where}{error.strerror or error}")
         except Exception as error:
-            kinds = type(error).__mro__
-            if EXPLAINED.isdisjoint(f"{one.__module__}.{one.__qualname__}" for one in kinds):
+            if (message := explanation(error)) is None:
                 raise
-            fail(str(error))
+            fail(message)
+
+
+def explanation(error: Exception) -> str | None:
+    """Return what an error says that is none of the program, None for one that may be."""
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror or error}"
+    kinds = type(error).__mro__
+    if EXPLAINED.isdisjoint(f"{one.__module__}.{one.__qualname__}" for one in kinds):
+        return None
+    return str(error)
 
 
 def group(summary: str, kind: type[CommandGroup] = CommandGroup) -> typer.Typer:

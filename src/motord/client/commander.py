@@ -85,13 +85,14 @@ class Commander:
         *,
         detach: bool = False,
         notes: str = "",
+        serial: str = "",
         check: bool = True,
     ) -> PlanOutline:
         """Start a plan and return at once what it will do.
 
         settings: those that differ from the bench's own. detach: the plan goes on when the lease
-        ends. notes: for the recording. check: the calibration is checked before, if the bench
-        file asks for it.
+        ends. notes: for the recording. serial: the motor's, for the recording, where the bench file
+        names none. check: the calibration is checked before, if the bench file asks for it.
         """
         return self._daemon.call(
             rpc.PLAN_START,
@@ -100,7 +101,8 @@ class Commander:
             settings=dict(settings or {}),
             detach=detach,
             notes=notes,
-            **({} if check else {"check": False}),  # which older daemons do not know
+            **({"serial": serial} if serial else {}),  # which older daemons do not know
+            **({} if check else {"check": False}),
         )
 
     def run_plan(
@@ -110,10 +112,13 @@ class Commander:
         *,
         detach: bool = False,
         notes: str = "",
+        serial: str = "",
         check: bool = True,
     ) -> PlanRun:
         """Start a plan as `start_plan` does, and return what to follow it by."""
-        outline = self.start_plan(name, settings, detach=detach, notes=notes, check=check)
+        outline = self.start_plan(
+            name, settings, detach=detach, notes=notes, serial=serial, check=check
+        )
         return PlanRun(self._daemon, outline.run_id)
 
     def pause_plan(self) -> PlanProgress:

@@ -61,9 +61,10 @@ class Subject:
     def of_runs(cls, runs: Sequence[Run]) -> "Subject":
         """Return what the recordings say they are of. Raises AnalysisError if they differ.
 
-        Of accuracies that they state differently, the wider limit of each holds.
+        A serial number that only some of them name is that of all. Of accuracies that they state
+        differently, the wider limit of each holds.
         """
-        subjects = [_recorded(run) for run in runs]
+        subjects = _with_serial([_recorded(run) for run in runs])
         for run, subject in zip(runs, subjects, strict=True):
             if (subject.motor, subject.sensor) != (subjects[0].motor, subjects[0].sensor):
                 raise AnalysisError(
@@ -101,8 +102,16 @@ class Recordings:
 
     @cached_property
     def subject(self) -> Subject:
-        """Return what they are of. Raises AnalysisError, ConfigError."""
-        return Subject.of_file(self.config) if self.config else Subject.of_runs(self.runs)
+        """Return what they are of. Raises AnalysisError, ConfigError.
+
+        Where the file that was named has no serial number it is the recorded one.
+        """
+        if self.config is None:
+            return Subject.of_runs(self.runs)
+        named, recorded = Subject.of_file(self.config), {motor_serial(run) for run in self.runs}
+        if named.motor.serial or len(recorded) != 1:
+            return named
+        return replace(named, motor=named.motor.model_copy(update={"serial": recorded.pop()}))
 
 
 def bench_of(path: Path) -> Config | None:
@@ -113,6 +122,12 @@ def bench_of(path: Path) -> Config | None:
 def plan_name(run: Run) -> str:
     """Return the plan that a run is of, "" if it does not say."""
     return str(run.metadata.get("plan", {}).get("name", ""))
+
+
+def motor_serial(run: Run) -> str:
+    """Return the serial number of the motor that a run is of, "" if it does not say."""
+    motor = run.metadata.get("motor")
+    return str(motor.get("serial", "")) if isinstance(motor, dict) else ""
 
 
 def check_plan(run: Run, *needed: str, hint: str = "") -> None:
@@ -166,6 +181,15 @@ def facts(subject: Subject, runs: Sequence[str]) -> list[tuple[str, str]]:
             f"{motor.counts} counts, {motor.rated_torque_Nm:g} Nm rated, {motor.connection}",
         ),
         ("recordings", ", ".join(runs)),
+    ]
+
+
+def _with_serial(subjects: Sequence[Subject]) -> list[Subject]:
+    """Return them with a serial number, where one of them names one."""
+    known = {"serial": next(filter(None, (one.motor.serial for one in subjects)), "")}
+    return [
+        one if one.motor.serial else replace(one, motor=one.motor.model_copy(update=known))
+        for one in subjects
     ]
 
 

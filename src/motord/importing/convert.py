@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from motord.config import MotorFile
+from motord.importing.binary.mdf import MdfSource, begins_as_mdf
+from motord.importing.binary.tdms import TdmsSource, begins_as_tdms
 from motord.importing.column_map import ColumnMap
 from motord.importing.csv.source import CsvSource
 from motord.importing.mapping import ImportMap, load_map, load_mapped_motor
@@ -17,7 +19,6 @@ from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
 from motord.importing.source import RowSource, readable
 from motord.importing.survey import Progress, Survey, survey
-from motord.importing.tdms import TdmsSource, begins_as_tdms
 from motord.importing.ticks import TickMaker
 from motord.importing.times import BACK, STANDING
 from motord.recording.errors import RecordError
@@ -67,7 +68,7 @@ def import_run(
     strict: bool = False,
     progress: Progress = lambda done: None,
 ) -> Imported:
-    """Write the recording `path` (CSV or TDMS) as the run `output`, as the map file says.
+    """Write the recording `path` (CSV, TDMS or MDF) as the run `output`, as the map file says.
 
     strict: rows that lack something are an error. progress is called with the share of the work
     done, 0 to 1. Raises ConfigError for what is wrong with the map or the motor file, RecordError
@@ -95,6 +96,8 @@ def import_run(
 def _source(path: Path, mapping: ImportMap, scratch: Path, opened: ExitStack) -> RowSource:
     if path.suffix.lower() == ".tdms" or begins_as_tdms(path):
         return TdmsSource(path, mapping.tdms, scratch, opened)
+    if path.suffix.lower() in (".mf4", ".mdf") or begins_as_mdf(path):
+        return MdfSource(path, mapping.mdf, opened)
     return CsvSource(path, mapping.csv, [c.column for c in mapping.columns.values() if c.column])
 
 

@@ -132,6 +132,14 @@ class TdmsMap(Section):
     """Where channels named without their group are looked for; left out: in all."""
 
 
+class MdfMap(Section):
+    """`[mdf]`: what cannot be seen from the file itself."""
+
+    group: str | None = None
+    """Where channels named without their group are looked for: the name of its acquisition, or its
+    number from 0 on if it has none; left out: in all."""
+
+
 class ImportMap(Section):
     """A map file."""
 
@@ -148,6 +156,8 @@ class ImportMap(Section):
     """What cannot be seen from a CSV file itself."""
     tdms: TdmsMap = TdmsMap()
     """What cannot be seen from a TDMS file itself."""
+    mdf: MdfMap = MdfMap()
+    """What cannot be seen from an MDF file itself."""
     start: datetime | None = None
     """When t_s was 0; left out: the last row is as old as the file."""
     period_s: Positive | None = None

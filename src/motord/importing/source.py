@@ -94,6 +94,20 @@ def readable(path: Path) -> Iterator[None]:
         raise RecordError(f"{path}: cannot read it: {error.strerror or error}") from error
 
 
+@contextmanager
+def readable_as(path: Path, kind: str) -> Iterator[None]:
+    """Make a RecordError of whatever a damaged file makes the package of its format raise."""
+    try:
+        with readable(path):
+            yield
+    except RecordError:
+        raise
+    except Exception as error:
+        raise RecordError(
+            f"{path}: not {kind} file that can be read ({type(error).__name__}: {error})"
+        ) from error
+
+
 def find(source: RowSource, field: str, column: Column) -> int:
     """Return the index of the column that is to become `field`. Raises RecordError."""
     if column.position is not None:

@@ -26,6 +26,18 @@ def duckdb() -> ModuleType:
     return duckdb
 
 
+def fsspec() -> ModuleType:
+    """Return fsspec. Raises ResultsError where it is not installed."""
+    try:
+        import fsspec
+    except ImportError as error:
+        raise ResultsError(
+            "a results store at a URL needs the package fsspec: pip install 'motord[remote]'"
+        ) from error
+    found: ModuleType = fsspec
+    return found
+
+
 def _missing(package: str) -> ResultsError:
     return ResultsError(
         f"the results store needs the package {package}: pip install 'motord[results]'"

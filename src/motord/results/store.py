@@ -1,12 +1,12 @@
 """A results store: a folder of Parquet files, one a result, written whole and never changed."""
 
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from motord.atomic_write import write_whole
 from motord.results.error import ResultsError, parquet
+from motord.results.folder import folder_of
 from motord.results.parquet_file import (
     NotAResultError,
     check_result,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Added:
     """Where a result is; new: it was not in the store before."""
 
-    path: Path
+    path: Path | str
     figures: int
     new: bool
 
@@ -44,19 +44,19 @@ class Contents:
 
 
 class ResultsStore:
-    """The results in a folder. Any number of processes may add to it and read it at once."""
+    """The results in a folder. Any number of processes may add to it and read it at once.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    place: its path, or a URL that fsspec knows. Raises ResultsError for one that it does not.
+    """
+
+    def __init__(self, place: Path | str) -> None:
+        self.folder = folder_of(place)
 
     def make(self) -> None:
         """Make the folder if its parent is there. Raises ResultsError if nothing can be stored."""
         parquet()
         try:
-            self.folder.mkdir(exist_ok=True)
-            probe = self.folder / f".{id(self)}.probe"
-            probe.touch()
-            probe.unlink()
+            self.folder.make()
         except OSError as error:
             raise self._cannot("store results there", error) from error
 
@@ -68,18 +68,23 @@ class ResultsStore:
         """
         if not result.figures:
             raise ResultsError(f"{result.experiment} of {result.run}: no figures to store")
-        path = self.folder / result.file_name
-        there = self._find(result)
-        if there is None:
-            try:
-                write_whole(path, encode_result(result))
-            except OSError as error:
-                raise self._cannot("store the result", error) from error
-        return Added(there or path, len(result.figures), new=there is None)
+        try:
+            there = self._find(result)
+            if there is None:
+                self.folder.write(result.file_name, encode_result(result))
+        except OSError as error:
+            raise self._cannot("store the result", error) from error
+        path = self.folder.path_of(there or result.file_name)
+        return Added(path, len(result.figures), new=there is None)
 
     def has(self, name: str) -> bool:
         """Return whether there is a file of this name that can be read."""
-        return self._readable(self.folder / Path(name).name)
+        [content] = self.folder.read([Path(name).name])
+        with suppress(NotAResultError):
+            if not isinstance(content, OSError):
+                check_result(content)
+                return True
+        return False
 
     def read(self) -> Contents:
         """Return all rows, in the order of the files' names. Raises ResultsError."""
@@ -87,46 +92,54 @@ class ResultsStore:
         import pyarrow as pa
 
         tables, unreadable = [table_schema().empty_table()], []
-        for path in self._files():
-            try:
-                tables.append(decode_result(path.read_bytes()))
-            except OSError as error:
-                unreadable.append(f"{path}: {error.strerror}")
-            except NotAResultError as error:
-                unreadable.append(f"{path}: {error}")
-        return Contents(pa.concat_tables(tables), tuple(unreadable))
-
-    def _files(self) -> Iterator[Path]:
-        parquet()
         try:
-            names = sorted(path.name for path in self.folder.iterdir())
+            names = self._names()
+            for name, content in zip(names, self.folder.read(names), strict=True):
+                path = self.folder.path_of(name)
+                if isinstance(content, OSError):
+                    unreadable.append(f"{path}: {content.strerror}")
+                    continue
+                try:
+                    tables.append(decode_result(content))
+                except NotAResultError as error:
+                    unreadable.append(f"{path}: {error}")
         except FileNotFoundError:
             raise ResultsError(
                 f"{self.folder}: there is no results store; motord analyse ... --store makes one"
             ) from None
         except OSError as error:
             raise self._cannot("read the results store", error) from error
-        for name in names:
-            if name.endswith(".parquet") and not name.startswith("."):
-                yield self.folder / name
+        return Contents(pa.concat_tables(tables), tuple(unreadable))
 
-    def _find(self, result: StoredResult) -> Path | None:
-        """Return the file of a result that is there and can be read."""
-        of_analysis = result.analysis_digest
-        of_content = result.content_digest if not result.version else None
-        for path in self._files():
-            analysis, content = ["", "", *path.stem.split("-")][-2:]
-            if (analysis == of_analysis or content == of_content) and self._readable(path):
-                return path
-        return None
+    def _names(self) -> list[str]:
+        """Return the names of results. Raises OSError."""
+        names = sorted(self.folder.names())
+        return [name for name in names if name.endswith(".parquet") and not name.startswith(".")]
 
-    @staticmethod
-    def _readable(path: Path) -> bool:
+    def _find(self, result: StoredResult) -> str | None:
+        """Return the file of a result that is there and can be read. Raises OSError."""
+        parquet()
         try:
-            check_result(path.read_bytes())
-        except (OSError, NotAResultError):
-            return False
-        return True
+            names = self._names()
+        except FileNotFoundError:  # of an object store, in which nothing has been put yet
+            return None
+        same = [name for name in names if _is_of(name, result)]
+        for name, content in zip(same, self.folder.read(same), strict=True):
+            if isinstance(content, OSError):
+                if not isinstance(content, FileNotFoundError | IsADirectoryError | PermissionError):
+                    raise content
+                continue
+            with suppress(NotAResultError):
+                check_result(content)
+                return name
+        return None
 
     def _cannot(self, what: str, error: OSError) -> ResultsError:
         return ResultsError(f"{self.folder}: cannot {what}: {error.strerror}")
+
+
+def _is_of(name: str, result: StoredResult) -> bool:
+    """Return whether a file is named as one of the same analysis, or of the same figures."""
+    analysis, content = ["", "", *Path(name).stem.split("-")][-2:]
+    same = analysis == result.analysis_digest
+    return same or (not result.version and content == result.content_digest)

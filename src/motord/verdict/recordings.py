@@ -7,7 +7,13 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-from motord.experiments.subject import AnalysisError, PhaseProgress, Recordings, plan_name
+from motord.experiments.subject import (
+    AnalysisError,
+    PhaseProgress,
+    Recordings,
+    motor_serial,
+    plan_name,
+)
 from motord.recording.damage import utc
 from motord.recording.reader import Run, open_run
 from motord.verdict.motor_type import MotorType, analysis_of
@@ -78,11 +84,17 @@ def _check_motor(run: Run, motor_type: MotorType, serial: str) -> None:
             f"{run.path}: is of the motor {motor.get('name', '')!r}; the motor type is for "
             f"{motor_type.motor!r}"
         )
-    check_same_serial(str(run.path), str(motor.get("serial", "")), serial)
-    noted = note_of(motor_type.motor)
-    for line in str(run.metadata.get("notes", "")).splitlines():
-        if line.startswith(noted):
-            check_same_serial(str(run.path), line.removeprefix(noted), serial)
+    for known in recorded_serials(run):
+        check_same_serial(str(run.path), known, serial)
+
+
+def recorded_serials(run: Run) -> set[str]:
+    """Return the serial numbers that a recording has: of its motor, of the notes of a test."""
+    motor = run.metadata.get("motor")
+    noted = note_of(str(motor.get("name", "")) if isinstance(motor, dict) else "")
+    lines = str(run.metadata.get("notes", "")).splitlines()
+    serials = {line.removeprefix(noted) for line in lines if line.startswith(noted)}
+    return {*serials, motor_serial(run)} - {""}
 
 
 def check_same_serial(where: str, known: str, serial: str) -> None:

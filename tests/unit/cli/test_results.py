@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.cli.results.printing import aligned, as_csv, as_objects
 from motord.results.store import ResultsStore
+from tests.unit.results.buckets import SHOWN, URL, bucket, failing
 from tests.unit.results.made_up import figure, fill, result
 from tests.unit.service.test_installation import calibration
 
@@ -204,6 +205,29 @@ def test_a_calibration_that_exists_is_added_once(folder):
         "calibrate", made.motor.name, made.motor.serial,
     )  # fmt: skip
     assert (row["time"], row["version"]) == (made.created, "")
+
+
+def test_a_store_at_a_url_is_added_to_and_asked(folder, monkeypatch):
+    there = bucket()
+    monkeypatch.setenv("MOTORD_STORE", URL)
+    calibration().save(folder / "c.json")
+    assert f"stored 8 figures in {SHOWN}/calibrate-" in motord("results add c.json").stdout
+    assert "duplicate result, nothing stored" in motord("results add c.json").stdout
+    assert len(there.objects) == 1
+    fill(URL, [0.8, 0.9])
+    fill(URL, 0.7, serial="B")
+    counted = motord("results query 'SELECT count(*) AS n FROM results' --csv").stdout
+    assert counted == "n\n11\n"
+    assert "serial A-1: 2 results" in motord("results trend alpha.a").stdout
+    assert "alpha.a" in motord("results compare A-1 B").stdout
+    there.objects["motors/line 1/bad.parquet"] = b"half"
+    done = motord("results query 'SELECT 1 AS a'", 1)
+    assert done.stderr.startswith(f"motord: {SHOWN}/bad.parquet: no Parquet file")
+    there.fault = staticmethod(failing(PermissionError("Access Denied"), "ls", "put"))
+    for words in ("results query 'SELECT 1'", "results add c.json", "results trend alpha.a"):
+        [line] = motord(words, 1).stderr.splitlines()
+        assert line.startswith(f"motord: {SHOWN}: cannot ")
+        assert line.endswith("Access Denied")
 
 
 def test_files_that_are_no_results_are_named_and_the_rest_is_added(folder):

@@ -14,6 +14,7 @@ from motord.results.store import ResultsStore
 from motord.results.stored_result import file_digest
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
+from tests.unit.results.buckets import SHOWN, URL, bucket, failing
 
 
 def stored(folder: Path) -> list[dict[str, object]]:
@@ -94,7 +95,7 @@ def test_a_result_that_cannot_be_stored_is_printed_and_written(
         raise OSError(28, "No space left on device")
 
     output = tmp_path / "v.json"
-    monkeypatch.setattr("motord.results.store.write_whole", full)
+    monkeypatch.setattr("motord.results.folder.write_whole", full)
     arguments = ("verify", recorded.on, "-o", output, "--store", tmp_path / "store")
     code, out, said = run(analyse, *arguments)
     assert code == 1
@@ -102,6 +103,18 @@ def test_a_result_that_cannot_be_stored_is_printed_and_written(
     assert json.loads(output.read_text())["points"]
     assert said == (f"motord: {tmp_path}/store: cannot store the result: No space left on device\n")
     assert list((tmp_path / "store").iterdir()) == []
+
+
+def test_a_result_whose_put_breaks_off_is_printed_and_written(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    there = bucket(failing(ConnectionResetError("reset"), "put"), atomic=False)
+    output = tmp_path / "v.json"
+    code, out, said = run(analyse, "verify", recorded.on, "-o", output, "--store", URL)
+    assert (code, said) == (1, f"motord: {SHOWN}: cannot store the result: reset\n")
+    assert "after: mean" in out
+    assert json.loads(output.read_text())["points"]
+    assert there.objects == {}
 
 
 def test_theory_without_recordings_is_not_stored(recorded: Recorded, tmp_path: Path) -> None:

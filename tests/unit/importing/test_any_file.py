@@ -13,6 +13,8 @@ from motord.importing.convert import import_run
 from motord.recording.errors import RecordError
 from motord.recording.reader import open_run
 from tests.unit.importing.tables import MAP, turning, write_motor
+from tests.unit.importing.test_mdf import TIMED as TIMED_MDF
+from tests.unit.importing.test_mdf import write_mdf
 from tests.unit.importing.test_tdms import PROPERTIES, WAVEFORM, write_tdms
 
 MAPS = (
@@ -23,6 +25,9 @@ MAPS = (
     'motor = "motor.toml"\nperiod_s = 0.01\n[columns]\nencoder_count = 2\nmissed = 3\nstate = 1\n',
     'motor = "motor.toml"\n[columns]\nt_s = 1\nangle_rad = 2\n[csv]\nheader_line = 0\n',
 )
+BEGINNINGS = {
+    "a.csv": b"Time,Position[rad],Iq\n", "a.tdms": b"TDSm", "a.mf4": b"MDF     4.10    "
+}  # fmt: skip
 ODD = (
     "", "nan", "inf", "1e400", "-1e308", "2007-05-01", "2007-05-01T00:00:00Z", "9999-12-31", "1,5",
     '"1', '"', "9223372036854775807", "-9223372036854775808", "1e19", "#", ";", "\0",
@@ -94,10 +99,9 @@ def test_odd_numbers(folder: Path, map_text: str, rows: list[tuple[str, str]]) -
 
 
 @QUICK
-@given(st.sampled_from(MAPS), st.binary(max_size=200), st.sampled_from(["a.csv", "a.tdms"]))
+@given(st.sampled_from(MAPS), st.binary(max_size=200), st.sampled_from(list(BEGINNINGS)))
 def test_junk(folder: Path, map_text: str, content: bytes, name: str) -> None:
-    beginning = b"Time,Position[rad],Iq\n" if name == "a.csv" else b"TDSm"
-    attempt(folder, beginning + content, map_text, name)
+    attempt(folder, BEGINNINGS[name] + content, map_text, name)
 
 
 def test_damaged_tdms(folder: Path) -> None:
@@ -116,3 +120,17 @@ def test_damaged_tdms(folder: Path) -> None:
             warnings.simplefilter("ignore")  # npTDMS computes with what it reads
             given_a_run += attempt(folder, bytes(damaged), WAVEFORM, "a.tdms")
     assert 5 < given_a_run < 60
+
+
+def test_damaged_mdf(folder: Path) -> None:
+    source = write_mdf(folder / "whole.mf4", ("Bench", turning(300)), compression=0)
+    whole = source.read_bytes()
+    rng = np.random.default_rng(3)
+    given_a_run = 0
+    for number in range(24):
+        damaged = bytearray(whole[: rng.integers(10, len(whole))] if number % 3 == 0 else whole)
+        damaged[rng.integers(0, len(damaged))] = rng.integers(0, 256)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # asammdf computes with what it reads
+            given_a_run += attempt(folder, bytes(damaged), TIMED_MDF, "a.mf4")
+    assert 3 < given_a_run < 24

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
-from motord.importing import tdms
+from motord.importing.binary import tdms
 from motord.recording.errors import RecordError
 from tests.unit.importing.tables import MAP, START_NS, imported, turning
 

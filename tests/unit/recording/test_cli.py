@@ -49,13 +49,14 @@ def test_info_of_a_whole_run(run):
 
 def test_info_of_a_calibration_run(tmp_path):
     plan = {"name": "calibrate", "settings": {}}
-    metadata = {**METADATA, "motor": {"name": "AFPM-7"}, "plan": plan}
+    metadata = {**METADATA, "motor": {"name": "AFPM-7", "serial": "47"}, "plan": plan}
     block = tick_block(100)
     with RunWriter(tmp_path / "run.mcap", metadata) as writer:
         writer.ticks(block[block["tick"] != 50])
         writer.operating_point(int(block["t_ns"][-1]), POINT)
     text = call("info", tmp_path / "run.mcap")
-    for part in ("AFPM-7", "calibrate", "99 in", "1 periods without a tick", "3.00 Nm  0.700 Hz"):
+    assert "AFPM-7, serial 47" in text
+    for part in ("calibrate", "99 in", "1 periods without a tick", "3.00 Nm  0.700 Hz"):
         assert part in text
 
 

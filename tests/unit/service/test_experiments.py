@@ -111,6 +111,19 @@ def test_a_plan_that_cannot_be_run_is_refused_before_anything_moves(
     )
 
 
+@pytest.mark.parametrize(
+    ("serial", "code", "expected"),
+    [
+        ("other", "refused", "[motor] serial of the bench file is 'sim-1', not 'other'"),
+        ("sim\n1", "invalid", "serial: the serial number has characters that cannot be printed"),
+    ],
+)
+def test_a_plan_for_another_motor_is_refused(service, serial, code, expected):
+    asked = {"name": "calibrate", "serial": serial}
+    assert expected in refused(service, code, "plan/start", token=service.acquire(), **asked)
+    assert expected in refused(service, code, "plan/start", dry_run=True, **asked)
+
+
 def test_verify_needs_a_calibration(service):
     token = service.acquire()
     assert "no calibration" in refused(service, "refused", "plan/start", token=token, name="verify")

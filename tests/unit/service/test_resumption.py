@@ -69,7 +69,7 @@ def interrupted(days, points=1, **changes):
     """Let a daemon take `points` of three points and die."""
     service = days.daemon(**changes)
     token = service.acquire()
-    start(service, token, notes="by night")
+    start(service, token, notes="by night", serial="sim-1")
     until(service, token, lambda: len(service.sink.points) == points)
     days.crash(service)
     return service
@@ -92,6 +92,7 @@ def test_a_plan_goes_on_with_what_is_missing(days):
     again = days.daemon()
     view = again.bench.plans.view
     assert (view.state, view.over, view.points_done, view.points) == ("interrupted", True, 1, 3)
+    assert view.serial == "sim-1"
     assert "interrupted with 1 of 3 points taken; motord plan resume" in again.messages()[-1]
     assert view.run_id == first.bench.plans.view.run_id != ""
     assert [p.state for p in again.bench.plans.mesh.points] == ["done", "planned", "planned"]
@@ -110,7 +111,9 @@ def test_a_plan_goes_on_with_what_is_missing(days):
     assert view.run_id == first.bench.plans.view.run_id
     [(plan, started, notes)] = again.sink.started
     assert [point.index for point in plan.points] == [1, 2]
-    assert (started.continues, notes) == ("/runs/calibrate.mcap", "by night")
+    assert (started.continues, started.serial, notes) == (
+        *("/runs/calibrate.mcap", "sim-1", "by night"),
+    )
     again.journal.settle()
     third = days.daemon()
     assert third.bench.plans.view is None

@@ -357,6 +357,18 @@ def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played.close()
 
 
+def test_the_recording_of_a_plan_has_the_serial_number_it_was_started_with(tmp_path, monkeypatch):
+    played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False}, motor={"serial": ""})
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate", serial="47/1")
+    [start] = played.recorders[0].received("start")
+    motor = played.config.motor.model_dump(mode="json")
+    assert start["metadata"]["motor"] == {**motor, "serial": "47/1"}
+    assert played.supervisor.bench.plans.view.serial == "47/1"
+    played.close()
+
+
 def test_a_plan_has_a_recording_of_its_own_between_two_others_while_it_is_powered(played):
     played.up()
     first = played.record()

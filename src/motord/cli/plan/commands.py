@@ -6,7 +6,7 @@ import time
 from contextlib import suppress
 from operator import methodcaller
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 
@@ -72,6 +72,13 @@ def start(
     ] = LIMIT_S,
     detach: Detach = False,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
+    serial: Annotated[
+        str,
+        typer.Option(
+            metavar="S",
+            help="The motor's serial number, for the recording, where the bench file names none.",
+        ),
+    ] = "",
     check: Annotated[
         bool,
         typer.Option(
@@ -94,12 +101,12 @@ def start(
         with in_command(client, force=force) as session:
             if detach:
                 outline = session.commander.start_plan(
-                    name, asked, detach=True, notes=notes, check=check
+                    name, asked, detach=True, notes=notes, serial=serial, check=check
                 )
                 text = f"{name} started, about {outline.estimate_s:.0f} s"
                 print_answer(outline.content(), text, as_json)
                 return
-            run = session.commander.run_plan(name, asked, notes=notes, check=check)
+            run = session.commander.run_plan(name, asked, notes=notes, serial=serial, check=check)
             _follow_to_end(client, run, session.commander, as_json)
 
 
@@ -155,7 +162,14 @@ def _then(client: "Client", view: "PlanView") -> str:
     return f"\nnext: motord analyse {view.plan} {runs}{known}"
 
 
-def follow(run: "PlanRun", commander: "Commander", *, quiet: bool) -> "PlanView":
+class AbortsPlan(Protocol):
+    """What aborts the plan under way: a commander, or what has one."""
+
+    def abort_plan(self) -> "PlanProgress":
+        """Ramp down, disable, end the plan."""
+
+
+def follow(run: "PlanRun", commander: AbortsPlan, *, quiet: bool) -> "PlanView":
     """Show progress until the plan is over, well or not; the first Ctrl-C aborts it."""
     from rich.progress import BarColumn, TimeElapsedColumn
 

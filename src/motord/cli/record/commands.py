@@ -102,7 +102,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
     shown = {
         "file": f"{facts['file']}, {facts['bytes'] / 1e6:.1f} MB in {facts['chunks']} chunks",
         "bench": facts.get("bench"),
-        "motor": motor.get("name") if isinstance(motor, dict) else motor,
+        "motor": _motor(motor) if isinstance(motor, dict) else motor,
         "plan": _plan_name(facts.get("plan")),
         "calibration": _calibration(facts),
         "notes": facts.get("notes"),
@@ -128,6 +128,11 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 
 def _channels(channels: list[dict[str, Any]]) -> str:
     return ", ".join(f"{c['name']} ({c['readings']} readings, {c['unit']})" for c in channels)
+
+
+def _motor(motor: dict[str, Any]) -> str:
+    serial = motor.get("serial")
+    return f"{motor.get('name')}, serial {serial}" if serial else f"{motor.get('name')}"
 
 
 def _calibration(facts: dict[str, Any]) -> str:

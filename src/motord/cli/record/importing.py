@@ -1,4 +1,4 @@
-"""`motord record import`: a run out of a CSV or TDMS file that was recorded elsewhere."""
+"""`motord record import`: a run out of a CSV, TDMS or MDF file that was recorded elsewhere."""
 
 import time
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ QUIET_S = 2.0
 
 
 def import_recording(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording: CSV or TDMS.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording: CSV, TDMS or MDF.")],
     map_file: Annotated[
         Path, typer.Option("--map", metavar="MAP.toml", help="Which column is what.")
     ],

@@ -1,7 +1,6 @@
 """The option --store, and what is stored of an analysis."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -13,15 +12,22 @@ if TYPE_CHECKING:
 
     from motord.experiments.subject import Recordings
 
+PLACE = "a folder, or a URL such as s3://BUCKET/FOLDER"
+
 Store = Annotated[
-    Path | None,
+    str | None,
     typer.Option(
-        "--store", envvar="MOTORD_STORE", metavar="DIR", help="Add the result to this store."
+        "--store",
+        envvar="MOTORD_STORE",
+        metavar="DIR",
+        help=f"Add the result to this store: {PLACE}.",
     ),
 ]
 StoreToRead = Annotated[
-    Path | None,
-    typer.Option("--store", envvar="MOTORD_STORE", metavar="DIR", help="The results store."),
+    str | None,
+    typer.Option(
+        "--store", envvar="MOTORD_STORE", metavar="DIR", help=f"The results store: {PLACE}."
+    ),
 ]
 
 
@@ -33,12 +39,12 @@ class AnalysisStorage:
     """
 
     def __init__(
-        self, folder: Path, experiment: str, settings: Mapping[str, Any], serial: str = ""
+        self, store: str, experiment: str, settings: Mapping[str, Any], serial: str = ""
     ) -> None:
         from motord.batch.stored import settings_to_store
         from motord.results.store import ResultsStore
 
-        self._store = ResultsStore(folder)
+        self._store = ResultsStore(store)
         self._store.make()
         self._experiment = experiment
         self._serial = serial
@@ -52,7 +58,7 @@ class AnalysisStorage:
         remark(self._store.add(result).in_words())
 
 
-def named(store: Path | None) -> Path:
+def named(store: str | None) -> str:
     """Return the store that was named; else the usage is wrong."""
     if store is None:
         raise typer.BadParameter("which store? --store DIR, or MOTORD_STORE")
@@ -62,11 +68,12 @@ def named(store: Path | None) -> Path:
 class StoreReading:
     """The rows of a store, where what cannot be read ends the command with exit code 1."""
 
-    def __init__(self, store: Path | None) -> None:
+    def __init__(self, store: str | None) -> None:
         from motord.results.store import ResultsStore
 
-        self.folder = named(store)
-        contents = ResultsStore(self.folder).read()
+        results = ResultsStore(named(store))
+        self.folder = str(results.folder)
+        contents = results.read()
         self.table: pa.Table = contents.table
         self._unreadable = contents.unreadable
 

@@ -93,7 +93,7 @@ def _reference(
     other: Calibration | None, recordings: Recordings, more: Iterable[int]
 ) -> Labelled | None:
     if other is not None:
-        other.check_motor(recordings.subject.motor)
+        other.check_motor(recordings.subject.motor, recorded=True)
         return f"calibration {other.id}", Estimate.of_calibration(other)
     truth = recorded_truth(recordings.runs, recordings.subject, more)
     return None if truth is None else ("truth", truth)

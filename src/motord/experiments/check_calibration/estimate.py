@@ -67,7 +67,7 @@ def check(
 
     needed_percent: RMS ripple at rated torque, in percent of it, that no change may add unseen.
     """
-    calibration.check_motor(subject.motor)
+    calibration.check_motor(subject.motor, recorded=True)
     found = parameter_shift(points, calibration, subject.motor, subject.sensor)
     stated = list(quantities(calibration, found, subject.motor))
     seen = [one for one in stated if is_seen(one, found)]

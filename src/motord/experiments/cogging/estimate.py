@@ -107,7 +107,7 @@ def _both_ways(ways: Sequence[np.ndarray], *, jerky: bool) -> tuple[np.ndarray, 
 
 def compare(measured: MeasuredCogging, calibration: Calibration) -> Comparison:
     """Return how a calibration's cogging torque differs. Raises CalibrationError."""
-    calibration.check_motor(measured.motor)
+    calibration.check_motor(measured.motor, recorded=True)
     tau_Nm = np.array(calibration.tau_cog_Nm)
     tau_Nm = tau_Nm - tau_Nm.mean()
     counts = measured.motor.counts

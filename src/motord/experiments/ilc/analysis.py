@@ -144,7 +144,7 @@ def learn(
     The first pass chooses the mesh; later ones must be over the same. Each adds the orders that its
     torque shows.
     """
-    calibration.check_motor(subject.motor)
+    calibration.check_motor(subject.motor, recorded=True)
     motor, sensor = subject.motor, subject.sensor
     gain = np.array(calibration.alpha) * calibration.delta_epsilon
     seen = [

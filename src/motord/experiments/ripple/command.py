@@ -32,7 +32,7 @@ def estimate(
     runs, subject = recordings.runs, recordings.subject
     if calibration:
         applied = load(calibration)
-        applied.check_motor(subject.motor)
+        applied.check_motor(subject.motor, recorded=True)
         shares = tuple(explained(runs, subject, applied))
         measured = tuple(one.measured for one in shares)
     else:

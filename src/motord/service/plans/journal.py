@@ -40,6 +40,7 @@ class PlanNote(BaseModel):
     calibration: str
     started_by: str
     notes: str
+    serial: str = ""
     t_ns: int
 
 

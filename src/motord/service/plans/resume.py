@@ -127,6 +127,7 @@ class Resumption:
                 calibration=self._calibration_id(),
                 started_by=view.started_by,
                 notes=notes,
+                serial=view.serial,
                 t_ns=self._unix_ns(),
             )
             self._journal.begin(note, path)
@@ -197,6 +198,7 @@ class Resumption:
             points_done=done,
             fraction=round(done / max(plan.points, 1), 4),
             started_by=plan.started_by,
+            serial=plan.serial,
             recording=log.recordings[-1],
             settings=plan.settings,
             run_id=plan.run_id,

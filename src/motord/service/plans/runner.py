@@ -89,20 +89,23 @@ class PlanRunner:
         notes: str,
         *,
         detached: bool,
+        serial: str = "",
         before: RemainingPlan | None = None,
         check: Plan | None = None,
         run_id: str = "",
     ) -> PlanView:
         """Begin a plan with the next look. None may be under way.
 
-        `before` says what there was of it, if `plan` is only its rest; `check` is run first, and
-        the plan fails if that fails. `run_id`: of its progress, "" for a new one.
+        `serial` is that of the motor, "" for the bench file's; `before` says what there was of it,
+        if `plan` is only its rest; `check` is run first, and the plan fails if that fails.
+        `run_id`: of its progress, "" for a new one.
         """
         self._points_before = before.taken if before is not None else 0
         view = PlanView(
             **self._counted(Executor(plan).progress()),
             detached=detached,
             started_by=started_by,
+            serial=serial,
             settings=plan.settings,
             run_id=before.log.plan.run_id if before is not None else run_id or uuid4().hex,
             continues=before.log.recordings[-1] if before is not None else "",

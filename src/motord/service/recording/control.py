@@ -163,7 +163,7 @@ class RecordingControl:
         self._plan_progress = ()
         self._plan, self._recorded_ns = True, self._now_ns
         first_tick = self._ticks_before(self._newest_tick, BEFORE_S)
-        return self._begin(f"-{plan.name}", described, notes, first_tick)
+        return self._begin(f"-{plan.name}", described, notes, first_tick, view.serial)
 
     def channel(self, channel: ChannelConfig, age_ns: int, content: Mapping[str, Any]) -> None:
         """Record a reading of a slow channel, taken `age_ns` ago."""
@@ -246,6 +246,7 @@ class RecordingControl:
         plan: dict[str, Any],
         notes: str = "",
         first_tick: int | None = None,
+        serial: str = "",
     ) -> str:
         self._end_timing()
         self._timing.begin(self._unix_ns())
@@ -254,5 +255,7 @@ class RecordingControl:
         stem = config.recording.directory.absolute() / f"{config.bench.name}-{moment}{suffix}"
         notes = f"{config.bench.notes}\n{notes}".strip()
         metadata = {**self.about(), "plan": plan, "notes": notes}
+        if serial:
+            metadata["motor"] = {**metadata["motor"], "serial": serial}
         self.recorder.begin(RecordingTask(stem, metadata, first_tick))
         return str(file_name(stem, 0))

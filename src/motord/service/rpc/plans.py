@@ -62,16 +62,26 @@ class PlanControl:
     def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
         bench, prepared = self._bench, context.prepared
+        _same_serial(bench.config.motor.serial, request.serial)
         outline = outline_of(bench, prepared)
         if request.dry_run:
             return outline
         holder = bench.lease.require(request.token, context.now_ns).holder
         no_queue(bench)
-        view = self.begin(prepared, holder, request.notes, detached=request.detach)
+        view = self.begin(
+            prepared, holder, request.notes, detached=request.detach, serial=request.serial
+        )
         return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
 
     def begin(
-        self, prepared: PreparedPlan, holder: str, notes: str, *, detached: bool, run_id: str = ""
+        self,
+        prepared: PreparedPlan,
+        holder: str,
+        notes: str,
+        *,
+        detached: bool,
+        serial: str = "",
+        run_id: str = "",
     ) -> PlanView:
         """Begin a plan. Raises RpcError if bench, recorder or journal are not ready for one."""
         bench, plan = self._bench, prepared.plan
@@ -88,8 +98,9 @@ class PlanControl:
         bench.events.emit("plan", message, settings=plan.settings)
         bench.manual.rest()
         return bench.plans.start(
-            plan, holder, notes, detached=detached, check=prepared.check, run_id=run_id
-        )
+            plan, holder, notes,
+            detached=detached, serial=serial, check=prepared.check, run_id=run_id,
+        )  # fmt: skip
 
     def _not_stopped_since(self, prepared: PreparedPlan) -> None:
         """Refuse what was asked for before the bench was stopped. Raises RpcError."""
@@ -216,7 +227,10 @@ class PlanControl:
             run_id=note.run_id,
         )
         bench.manual.rest()
-        bench.plans.start(remaining.plan, holder, note.notes, detached=detached, before=remaining)
+        bench.plans.start(
+            remaining.plan, holder, note.notes,
+            detached=detached, serial=note.serial, before=remaining,
+        )  # fmt: skip
 
     @handles(rpc.PLAN_DISCARD, no_plan, no_queue)
     def discard(self, request: rpc.WithToken, context: RpcContext) -> PlanName:
@@ -231,6 +245,13 @@ class PlanControl:
         view = self._bench.plans.view
         assert view is not None
         return PlanProgress.model_validate(view.model_dump(mode="json"))
+
+
+def _same_serial(known: str, serial: str) -> None:
+    """Raise RpcError if the bench file names the serial number of another motor."""
+    if serial and known not in ("", serial):
+        why = f"[motor] serial of the bench file is {known!r}, not {serial!r}"
+        raise RpcError("refused", f"not started: {why}")
 
 
 _POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")

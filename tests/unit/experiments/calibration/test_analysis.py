@@ -40,9 +40,23 @@ def test_runs_of_different_motors_are_not_mixed(recorded: Recorded) -> None:
     other.metadata = {**other.metadata, "motor": {**other.metadata["motor"], "serial": "other"}}
     with pytest.raises(AnalysisError, match=r"on\.mcap: is of another motor"):
         Subject.of_runs([one, other])
+    other.metadata["motor"]["serial"] = ""
+    assert Subject.of_runs([other, one]).motor == Subject.of_runs([one]).motor
     other.metadata = {"bench": "x"}
     with pytest.raises(AnalysisError, match=r"on\.mcap: does not say which motor.*with -c"):
         Subject.of_runs([one, other])
+
+
+@pytest.mark.parametrize(("in_file", "expected"), [("", "47/1"), ("of the file", "of the file")])
+def test_the_serial_number_is_recorded_unless_the_file_names_one(
+    in_file: str, expected: str, recorded: Recorded, tmp_path: Path
+) -> None:
+    text = packaged("sim.toml").read_text()
+    motor = text[text.index("[motor]") : text.index("[limits]")]
+    (tmp_path / "m.toml").write_text(motor.replace('"sim-1"', f'"{in_file}"'))
+    run = open_run(recorded.off)
+    run.metadata = {**run.metadata, "motor": {**run.metadata["motor"], "serial": "47/1"}}
+    assert Recordings((run,), tmp_path / "m.toml").subject.motor.serial == expected
 
 
 def test_the_truth_is_in_the_recording(recorded: Recorded) -> None:

@@ -222,6 +222,14 @@ def test_a_calibration_of_another_motor_is_refused(unchanged: Taken) -> None:
         unchanged.checked(calibration=unchanged.calibration.model_copy(update={"motor": motor}))
 
 
+def test_a_calibration_that_names_no_serial_number_is_compared(unchanged: Taken) -> None:
+    motor = unchanged.calibration.motor.model_copy(update={"serial": ""})
+    nameless = unchanged.calibration.model_copy(update={"motor": motor})
+    assert unchanged.checked(calibration=nameless).verdict == "valid"
+    with pytest.raises(CalibrationError, match="serial is '' there"):  # to be put in force
+        nameless.check_motor(load().motor)
+
+
 def test_command_prints_the_verdict_and_writes_result_and_page(
     unchanged: Taken, tmp_path: Path
 ) -> None:

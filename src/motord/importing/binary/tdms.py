@@ -7,7 +7,7 @@ memory is a piece of one channel at a time (all of it only where LabVIEW wrote i
 import logging
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,6 +22,7 @@ from motord.importing.source import (
     RowSource,
     WantedColumn,
     readable,
+    readable_as,
 )
 from motord.recording.errors import RecordError
 
@@ -56,7 +57,7 @@ class TdmsSource(RowSource):
         warnings = _Warnings(self.notes)
         console.addFilter(warnings)
         opened.callback(console.removeFilter, warnings)
-        with _readable(path):
+        with readable_as(path, "a TDMS"):
             file = opened.enter_context(opener.open(opened.enter_context(path.open("rb"))))
             self._channels = [c for group in file.groups() for c in group.channels()]
             self._lengths = [len(channel) for channel in self._channels]
@@ -120,7 +121,7 @@ class TdmsSource(RowSource):
             yield RawBlock(columns, line, (start + count) / rows)
 
     def _dtype(self, index: int) -> "np.dtype[Any]":
-        with _readable(self.path):
+        with readable_as(self.path, "a TDMS"):
             dtype: np.dtype[Any] = np.dtype(self._channels[index].dtype)
         if dtype.kind not in "fiubM":
             raise RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
@@ -138,7 +139,7 @@ class TdmsSource(RowSource):
         length = self._lengths[wanted.index]
         piece = max(PIECE, -(-length // PIECES))
         for start in range(0, length, piece):
-            with _readable(self.path):
+            with readable_as(self.path, "a TDMS"):
                 values = channel.read_data(start, min(piece, length - start))
             if dtype.kind == "M":
                 values = values.astype("M8[ns]")
@@ -181,19 +182,6 @@ class _Warnings(logging.Filter):
             self._noted.add(record.msg)
             self._notes.append(f"npTDMS: {record.getMessage()[:WARNING_LENGTH]}")
         return False
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    try:
-        with readable(path):
-            yield
-    except RecordError:
-        raise
-    except Exception as error:  # npTDMS raises whatever a damaged file makes it stumble over
-        raise RecordError(
-            f"{path}: not a TDMS file that can be read ({type(error).__name__}: {error})"
-        ) from error
 
 
 def _unix_ns(start: object) -> int | None:

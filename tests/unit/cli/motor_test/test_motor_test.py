@@ -2,80 +2,28 @@
 
 import hashlib
 import json
-from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.cli.connection_options import Connection
 from motord.config import load, packaged
 from motord.experiments.plans import build
+from motord.experiments.subject import Recordings, Subject
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
-from motord.schema import TICK_DTYPE
-from motord.verdict import recordings
+from motord.results.error import ResultsError
+from motord.results.store import ResultsStore
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
+from tests.unit.cli.motor_test.made_up import MOTOR, SERIAL, TYPE, record
 from tests.unit.verdict.made_up import calibration
-
-MOTOR = "axial-flux 48/16"
-SERIAL = "sim-1"
-TYPE = f"""
-motor = "{MOTOR}"
-
-[[plan]]
-name = "calibrate"
-settings = {{time_limit_s = 30.0}}
-
-[[plan]]
-name = "verify"
-
-[[limit]]
-analysis = "calibrate"
-figure = "alpha_spread"
-high = 0.5
-"""
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "pump.toml").write_text(TYPE)
-    return tmp_path
-
-
-@pytest.fixture
-def analysed(monkeypatch):
-    """Let the analysis of any recordings give a made-up calibration; return what was analysed."""
-    seen = SimpleNamespace(runs=[], result=calibration())
-
-    def estimate(given):
-        seen.runs.append(given.names)
-        return seen.result
-
-    fake = SimpleNamespace(estimate=estimate, to_json=lambda result, _: result)
-    monkeypatch.setattr(recordings, "resolve_name", lambda _: fake)
-    return seen
-
-
-def record(path, plan="calibrate", serial=SERIAL, notes="", name=MOTOR, **more):
-    metadata = {
-        "bench": "b", "motor": {"name": name, "serial": serial}, "notes": notes,
-        "plan": {"name": plan} if isinstance(plan, str) else plan, **more,
-    }  # fmt: skip
-    ticks = np.zeros(3, TICK_DTYPE)
-    ticks["t_ns"], ticks["tick"] = 1_700_000_000_000_000_000 + np.arange(3), np.arange(3)
-    with RunWriter(Path(path), metadata) as writer:
-        writer.ticks(ticks)
-    return str(path)
 
 
 def run(*arguments, serial=SERIAL):
-    result = CliRunner().invoke(app, ["test", "pump.toml", "--serial", serial, *arguments])
+    named = () if serial is None else ("--serial", serial)
+    result = CliRunner().invoke(app, ["test", "pump.toml", *named, *arguments])
     assert isinstance(result.exception, SystemExit | None), repr(result.exception)
     return result
 
@@ -175,6 +123,29 @@ def test_a_recording_that_names_no_serial_number_is_taken(analysed):
     assert run("--recordings", record("a.mcap", serial="", notes=notes)).exit_code == 0
 
 
+def test_the_serial_number_is_that_of_the_recordings(analysed):
+    old = record("old.mcap", serial="", notes=f"test of {MOTOR}, serial 47/1")
+    files = (old, record("new.mcap", serial="47/1"))
+    result = run("--recordings", *files, "--json", serial=None)
+    assert (result.exit_code, json.loads(result.stdout)["serial"]) == (0, "47/1")
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        ({"a.mcap": "1", "b.mcap": "2"}, "the recordings name 1, 2: which serial number?"),
+        ({"a.mcap": ""}, "the recordings name none: which serial number?"),
+        ({}, "which serial number? --serial S"),
+    ],
+)
+def test_without_one_serial_number_the_usage_is_wrong(files, said, bench, analysed):
+    named = [record(path, serial=serial) for path, serial in files.items()]
+    result = run(*(["--recordings", *named] if named else []), serial=None)
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.replace("│", " ").split())
+    assert bench.calls == []
+
+
 def test_the_same_recording_twice_is_refused(analysed):
     Path("b.mcap").write_bytes(Path(record("a.mcap")).read_bytes())
     assert "b.mcap: is the same recording as a.mcap" in refused("--recordings", "a.mcap", "b.mcap")
@@ -210,50 +181,6 @@ def test_what_is_wrong_with_the_type_or_the_place_is_said(folder, analysed):
     assert "recordings come after --recordings" in result.stderr
 
 
-class FakeClient:
-    """A bench that records what it is asked to do."""
-
-    bench = "b"
-
-    def __init__(self, serial="", state="done"):
-        self.motor = {"name": MOTOR, "serial": serial}
-        self.state, self.calls = state, []
-
-    def config(self):
-        return SimpleNamespace(config={"motor": self.motor})
-
-    def dry_run(self, name, settings):
-        self.calls.append(f"dry run of {name} {settings}")
-
-    def run_plan(self, name, settings, notes):
-        self.calls.append(f"{name} {settings} {notes}")
-        path = record(f"{name}.mcap", name, serial="", notes=notes)
-        view = SimpleNamespace(
-            plan=name, state=self.state, message="a trip", recording=path, fraction=1.0, over=True,
-            points=1, points_done=1, targets={},
-        )  # fmt: skip
-        return [view]
-
-
-@pytest.fixture
-def bench(monkeypatch):
-    client = FakeClient()
-
-    @contextmanager
-    def opened(_self):
-        yield client
-
-    @contextmanager
-    def in_command(asked, force):
-        asked.calls.append("in command")
-        yield SimpleNamespace(commander=asked)
-        asked.calls.append("lease released")
-
-    monkeypatch.setattr(Connection, "open", opened)
-    monkeypatch.setattr("motord.cli.bench.lease_session.in_command", in_command)
-    return client
-
-
 def test_plans_are_checked_then_run_then_analysed(bench, analysed):
     assert run().exit_code == 0
     note = f"test of {MOTOR}, serial {SERIAL}"
@@ -262,11 +189,26 @@ def test_plans_are_checked_then_run_then_analysed(bench, analysed):
         f"dry run of {limited}", "dry run of verify {}", "in command",
         f"{limited} {note}", f"verify {{}} {note}", "lease released",
     ]  # fmt: skip
-    assert analysed.runs == [["calibrate.mcap"]]
+    assert analysed.runs == [["calibrate-sim-1-4.mcap"]]
+
+
+def test_a_store_that_fails_does_not_cost_the_certificate(analysed, monkeypatch):
+    def dropped(self, result):
+        raise ResultsError("s3://b: cannot store the result: reset")
+
+    monkeypatch.setattr(ResultsStore, "add", dropped)
+    monkeypatch.setattr(Recordings, "subject", Subject.of_config(load()))
+    result = run("--recordings", record("a.mcap"), "--store", "store", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["decision"] == "pass"
+    assert "sim-1: pass" in certificate()
+    assert result.stderr == (
+        "motord: s3://b: cannot store the result: reset; the certificate is written\n"
+    )
 
 
 def test_a_plan_that_is_not_done_ends_the_test_without_a_certificate(bench, analysed):
-    bench.state = "failed"
+    bench.ends_in = "failed"
     result = run()
     assert result.exit_code == 1
     assert "calibrate failed: a trip; nothing was decided" in result.stderr

@@ -1,0 +1,1 @@
+"""`motord test`: a motor, or a shift of them, against the limits of their type."""

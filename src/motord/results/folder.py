@@ -1,0 +1,80 @@
+"""The folder of a results store: a local one, written by renaming; another one by its URL."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import unquote, urlsplit
+
+from motord.atomic_write import write_whole
+from motord.results.error import ResultsError
+
+
+class ResultsFolder(Protocol):
+    """Files by their names; what cannot be done raises OSError, whose strerror says why."""
+
+    def make(self) -> None:
+        """Make it if what it is in is there, and make sure that files can be written."""
+
+    def names(self) -> list[str]:
+        """Return the names in it. Raises FileNotFoundError if it is not there."""
+
+    def read(self, names: Sequence[str]) -> Iterator[bytes | OSError]:
+        """Yield content, or why it cannot be read, of each file."""
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file, whole or not at all."""
+
+    def path_of(self, name: str) -> Path | str:
+        """Return what a file is called."""
+
+
+class LocalFolder:
+    """A folder of this computer's file systems."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def make(self) -> None:
+        """Make the folder if its parent is there."""
+        self.path.mkdir(exist_ok=True)
+        probe = self.path / f".{id(self)}.probe"
+        probe.touch()
+        probe.unlink()
+
+    def names(self) -> list[str]:
+        """Return the names in it."""
+        return [path.name for path in self.path.iterdir()]
+
+    def read(self, names: Sequence[str]) -> Iterator[bytes | OSError]:
+        """Yield content, or why it cannot be read, of each file."""
+        for name in names:
+            try:
+                yield (self.path / name).read_bytes()
+            except OSError as error:
+                yield error
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file under another name and rename it."""
+        write_whole(self.path / name, data)
+
+    def path_of(self, name: str) -> Path:
+        """Return the path of a file."""
+        return self.path / name
+
+
+def folder_of(place: Path | str) -> ResultsFolder:
+    """Return the folder at a path or URL; `file:` is a local one. Raises ResultsError."""
+    text = str(place)
+    if isinstance(place, Path) or "://" not in text:
+        return LocalFolder(Path(place))
+    url = urlsplit(text)
+    if url.scheme == "file":
+        if url.netloc not in ("", "localhost"):
+            raise ResultsError(f"{text}: of another computer; a local folder is file:///FOLDER")
+        return LocalFolder(Path(unquote(url.path)))
+    from motord.results.remote_folder import open_remote
+
+    return open_remote(text)
