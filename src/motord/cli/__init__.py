@@ -37,6 +37,7 @@ COMMANDS = {
     "calibration": "motord.cli.calibration:app",
     "results": "motord.cli.results.commands:app",
     "record": "motord.cli.record.commands:app",
+    "archive": "motord.cli.record.archiving:archive",
     "security": "motord.cli.security:app",
     "bridge": "motord.cli.viewers.bridge:app",
     "latency": "motord.cli.latency:latency",

@@ -59,6 +59,7 @@ def print_result(result: Any, text: str, as_json: bool) -> None:
 
 EXPLAINED = frozenset(
     {
+        "motord.archive.error.ArchiveError",
         "motord.calibration.file.CalibrationError",
         "motord.client.error.ClientError",
         "motord.config.base.ConfigError",

@@ -30,6 +30,18 @@ class BenchEntry:
         """True if it publishes nothing: its daemon hangs, or the way to it is cut."""
         return self.age_s is None or self.age_s > SILENT_S
 
+    @property
+    def needed_for(self) -> str:
+        """Why nothing else should keep the bench's computer busy now, "" if it is idle."""
+        state = self.state
+        if self.silent or state is None:
+            return f"bench {self.bench} does not say what it does"
+        if state.plan is not None and not state.plan.over:
+            return f"bench {self.bench} runs the plan {state.plan.plan}"
+        if state.state == "ENABLED":
+            return f"bench {self.bench} is enabled"
+        return f"bench {self.bench} records" if state.recording.recording else ""
+
 
 @dataclass
 class _Seen:

@@ -47,19 +47,26 @@ def test_benches_of_two_routers_are_seen_from_each():
 
 
 def test_a_bench_that_goes_is_gone_and_comes_again():
-    with played("a", "b") as (a, b), router(a.listen, b.listen) as (listen, _):
-        with Benches([listen]) as benches:
-            until(benches, live("a", "b"), (a, b))
-            a.close()
-            until(benches, live("b"), (b,))
+    with (
+        played("a", "b") as (a, b),
+        router(a.listen, b.listen) as (listen, _),
+        Benches([listen]) as benches,
+    ):
+        until(benches, live("a", "b"), (a, b))
+        a.close()
+        until(benches, live("b"), (b,))
 
 
 def test_a_router_that_goes_takes_along_what_is_behind_it():
-    with played("a", "b") as (a, b), router(b.listen) as (far, far_session):
-        with router(a.listen, far) as (near, _), Benches([near]) as benches:
-            until(benches, live("a", "b"), (a, b))
-            far_session.close()
-            until(benches, live("a"), (a,))
+    with (
+        played("a", "b") as (a, b),
+        router(b.listen) as (far, far_session),
+        router(a.listen, far) as (near, _),
+        Benches([near]) as benches,
+    ):
+        until(benches, live("a", "b"), (a, b))
+        far_session.close()
+        until(benches, live("a"), (a,))
 
 
 def test_several_endpoints_one_of_them_out_of_reach():
@@ -71,15 +78,19 @@ def test_several_endpoints_one_of_them_out_of_reach():
 
 
 def test_a_bench_that_hangs_is_silent_and_holds_up_nobody():
-    with played("a") as (a,), played("stuck", answers=False) as (stuck,):
-        with router(a.listen, stuck.listen) as (listen, _), Benches([listen]) as benches:
-            found = until(
-                benches,
-                lambda found: found.keys() == {"a", "stuck"} and not found["a"].silent,
-                (a,),
-            )
-            assert (found["stuck"].alive, found["stuck"].silent) == (True, True)
-            assert found["stuck"].state is None
+    with (
+        played("a") as (a,),
+        played("stuck", answers=False) as (stuck,),
+        router(a.listen, stuck.listen) as (listen, _),
+        Benches([listen]) as benches,
+    ):
+        found = until(
+            benches,
+            lambda found: found.keys() == {"a", "stuck"} and not found["a"].silent,
+            (a,),
+        )
+        assert (found["stuck"].alive, found["stuck"].silent) == (True, True)
+        assert found["stuck"].state is None
 
 
 def test_an_old_daemon_without_a_token_is_found_by_its_state():
@@ -105,20 +116,26 @@ def test_two_daemons_of_one_name_are_counted_and_commanded_by_their_own_endpoint
 
 
 def test_one_daemon_by_two_ways_is_one():
-    with played("a") as (a,), router(a.listen) as (listen, _):
-        with Benches([a.listen, listen]) as benches:
-            found = until(benches, live("a"), (a,))
-            assert found["a"].daemons == 1
+    with (
+        played("a") as (a,),
+        router(a.listen) as (listen, _),
+        Benches([a.listen, listen]) as benches,
+    ):
+        found = until(benches, live("a"), (a,))
+        assert found["a"].daemons == 1
 
 
 def test_events_of_all_benches_come_with_their_name():
     received = []
-    with played("a", "b") as (a, b), router(a.listen, b.listen) as (listen, _):
-        with Benches([listen], on_event=lambda *event: received.append(event)) as benches:
-            until(benches, live("a", "b"), (a, b))
-            a.publish_event(b'{"t_ns": 5, "kind": "note", "message": "of a"}')
-            b.publish_event(b"nonsense")
-            until(benches, lambda found: received and found["b"].problem)
+    with (
+        played("a", "b") as (a, b),
+        router(a.listen, b.listen) as (listen, _),
+        Benches([listen], on_event=lambda *event: received.append(event)) as benches,
+    ):
+        until(benches, live("a", "b"), (a, b))
+        a.publish_event(b'{"t_ns": 5, "kind": "note", "message": "of a"}')
+        b.publish_event(b"nonsense")
+        until(benches, lambda found: received and found["b"].problem)
     assert [(bench, event.message) for bench, event in received] == [("a", "of a")]
 
 
