@@ -92,6 +92,8 @@ class RecordingArchive:
         self.pace.check()
         there, manifest = manifests.read(copy), None
         if os.path.lexists(copy):
+            if not copy.exists():  # a link to nowhere
+                raise _another(copy)
             if source.samefile(copy):
                 raise ConflictError(f"{copy}: is the recording itself, no copy of it")
             if there is None:
