@@ -1,7 +1,6 @@
 """Daemons of benches as far as others see them on Zenoh: state, token; and routers between them."""
 
-from contextlib import ExitStack, contextmanager
-from functools import cache
+from contextlib import ExitStack, contextmanager, suppress
 
 import zenoh
 
@@ -21,7 +20,6 @@ def endpoint():
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-@cache
 def state_of(bench, **changes):
     """Return the state of a bench that is OFF, but for `changes`."""
     off = {
@@ -83,7 +81,10 @@ class PlayedBench:
         query.reply(key(self.bench, "state"), self.content)
 
     def publish(self, **changes):
-        self.publisher.put(state_of(self.bench, **changes).to_json() if changes else self.content)
+        """Publish the state; nothing any more once it is closed."""
+        content = state_of(self.bench, **changes).to_json() if changes else self.content
+        with suppress(zenoh.ZError):
+            self.publisher.put(content)
 
     def publish_event(self, content):
         self.session.put(key(self.bench, "event"), content)

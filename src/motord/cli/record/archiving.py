@@ -73,16 +73,19 @@ def archive(
     """Copy whole recordings to an archive while the bench is idle, and verify each copy.
 
     Copying stops as soon as the bench records, is enabled or runs a plan, and goes on from there
-    with the next run; without a daemon the bench counts as idle. Exit code 1 if something could not
+    with the next run; without a daemon the bench counts as idle. With -c it asks the daemon of that
+    bench file. Exit code 1 if something could not
     be archived, or differs.
     """
-    if "://" in str(destination):
+    if ":/" in str(destination) and not destination.exists():
         raise typer.BadParameter(f"{destination} is a URL: mount it, and name the folder")
     bytes_per_s = None if limit_MB_per_s is None else limit_MB_per_s * 1e6
     if verify:
         _verify(destination, bytes_per_s, as_json=as_json)
         return
     folder = _folder(source, config)
+    if config is not None and connection == DEFAULT:
+        connection = _daemon_of(config)
     with _only_one(folder), _idleness(connection) as why_busy:
         from motord.archive.archive import RecordingArchive
         from motord.archive.pace import Pace
@@ -108,6 +111,13 @@ def _folder(source: Path | None, config: Path | None) -> Path:
     if not folder.is_dir():
         fail(f"{folder}: no folder of recordings; name it with --from, or the bench file with -c")
     return folder
+
+
+def _daemon_of(config: Path) -> Connection:
+    from motord import config as config_file
+
+    bench = config_file.load(config)
+    return Connection(bench.bench.name, bench.zenoh.local[0])
 
 
 @contextmanager
