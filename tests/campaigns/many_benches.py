@@ -11,9 +11,10 @@ import random
 import statistics
 import sys
 import tempfile
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
+from motord.client import Client, ClientError
 from tests.campaigns import seeds
 from tests.system.daemons import Daemon, wait_for
 from tests.system.many_benches import (
@@ -44,6 +45,7 @@ def campaign(rounds: int, seed: int) -> dict[str, list[float]]:
         for number in range(rounds):
             lost, kept = choice.sample(["one", "two"], 2)
             with daemons[lost].connect() as client:
+                discard_plan(client)
                 start_plan(client)
                 wait_for(client, lambda s: s.state == "ENABLED", "the plan to enable")
             begun_s = kill_supervisor(daemons[lost])
@@ -61,6 +63,12 @@ def campaign(rounds: int, seed: int) -> dict[str, list[float]]:
             print(f"{number + 1} of {rounds}: " + say(times), flush=True)
         near.close()
     return times
+
+
+def discard_plan(client: Client) -> None:
+    """Forget the plan that a kill has interrupted, if there is one."""
+    with client.lease("anna") as lease, suppress(ClientError):
+        client.rpc("plan/discard", token=lease.token)
 
 
 def say(times: dict[str, list[float]]) -> str:

@@ -42,9 +42,8 @@ def open_benches(
 
     if connection.bench is not None:
         raise typer.BadParameter("--all is for all of them: leave --bench out")
-    endpoints = [one.strip() for one in connection.endpoint.split(",") if one.strip()]
-    benches = Benches(endpoints, connection.identity, on_event)
-    if len(benches.unreachable) == len(endpoints):
+    benches = Benches(connection.endpoints, connection.identity, on_event)
+    if len(benches.unreachable) == len(set(connection.endpoints)):
         benches.close()
         fail("; ".join(map(str, benches.unreachable.values())))
     return benches

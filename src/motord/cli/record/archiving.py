@@ -163,10 +163,11 @@ class _Idleness:
 def _idleness(connection: Connection) -> "Iterator[_Idleness]":
     from motord.client.benches import Benches
 
-    endpoints = [one.strip() for one in connection.endpoint.split(",") if one.strip()]
-    with Benches(endpoints, connection.identity) as benches:
+    with Benches(connection.endpoints, connection.identity) as benches:
         idleness = _Idleness(benches, connection.bench)
         idleness.settle()
+        for error in (e for e in benches.unreachable.values() if e.code == "unreachable"):
+            remark(f"{error} Without a daemon there the bench counts as idle")
         yield idleness
 
 
