@@ -97,21 +97,26 @@ class RecordingArchive:
             if source.samefile(copy):
                 raise ConflictError(f"{copy}: is the recording itself, no copy of it")
             if there is None:
-                manifest = self._adopt(source, copy)
+                digest = self._adopted(source, copy)
+                manifest = manifests.write(copy, source, status.st_mtime_ns, digest)
             else:
                 self._require_same(source, copy, there)
         else:
             if not copy.parent.is_dir():
                 copy.parent.mkdir()
                 sync_folder(copy.parent.parent)
-            manifest = manifests.write(copy, source, copy_verified(source, copy, self.pace))
+            digest = copy_verified(source, copy, self.pace)
+            manifest = manifests.write(copy, source, status.st_mtime_ns, digest)
         verified = manifest or there
         assert verified is not None
         self._known[name] = (status.st_size, status.st_mtime_ns, verified.verified_ns)
         return manifest
 
-    def _adopt(self, source: Path, copy: Path) -> ArchiveManifest:
-        """Write the manifest of a whole copy whose maker was killed before it could."""
+    def _adopted(self, source: Path, copy: Path) -> str:
+        """Return the SHA-256 of a whole copy whose maker was killed before it wrote the manifest.
+
+        Raises ConflictError if it is not a copy of this recording.
+        """
         digest = ""
         if source.stat().st_size == copy.stat().st_size:
             with copy.open("rb") as file, naming(copy):
@@ -121,7 +126,7 @@ class RecordingArchive:
             raise _another(copy)
         partial_of(source, copy).unlink(missing_ok=True)
         sync_folder(copy.parent)
-        return manifests.write(copy, source, digest)
+        return digest
 
     def _require_same(self, source: Path, copy: Path, manifest: ArchiveManifest) -> None:
         """Raise ConflictError unless the copy is that of the recording, as far as seen at once."""

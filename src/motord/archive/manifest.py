@@ -36,15 +36,15 @@ def manifest_of(copy: Path) -> Path:
     return copy.with_name(copy.name + SUFFIX)
 
 
-def write(copy: Path, source: Path, sha256: str) -> ArchiveManifest:
+def write(copy: Path, source: Path, source_mtime_ns: int, sha256: str) -> ArchiveManifest:
     """Write the manifest of a copy that was read back just now. Raises OSError."""
-    status, now_ns = source.stat(), time.time_ns()
+    now_ns = time.time_ns()
     manifest = ArchiveManifest(
         file=copy.name,
         bytes=copy.stat().st_size,
         sha256=sha256,
         source=f"{socket.gethostname()}:{source.absolute()}",
-        source_mtime_ns=status.st_mtime_ns,
+        source_mtime_ns=source_mtime_ns,
         verified=utc(now_ns),
         verified_ns=now_ns,
         motord=version("motord"),

@@ -15,7 +15,8 @@ WAIT_S = 0.05
 class Pace:
     """Limits what is read and written, together, to `bytes_per_s`; None is no limit.
 
-    busy: why the bench is needed now, "" if it is not.
+    busy: why the bench is needed now, "" if it is not. With `on_busy` it waits until the bench is
+    idle; this is called with why, and with "" when it goes on.
     """
 
     def __init__(
@@ -24,15 +25,16 @@ class Pace:
         busy: Callable[[], str] = str,
         clock_s: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
+        on_busy: Callable[[str], None] | None = None,
     ) -> None:
         self._bytes_per_s, self._busy = bytes_per_s, busy
-        self._clock_s, self._sleep = clock_s, sleep
+        self._clock_s, self._sleep, self._on_busy = clock_s, sleep, on_busy
         self._free_s = clock_s()
         wanted = CHUNK_MAX if bytes_per_s is None else round(bytes_per_s * CHUNK_S)
         self.chunk_bytes = min(max(wanted, CHUNK_MIN), CHUNK_MAX)
 
     def spend(self, count: int) -> None:
-        """Wait until `count` bytes may pass. Raises PausedError if the bench is needed."""
+        """Wait until `count` bytes may pass. Raises PausedError as `check` does."""
         self.check()
         if self._bytes_per_s is None:
             return
@@ -42,6 +44,12 @@ class Pace:
             self.check()
 
     def check(self) -> None:
-        """Raise PausedError if the bench is needed."""
-        if why := self._busy():
+        """Raise PausedError if the bench is needed, or wait until it is not."""
+        if not (why := self._busy()):
+            return
+        if self._on_busy is None:
             raise PausedError(why)
+        self._on_busy(why)
+        while self._busy():
+            self._sleep(WAIT_S)
+        self._on_busy("")

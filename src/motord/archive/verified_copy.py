@@ -16,6 +16,7 @@ from pathlib import Path
 from motord.archive.error import ArchiveError, ConflictError
 from motord.archive.pace import Pace
 from motord.atomic_write import sync_folder
+from motord.recording.mcap.mcap_file import try_lock
 
 PARTIAL = ".partial"
 _NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
@@ -81,6 +82,8 @@ def _fill(source: Path, partial: Path, pace: Pace) -> str:
     try:
         writing = os.open(partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
         try:
+            if not try_lock(writing):
+                raise ConflictError(f"{source}: another `motord archive` copies it now")
             agrees = True
             while True:
                 with naming(source):

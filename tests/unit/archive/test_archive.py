@@ -158,6 +158,29 @@ def test_the_limit_holds_and_waits_are_broken_off():
     assert [Pace(rate).chunk_bytes for rate in (1.0, None)] == [CHUNK_MIN, CHUNK_MAX]
 
 
+def test_watching_waits_in_place_until_the_bench_is_idle(folders):
+    source, copies = folders
+    said, looks = [], []
+
+    def busy():
+        looks.append(1)
+        return "it records" if 3 < len(looks) < 9 else ""
+
+    pace = Pace(busy=busy, sleep=lambda s: None, on_busy=said.append)
+    report = RecordingArchive(source, copies, pace).update(select(source))
+    assert (said, len(report.copied), report.stopped) == (["it records", ""], 2, "")
+
+
+def test_two_at_once_do_not_write_to_one_file(folders):
+    source, copies = folders
+    partial = partial_of(source / NAME, copies / NAME)
+    with partial.open("wb") as other:
+        assert try_lock(other.fileno())
+        report = one_round(*folders)
+    assert "another `motord archive` copies it now" in report.conflicts[NAME]
+    assert one_round(*folders).copied == [NAME]
+
+
 def test_only_whole_recordings_are_copied(folders):
     source, _copies = folders
     (source / "cut-000.mcap").write_bytes(MAGIC + b"and no end")

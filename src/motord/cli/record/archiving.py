@@ -1,6 +1,5 @@
 """`motord archive`: verified copies of recordings, made while the bench is idle."""
 
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
 
 ROUND_S = 5.0
 """How often `--watch` looks for further recordings."""
+TROUBLE_S = 60.0
+"""How long it waits after the archive could not be written."""
 SETTLE_S = 1.0
 """How long the state of a bench may take to come, before the first copy."""
 
@@ -86,11 +87,12 @@ def archive(
     folder = _folder(source, config)
     if config is not None and connection == DEFAULT:
         connection = _daemon_of(config)
-    with _only_one(folder), _idleness(connection) as why_busy:
+    with _idleness(connection) as why_busy:
         from motord.archive.archive import RecordingArchive
         from motord.archive.pace import Pace
 
-        kept = RecordingArchive(folder, destination, Pace(bytes_per_s, why_busy))
+        pace = Pace(bytes_per_s, why_busy, on_busy=_say_waiting if watch else None)
+        kept = RecordingArchive(folder, destination, pace)
         if watch:
             _watch(kept, delete_after_days, as_json=as_json)
             return
@@ -118,20 +120,6 @@ def _daemon_of(config: Path) -> Connection:
 
     bench = config_file.load(config)
     return Connection(bench.bench.name, bench.zenoh.local[0])
-
-
-@contextmanager
-def _only_one(folder: Path) -> Iterator[None]:
-    """Hold the folder of recordings against a second `motord archive`."""
-    from motord.recording.mcap.mcap_file import try_lock
-
-    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        if not try_lock(descriptor):
-            fail(f"{folder}: another `motord archive` is at work on it")
-        yield
-    finally:
-        os.close(descriptor)
 
 
 class _Idleness:
@@ -196,7 +184,11 @@ def _watch(kept: "RecordingArchive", delete_after_days: float | None, *, as_json
         elif trouble != before:
             _remark(report)
         before = trouble
-        time.sleep(ROUND_S)
+        time.sleep(TROUBLE_S if report.stopped and not report.paused else ROUND_S)
+
+
+def _say_waiting(why: str) -> None:
+    remark(f"waiting: {why}" if why else "goes on")
 
 
 def _summary(report: "ArchiveReport") -> str:
@@ -218,7 +210,7 @@ def _remark(report: "ArchiveReport") -> None:
     for problem in report.conflicts.values():
         remark(problem)
     if report.paused:
-        remark(f"motord: stopped, as {report.stopped}; the next run goes on, --watch by itself")
+        remark(f"motord: stopped, as {report.stopped}; the next run goes on")
     elif report.stopped:
         remark(f"motord: {report.stopped}; nothing is lost, the next run goes on from there")
 
