@@ -84,7 +84,7 @@ class Sightings:
 
     def since(self, begun_s, bench, there):
         """Wait until a bench has come or gone after `begun_s`; return after how long, s."""
-        wait_until(lambda: self.times.get((bench, there), 0) >= begun_s, f"{bench}: {there}")
+        wait_until(lambda: self.times.get((bench, there), -1.0) >= begun_s, f"{bench}: {there}")
         return self.times[bench, there] - begun_s
 
 
