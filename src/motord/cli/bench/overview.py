@@ -71,7 +71,7 @@ def status_of_all(connection: Connection, *, as_json: bool) -> None:
             if over or (known == shown and known and now_s - newest_s > SETTLED_S):
                 break
             benches.wait(LOOK_S)
-        for error in benches.unreachable.values():
+        for error in tuple(benches.unreachable.values()):
             remark(f"motord: {error}")
         if not shown:
             fail(f"no bench at {connection.endpoint}: is `motord run` running there?")
