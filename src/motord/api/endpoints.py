@@ -76,9 +76,12 @@ def _bounds(clients: int, max_request_bytes: int) -> Settings:
     }
 
 
-def router_config(listen: Sequence[str]) -> zenoh.Config:
-    """Return the configuration of a router that listens on `listen` only."""
-    return _config(_router(listen))
+def router_config(listen: Sequence[str], connect: Sequence[str] = ()) -> zenoh.Config:
+    """Return the configuration of a router that listens on `listen` only.
+
+    It connects to `connect`, daemons or routers, and goes on trying while they are not there.
+    """
+    return _config(_router(listen, connect))
 
 
 def daemon_config(bench: str, listen: Sequence[str], max_request_bytes: int) -> zenoh.Config:

@@ -38,6 +38,7 @@ COMMANDS = {
     "calibration": "motord.cli.calibration.commands:app",
     "results": "motord.cli.results.commands:app",
     "record": "motord.cli.record.commands:app",
+    "archive": "motord.cli.record.archiving:archive",
     "security": "motord.cli.security:app",
     "bridge": "motord.cli.viewers.bridge:app",
     "latency": "motord.cli.latency:latency",

@@ -56,6 +56,12 @@ class Connection:
     endpoint: str = DEFAULT_ENDPOINT
     identity: Path | None = None
 
+    @property
+    def endpoints(self) -> list[str]:
+        """The endpoints of a command that takes several, by commas."""
+        found = [one.strip() for one in self.endpoint.split(",")]
+        return [one for one in found if one] or [self.endpoint]
+
     @contextmanager
     def open(self) -> "Iterator[Client]":
         """Connect to the daemon for as long as the block runs. Raises ClientError."""

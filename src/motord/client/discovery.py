@@ -6,7 +6,7 @@ from pathlib import Path
 import zenoh
 
 from motord import DEFAULT_ENDPOINT
-from motord.api.endpoints import KEY_ROOT, client_config
+from motord.api.endpoints import KEY_ROOT, client_config, key
 from motord.client.client import Client
 from motord.client.connection import QUERY_S
 from motord.client.diagnosis import why_closed, why_no_socket
@@ -14,6 +14,9 @@ from motord.client.error import ClientError
 from motord.security import identity as identity_folder
 from motord.security.error import SecurityError
 from motord.security.identity import Identity
+
+NAMESAKES_S = 0.5
+"""How long it is waited for further daemons of one name: a daemon that hangs answers to none."""
 
 
 def connect(
@@ -29,11 +32,8 @@ def connect(
     no daemon or it does not let this one in.
     """
     endpoint = endpoint or os.environ.get("MOTORD_CONNECT") or DEFAULT_ENDPOINT
-    who = _identity(endpoint, identity or os.environ.get("MOTORD_IDENTITY") or None)
-    try:
-        session = zenoh.open(client_config(endpoint, who))
-    except zenoh.ZError:
-        raise _unreachable(bench, endpoint, who) from None
+    who = identity_for(endpoint, identity or os.environ.get("MOTORD_IDENTITY") or None)
+    session = open_session(endpoint, who, bench)
     try:
         return Client(session, _find_bench(session, bench, endpoint, who), endpoint, who)
     except (ClientError, zenoh.ZError) as error:  # Zenoh's own if it is cut off meanwhile
@@ -43,7 +43,21 @@ def connect(
         raise _unreachable(bench, endpoint, who) from None
 
 
-def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | None:
+def open_session(
+    endpoint: str, who: Identity | None = None, bench: str | None = None
+) -> zenoh.Session:
+    """Return a session with whoever listens at an endpoint. Raises ClientError if nobody does."""
+    try:
+        return zenoh.open(client_config(endpoint, who))
+    except zenoh.ZError:
+        raise _unreachable(bench, endpoint, who) from None
+
+
+def identity_for(endpoint: str, given: Identity | Path | str | None) -> Identity | None:
+    """Return the identity to show at an endpoint, None where none is asked for.
+
+    Raises ClientError "forbidden" if there is none for a TLS endpoint, or it cannot be read.
+    """
     if endpoint.startswith("tls/") and given is None:
         raise ClientError(
             "forbidden", f"{endpoint} asks for a certificate: say which identity to show"
@@ -74,7 +88,9 @@ def _find_bench(
     tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=QUERY_S)
     benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
     if bench in benches or (bench is None and len(benches) == 1):
-        return bench or benches[0]
+        found = bench or benches[0]
+        _refuse_namesakes(session, found, endpoint)
+        return found
     if not benches and who is not None:
         raise ClientError(
             "forbidden", f"{endpoint} shows nothing to {who.name}: no role there, or no bench"
@@ -87,3 +103,21 @@ def _find_bench(
     raise ClientError(
         "unreachable", f"no motord at {endpoint} for bench '{bench}'; there is one for: {there}"
     )
+
+
+def _refuse_namesakes(session: zenoh.Session, bench: str, endpoint: str) -> None:
+    """Raise ClientError if two daemons have one name: Zenoh would pass requests on to either."""
+    replies = session.get(
+        key(bench, "state"),
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=NAMESAKES_S,
+    )
+    daemons = {str(r.replier_id.zid) for r in replies if r.ok is not None and r.replier_id}
+    if len(daemons) > 1:
+        raise ClientError(
+            "refused",
+            f"{len(daemons)} daemons at {endpoint} have the name '{bench}': nobody knows which of "
+            "them a request would reach. Connect to one of them by its own endpoint, and give each "
+            "a [bench] name of its own",
+        )

@@ -15,7 +15,12 @@ from tests.unit.cli.test_text import ALL
 from tests.unit.service.live_service import endpoint
 
 LEAVES = {path: c for path, c in ALL.items() if path and not hasattr(c, "list_commands")}
-ASK_A_DAEMON = [p for p, c in LEAVES.items() if any(one.name == "connect" for one in c.params)]
+WITHOUT_A_DAEMON = [("archive",)]
+ASK_A_DAEMON = [
+    path
+    for path, command in LEAVES.items()
+    if path not in WITHOUT_A_DAEMON and any(one.name == "connect" for one in command.params)
+]
 NEEDED = {
     ("set",): ["--torque-Nm", "1", "--enable"],
     ("plan", "start"): ["calibrate"],
@@ -74,6 +79,7 @@ NOWHERE = [
     "results trend alpha.a --store {}",
     "results compare A B --store {}",
     "analyse calibrate none.mcap --store {}",
+    "archive {} --verify",
 ]
 """Commands that write, or look, where that cannot be."""
 
@@ -136,6 +142,11 @@ def test_an_endpoint_that_is_none_is_said(where):
 @pytest.mark.parametrize("bench", ["*", "**", "a/b", "x y", "", "#", "$*"])
 def test_a_bench_that_is_none_is_said(bench):
     failed(["status", "--connect", endpoint(), "--bench", bench])
+
+
+@pytest.mark.parametrize("where", ["", ",", "nonsense", "tcp/,nonsense"])
+def test_endpoints_that_are_none_are_said(where):
+    assert "no motord at" in failed(["status", "--all", "--connect", where])
 
 
 def test_somebody_else_at_the_endpoint_is_no_daemon():

@@ -25,6 +25,19 @@ def test_systemd_finds_nothing_wrong() -> None:
     assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
 
 
+def test_systemd_finds_nothing_wrong_with_the_archive(tmp_path: Path) -> None:
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    unit = UNIT.with_name("motord-archive@.service")
+    escaped = str(folder).strip("/").replace("-", r"\x2d").replace("/", "-")
+    instance = tmp_path / f"motord-archive@{escaped}.service"
+    instance.write_text(unit.read_text())
+    found = subprocess.run(
+        ["systemd-analyze", "verify", str(instance)], capture_output=True, text=True, check=False
+    )
+    assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
+
+
 def test_little_is_exposed() -> None:
     found = analyse("security", "--offline=true", "--no-pager")
     level = re.search(r"Overall exposure level for motord.service: ([0-9.]+)", found.stdout)

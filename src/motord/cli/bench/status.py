@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.bench import wording
+from motord.cli.bench.overview import All, events_of_all, status_of_all
 from motord.cli.bench.tracking import short
 from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson
@@ -21,9 +22,13 @@ if TYPE_CHECKING:
 LOOK_S = 1.0
 
 
-def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
-    """Show the state now."""
-
+def status(
+    connection: Connection = DEFAULT, all_benches: All = False, as_json: AsJson = False
+) -> None:
+    """Show the state now; of all benches, a line each (with --json one object a line)."""
+    if all_benches:
+        status_of_all(connection, as_json=as_json)
+        return
     with connection.open() as client:
         state = client.state()
         if as_json:
@@ -35,9 +40,13 @@ def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
 def events(
     connection: Connection = DEFAULT,
     follow: Annotated[bool, typer.Option(help="Go on with new ones, until Ctrl-C.")] = True,
+    all_benches: All = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show the latest events, then new ones as they happen."""
+    """Show the latest events, then new ones as they happen; of all benches only new ones."""
+    if all_benches:
+        events_of_all(connection, as_json=as_json)
+        return
     with (
         connection.open() as client,
         client.subscribe_events() as coming,

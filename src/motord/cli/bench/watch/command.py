@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.bench import wording
+from motord.cli.bench.overview import All, watch_all
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import nobody_reads, print_line, remark
@@ -38,13 +39,17 @@ def watch(
     for_s: ForS = None,
     plain: Plain = False,
     ascii_only: AsciiOnly = False,
+    all_benches: All = False,
     as_json: AsJson = False,
 ) -> None:
     """Watch and operate a bench on one screen of the terminal; ? shows the keys.
 
     Into a pipe, or on a dumb terminal, it prints a line a second; with --json every state, one line
-    each.
+    each. With --all it prints a line whenever a bench appears, changes, falls silent or vanishes.
     """
+    if all_benches:
+        watch_all(connection, for_s, as_json=as_json)
+        return
     with connection.open() as client, suppress(KeyboardInterrupt):
         if as_json:
             _each_state(client, for_s, lambda state: print_line(state.model_dump_json()))
