@@ -25,12 +25,12 @@ import numpy as np
 from motord import config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
+from motord.experiments.calibration.estimate.rotor_speed import velocity_over_turn
 from motord.experiments.calibration.estimate.turn_products import (
     BAND_MARGIN,
     accumulate,
     instruments,
     settled,
-    velocity_over_turn,
 )
 from motord.experiments.subject import Subject
 from motord.identification.basis import FIRST_WAVE, Basis, fill_columns, highpass

@@ -10,7 +10,7 @@ from typing import Any
 
 from motord.atomic_write import write_whole
 from motord.results.error import ResultsError
-from motord.results.folder import LocalFolder
+from motord.results.folders.folder import LocalFolder
 from motord.results.store import ResultsStore
 from motord.results.stored_result import StoredResult
 

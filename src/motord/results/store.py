@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from motord.results.error import ResultsError, parquet
-from motord.results.folder import folder_of
+from motord.results.folders.folder import folder_of
 from motord.results.parquet_file import (
     NotAResultError,
     check_result,

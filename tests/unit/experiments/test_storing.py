@@ -95,7 +95,7 @@ def test_a_result_that_cannot_be_stored_is_printed_and_written(
         raise OSError(28, "No space left on device")
 
     output = tmp_path / "v.json"
-    monkeypatch.setattr("motord.results.folder.write_whole", full)
+    monkeypatch.setattr("motord.results.folders.folder.write_whole", full)
     arguments = ("verify", recorded.on, "-o", output, "--store", tmp_path / "store")
     code, out, said = run(analyse, *arguments)
     assert code == 1

@@ -9,7 +9,7 @@ from fsspec.implementations.dirfs import DirFileSystem
 
 from motord.results import remote_folder
 from motord.results.error import ResultsError
-from motord.results.remote_folder import PROBE, RemoteFolder
+from motord.results.folders.remote_folder import PROBE, RemoteFolder
 from motord.results.store import ResultsStore
 from tests.unit.results.buckets import BUCKET, SHOWN, URL, NoCredentials, bucket, failing
 from tests.unit.results.made_up import fill, result

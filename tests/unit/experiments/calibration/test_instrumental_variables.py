@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motord.experiments.calibration.estimate.rotor_speed import velocity_over_turn
 from motord.experiments.calibration.estimate.turn_products import (
     derivative_over_time,
     instruments,
     instruments_by_parity,
-    velocity_over_turn,
 )
 from motord.identification.basis import Basis
 from motord.identification.operating_points import Samples, current_lines

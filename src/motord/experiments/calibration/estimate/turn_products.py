@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
+from motord.experiments.calibration.estimate.rotor_speed import velocity_over_turn
 from motord.experiments.calibration.estimate.turn_spectrum import (
     ANGLE_BINS,
     TURN_GROUPS,
@@ -35,19 +36,12 @@ from motord.identification.basis import (
 )
 from motord.identification.harmonics import over_one_turn
 from motord.identification.operating_points import Samples, current_lines
-from motord.identification.orders import resolved_order
 from motord.identification.point_ripple import without_drift
 from motord.identification.torque_sensor import MountInverse
 from motord.jit import jit
 
 BAND_MARGIN = 1.4
 """Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
-
-SPEED_ORDERS = 64
-"""Orders of the turn up to which the speed varies: above, the rotor's inertia smooths it."""
-
-SLOWEST_SHARE = 5.0
-"""Share of samples at an angle, over the mean, that is believed at most; 1 / it at least."""
 
 STRIP = 256
 """Samples that are multiplied out at once."""
@@ -185,30 +179,6 @@ def derivative_over_time(table: np.ndarray, velocity_rad_s: np.ndarray) -> np.nd
     lines = np.fft.rfft(table, axis=0)
     slope = np.fft.irfft(1j * np.arange(len(lines))[:, None] * lines, len(table), axis=0)
     return np.asarray(velocity_rad_s[:, None] * slope)
-
-
-def velocity_over_turn(samples: Samples, counts: int) -> np.ndarray:
-    """Return the mean velocity at each count (counts,), rad/s.
-
-    A rotor spends the more time at an angle the slower it is there. Where no samples were taken it
-    turns evenly.
-    """
-    fewest = min(end - first for first, end in samples.turns)
-    lines = np.fft.rfft(np.bincount(_counts_at_even_times(samples, counts), minlength=counts))
-    lines[resolved_order(fewest, counts, SPEED_ORDERS) + 1 :] = 0
-    share = np.fft.irfft(lines / lines[0].real * counts, counts)
-    share = np.clip(share, 1 / SLOWEST_SHARE, SLOWEST_SHARE)
-    return np.asarray(2 * np.pi * samples.velocity_Hz / share)
-
-
-def _counts_at_even_times(samples: Samples, counts: int) -> np.ndarray:
-    """Return the counts (n,) of whole turns at even times, a sampling period apart."""
-    found = []
-    for first, end in samples.turns:
-        t_s = samples.t_s[first:end]
-        even_s = np.arange(t_s[0], t_s[-1] + samples.period_s / 2, samples.period_s)
-        found.append(np.interp(even_s, t_s, np.unwrap(samples.count[first:end], period=counts)))
-    return np.rint(np.concatenate(found)).astype(int) % counts
 
 
 @jit

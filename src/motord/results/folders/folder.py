@@ -75,6 +75,6 @@ def folder_of(place: Path | str) -> ResultsFolder:
         if url.netloc not in ("", "localhost"):
             raise ResultsError(f"{text}: of another computer; a local folder is file:///FOLDER")
         return LocalFolder(Path(unquote(url.path)))
-    from motord.results.remote_folder import open_remote
+    from motord.results.folders.remote_folder import open_remote
 
     return open_remote(text)

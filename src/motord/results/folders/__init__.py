@@ -1,0 +1,1 @@
+"""Where a results store is: a local folder, or one behind a URL."""
