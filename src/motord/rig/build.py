@@ -113,6 +113,8 @@ def _fill_inverter(p: np.record, truth: RigTruth) -> None:
     if inverter.dq is not None:
         _fill_axes(p, truth, inverter.dq)
     p.current_noise_A = inverter.current_noise_A
+    p.inverter_fixed_W = inverter.fixed_loss_W
+    p.inverter_loss_V, p.inverter_loss_ohm = inverter.loss_V, inverter.loss_ohm
     p.voltage_noise_V = inverter.voltage_noise_V
 
 
@@ -162,7 +164,8 @@ def _fill_departures(p: np.record, truth: RigTruth) -> None:
     p.back_emf_drop_per_A = motor.back_emf_drop_per_A
     p.cogging_rise_per_A = motor.cogging_rise_per_A
     p.loaded = motor.back_emf_drop_per_A != 0 or motor.cogging_rise_per_A != 0
-    p.sensor_departs = bool(friction or crosstalk)
+    p.sensor_has_friction = truth.torque_sensor.sees_friction
+    p.sensor_departs = bool(friction or crosstalk or p.sensor_has_friction)
     _fill_harmonics(p.friction_ripple, [(h.order, h.amplitude_Nm, h.phase_rad) for h in friction])
     _fill_harmonics(p.torque_crosstalk, [(h.order, h.share, h.phase_rad) for h in crosstalk])
     errors = truth.encoder.errors

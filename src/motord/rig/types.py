@@ -117,6 +117,9 @@ RIG_PARAMETERS = record_dtype(
         ("inverter_decay", "f8"),  # of its temperature, over slow_every substeps
         ("current_noise_A", "f8"),
         ("voltage_noise_V", "f8"),
+        ("inverter_fixed_W", "f8"),  # losses of the inverter (`rig.energy`)
+        ("inverter_loss_V", "f8"),
+        ("inverter_loss_ohm", "f8"),
         # mechanics
         ("inertia_kg_m2", "f8"),
         ("viscous_Nm_s_per_rad", "f8"),
@@ -150,6 +153,7 @@ RIG_PARAMETERS = record_dtype(
         ("torque_counts_per_Nm", "f8"),  # true: with delta
         ("torque_Nm_per_count", "f8"),  # nominal
         ("torque_noise_counts", "f8"),
+        ("sensor_has_friction", "i8"),  # it is loaded with the friction, too
         ("torque_count_max", "i8"),
         # encoder
         ("counts", "i8"),
@@ -204,6 +208,8 @@ RIG_STATE = record_dtype(
         ("acceleration_rad_s2", "f8"),  # mean over the last substep
         ("torque_em_Nm", "f8"),
         ("torque_cog_Nm", "f8"),
+        ("energy_dc_J", "f8"),  # since the start (`rig.energy`)
+        ("energy_shaft_J", "f8"),
         # brake
         ("brake_set", "f8"),
         ("excitation", "f8"),
