@@ -1,0 +1,83 @@
+"""What is questionable about an efficiency map, each with its meaning and what to do."""
+
+from collections.abc import Iterator, Sequence
+
+from motord.config import AccuracyConfig
+from motord.experiments.torque_speed.result import OperatingPower
+from motord.findings import Finding
+
+SURE = 3.0
+"""Standard errors of the drift beyond which it is not by chance."""
+
+DRIFT_PART = 0.03
+"""Part of the losses that they may drift within a capture."""
+
+SAMPLING_PART = 0.5
+"""Part of the electrical power's standard uncertainty that slow readings may make."""
+
+ACCURACIES = ("torque_gain_percent", "torque_zero_Nm", "power_gain_percent", "power_zero_W")
+
+
+def findings(points: Sequence[OperatingPower], accuracy: AccuracyConfig) -> tuple[Finding, ...]:
+    """Return what is questionable about the points."""
+    return (*_negative(points), *_drifting(points), *_slow(points), *_assumed(accuracy))
+
+
+def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    """Yield a finding where the losses are surely below zero."""
+    below = [one for one in points if (one.loss.high or 0.0) < 0]
+    if below:
+        worst = min(below, key=lambda one: one.loss.high or 0.0)
+        yield Finding(
+            "negative-losses", worst.loss.value or 0.0, 0.0, "W", "serious",
+            f"{listed(below)}: more power comes out than goes in: sign or gain of torque or power "
+            "reading is wrong, or the reading is not of the inverter's supply",
+            "check the sign of the torque and of the power, their gains, and the analyser's wiring",
+        )  # fmt: skip
+
+
+def _drifting(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    moving = [
+        (abs(one.loss_drift_W), DRIFT_PART * abs(one.loss.value or 0.0), one)
+        for one in points
+        if abs(one.loss_drift_W) > SURE * one.loss_drift_stderr_W
+    ]
+    moving = [each for each in moving if each[0] > each[1]]
+    if moving:
+        worst, limit, _ = max(moving, key=lambda each: each[0] - each[1])
+        yield Finding(
+            "losses-drift", worst, limit, "W", "warning",
+            f"{listed([one for *_, one in moving])}: the losses change within the capture: motor "
+            "and inverter are not at a steady temperature, the figures are those of the means",
+            "raise settle_s, or run the motor warm before the plan",
+        )  # fmt: skip
+
+
+def _slow(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    slow = [(one.sampling_W, SAMPLING_PART * (one.electrical.stderr or 0.0), one) for one in points]
+    slow = [each for each in slow if each[0] > each[1]]
+    if slow:
+        worst, limit, _ = max(slow, key=lambda each: each[0] - each[1])
+        yield Finding(
+            "slow-readings", worst, limit, "W", "note",
+            f"{listed([one for *_, one in slow])}: that the power is read slowly makes most of "
+            "its uncertainty; it is in the intervals",
+            "raise rate_Hz of the channel, or turns; choose speeds that are not in step with it",
+        )  # fmt: skip
+
+
+def _assumed(accuracy: AccuracyConfig) -> Iterator[Finding]:
+    assumed = [name for name in ACCURACIES if name not in accuracy.model_fields_set]
+    if assumed:
+        yield Finding(
+            "accuracy-assumed", len(assumed), 0, "limits", "note",
+            f"[accuracy] does not state {', '.join(assumed)}: what is typical was assumed, and is "
+            "in the intervals",
+            "state them from data sheets or calibration certificates",
+        )  # fmt: skip
+
+
+def listed(points: Sequence[OperatingPower], most: int = 4) -> str:
+    """Return the points as text, of many the first."""
+    more = f" and {len(points) - most} more" if len(points) > most else ""
+    return "; ".join(one.label for one in points[:most]) + more
