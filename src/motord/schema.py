@@ -105,6 +105,7 @@ class Trip(IntFlag):
     TORQUE_IMPLAUSIBLE = 1 << 19
     BRAKE_TEMPERATURE = 1 << 20
     ENABLE_LINE = 1 << 21
+    CHANNEL = 1 << 22
 
 
 class Flag(IntFlag):

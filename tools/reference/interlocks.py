@@ -4,6 +4,7 @@ from tools.reference.markdown import code, page, table
 
 from motord.api.descriptions import TRIP_ACTION
 from motord.config.sections import Sections
+from motord.config.text.descriptions import section_of
 from motord.control.interlock_table import INTERLOCKS, EvidenceSource, Interlock
 
 SOURCES = {
@@ -47,9 +48,9 @@ def _limits(lock: Interlock) -> str:
 
 def _key(key: str) -> str:
     section, _, name = key.partition(".")
-    field = Sections.model_fields[section].annotation
-    assert field is not None
-    assert name in field.model_fields, key
+    table = section_of(Sections.model_fields[section])
+    assert table is not None
+    assert name in table.model_fields, key
     return f"[`{key}`](bench-file.md#{section})"
 
 

@@ -52,6 +52,8 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.BRAKE_TEMPERATURE: "let the brake's disc cool; rest between operating points",
     Trip.ENABLE_LINE: "bridge_status in the ticks says why the board opened it: heartbeat lost "
     "(its cable, or a loop that was late: see `motord check --rt`) or a reset (its supply)",
+    Trip.CHANNEL: "the values of the trip name the channel: let it come back within its limits, or "
+    "mend its sensor; `motord status` shows every channel, and why one is broken",
 }
 """What to do about each cause before the reset."""
 
@@ -61,6 +63,7 @@ EVENT_MEANING: dict[str, str] = {
     "calibration": "a calibration is in force, was installed, cannot be used or holds again",
     "calibration_departed": "operation shows a quantity outside its interval in the calibration in "
     "force: both values, and what to do",
+    "channel": "the status of a slow channel changed",
     "daemon": "the daemon shuts down, and why",
     "device": "the health of a slow device changed, or the torque was taken away because of it",
     "fault": "an error in the program or a loop that ended; the bench is stopped",

@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from motord.api.channel_messages import ChannelView
 from motord.api.plan_messages import PlanView
 from motord.api.published_message import PublishedMessage
 from motord.api.tracking_messages import TrackingView
@@ -256,6 +257,8 @@ class BenchState(PublishedMessage):
     """The brake."""
     drive: DeviceView
     """The external drive."""
+    channels: list[ChannelView] = Field(default_factory=list)
+    """Slow channels, as in the bench file."""
     bridge_clock: ClockView | None = None
     """The bridge board's clock."""
     processes: dict[str, ProcessView]

@@ -12,6 +12,7 @@ from motord.config.base import NonNegative as NonNegative
 from motord.config.base import Positive as Positive
 from motord.config.base import Section as Section
 from motord.config.bench import Config as Config
+from motord.config.channels import ChannelConfig as ChannelConfig
 from motord.config.devices import BridgeCanConfig as BridgeCanConfig
 from motord.config.devices import BridgeConfig as BridgeConfig
 from motord.config.devices import CanBusConfig as CanBusConfig
@@ -23,6 +24,7 @@ from motord.config.devices.canopen import CanopenConfig as CanopenConfig
 from motord.config.devices.slow_devices import BrakeConfig as BrakeConfig
 from motord.config.devices.slow_devices import DriveConfig as DriveConfig
 from motord.config.devices.slow_devices import ModbusConfig as ModbusConfig
+from motord.config.devices.slow_devices import ModbusLinkConfig as ModbusLinkConfig
 from motord.config.devices.slow_devices import RegisterKind as RegisterKind
 from motord.config.experiments import PlansConfig as PlansConfig
 from motord.config.motor import SEQUENCE as SEQUENCE

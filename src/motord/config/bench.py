@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 
 from pydantic import model_validator
 
+from motord.config.channel_sources import CanSource, SimulatedSource
+from motord.config.channels import line_problems
 from motord.config.devices.slow_devices import shares_line
 from motord.config.sections import Sections
 from motord.config.timing import (
@@ -179,6 +181,29 @@ def dq_needs_a_star(config: Sections) -> Iterator[str]:
         )
 
 
+def channels_fit_the_bench(config: Sections) -> Iterator[str]:
+    """What a channel needs is there, and no other process has its serial port."""
+    yield from line_problems(config.channels)
+    taken = {config.bridge.port: "bridge"} if config.bridge.driver == "serial" else {}
+    for name, section in (("brake", config.brake), ("drive", config.drive)):
+        if section.driver == "modbus" and section.modbus and section.modbus.transport == "rtu":
+            taken[section.modbus.serial_port] = name
+    for number, channel in enumerate(config.channels):
+        source, place = channel.source, channel.place(number)
+        if isinstance(source, SimulatedSource) and not config.simulated:
+            yield (
+                f'{place}: driver = "simulated" needs a rig that is simulated in the loop; '
+                'with the emulator take driver = "modbus" with emulated = "winding_C"'
+            )
+        if isinstance(source, CanSource) and source.bus is None and config.inverter.can is None:
+            yield f"{place}: there is no [inverter.can] whose bus it could use; give it a bus"
+        if source.line and (device := taken.get(source.line[-1])):
+            yield (
+                f"{place}: {source.line[-1]} is the port of the {device}, which another process "
+                "has open; take another port"
+            )
+
+
 RULES: tuple[Callable[[Sections], Iterator[str]], ...] = (
     simulated_together,
     interlocks_keep_their_times,
@@ -187,6 +212,7 @@ RULES: tuple[Callable[[Sections], Iterator[str]], ...] = (
     lease_outlasts_the_ramp,
     drive_stops_without_the_daemon,
     dq_needs_a_star,
+    channels_fit_the_bench,
 )
 
 

@@ -103,6 +103,11 @@ def named_files(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str
             table = table.get(name) if isinstance(table, dict) else None
         if isinstance(table, dict) and isinstance(table.get(key), str):
             yield table, key, table[key]
+    channels = data.get("channels")
+    for channel in channels if isinstance(channels, list) else ():
+        source = channel.get("source") if isinstance(channel, dict) else None
+        if isinstance(source, dict) and isinstance(source.get("dbc"), str):
+            yield source, "dbc", source["dbc"]
 
 
 def _resolve_files(path: Path, data: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.channels import Channels
 from motord.config.devices import BridgeConfig, InverterConfig
 from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
 from motord.config.experiments import Plans
@@ -173,6 +174,7 @@ class Sections(Section):
     accuracy: AccuracyConfig = AccuracyConfig()
     brake: BrakeConfig = BrakeConfig()
     drive: DriveConfig = DriveConfig()
+    channels: Channels = ()
     motor: MotorConfig
     limits: LimitsConfig = LimitsConfig()
     recording: RecordingConfig = RecordingConfig()

@@ -34,3 +34,8 @@ DRIVE_REACTS_S = 0.1
 """Of it, what the drive itself may take."""
 RENEWAL_S = 0.2
 """A lease must leave at least this time for its renewal."""
+CHANNEL_RATE_MAX_HZ = 20.0
+CHANNELS_MAX = 64
+"""Slow channels: a process reads them all, and each reading is a line of text in a pipe."""
+CHANNEL_TRIP_MAX_S = 10.0
+"""Within this time a channel beyond its trip limit, or silent, ends the current."""

@@ -144,6 +144,12 @@ INTERLOCKS = (
         Trip.ENABLE_LINE, "the bridge reports the enable line open while the drive is enabled",
         "", EvidenceSource.BRIDGE, 0.005,
     ),
+    Interlock(
+        Trip.CHANNEL,
+        "a slow channel was beyond its trip limit, or one with such a limit was broken or silent: "
+        "found within its period, timeout_s and 0.05 s",
+        "channels.trip_above, channels.trip_below, channels.timeout_s",
+    ),
 )  # fmt: skip
 """In the order of their bits, which are `Trip`'s: the first of several causes in one tick is the
 earliest here."""

@@ -55,6 +55,7 @@ def conditions(
     missed: int,
     supervisor_late: bool,
     brake_C: float,
+    channels_beyond: int,
 ) -> int:
     """Return the bits of the conditions that are true of this tick, for however short a time.
 
@@ -96,7 +97,8 @@ def conditions(
     bits |= _CURRENTS if compared and not within else 0
     bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled and not m.limited else 0
     bits |= _TRIP.BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
-    return bits | (_TRIP.ENABLE_LINE if line_open else 0)
+    bits |= _TRIP.ENABLE_LINE if line_open else 0
+    return bits | (_TRIP.CHANNEL if channels_beyond else 0)
 
 
 @jit

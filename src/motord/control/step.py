@@ -122,7 +122,9 @@ def _decide(
     if m.started and s.request_seq != m.request_seq:
         request = s.request
     m.request_seq = s.request_seq
-    conditions = interlocks.conditions(p, m, f, missed, supervisor_late, s.brake_temperature_C)
+    conditions = interlocks.conditions(
+        p, m, f, missed, supervisor_late, s.brake_temperature_C, s.channels_beyond
+    )
     bits = interlocks.debounced(p, m, conditions, new, f.now_ns)
     interlocks.latch(m, bits)
     powered = f.inverter_status & _INVERTER.READY and f.bridge_status & _BRIDGE.ENABLE_LINE

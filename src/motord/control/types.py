@@ -41,6 +41,7 @@ SETPOINT = record_dtype(
         ("drive_rad_s", "f4"),  # external drive: carried to simulated drives, recorded
         ("plan_point", "i4"),
         ("compensate", "u4"),  # schema.Compensate
+        ("channels_beyond", "u4"),  # slow channels beyond a trip limit, or broken with one
         # errors to induce on purpose, zero for none (Poels 2008, ch. 4: sensitivity)
         ("induced_gain", "f4", (3,)),  # currents times 1 + this
         ("induced_offset_A", "f4", (3,)),  # added to the currents

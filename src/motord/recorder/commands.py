@@ -50,6 +50,12 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
         case "state":
             state = _timed(command)
             session.write(lambda writer: writer.state(state["t_ns"], state))
+        case "channel":
+            reading, timeout_s = _timed(command), float(command["timeout_s"])
+            name, unit = str(command["name"]), str(command["unit"])
+            session.write(
+                lambda writer: writer.channel(reading["t_ns"], name, unit, timeout_s, reading)
+            )
         case "plan":
             progress = _timed(command)
             session.write(lambda writer: writer.plan(progress["t_ns"], progress))

@@ -94,6 +94,13 @@ class RecorderLink(PipedChild[RecorderReport]):
         """Record the bench's state by name."""
         self.send({"do": "state", "t_ns": t_ns, "content": state})
 
+    def channel(
+        self, t_ns: int, name: str, unit: str, timeout_s: float, content: Mapping[str, object]
+    ) -> None:
+        """Record a reading of a slow channel."""
+        about = {"name": name, "unit": unit, "timeout_s": timeout_s}
+        self.send({"do": "channel", "t_ns": t_ns, **about, "content": content})
+
     def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
         """Record a plan's progress."""
         self.send({"do": "plan", "t_ns": t_ns, "content": progress})

@@ -6,6 +6,7 @@ from motord.recording import topics
 from motord.recording.damage import utc
 from motord.recording.reader import Run
 from motord.recording.recovery import METADATA_RECOVERED
+from motord.recording.topics import CHANNEL_TOPIC
 from motord.shm.timing import KIND, TimingSummary, total
 
 _FROM_METADATA = (
@@ -32,6 +33,10 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
         "timing": _timing(run),
         "events": _count(run, topics.EVENTS.name),
         "plan_messages": _count(run, topics.PLANS.name),
+        "channels": [
+            {"name": name, "unit": one.unit, "readings": _count(run, f"{CHANNEL_TOPIC}{name}")}
+            for name, one in run.channels().items()
+        ],
         "operating_points": operating_points,
         "columns": list(run.columns),
     }

@@ -1,9 +1,13 @@
 """Recordings read straight into arrays, in constant memory, whole or damaged."""
 
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
+
+import numpy as np
 
 from motord.recording import topics
 from motord.recording.damage import Damage
@@ -39,6 +43,22 @@ def open_run_unfinished_or_not(path: Path) -> "Run":
         if not isinstance(error.__cause__, FileNotFoundError):
             raise
     return Run(path)
+
+
+@dataclass(frozen=True)
+class SlowChannel:
+    """What a recording says of a slow channel: its unit, and for how long (s) a value holds."""
+
+    unit: str
+    timeout_s: float
+
+    @classmethod
+    def of(cls, metadata: Mapping[str, str]) -> "SlowChannel":
+        """Return what the metadata of its topic say."""
+        try:
+            return cls(metadata.get("unit", ""), float(metadata.get("timeout_s", "inf")))
+        except ValueError:  # not of motord
+            return cls(metadata.get("unit", ""), math.inf)
 
 
 class Bounds(TypedDict, total=False):
@@ -105,19 +125,42 @@ class Run:
 
     def events(self) -> list[dict[str, Any]]:
         """Return the events in the order in which they were written."""
-        return self._objects(topics.EVENTS)
+        return self._objects(topics.EVENTS.name)
 
     def states(self) -> list[dict[str, Any]]:
         """Return the bench's states by name, in order; none in files from before they had them."""
-        return self._objects(topics.STATES)
+        return self._objects(topics.STATES.name)
 
     def plan(self) -> list[dict[str, Any]]:
         """Return the plan's messages in the order in which they were written."""
-        return self._objects(topics.PLANS)
+        return self._objects(topics.PLANS.name)
 
     def operating_points(self) -> list[dict[str, Any]]:
         """Return the operating points in the order in which they were captured."""
-        return self._objects(topics.OPERATING_POINTS)
+        return self._objects(topics.OPERATING_POINTS.name)
+
+    def channels(self) -> dict[str, "SlowChannel"]:
+        """Return the slow channels, by name; none in files from before there were any."""
+        return {
+            entry.topic.removeprefix(topics.CHANNEL_TOPIC): SlowChannel.of(entry.metadata)
+            for entry in self.source.structure.channels.values()
+            if entry.topic.startswith(topics.CHANNEL_TOPIC)
+        }
+
+    def channel(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (Unix ns, int64) and values of a slow channel, shape (n,) each, in order.
+
+        A value is nan where its sensor was broken. Raises RecordError if there is no such channel.
+        """
+        if name not in self.channels():
+            known = ", ".join(self.channels()) or "none"
+            raise RecordError(f"{self.path}: has no channel {name}; it has {known}")
+        readings = self._objects(f"{topics.CHANNEL_TOPIC}{name}")
+        times_ns = np.array([reading["t_ns"] for reading in readings], np.int64)
+        found = (reading.get("value") for reading in readings)
+        values = np.array([np.nan if one is None else one for one in found], float)
+        order = np.argsort(times_ns, kind="stable")
+        return times_ns[order], values[order]
 
     def _require_known_format(self) -> None:
         written = self.metadata.get("format", FORMAT)
@@ -132,8 +175,8 @@ class Run:
         layout = None if number is None else self.source.layouts.get(number)
         return Table(self.source, layout, record)
 
-    def _objects(self, topic: Topic) -> list[dict[str, Any]]:
-        channel = self.source.number(topic.name)
+    def _objects(self, topic: str) -> list[dict[str, Any]]:
+        channel = self.source.number(topic)
         if channel is None:
             return []
         payloads = (
@@ -145,4 +188,4 @@ class Run:
         try:
             return [json.loads(payload) for payload in payloads]
         except ValueError as error:
-            raise RecordError(f"{self.path}: a message of {topic.name} is not JSON") from error
+            raise RecordError(f"{self.path}: a message of {topic} is not JSON") from error

@@ -1,7 +1,7 @@
 """The topics of a recording: schema, channel and layout of the messages of each."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mcap.records import Channel, Schema
@@ -139,5 +139,23 @@ STATES = _json_topic(
         "compensate": _property("integer", "what is compensated: 1 currents, 2 cogging, 4 learned"),
     },
 )
+CHANNEL_TOPIC = "/channel/"
+"""What the topics of slow channels begin with; their name follows."""
+CHANNELS_FROM = 100
+"""Number of the first slow channel in a file, the others follow as they come."""
+
+
+def channel_topic(number: int, name: str, unit: str, timeout_s: float) -> Topic:
+    """Return the topic of a slow channel; its metadata say unit, and for how long a value holds."""
+    properties = {
+        "value": _property("number", f"value in {unit or 'its unit'}; null: no valid one"),
+        "raw": _property("number", "as its source gave it; null: not a number"),
+        "status": _property("string", "ok, warn, trip, broken or frozen"),
+    }
+    topic = _json_topic(number, f"{CHANNEL_TOPIC}{name}", "motord.Channel", properties)
+    metadata = {"unit": unit, "timeout_s": str(timeout_s)}
+    return replace(topic, channel=replace(topic.channel, metadata=metadata))
+
+
 ALL = (TICKS, TRUTHS, EVENTS, PLANS, OPERATING_POINTS, STATES)
 """All topics. Their numbers are promises: a file whose beginning is damaged is read by them."""

@@ -49,6 +49,7 @@ class RunWriter:
         self._chunk_number: int | None = None
         self._counts: dict[int, int] = {}
         self._span: dict[str, object] = {}
+        self._channels: dict[str, Topic] = {}
         self._tick_layout = MessageArray(topics.TICKS.number, BlockCodec(TICK))
         self._truth_layout = MessageArray(topics.TRUTHS.number, BlockCodec(TRUTH))
         try:
@@ -112,6 +113,16 @@ class RunWriter:
     def operating_point(self, t_ns: int, point: Mapping[str, object]) -> None:
         """Write an operating point that was captured; `t_ns` is Unix ns."""
         self._message(topics.OPERATING_POINTS, t_ns, point)
+
+    def channel(
+        self, t_ns: int, name: str, unit: str, timeout_s: float, content: Mapping[str, object]
+    ) -> None:
+        """Write a reading of a slow channel: `value`, `raw` and `status` at `t_ns` (Unix ns)."""
+        topic = self._channels.get(name)
+        if topic is None:
+            number = topics.CHANNELS_FROM + len(self._channels)
+            topic = self._channels[name] = topics.channel_topic(number, name, unit, timeout_s)
+        self._message(topic, t_ns, content)
 
     def metadata(self, name: str, values: Mapping[str, object]) -> None:
         """Write a metadata record at once."""

@@ -19,12 +19,14 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
 from motord.hal import registry
+from motord.hal.channels.registry import check_drivers
 from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore, announce
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LoopLink
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
+from motord.service.channels.link import ChannelLink
 from motord.service.estimator.link import EstimatorLink
 from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children
@@ -102,6 +104,12 @@ def build(
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     bench = Bench(config, mailbox, slow_devices(config, events), events, resumption)
     bench.monitor.on_trip = boxes.trip
+    check_drivers(config.channels)
+    channels = (
+        ChannelLink(bench.channels, children, events, recording.channel)
+        if config.channels
+        else None
+    )
     bench.plans.estimator = estimator = EstimatorLink(children, events)
     tracker = TrackerLink(store, children, events) if config.tracking.enabled else None
 
@@ -131,7 +139,7 @@ def build(
     )
     supervisor = Supervisor(
         *(bench, dispatcher, children, loop, tables, recording, boxes),
-        *(publisher, estimator, tracker),
+        *(publisher, channels, estimator, tracker),
         GatewayLink(children, events) if config.zenoh.remote else None,
         *(guard, notifier),
     )

@@ -2,6 +2,7 @@
 
 from motord.recorder.launch import spawn_piped
 from motord.service.bench.loop_link import LOOP
+from motord.service.channels.link import CHANNELS
 from motord.service.estimator.link import ESTIMATOR
 from motord.service.gateway.link import GATEWAY, gateway_command
 from motord.service.host.children import Process, spawn
@@ -18,6 +19,14 @@ PROCESSES = (
         RECORDER, lambda path, run_dir: run_dir.command("motord.recorder.main", path), spawn_piped,
         restart="always", stop_timeout_s=10.0,
         loss="the next one goes on where its files end, as far as the ring reaches",
+    ),
+    Process(
+        CHANNELS,
+        lambda path, run_dir: run_dir.command("motord.service.channels.process", path),
+        spawn_piped,
+        restart="always", stop_timeout_s=1.0, backoff_last_s=5.0,
+        while_=lambda config: bool(config.channels),
+        loss="until it is back no channel is read: one with a trip limit trips after timeout_s",
     ),
     Process(
         ESTIMATOR,

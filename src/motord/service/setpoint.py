@@ -36,6 +36,7 @@ class Setpoint:
         self.drive_Hz = 0.0
         self.compensate = Compensate(0)
         self.brake_temperature_C = float("nan")
+        self.channels_beyond = 0
         self.plan_point = -1
         self.induced = NOTHING_INDUCED
 
@@ -67,6 +68,7 @@ class Setpoint:
         s.speed_rad_s = (self.speed_Hz or 0.0) * RAD_PER_TURN
         s.brake = self.brake
         s.brake_temperature_C = self.brake_temperature_C
+        s.channels_beyond = self.channels_beyond
         s.drive_rad_s = self.drive_Hz * RAD_PER_TURN
         s.plan_point = self.plan_point
         s.compensate = int(self.compensate)

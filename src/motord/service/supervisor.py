@@ -16,6 +16,7 @@ from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LOOP, LoopLink
+from motord.service.channels.link import ChannelLink
 from motord.service.estimator.link import EstimatorLink
 from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children, Ended
@@ -39,7 +40,7 @@ RECORDER_START_NS = 20_000_000_000
 class Supervisor:
     """What gets its turn in every step, and in which order. `gateway`: None without TLS.
 
-    `tracker`: None unless it is enabled.
+    `channels`: None without any; `tracker`: None unless it is enabled.
     """
 
     bench: Bench
@@ -50,6 +51,7 @@ class Supervisor:
     recording: RecordingControl
     boxes: BlackBoxTrigger
     publisher: Publisher
+    channels: ChannelLink | None
     estimator: EstimatorLink
     tracker: TrackerLink | None
     gateway: GatewayLink | None
@@ -74,6 +76,9 @@ class Supervisor:
                 self._process_ended(end)
         with part("requests", now_ns):
             self.dispatcher.take(now_ns)
+        if self.channels is not None:
+            with part("channels", now_ns):
+                self.channels.step(now_ns)
         with part("estimator", now_ns):
             self.estimator.step(now_ns)
         if self.tracker is not None:
@@ -155,6 +160,8 @@ class Supervisor:
         self.dispatcher.close("the daemon is shutting down")
         if self.gateway is not None:
             self.gateway.stop(self.clock_ns())
+        if self.channels is not None:
+            self.channels.stop()
         self.estimator.stop()
         if self.tracker is not None:
             self.tracker.stop()

@@ -185,6 +185,10 @@ def _hot_brake(b: Spaced) -> None:
     b.setpoint["brake_temperature_C"] = 161.0
 
 
+def _hot_channel(b: Spaced) -> None:
+    b.setpoint["channels_beyond"] = 1
+
+
 def _no_position(b: Spaced) -> None:
     b.feedback["encoder_gray"] = 4095 ^ (4095 >> 1)  # of 4000
 
@@ -219,6 +223,7 @@ CAUSES: dict[Trip, Cause] = {
     Trip.TORQUE_IMPLAUSIBLE: Cause(field("torque_Nm", -4.0)),
     Trip.BRAKE_TEMPERATURE: Cause(begin=_hot_brake),
     Trip.ENABLE_LINE: Cause(status("bridge_status", 0, int(BridgeStatus.ENABLE_LINE))),
+    Trip.CHANNEL: Cause(begin=_hot_channel),
 }
 """All but ENABLE_TIMEOUT, which is no cause of an enabled bench."""
 

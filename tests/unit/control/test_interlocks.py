@@ -36,7 +36,7 @@ LIMITS = {
 CONFIGURED_S = SAMPLES * 1e-3
 LASTING_S = (
     0.001, 0.002, 0.005, 0, 0, 0, 0.005, 0, 0.002, 0, 0, 0, 0.02, 0, 0.02, 0, 0, 0, CONFIGURED_S,
-    CONFIGURED_S, 0.02, 0.005,
+    CONFIGURED_S, 0.02, 0.005, 0,
 )  # fmt: skip
 """For how long each condition may hold, in the order of the bits of their trips."""
 
@@ -63,12 +63,15 @@ class Watched:
         self.missed = 0
         self.late = False
         self.brake_C = 40.0
+        self.channels_beyond = 0
 
     def look(self) -> int:
         """Return the causes that hold now; a period passes, ages stay as they are."""
         for name in ("now_ns", "t_ns", "t_inverter_ns"):
             self.feedback[name] += PERIOD_NS
-        bits = conditions(self.p, self.m, self.f, self.missed, self.late, self.brake_C)
+        bits = conditions(
+            self.p, self.m, self.f, self.missed, self.late, self.brake_C, self.channels_beyond
+        )
         return int(debounced(self.p, self.m, bits, self.new, self.f.now_ns))
 
 
@@ -188,6 +191,7 @@ BEYOND = [
     (Trip.TORQUE_IMPLAUSIBLE, torque_off_set_point(1.501)),
     (Trip.TORQUE_IMPLAUSIBLE, torque_off_set_point(-2.502, 5.0)),
     (Trip.BRAKE_TEMPERATURE, attribute("brake_C", 160.01)),
+    (Trip.CHANNEL, attribute("channels_beyond", 1)),
 ]
 """A departure just beyond each limit, and the only cause that it is."""
 
@@ -265,7 +269,7 @@ def test_a_condition_that_is_interrupted_starts_over(trip, depart) -> None:
         healthy, now_ns = Watched(), int(watched.f.now_ns)
         watched.feedback[:], watched.late = healthy.feedback, False
         watched.f.now_ns = watched.f.t_ns = watched.f.t_inverter_ns = now_ns
-        watched.missed, watched.brake_C = 0, 40.0
+        watched.missed, watched.brake_C, watched.channels_beyond = 0, 40.0, 0
         kept = {
             name: watched.memory[name].copy() for name in ("since_ns", "conditions_held", "causes")
         }

@@ -111,6 +111,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         "ticks": _ticks(facts),
         "timing": facts["timing"]["words"] if facts["timing"] else None,
         "events": facts["events"],
+        "channels": _channels(facts["channels"]),
         "operating points": f"{len(points)}" if points else None,
         "recovered": _recovered(facts.get("recovered")),
         "missing": facts["damage"] or "nothing",
@@ -123,6 +124,10 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             f"  {p.get('index', '?'):>3}  {p.get('torque_Nm', 0):6.2f} Nm "
             f"{p.get('speed_Hz', 0):6.3f} Hz  {p.get('turns', 0):5.1f} turns  {p.get('quality')}"
         )
+
+
+def _channels(channels: list[dict[str, Any]]) -> str:
+    return ", ".join(f"{c['name']} ({c['readings']} readings, {c['unit']})" for c in channels)
 
 
 def _calibration(facts: dict[str, Any]) -> str:

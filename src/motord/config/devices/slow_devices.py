@@ -11,8 +11,8 @@ RegisterKind = Literal["u16", "i16", "u32", "i32"]
 """How a number lies in registers: unsigned or two's complement, one register or two."""
 
 
-class ModbusConfig(Section):
-    """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device."""
+class ModbusLinkConfig(Section):
+    """How a Modbus device is reached: TCP, or a serial line."""
 
     transport: Literal["tcp", "rtu"] = "tcp"
     """`tcp`, or `rtu` on a serial port."""
@@ -32,6 +32,22 @@ class ModbusConfig(Section):
     """Address of the device on the line, or behind a gateway."""
     timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
     """Time for one request; longer than the device ever takes."""
+
+    @property
+    def place(self) -> str:
+        """Where the device is, for messages."""
+        return f"{self.host}:{self.tcp_port}" if self.transport == "tcp" else self.serial_port
+
+    @model_validator(mode="after")
+    def _needs_serial_port(self) -> "ModbusLinkConfig":
+        if self.transport == "rtu" and not self.serial_port:
+            raise ValueError('transport = "rtu" needs serial_port')
+        return self
+
+
+class ModbusConfig(ModbusLinkConfig):
+    """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device."""
+
     watchdog_s: NonNegative = 0.0
     """As set in the device: it drops its set-point to zero after so long without one. 0: never,
     which a drive must not have."""
@@ -58,17 +74,6 @@ class ModbusConfig(Section):
     value_scale: Positive = 0.1
     """degC, or rad/s, per count."""
 
-    @property
-    def place(self) -> str:
-        """Where the device is, for messages."""
-        return f"{self.host}:{self.tcp_port}" if self.transport == "tcp" else self.serial_port
-
-    @model_validator(mode="after")
-    def _needs_serial_port(self) -> "ModbusConfig":
-        if self.transport == "rtu" and not self.serial_port:
-            raise ValueError('transport = "rtu" needs serial_port')
-        return self
-
     @model_validator(mode="after")
     def _registers_apart(self) -> "ModbusConfig":
         taken: dict[int, str] = {}
@@ -86,7 +91,7 @@ class ModbusConfig(Section):
         return self
 
 
-def shares_line(one: ModbusConfig, other: ModbusConfig) -> bool:
+def shares_line(one: ModbusLinkConfig, other: ModbusLinkConfig) -> bool:
     """Return whether two devices are on one serial line, where one waits for the other."""
     return one.transport == other.transport == "rtu" and one.serial_port == other.serial_port
 

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import serial
 
-from motord.config import ModbusConfig
+from motord.config import ModbusLinkConfig
 from motord.wire.modbus.pdu import (
     TCP_HEAD,
     ModbusRequest,
@@ -106,7 +106,7 @@ class TcpLink:
 class RtuLink:
     """A device's place on a serial line, which other devices of this program may share."""
 
-    def __init__(self, config: ModbusConfig) -> None:
+    def __init__(self, config: ModbusLinkConfig) -> None:
         """Open the port, or join those who have. Raises OSError, ValueError."""
         self._timeout_s = config.timeout_s
         self._line: _SerialLine | None = _SerialLine.join(config)
@@ -131,7 +131,7 @@ class _SerialLine:
     _joining: ClassVar[threading.RLock] = threading.RLock()
 
     @classmethod
-    def join(cls, config: ModbusConfig) -> "_SerialLine":
+    def join(cls, config: ModbusLinkConfig) -> "_SerialLine":
         path = os.path.realpath(config.serial_port)
         with cls._joining:
             line = cls._open.get(path)
@@ -142,7 +142,7 @@ class _SerialLine:
             line._users += 1
             return line
 
-    def __init__(self, path: str, config: ModbusConfig) -> None:
+    def __init__(self, path: str, config: ModbusLinkConfig) -> None:
         self._path = path
         self._settings = _settings(config)
         self._users = 0
@@ -214,11 +214,11 @@ class _SerialLine:
 ModbusLink = TcpLink | RtuLink
 
 
-def _settings(config: ModbusConfig) -> tuple[int, str, int]:
+def _settings(config: ModbusLinkConfig) -> tuple[int, str, int]:
     return config.baud, config.parity, config.stop_bits
 
 
-def connect(config: ModbusConfig) -> ModbusLink:
+def connect(config: ModbusLinkConfig) -> ModbusLink:
     """Return a link to a device. Raises OSError, ValueError."""
     if config.transport == "tcp":
         return TcpLink(config.host, config.tcp_port, config.timeout_s)

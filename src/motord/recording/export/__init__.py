@@ -9,10 +9,11 @@ from motord.recording.export.csv_text import write_csv
 from motord.recording.export.matlab import write_matlab
 from motord.recording.export.mdf import write_mdf
 from motord.recording.export.parquet_file import write_parquet
+from motord.recording.export.slow_channels import tick_table
 from motord.recording.export.table import ExportedTable
 from motord.recording.file_names import part_of, require_free
 from motord.recording.reader import Run
-from motord.schema import TICK, TRUTH
+from motord.schema import TRUTH
 
 WRITERS: dict[str, Callable[[Path, ExportedTable], int]] = {
     ".csv": write_csv,
@@ -28,14 +29,19 @@ def export(
 ) -> int:
     """Write the ticks of `run` (or the truth of a simulated rig) and return how many.
 
+    Slow channels are columns beside the ticks, each row with the newest reading of its time.
+
     The end of the name of `output`, one of WRITERS, chooses the format. Raises RecordError if it
     exists or cannot be written, and for columns that the recording does not have.
     """
-    table, record = (run.truth_table, TRUTH) if truth else (run.tick_table, TICK)
     if output.suffix not in WRITERS:
         raise RecordError(f"{output}: its name must end with {endings()}")
     wanted = None if columns is None else tuple(columns)
-    dtype, blocks = table.dtype(wanted), table.blocks(wanted)
+    record = TRUTH
+    if truth:
+        dtype, blocks = run.truth_table.dtype(wanted), run.truth_table.blocks(wanted)
+    else:
+        dtype, blocks, record = tick_table(run, wanted)
     with _complete_or_absent(output) as part:
         return WRITERS[output.suffix](part, ExportedTable(dtype, blocks, record, run.metadata))
 

@@ -21,6 +21,7 @@ from motord.config import (
 from motord.config.reading import validate
 from motord.rig.truth.inverter import MAX_SLOPE, InverterTruth
 from motord.rig.truth.swing import SwingTruth
+from motord.rig.truth.thermal import ThermalTruth
 
 MAX_ORDERS = 32
 """Distinct orders per turn that back-EMF and cogging together may have."""
@@ -207,6 +208,7 @@ class RigTruth(Section):
     torque_sensor: TorqueSensorTruth = TorqueSensorTruth()
     encoder: EncoderTruth = EncoderTruth()
     swing: SwingTruth | None = None
+    thermal: ThermalTruth = ThermalTruth()
     simulation: SimulationTruth = SimulationTruth()
 
     @model_validator(mode="after")

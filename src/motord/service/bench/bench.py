@@ -13,6 +13,7 @@ from motord.config import Config
 from motord.schema import Request, State
 from motord.sequencing import TickWatcher
 from motord.sequencing.settings import COMPENSATE
+from motord.service.bench.channels import ChannelMonitor
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
 from motord.service.bench.manual_control import WATCHED, ManualControl
@@ -57,6 +58,7 @@ class Bench:
         self.devices = devices
         self.setpoint = Setpoint(mailbox)
         self.monitor = TickMonitor(config, events)
+        self.channels = ChannelMonitor(config, events)
         self.injected = InjectedFaults(config, events)
         self.lease = CommandLease(config.zenoh.lease_s)
         self.manual = ManualControl(config, self.setpoint)
@@ -81,6 +83,7 @@ class Bench:
     def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
         """Take in a block of ticks and do everything that is due; ends with the heartbeat."""
         self.injected.update(block)
+        self._watch_channels(now_ns)
         self.monitor.update(block, lost, now_ns)
         self._check_suspended(now_ns)
         self._expire_lease(now_ns)
@@ -213,6 +216,12 @@ class Bench:
         if fault and not self.device_fault:
             self._drop_torque(fault)
         self.device_fault = fault
+
+    def _watch_channels(self, now_ns: int) -> None:
+        self.channels.step(now_ns)
+        self.setpoint.channels_beyond = len(self.channels.tripping)
+        if self.channels.tripping:  # else what tripped it is kept for the trip's report
+            self.monitor.channels = self.channels.tripping
 
     def _drop_torque(self, why: str) -> None:
         if self.plans.active:

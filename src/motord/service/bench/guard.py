@@ -20,6 +20,7 @@ PARTS = {
     "processes": "children that end are not started again",
     "requests": "requests are not carried out",
     "estimator": "how precise a plan is by now is not followed",
+    "channels": "no channel is read: one with a trip limit trips after timeout_s",
     "tracker": "the calibration in force is not tracked",
     "answers": "requests wait for their answer",
     "gateway": "what the gateway reports is not passed on",

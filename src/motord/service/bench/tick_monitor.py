@@ -4,6 +4,7 @@ Pure: blocks of ticks in, views and events out.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from motord.config import Config
 from motord.schema import State, Trip
 from motord.service.bench import link_health
 from motord.service.bench.recent_ticks import RecentTicks
-from motord.service.bench.trip_report import trip_values
+from motord.service.bench.trip_report import ValuesAndLimits, trip_values
 from motord.service.host.events import EventLog
 
 REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
@@ -43,6 +44,8 @@ class TickMonitor:
         self._events = events
         self.trip: TripReport | None = None
         """Of the trip that the bench is in."""
+        self.channels: ValuesAndLimits = {}
+        """Of the slow channels that trip the bench."""
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self.last: np.void | None = None
         self.read_ns = 0  # monotonic, when the newest tick was read
@@ -122,9 +125,9 @@ class TickMonitor:
                 )  # fmt: skip
             before, first_bits = state, int(tick["trip_bits"])
 
-    def _values(self, bits: int, row: int) -> dict[str, dict[str, float]]:
+    def _values(self, bits: int, row: int) -> ValuesAndLimits:
         """Return value and limit for each cause in `bits`, as of a row of the newest block."""
-        return trip_values(bits, self._recent.until(row))
+        return trip_values(bits, replace(self._recent.until(row), channels=self.channels))
 
     def _report_change(self, old: State, new: State, row: int, tick: np.void) -> None:
         where = {"tick": int(tick["tick"]), "from": old.name, "to": new.name}

@@ -5,8 +5,8 @@ all of the kernel's memory. For a condition on a status word the value is how lo
 s, and the limit is how long it may.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ import numpy as np
 from motord.control.types import TORQUE_SHARE
 from motord.schema import BridgeStatus, InverterStatus, State, Trip
 
+ValuesAndLimits = Mapping[str, Mapping[str, float]]
+"""By quantity and unit: `value` and `limit`."""
 PHASES = "abc"
 JUMP_TICKS = 10
 """Ticks before the trip in which the jump of an implausible encoder is looked for."""
@@ -23,12 +25,14 @@ JUMP_TICKS = 10
 class TripWindow:
     """The ticks up to the trip, shape (n,), the kernel's parameters, and the torque expected then.
 
-    `expected_Nm`: what the torque sensor should show, after its high-pass.
+    `expected_Nm`: what the torque sensor should show, after its high-pass; `channels`: the slow
+    channels that trip the bench.
     """
 
     ticks: np.ndarray
     expected_Nm: float
     parameters: np.record
+    channels: ValuesAndLimits = field(default_factory=dict)
 
     @property
     def last(self) -> Any:
@@ -202,6 +206,9 @@ _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
         lambda w: w.held_s(w.ticks["bridge_status"] & BridgeStatus.ENABLE_LINE == 0),
         "",
     ),
+    Trip.CHANNEL: (
+        "channels that trip", lambda w: float(len(w.channels)), lambda w: 0.0
+    ),
 }  # fmt: skip
 """Quantity, its value, and its limit: a function, a field of PARAMETERS, or "" for the debounce
 time of the condition."""
@@ -215,10 +222,11 @@ def _limit(trip: Trip, limit: str | Quantity, w: TripWindow) -> float:
     return int(w.parameters.lasts_ns[int(trip).bit_length() - 1]) / 1e9
 
 
-def trip_values(bits: int, w: TripWindow) -> dict[str, dict[str, float]]:
+def trip_values(bits: int, w: TripWindow) -> ValuesAndLimits:
     """Return value and limit for each cause in `bits`, by the quantity's name and unit."""
-    return {
+    values = {
         quantity: {"value": value(w), "limit": _limit(trip, limit, w)}
         for trip, (quantity, value, limit) in _QUANTITIES.items()
         if bits & trip
     }
+    return {**values, **w.channels} if bits & Trip.CHANNEL else values

@@ -41,6 +41,14 @@ def fall() -> None:
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+def avoid(loop_cpu: int | None) -> None:
+    """Let this thread, and those that it starts, run anywhere but on `loop_cpu`."""
+    others = os.sched_getaffinity(0) - {loop_cpu}
+    if others:
+        with suppress(OSError):
+            os.sched_setaffinity(0, others)
+
+
 def step_back(loop_cpu: int | None) -> None:
     """Let all threads of this process run when others need no processor, and not on `loop_cpu`."""
     others = os.sched_getaffinity(0) - {loop_cpu}

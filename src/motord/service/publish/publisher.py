@@ -136,6 +136,7 @@ class Publisher:
             tracking=self.tracker.view if self.tracker is not None else None,
             brake=device_view(bench, "brake", now_ns),
             drive=device_view(bench, "drive", now_ns),
+            channels=bench.channels.views(now_ns),
             bridge_clock=self.loop.bridge_clock(),
             processes=self.children.views(),
             faults=dict(self.guard.faults),

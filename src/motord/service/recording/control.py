@@ -8,7 +8,7 @@ recorder that was started again resumes where the files of its predecessor end, 
 ring reaches. A plan whose ticks have been in the ring alone for too long is ended.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from motord.api.messages import RecordingView
 from motord.api.plan_messages import PlanView
-from motord.config import Config
+from motord.config import ChannelConfig, Config
 from motord.recording.file_names import file_name
 from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
@@ -164,6 +164,10 @@ class RecordingControl:
         self._plan, self._recorded_ns = True, self._now_ns
         first_tick = self._ticks_before(self._newest_tick, BEFORE_S)
         return self._begin(f"-{plan.name}", described, notes, first_tick)
+
+    def channel(self, channel: ChannelConfig, age_ns: int, content: Mapping[str, Any]) -> None:
+        """Record a reading of a slow channel, taken `age_ns` ago."""
+        self.recorder.channel(self._unix_ns() - age_ns, channel, content)
 
     def plan_point(self, point: dict[str, Any]) -> None:
         """Record an operating point."""

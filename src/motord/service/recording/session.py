@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from motord.api.messages import Event
+from motord.config import ChannelConfig
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
 from motord.service.host.child_faults import ChildFaults
@@ -51,6 +52,7 @@ class RecorderSession:
         self._dropped = 0
         self._unsent: deque[Event] = deque(maxlen=EVENTS_MAX)
         self._leftovers: Mapping[str, str] = {}
+        self._readings: dict[str, tuple[int, ChannelConfig, Mapping[str, Any]]] = {}
         self._faults = ChildFaults(RECORDER, children, events)
         self.link: RecorderLink | None = None
         self.task: RecordingTask | None = None
@@ -126,6 +128,12 @@ class RecorderSession:
         if self.link is not None and self.task is not None:
             self.link.state(t_ns, state)
 
+    def channel(self, t_ns: int, channel: ChannelConfig, content: Mapping[str, Any]) -> None:
+        """Record a reading at `t_ns` (Unix ns); the newest goes into a recording that begins."""
+        self._readings[channel.name] = t_ns, channel, content
+        if self.link is not None and self.task is not None:
+            self._send_reading(self.link, t_ns, channel, content)
+
     def stop(self) -> None:
         """End the process, once it has closed its file or `CLOSE_S` is over."""
         if self.link is not None:
@@ -160,8 +168,17 @@ class RecorderSession:
         if link is None or task is None:
             return
         link.start(task.stem, task.metadata, resume=resume, first_tick=task.first_tick)
-        since_ns = self._unix_ns() - round(EVENTS_BEFORE_S * 1e9)
+        now_ns = self._unix_ns()
+        for t_ns, channel, content in self._readings.values():
+            if not resume and now_ns - t_ns <= channel.timeout_s * 1e9:
+                self._send_reading(link, t_ns, channel, content)
+        since_ns = now_ns - round(EVENTS_BEFORE_S * 1e9)
         while self._unsent:
             event = self._unsent.popleft()
             if event.t_ns >= since_ns:
                 link.event(event.t_ns, event.kind, event.message, event.data)
+
+    def _send_reading(
+        self, link: RecorderLink, t_ns: int, channel: ChannelConfig, content: Mapping[str, Any]
+    ) -> None:
+        link.channel(t_ns, channel.name, channel.unit, channel.timeout_s, content)

@@ -54,6 +54,15 @@ def read_database(path: Path) -> Database:
     return database
 
 
+def signal_codec(path: Path, name: str) -> MessageCodec:
+    """Compile the message of one signal, `Message.Signal`, with its value alone.
+
+    Raises ConfigError.
+    """
+    message, signal = _Names(read_database(path), path, "").find("signal", name)
+    return _Draft(message, {name: SignalCodec(signal, message.length)}).compiled()
+
+
 def compile_codec(database: Database, path: Path, signals: CanSignalMap) -> InverterCodec:
     """Compile the mapped signals of `database`; `path` is for messages. Raises ConfigError."""
     names = _Names(database, path)
@@ -174,12 +183,15 @@ class _Drafts:
 class _Names:
     """Finds `Message.Signal` in a database; what it lacks becomes a ConfigError."""
 
-    def __init__(self, database: Database, path: Path) -> None:
+    def __init__(
+        self, database: Database, path: Path, table: str = "[inverter.can.signals] "
+    ) -> None:
         self._path = path
+        self._table = table
         self._messages = {message.name: message for message in database.messages}
 
     def error(self, key: str, what: str) -> ConfigError:
-        return ConfigError(f"{self._path}: [inverter.can.signals] {key}: {what}")
+        return ConfigError(f"{self._path}: {self._table}{key}: {what}")
 
     def find(self, key: str, name: str) -> tuple[Message, Signal]:
         message_name, dot, signal_name = name.partition(".")

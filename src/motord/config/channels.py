@@ -1,0 +1,164 @@
+"""`[[channels]]`: quantities that are read slowly, beside the ticks, with limits of their own."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, model_validator
+
+from motord.config.base import Finite, Positive, Section
+from motord.config.channel_sources import ChannelSource, ModbusSource, SerialSource
+from motord.config.timing import (
+    CHANNEL_RATE_MAX_HZ,
+    CHANNEL_TRIP_MAX_S,
+    CHANNELS_MAX,
+    INTERVALS_MIN,
+    SUPERVISOR_ACTS_S,
+)
+from motord.schema import TICK
+
+_ASCENDING = ("valid_min", "trip_below", "warn_below", "warn_above", "trip_above", "valid_max")
+
+
+class ChannelConfig(Section):
+    """`[[channels]]`: a temperature, a pressure, a power: its source, its rate and its limits.
+
+    value = offset + scale x what the source reads.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,47}$")]
+    """Its name in the state, in recordings and in tables, with its unit: `winding_C`."""
+    unit: Annotated[str, Field(max_length=16)]
+    """Its unit, as text."""
+    source: ChannelSource
+    """Where it comes from."""
+    rate_Hz: Annotated[float, Field(ge=0.001, le=CHANNEL_RATE_MAX_HZ)] = 1.0
+    """Readings in a second."""
+    timeout_s: Annotated[float, Field(gt=0, le=3600)] = 3.0
+    """Without a reading for so long the sensor counts as broken."""
+    scale: Finite = 1.0
+    """Unit for each count of the source."""
+    offset: Finite = 0.0
+    """Added, in the unit."""
+    valid_min: Finite | None = None
+    """A value below it is none: the sensor is open, shorted or not connected."""
+    valid_max: Finite | None = None
+    """A value above it is none."""
+    warn_below: Finite | None = None
+    """A value below it is shown as a warning."""
+    warn_above: Finite | None = None
+    """A value above it is shown as a warning."""
+    trip_below: Finite | None = None
+    """A value below it trips, and so does a broken sensor."""
+    trip_above: Finite | None = None
+    """A value above it trips, and so does a broken sensor."""
+    frozen_after_s: Positive | None = None
+    """A source that gives the very same number for so long is shown as frozen; it does not trip."""
+
+    @property
+    def period_s(self) -> float:
+        """Time between two readings."""
+        return 1.0 / self.rate_Hz
+
+    @property
+    def trips(self) -> bool:
+        """True if it has a trip limit."""
+        return self.trip_above is not None or self.trip_below is not None
+
+    @property
+    def trip_s(self) -> float:
+        """The time within which the current is ended, whatever the source does meanwhile.
+
+        A reading counts by its time, known to a period: one as old as timeout_s ends it anyway.
+        """
+        return self.period_s + self.timeout_s + SUPERVISOR_ACTS_S
+
+    def place(self, number: int) -> str:
+        """Return which channel of the file this is, for messages."""
+        return f'channels[{number}] "{self.name}"'
+
+    @model_validator(mode="after")
+    def _limits_ascend(self) -> "ChannelConfig":
+        given = [(name, getattr(self, name)) for name in _ASCENDING]
+        known = [(name, limit) for name, limit in given if limit is not None]
+        for (lower, low), (upper, high) in pairwise(known):
+            if low >= high:
+                raise ValueError(f"{upper} = {high:g} must be above {lower} = {low:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _times_can_be_kept(self) -> "ChannelConfig":
+        least_s = INTERVALS_MIN * self.period_s
+        if self.timeout_s < least_s:
+            raise ValueError(
+                f"timeout_s = {self.timeout_s:g} is too short: it is read every "
+                f"{self.period_s:g} s, and one reading may be lost; make it at least {least_s:g}, "
+                "or raise rate_Hz"
+            )
+        if self.frozen_after_s is not None and self.frozen_after_s < least_s:
+            raise ValueError(
+                f"frozen_after_s = {self.frozen_after_s:g} is shorter than two periods; make it "
+                f"at least {least_s:g}"
+            )
+        if self.trips and self.trip_s > CHANNEL_TRIP_MAX_S:
+            raise ValueError(
+                f"it has a trip limit, and would trip within {self.trip_s:g} s only (a period, "
+                f"timeout_s and {SUPERVISOR_ACTS_S:g} s); at most {CHANNEL_TRIP_MAX_S:g} s: lower "
+                "timeout_s, or raise rate_Hz"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _says_something(self) -> "ChannelConfig":
+        if self.scale == 0.0:
+            raise ValueError("scale = 0 makes the same value of everything")
+        if self.name in (field.name for field in TICK.fields):
+            raise ValueError(f"name: {self.name} is a field of the tick; take another")
+        return self
+
+
+def _names_differ(channels: tuple[ChannelConfig, ...]) -> tuple[ChannelConfig, ...]:
+    names = [channel.name for channel in channels]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"the name {twice[0]} is there twice")
+    return channels
+
+
+Channels = Annotated[
+    tuple[ChannelConfig, ...], Field(max_length=CHANNELS_MAX), AfterValidator(_names_differ)
+]
+
+
+def line_problems(channels: tuple[ChannelConfig, ...]) -> Iterator[str]:
+    """Yield what is wrong between channels that share a port.
+
+    One set-up for all of them; and time enough to read all others, which may be silent.
+    """
+    for number, channel in enumerate(channels):
+        line = channel.source.line
+        others = [c for c in channels if c is not channel and line and c.source.line == line]
+        for other in others:
+            if _set_up(channel) != _set_up(other):
+                yield (
+                    f"{channel.place(number)} and {other.name} share {line[-1]} and say "
+                    "differently how it is set up (timeout_s, baud, parity, stop_bits, request)"
+                )
+        round_s = channel.source.read_s + sum(other.source.read_s for other in others)
+        if channel.trips and round_s + channel.period_s > channel.timeout_s:
+            where = line[-1] if line else channel.name
+            yield (
+                f"{channel.place(number)} has a trip limit, and its timeout_s = "
+                f"{channel.timeout_s:g} is shorter than a period and all readings of {where} "
+                f"if nothing answers ({round_s:g} s): lower timeout_s of their sources, or make it "
+                f"at least {round_s + channel.period_s:g}"
+            )
+
+
+def _set_up(channel: ChannelConfig) -> object:
+    match channel.source:
+        case ModbusSource() as source:
+            return (source.timeout_s, source.baud, source.parity, source.stop_bits)
+        case SerialSource() as source:
+            return (source.baud, bool(source.request))
+    return None

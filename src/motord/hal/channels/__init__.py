@@ -1,0 +1,1 @@
+"""Sources of slow channels: Modbus, CAN, serial lines of text, and drivers of other packages."""

@@ -1,0 +1,85 @@
+"""Channels in CAN frames: signals of a DBC, from a bus that is listened to and never written."""
+
+import math
+import time
+from collections.abc import Sequence
+
+from motord.config import CanBusConfig, Config
+from motord.config.channel_sources import CanSource
+from motord.hal.base import DeviceError
+from motord.hal.can.base import CanBus
+from motord.hal.can.bus import open_bus
+from motord.hal.channels.base import Sample
+from motord.wire.can.dbc import signal_codec
+
+
+class _ListeningPort:
+    """The bus that several channels listen to, with the newest payload of each message."""
+
+    def __init__(self, config: CanBusConfig) -> None:
+        self._config = config
+        self._bus: CanBus | None = None
+        self._keys: set[int] = set()
+        self.newest: dict[int, tuple[bytes, int]] = {}
+        """By key: payload, and when it came (Unix ns)."""
+
+    def open(self, key: int) -> None:
+        self._keys.add(key)
+        if self._bus is None:
+            self._bus = open_bus(self._config, self._config.place)
+        self._bus.listen(self._keys)
+
+    def pump(self) -> None:
+        """Take what has come. Raises DeviceError for a bus that is off."""
+        if self._bus is None:
+            raise DeviceError(f"{self._config.place}: not open")
+        while frames := self._bus.receive():
+            for key, payload, t_ns in frames:
+                self.newest[key] = payload, t_ns or time.time_ns()
+        if self._bus.state.off:
+            raise DeviceError(f"{self._config.place}: the CAN controller is off the bus")
+
+    def close(self) -> None:
+        bus, self._bus = self._bus, None
+        self.newest.clear()
+        if bus is not None:
+            bus.close()
+
+
+class CanChannel:
+    """A signal in frames that come by themselves."""
+
+    def __init__(self, source: CanSource, port: _ListeningPort) -> None:
+        self._port = port
+        self._codec = signal_codec(source.dbc, source.signal)
+        self._seen_ns = 0
+
+    def open(self) -> None:
+        """Open the bus, or join those who have. Raises DeviceError."""
+        self._port.open(self._codec.key)
+
+    def read(self) -> Sample | None:
+        """Return the signal in the newest frame, None if none has come since the last call.
+
+        A frame of another length has no number. Raises DeviceError.
+        """
+        self._port.pump()
+        payload, t_ns = self._port.newest.get(self._codec.key, (b"", 0))
+        if t_ns <= self._seen_ns:
+            return None
+        self._seen_ns = t_ns
+        values = self._codec.decode(payload)
+        age_s = max(time.time_ns() - t_ns, 0) * 1e-9
+        return Sample(math.nan if values is None else values[0], age_s)
+
+    def close(self) -> None:
+        """Leave the bus to be opened again."""
+        self._port.close()
+
+
+def can_channels(sources: Sequence[CanSource], config: Config) -> list[CanChannel]:
+    """Return the channels of one bus. Raises ConfigError for what a DBC does not have."""
+    bus = sources[0].bus or config.inverter.can
+    assert bus is not None  # a rule of the bench file
+    port = _ListeningPort(bus)
+    return [CanChannel(source, port) for source in sources]

@@ -1,0 +1,107 @@
+"""Which source a channel's `driver` stands for; imported only when it is used."""
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from importlib.metadata import entry_points
+from pkgutil import resolve_name
+from typing import Any, cast
+
+import numpy as np
+
+from motord.config import ChannelConfig, Config, ConfigError
+from motord.config.channel_sources import OtherSource
+from motord.hal.base import DeviceError
+from motord.hal.channels.base import ChannelSource, Sample
+from motord.schema import TICK_DTYPE
+
+GROUP = "motord.channels"
+OWN = ("can", "modbus", "serial", "simulated")
+
+Ticks = Callable[[], np.ndarray]
+Sources = list[tuple[ChannelConfig, ChannelSource]]
+
+
+class BrokenSource:
+    """Stands for a source that cannot be made; says why whenever it is opened."""
+
+    def __init__(self, error: str) -> None:
+        self._error = error
+
+    def open(self) -> None:
+        """Raise DeviceError."""
+        raise DeviceError(self._error)
+
+    def read(self) -> Sample | None:
+        """Return nothing."""
+        return None
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def check_drivers(channels: Sequence[ChannelConfig]) -> None:
+    """Raise DeviceError if no package brings the driver of a channel."""
+    for number, channel in enumerate(channels):
+        name = channel.source.driver
+        if isinstance(channel.source, OtherSource) and not entry_points(group=GROUP, name=name):
+            others = sorted(entry.name for entry in entry_points(group=GROUP))
+            raise DeviceError(
+                f'{channel.place(number)}: driver = "{name}" is not known; known: '
+                f"{', '.join([*OWN, *others])}"
+            )
+
+
+def no_ticks() -> np.ndarray:
+    """Return no ticks, where no loop runs."""
+    return np.empty(0, TICK_DTYPE)
+
+
+def make_lines(config: Config, ticks: Ticks = no_ticks) -> list[Sources]:
+    """Return all channels with their sources, not yet open; those of a list share a line.
+
+    `ticks` returns those since its last call, TICK_DTYPE (n,): they heat a simulated motor.
+    """
+    lines: dict[tuple[str, ...], list[ChannelConfig]] = defaultdict(list)
+    for channel in config.channels:
+        lines[channel.source.line or ("", channel.name)].append(channel)
+    return [_sources(channels, config, ticks) for channels in lines.values()]
+
+
+def _sources(channels: list[ChannelConfig], config: Config, ticks: Ticks) -> Sources:
+    """Return the sources of a line; one that cannot be made is a BrokenSource."""
+    try:
+        made = _make(channels, config, ticks)
+    except (ConfigError, DeviceError) as error:
+        made = [BrokenSource(str(error))] * len(channels)
+    except Exception as error:  # of a driver: the other channels must still be read
+        text = f"its driver cannot be made: {type(error).__name__}: {error}"
+        made = [BrokenSource(text)] * len(channels)
+    return list(zip(channels, made, strict=True))
+
+
+def _make(channels: list[ChannelConfig], config: Config, ticks: Ticks) -> Sequence[ChannelSource]:
+    settings: list[Any] = [channel.source for channel in channels]
+    match settings[0].driver:
+        case "modbus":
+            from motord.hal.channels.modbus import modbus_channels
+
+            return modbus_channels(settings)
+        case "can":
+            from motord.hal.channels.can import can_channels
+
+            return can_channels(settings, config)
+        case "serial":
+            from motord.hal.channels.text import text_channels
+
+            return text_channels(settings)
+        case "simulated":
+            from motord.hal.sim.thermal import simulated_channels
+
+            return simulated_channels(settings, config, ticks)
+    return [_of_another_package(channels[0])]
+
+
+def _of_another_package(channel: ChannelConfig) -> ChannelSource:
+    check_drivers([channel])
+    entry = next(iter(entry_points(group=GROUP, name=channel.source.driver)))
+    return cast("ChannelSource", resolve_name(entry.value)(channel))

@@ -1,0 +1,84 @@
+"""Requests to Modbus devices over one link, made when it is needed, and anew after a fault.
+
+What goes wrong is a `DeviceError` that names place, unit, request and what to do.
+"""
+
+import termios
+
+from motord.config import ModbusLinkConfig
+from motord.hal.base import DeviceError
+from motord.hal.modbus.link import ModbusLink, connect
+from motord.wire.modbus.pdu import ModbusException, ModbusRequest
+
+EXCEPTION_NAMES = {
+    1: "illegal function",
+    2: "no such register",
+    3: "value not accepted",
+    4: "device failure",
+    5: "accepted, but still busy",
+    6: "busy",
+    10: "no path to the unit",
+    11: "no such unit",
+}
+
+
+class ModbusClient:
+    """A link to the device of `config`, or to the units behind it; `label` begins its errors."""
+
+    def __init__(self, config: ModbusLinkConfig, label: str) -> None:
+        self._config = config
+        self._label = label
+        self._link: ModbusLink | None = None
+
+    def exchange(self, what: str, request: ModbusRequest, unit: int | None = None) -> list[int]:
+        """Return the registers that were read; waits at most `timeout_s`. Raises DeviceError.
+
+        `what` names the request; `unit`: by default that of the settings.
+        """
+        unit = self._config.unit if unit is None else unit
+        if self._link is None:
+            self._link = self._connect(unit)
+        try:
+            response = self._link.exchange(unit, request)
+        except TimeoutError as error:
+            self.close()
+            received = f", only {error}" if str(error) else ""
+            raise self._error(
+                unit,
+                f"{what}: no valid answer within {self._config.timeout_s:g} s{received}; "
+                "is the device on, and is unit right?",
+            ) from None
+        except ValueError as error:
+            self.close()
+            raise self._error(unit, f"{what}: {error}") from None
+        except OSError as error:
+            self.close()
+            raise self._error(unit, f"{what}: connection lost") from error
+        if isinstance(response, ModbusException):
+            name = EXCEPTION_NAMES.get(response.code, "unknown cause")
+            why = f"{what}: device answers exception {response.code} ({name})"
+            raise self._error(unit, why)
+        return response
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
+
+    def _connect(self, unit: int) -> ModbusLink:
+        config = self._config
+        try:
+            return connect(config)
+        except ConnectionRefusedError:
+            why = "refused: nothing listens there; is the device on?"
+            raise self._error(unit, why) from None
+        except TimeoutError:
+            raise self._error(unit, f"no connection within {config.timeout_s:g} s") from None
+        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
+            reason = getattr(error, "strerror", None) or str(error)
+            how = "connect" if config.transport == "tcp" else "open it"
+            raise self._error(unit, f"cannot {how}: {reason}") from error
+
+    def _error(self, unit: int, what: str) -> DeviceError:
+        return DeviceError(f"{self._label}{self._config.place} unit {unit}: {what}")

@@ -1,0 +1,61 @@
+"""The supervisor's end of the process that reads the slow channels. No call waits for it."""
+
+import signal
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from motord.config import ChannelConfig
+from motord.service.bench.channels import ChannelMonitor
+from motord.service.channels.protocol import ReadingsMessage
+from motord.service.host.child_pipes import ChildPipes
+from motord.service.host.children import Children
+from motord.service.host.events import EventLog
+
+CHANNELS = "channels"
+SILENT_NS = 10_000_000_000
+"""Without a message for so long the process is ended, and started again: it was stopped, or a
+driver in it holds the interpreter."""
+SILENT = f"channels has sent nothing for {SILENT_NS / 1e9:g} s; it is ended"
+
+
+class ChannelLink:
+    """Passes readings on to the monitor, and to the recording.
+
+    `record` takes the channel, the age of the reading (ns) and its content.
+    """
+
+    def __init__(
+        self,
+        monitor: ChannelMonitor,
+        children: Children,
+        events: EventLog,
+        record: Callable[[ChannelConfig, int, Mapping[str, Any]], None],
+    ) -> None:
+        self._monitor = monitor
+        self._children = children
+        self._events = events
+        self._record = record
+        self._pipes = ChildPipes(CHANNELS, ReadingsMessage, children, events)
+        self._received_ns = 0
+
+    def step(self, now_ns: int) -> None:
+        """Take the readings that have come. `now_ns` is monotonic."""
+        if self._pipes.opened():
+            self._received_ns = now_ns
+        for message in self._pipes.messages(now_ns):
+            self._received_ns = now_ns
+            for one in message.readings:
+                reading = one.reading(now_ns)
+                if (channel := self._monitor.take(reading, now_ns)) is not None:
+                    content = channel.content(now_ns)
+                    self._record(channel.config, now_ns - reading.t_ns, content)
+        if self._pipes.closed():
+            return
+        if now_ns - self._received_ns > SILENT_NS and self._children.process(CHANNELS) is not None:
+            self._received_ns = now_ns
+            self._events.emit("process", SILENT, process=CHANNELS)
+            self._children.signal(CHANNELS, signal.SIGKILL)
+
+    def stop(self) -> None:
+        """End the process."""
+        self._pipes.kill()

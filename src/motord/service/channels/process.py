@@ -1,0 +1,98 @@
+"""The process that reads the slow channels, with a thread for each line: a port, a bus, a driver.
+
+`python -m motord.service.channels.process --config FILE --dir RUNDIR`: readings go as lines of JSON
+to stdout (`protocol`); it ends with stdin. A source that hangs holds up its own line only. Ages,
+limits and trips are the supervisor's: nothing that happens here makes a channel look younger.
+"""
+
+import argparse
+import os
+import select
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+
+from motord.config import Config, ConfigError, load
+from motord.hal.channels.base import ChannelReading
+from motord.hal.channels.reader import LineReader
+from motord.hal.channels.registry import make_lines
+from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
+from motord.recorder.ring_source import RingSource
+from motord.recording.json_encoding import to_line
+from motord.service.channels.protocol import READINGS_MAX, ReadingMessage, ReadingsMessage
+from motord.service.host import scheduling
+from motord.shm.run_directory import RunDir
+
+SEND_S = 0.05
+"""Time between two messages while there are readings."""
+ALIVE_S = 1.0
+"""Time between two messages without any."""
+
+
+def follow(line: LineReader) -> None:
+    """Read the channels of a line for ever."""
+    waiting = threading.Event()
+    while True:
+        waiting.wait(line.step())
+
+
+def send(readings: "SimpleQueue[ChannelReading]", out: LineWriter, stdin: int) -> None:
+    """Pass readings on until `stdin` ends; while nobody takes them there are no new messages."""
+    quiet_s = ALIVE_S
+    while True:
+        if select.select([stdin], [], [], SEND_S)[0] and not os.read(stdin, 1 << 12):
+            return
+        out.flush()
+        while readings.qsize() > READINGS_MAX:  # nobody takes them: only the newest matter
+            readings.get()
+        quiet_s += SEND_S
+        if out.waiting or (readings.empty() and quiet_s < ALIVE_S):
+            continue
+        quiet_s = 0.0
+        found: list[ReadingMessage] = []
+        with suppress(Empty):
+            while len(found) < READINGS_MAX:
+                found.append(ReadingMessage.of(readings.get_nowait()))
+        out.write(to_line(ReadingsMessage(readings=tuple(found)).model_dump()))
+
+
+def serve(config: Config, run_dir: RunDir, out: LineWriter, stdin: int) -> None:
+    """Read the channels of a bench until `stdin` ends."""
+    ticks = RingSource(run_dir.ring, "now", at_once=1 << 16)
+    readings: SimpleQueue[ChannelReading] = SimpleQueue()
+    for sources in make_lines(config, lambda: ticks.read().block):
+        line = LineReader(sources, readings.put)
+        name = sources[0][0].name
+        threading.Thread(target=follow, args=(line,), name=name, daemon=True).start()
+    send(readings, out, stdin)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the process; return its exit code."""
+    parser = argparse.ArgumentParser(prog="motord channels")
+    parser.add_argument("--config", type=Path, required=True, help="the bench")
+    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
+    options = parser.parse_args(arguments)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
+    try:
+        config = load(options.config)
+    except ConfigError as error:
+        sys.stderr.write(f"motord channels: {error}\n")
+        return 1
+    scheduling.avoid(config.loop.cpu)
+    out = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a driver prints is no reading
+    os.set_blocking(out, False)
+    serve(config, RunDir.at(options.dir), LineWriter(out, LINE_MAX_BYTES), sys.stdin.fileno())
+    return 0
+
+
+if __name__ == "__main__":
+    code = main()
+    sys.stderr.flush()
+    os._exit(code)  # a driver that hangs must not keep the process
