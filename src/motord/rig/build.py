@@ -34,6 +34,7 @@ def build(
     p.ambient_C = truth.simulation.ambient_C
     _fill_waves(p, truth)
     _fill_inverter(p, truth)
+    _fill_thermal(p, truth)
     _fill_rotor_and_brake(p, truth)
     _fill_drive(p, truth)
     _fill_torque_sensor(p, truth.torque_sensor)
@@ -116,6 +117,17 @@ def _fill_inverter(p: np.record, truth: RigTruth) -> None:
     p.inverter_fixed_W = inverter.fixed_loss_W
     p.inverter_loss_V, p.inverter_loss_ohm = inverter.loss_V, inverter.loss_ohm
     p.voltage_noise_V = inverter.voltage_noise_V
+
+
+def _fill_thermal(p: np.record, truth: RigTruth) -> None:
+    thermal = truth.thermal
+    p.resistance_per_K = thermal.resistance_per_K
+    p.winding_J_per_K = thermal.winding_J_per_K / 3
+    p.winding_housing_W_per_K = 1 / (3 * thermal.winding_housing_K_per_W)
+    p.winding_magnet_W_per_K = 1 / (3 * thermal.winding_magnet_K_per_W)
+    p.magnet_J_per_K, p.housing_J_per_K = thermal.magnet_J_per_K, thermal.housing_J_per_K
+    p.magnet_housing_W_per_K = 1 / thermal.magnet_housing_K_per_W
+    p.housing_ambient_W_per_K = 1 / thermal.housing_ambient_K_per_W
 
 
 def _fill_axes(p: np.record, truth: RigTruth, dq: DqConfig) -> None:
@@ -228,6 +240,8 @@ def _fill_state(p: np.record, s: np.record, truth: RigTruth, seed: int) -> None:
     s.random = random_state(seed)
     s.gain[:] = p.gain
     s.temperature_C = s.brake_temperature_C = p.ambient_C
+    s.magnet_C = s.housing_C = p.ambient_C
+    s.winding_C[:], s.resistance_ohm[:] = p.ambient_C, p.resistance_ohm
     s.angle_rad, s.speed_rad_s = truth.rotor.angle_rad, truth.rotor.speed_rad_s
     if truth.swing is not None:
         s.angle_rad, s.hand_s = truth.swing.rest_angle_rad, truth.swing.first_s

@@ -7,7 +7,7 @@ import numpy as np
 from motord.jit import jit
 from motord.rig.departures import friction_ripple_Nm, scales_by_load, sensor_load_Nm
 from motord.rig.electric import step_currents, take_command
-from motord.rig.energy import account_energy, seen_friction_Nm
+from motord.rig.energy import account_energy, seen_friction_Nm, warm_windings
 from motord.rig.faults import disturb_readings, is_off, step_faults, take_faults
 from motord.rig.free_decay import spring_torque_Nm, step_hand
 from motord.rig.mechanics import step_brake, step_drive, step_rotor
@@ -119,10 +119,11 @@ def _substep(p: np.record, s: np.record) -> None:
 @jit
 def _change_slowly(p: np.record, s: np.record) -> None:
     """Update temperatures, the gains that move with them, and the drift of the torque sensor."""
-    i = s.i_A
-    copper_W = p.resistance_ohm * (i[0] * i[0] + i[1] * i[1] + i[2] * i[2])
+    i, r = s.i_A, s.resistance_ohm
+    copper_W = r[0] * i[0] * i[0] + r[1] * i[1] * i[1] + r[2] * i[2] * i[2]
     steady_C = p.ambient_C + p.inverter_K_per_W * copper_W
     s.temperature_C = steady_C + (s.temperature_C - steady_C) * p.inverter_decay
+    warm_windings(p, s, p.slow_every * p.substep_s)
     for phase in range(3):
         drift = p.gain_drift_per_K[phase] * (s.temperature_C - p.reference_C)
         drift = min(max(drift, -p.gain_drift_max), p.gain_drift_max)

@@ -84,7 +84,15 @@ RIG_PARAMETERS = record_dtype(
         ("current_unmixed", "f8", (9,)),  # its inverse
         # windings and inverter
         ("star", "i8"),
-        ("resistance_ohm", "f8"),
+        ("resistance_ohm", "f8"),  # at the temperature of the room
+        ("resistance_per_K", "f8"),
+        ("winding_J_per_K", "f8"),  # of a phase; the next two are of a phase, too
+        ("winding_housing_W_per_K", "f8"),
+        ("winding_magnet_W_per_K", "f8"),
+        ("magnet_J_per_K", "f8"),
+        ("magnet_housing_W_per_K", "f8"),
+        ("housing_J_per_K", "f8"),
+        ("housing_ambient_W_per_K", "f8"),
         ("inductance_H", "f8"),
         ("bus_V", "f8"),
         ("dead_steps", "f8"),  # dead time in substeps
@@ -202,6 +210,10 @@ RIG_STATE = record_dtype(
         ("gain_now", "f8", (3,)),  # of small changes of the current, when last looked at
         ("k_V_s_per_rad", "f8", (3,)),
         ("temperature_C", "f8"),
+        ("resistance_ohm", "f8", (3,)),
+        ("winding_C", "f8", (3,)),  # of each phase
+        ("magnet_C", "f8"),
+        ("housing_C", "f8"),
         # mechanics
         ("angle_rad", "f8"),
         ("speed_rad_s", "f8"),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from motord.rig.thermal import ThermalNetwork
 from tests.unit.rig.probe import Probe, plain
 
 MOTOR = {
@@ -121,3 +122,20 @@ def test_work_at_the_shaft_is_what_the_brake_and_the_rotor_take() -> None:
     stored_J = cogging_energy_J(truths["angle_rad"][-1]) - cogging_energy_J(0.0)
     work_J = truths["energy_shaft_J"][-1] + stored_J + friction_J
     assert truths["energy_dc_J"][-1] == pytest.approx(work_J + lost_J, rel=3e-5)
+
+
+def test_each_phase_is_heated_by_its_own_current_and_resists_more() -> None:
+    truth = plain(rotor={"inertia_kg_m2": 1e9}, thermal={"winding_J_per_K": 30.0})
+    probe = Probe(truth).enable().command(20.0, 0.0, -10.0)
+    network, seconds_s = ThermalNetwork(truth), 30.0
+    network.advance(20.0**2 + 10.0**2, seconds_s)
+    probe.advance(0.1)
+    cold_V = probe.sense().u_V[0]
+    probe.advance(seconds_s - 0.1)
+    a_C, b_C, c_C = probe.state[0].winding_C
+    assert np.mean([a_C, b_C, c_C]) == pytest.approx(network.temperatures_C[0], rel=0.1)
+    assert a_C - 25.0 > 3 * (c_C - 25.0) > 10 * (b_C - 25.0)
+    assert probe.state[0].magnet_C == pytest.approx(network.temperatures_C[1], rel=0.02)
+    warm = 1 + 0.00393 * (a_C - 25.0)
+    assert probe.sense().u_V[0] == pytest.approx(20.0 * R_OHM * warm, rel=1e-3)
+    assert cold_V == pytest.approx(20.0 * R_OHM, rel=0.01)
