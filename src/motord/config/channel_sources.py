@@ -14,6 +14,8 @@ Line = tuple[str, ...]
 """What channels have in common that are read one after the other: a port, a bus, a driver."""
 RigTemperature = Literal["winding_C", "magnet_C", "housing_C"]
 """A node of the rig's thermal network."""
+RigQuantity = Literal["winding_C", "magnet_C", "housing_C", "dc_power_W"]
+"""What a channel of a simulated bench reads: a temperature, or the mean DC power since before."""
 Timeout = Annotated[float, Field(gt=0, le=5)]
 
 
@@ -110,12 +112,13 @@ class SerialSource(Section):
 
 
 class SimulatedSource(Section):
-    """A temperature of the simulated rig."""
+    """A temperature of the simulated rig, or its DC power."""
 
     driver: Literal["simulated"]
     """`"simulated"`."""
-    quantity: RigTemperature = "winding_C"
-    """Which: of the windings, the magnets or the housing."""
+    quantity: RigQuantity = "winding_C"
+    """Which temperature: of the windings, the magnets or the housing; or the power from the DC
+    supply, the mean since the reading before."""
 
     @property
     def line(self) -> Line:

@@ -67,6 +67,7 @@ class PowerBlocks:
     mechanical_W: np.ndarray
     electrical_W: np.ndarray
     electrical_mean_W: float
+    edges_s: tuple[float, float]
     torque_Nm: float
     speed_rad_s: float
     turns: int
@@ -100,6 +101,7 @@ class PowerBlocks:
             mechanical_W=np.diff(work_J) / np.diff(edges_s),
             electrical_W=inside.means_W(edges_s),
             electrical_mean_W=float(inside.means_W(edges_s[[0, -1]])[0]),
+            edges_s=(float(edges_s[0]), float(edges_s[-1])),
             torque_Nm=float((work_J[-1] - work_J[0]) / turned_rad),
             speed_rad_s=float(turned_rad / seconds_s),
             turns=each * (edges.size - 1),
@@ -132,6 +134,8 @@ def operating_power(
         loss=PowerEstimate.of(electrical_W - mechanical_W, loss),
         efficiency=efficiency,
         efficiency_reason=reason,
+        t_start_ns=turns.t0_ns + round(found.edges_s[0] * 1e9),
+        t_end_ns=turns.t0_ns + round(found.edges_s[1] * 1e9),
         turns=found.turns,
         blocks=found.mechanical_W.size,
         readings=found.readings,

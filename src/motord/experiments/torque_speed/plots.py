@@ -113,7 +113,7 @@ def _envelope(axes: Axes, points: Sequence[OperatingPower]) -> None:
             if own:
                 speeds_Hz = sorted(own)
                 axes.plot(
-                    speeds_Hz, [own[at_Hz] for at_Hz in speeds_Hz], color=SERIOUS,
+                    speeds_Hz, [own[at_Hz] or 0.0 for at_Hz in speeds_Hz], color=SERIOUS,
                     linestyle=(0, (5, 3)), marker="_", label=label,
                 )  # fmt: skip
                 label = None

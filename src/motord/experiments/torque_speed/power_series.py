@@ -54,7 +54,7 @@ class PowerSeries:
     def energy_J(self, at_s: np.ndarray) -> np.ndarray:
         """Return the energy (m,) since the first reading, at times (m,) between first and last."""
         if self.means:
-            return np.interp(at_s, self.t_s, self._energy_J)
+            return np.asarray(np.interp(at_s, self.t_s, self._energy_J))
         place = np.clip(np.searchsorted(self.t_s, at_s, side="right") - 1, 0, self.t_s.size - 2)
         since_s = at_s - self.t_s[place]
         power_W = 0.5 * (self.power_W[place] + np.interp(at_s, self.t_s, self.power_W))

@@ -110,6 +110,6 @@ def _bus_V(
     tick_s = (ticks["t_ns"].astype(np.int64) - turns.t0_ns) * 1e-9
     at_s = np.asarray(at_s)
     if not means or at_s.size < 2:
-        return np.interp(at_s, tick_s, voltage_V)
+        return np.asarray(np.interp(at_s, tick_s, voltage_V))
     between_V = PowerSeries(tick_s, voltage_V, means=False).means_W(at_s)
     return np.concatenate([between_V[:1], between_V])

@@ -5,10 +5,7 @@ from motord.experiments.torque_speed.plots import efficiency_contours, losses
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.report.html import Page
 
-HEADER = (
-    "set-points", "torque (Nm)", "speed (turns/s)", "mechanical (W)", "electrical (W)",
-    "losses (W)", "efficiency (%)",
-)  # fmt: skip
+HEADER = ("set-points", "mechanical (W)", "electrical (W)", "losses (W)", "efficiency (%)")
 
 
 def report(found: EfficiencyMap, recordings: Recordings) -> Page:
@@ -61,8 +58,6 @@ def row(one: OperatingPower, sign: str) -> list[str]:
     """Return an operating point as a row under HEADER; sign: plus-minus."""
     return [
         one.label,
-        f"{one.torque_mean_Nm:.3f}",
-        f"{one.speed_mean_Hz:.4f}",
         one.mechanical.text(sign),
         one.electrical.text(sign),
         one.loss.text(sign),

@@ -51,11 +51,11 @@ class UncertaintyShare:
 class OperatingPower:
     """An operating point: means over whole turns, powers positive into motor and inverter.
 
-    torque_Nm, speed_Hz: set-points. readings: of the electrical power that count, read_every_s
-    apart. blocks: of turns, whose scatter is the Type A uncertainty. sampling_W: standard
-    uncertainty of the electrical power that slow readings cause. loss_drift_W: change of the losses
-    from the beginning to the end, with its standard error. envelope_Nm: largest torque that the
-    plan had for this speed, None if it is not recorded.
+    torque_Nm, speed_Hz: set-points. t_start_ns, t_end_ns: of these turns. readings: of the
+    electrical power that count, read_every_s apart. blocks: of turns, whose scatter is the Type A
+    uncertainty. sampling_W: standard uncertainty of the electrical power that slow readings cause.
+    loss_drift_W: change of the losses from the beginning to the end, with its standard error.
+    envelope_Nm: largest torque that the plan had for this speed, None if it is not recorded.
     """
 
     JSON: ClassVar[dict[str, str]] = {
@@ -73,8 +73,8 @@ class OperatingPower:
         **{
             name: name
             for name in (
-                "efficiency_reason", "turns", "blocks", "readings", "read_every_s", "sampling_W",
-                "loss_drift_W", "loss_drift_stderr_W", "envelope_Nm", "budget",
+                "efficiency_reason", "t_start_ns", "t_end_ns", "turns", "blocks", "readings",
+                "read_every_s", "sampling_W", "loss_drift_W", "loss_drift_stderr_W", "envelope_Nm", "budget",
             )
         },
     }  # fmt: skip
@@ -89,6 +89,8 @@ class OperatingPower:
     loss: PowerEstimate
     efficiency: PowerEstimate
     efficiency_reason: str
+    t_start_ns: int
+    t_end_ns: int
     turns: int
     blocks: int
     readings: int
