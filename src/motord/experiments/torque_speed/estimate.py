@@ -26,7 +26,8 @@ from motord.experiments.torque_speed.turns import CapturedTurns, blocks
 from motord.experiments.torque_speed.uncertainty import (
     LEAST_BLOCKS,
     ErrorSum,
-    sampling_error_W,
+    Sampling,
+    sampling_of,
     scatter_of,
 )
 from motord.identification import IdentifyError
@@ -72,7 +73,7 @@ class PowerBlocks:
     speed_rad_s: float
     turns: int
     readings: int
-    sampling_W: float
+    sampling: Sampling
 
     @classmethod
     def of(cls, turns: CapturedTurns, series: PowerSeries) -> "PowerBlocks":
@@ -106,7 +107,7 @@ class PowerBlocks:
             speed_rad_s=float(turned_rad / seconds_s),
             turns=each * (edges.size - 1),
             readings=int(np.count_nonzero((inside.t_s >= edges_s[0]) & (inside.t_s < edges_s[-1]))),
-            sampling_W=sampling_error_W(turns, inside, edges_s),
+            sampling=sampling_of(turns, inside, edges_s),
         )
 
 
@@ -140,7 +141,7 @@ def operating_power(
         blocks=found.mechanical_W.size,
         readings=found.readings,
         read_every_s=series.period_s,
-        sampling_W=found.sampling_W,
+        sampling_W=found.sampling.stderr_W,
         loss_drift_W=loss.scatter.drift,
         loss_drift_stderr_W=loss.scatter.drift_stderr,
         budget=budget.shares(defined=efficiency.value is not None),
@@ -177,7 +178,8 @@ class _Budget:
                 a.power_gain * abs(of_electrical * self.electrical_W),
                 a.power_zero_W * abs(of_electrical),
             ),
-            normal=found.sampling_W * abs(of_electrical),
+            sampling=found.sampling.stderr_W * abs(of_electrical),
+            sampling_in_scatter=found.sampling.in_scatter_W * abs(of_electrical),
             scatter=scatter_of(
                 of_mechanical * found.mechanical_W + of_electrical * found.electrical_W
             ),
@@ -217,7 +219,7 @@ class _Budget:
 def _by_source(errors: ErrorSum) -> dict[tuple[str, Literal["A", "B"]], float]:
     stderrs = [width / 3**0.5 for width in errors.rectangular]
     return {
-        ("scatter of the turns", "A"): errors.scatter.stderr,
+        ("scatter of the turns", "A"): errors.scatter_stderr,
         **{(name, "B"): value for name, value in zip(SOURCES, stderrs, strict=True)},
-        ("slow readings of the power", "B"): errors.normal,
+        ("slow readings of the power", "B"): errors.sampling,
     }

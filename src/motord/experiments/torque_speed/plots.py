@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
 from motord.experiments.torque_speed.result import OperatingPower
@@ -31,8 +32,9 @@ def efficiency_contours(points: Sequence[OperatingPower]) -> Figure:
         axes = picture.subplots()
         defined = [one for one in points if one.efficiency.value is not None]
         values = [one.efficiency.value or 0.0 for one in defined]
-        low, high = _range(values)
-        levels = np.linspace(low, high, LEVELS + 1)
+        levels = MaxNLocator(LEVELS, steps=[1, 2, 2.5, 5, 10]).tick_values(
+            min(values, default=0.0), max(values, default=100.0)
+        )
         drawn = None
         for mode in ("motoring", "generating"):
             for sign in (1, -1):
@@ -40,18 +42,14 @@ def efficiency_contours(points: Sequence[OperatingPower]) -> Figure:
                 drawn = _contours(axes, group, levels) or drawn
         _points(axes, points)
         _envelope(axes, points)
+        axes.use_sticky_edges = False
+        axes.margins(0.06)
         axes.set(xlabel="speed (turns/s)", ylabel="torque (Nm)")
         if drawn is not None:
             bar = picture.colorbar(drawn, ax=axes, pad=0.02, aspect=24)
             bar.set_label("efficiency of motor and inverter (%)")
             bar.outline.set_visible(False)
         return picture
-
-
-def _range(values: Sequence[float]) -> tuple[float, float]:
-    """Return the ends of the scale in whole steps of 2 %."""
-    low = 2 * np.floor(min(values, default=0.0) / 2)
-    return float(low), float(max(2 * np.ceil(max(values, default=100.0) / 2), low + 2))
 
 
 def _contours(

@@ -74,7 +74,8 @@ class OperatingPower:
             name: name
             for name in (
                 "efficiency_reason", "t_start_ns", "t_end_ns", "turns", "blocks", "readings",
-                "read_every_s", "sampling_W", "loss_drift_W", "loss_drift_stderr_W", "envelope_Nm", "budget",
+                "read_every_s", "sampling_W", "loss_drift_W", "loss_drift_stderr_W",
+                "envelope_Nm", "budget",
             )
         },
     }  # fmt: skip

@@ -27,7 +27,7 @@ class CapturedTurns:
     """Samples (n,) of a capture, in time order; edges: the first of each whole turn, and its end.
 
     t_s: since t0_ns; angle_rad: running on, positive forwards; motor_W: power at the windings by
-    the drive's voltages and currents, else torque times speed: for its course, not its size.
+    the drive's voltages and currents (electrical), else torque times speed: for its course only.
     """
 
     t0_ns: int
@@ -36,6 +36,7 @@ class CapturedTurns:
     torque_Nm: np.ndarray
     motor_W: np.ndarray
     edges: np.ndarray
+    electrical: bool
 
     @classmethod
     def of(cls, point: PointData, motor: MotorConfig) -> "CapturedTurns":
@@ -53,10 +54,11 @@ class CapturedTurns:
         torque_Nm = ticks["torque_Nm"].astype(float)
         edges = np.array([turns[0][0], *(end for _, end in turns)])
         edges = edges[edges < t_s.size]  # the last turn may end with the capture
-        motor_W = _motor_W(ticks)
+        electrical_W = _motor_W(ticks)
+        motor_W = electrical_W
         if motor_W is None:
             motor_W = torque_Nm * (angle_rad[-1] - angle_rad[0]) / (t_s[-1] - t_s[0])
-        return cls(t0_ns, t_s, angle_rad, torque_Nm, motor_W, edges)
+        return cls(t0_ns, t_s, angle_rad, torque_Nm, motor_W, edges, electrical_W is not None)
 
     @cached_property
     def work_J(self) -> np.ndarray:
