@@ -26,8 +26,7 @@ from motord.experiments.torque_speed.turns import CapturedTurns, blocks
 from motord.experiments.torque_speed.uncertainty import (
     LEAST_BLOCKS,
     ErrorSum,
-    Sampling,
-    sampling_of,
+    sampling_error_W,
     scatter_of,
 )
 from motord.identification import IdentifyError
@@ -73,7 +72,7 @@ class PowerBlocks:
     speed_rad_s: float
     turns: int
     readings: int
-    sampling: Sampling
+    sampling_W: float
 
     @classmethod
     def of(cls, turns: CapturedTurns, series: PowerSeries) -> "PowerBlocks":
@@ -107,7 +106,7 @@ class PowerBlocks:
             speed_rad_s=float(turned_rad / seconds_s),
             turns=each * (edges.size - 1),
             readings=int(np.count_nonzero((inside.t_s >= edges_s[0]) & (inside.t_s < edges_s[-1]))),
-            sampling=sampling_of(turns, inside, edges_s),
+            sampling_W=sampling_error_W(turns, inside, edges_s),
         )
 
 
@@ -117,6 +116,7 @@ def operating_power(
     turns: CapturedTurns,
     series: PowerSeries,
     accuracy: PowerAccuracy,
+    pole_pairs: int,
 ) -> OperatingPower:
     """Return the powers of an operating point with its set-points. Raises IdentifyError."""
     found = PowerBlocks.of(turns, series)
@@ -141,9 +141,11 @@ def operating_power(
         blocks=found.mechanical_W.size,
         readings=found.readings,
         read_every_s=series.period_s,
-        sampling_W=found.sampling.stderr_W,
+        sampling_W=found.sampling_W,
         loss_drift_W=loss.scatter.drift,
         loss_drift_stderr_W=loss.scatter.drift_stderr,
+        in_step=0.0 if series.means else turns.in_step(series.t_s, pole_pairs),
+        tick_s=turns.tick_s,
         budget=budget.shares(defined=efficiency.value is not None),
     )
 
@@ -178,8 +180,7 @@ class _Budget:
                 a.power_gain * abs(of_electrical * self.electrical_W),
                 a.power_zero_W * abs(of_electrical),
             ),
-            sampling=found.sampling.stderr_W * abs(of_electrical),
-            sampling_in_scatter=found.sampling.in_scatter_W * abs(of_electrical),
+            sampling=found.sampling_W * abs(of_electrical),
             scatter=scatter_of(
                 of_mechanical * found.mechanical_W + of_electrical * found.electrical_W
             ),
@@ -219,7 +220,7 @@ class _Budget:
 def _by_source(errors: ErrorSum) -> dict[tuple[str, Literal["A", "B"]], float]:
     stderrs = [width / 3**0.5 for width in errors.rectangular]
     return {
-        ("scatter of the turns", "A"): errors.scatter_stderr,
+        ("scatter of the turns", "A"): errors.scatter.stderr,
         **{(name, "B"): value for name, value in zip(SOURCES, stderrs, strict=True)},
         ("slow readings of the power", "B"): errors.sampling,
     }

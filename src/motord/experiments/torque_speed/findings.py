@@ -1,8 +1,10 @@
 """What is questionable about an efficiency map, each with its meaning and what to do."""
 
 from collections.abc import Iterator, Sequence
+from math import pi
 
 from motord.config import AccuracyConfig
+from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.result import OperatingPower
 from motord.findings import Finding
 
@@ -15,12 +17,25 @@ DRIFT_PART = 0.03
 SAMPLING_PART = 0.5
 """Part of the electrical power's standard uncertainty that slow readings may make."""
 
+IN_STEP = 0.3
+"""How far readings may fall on the same angles; evenly spread ones are below."""
+
+BETWEEN_TICKS = 0.002
+"""Part of the torque that may be unseen between ticks."""
+
 ACCURACIES = ("torque_gain_percent", "torque_zero_Nm", "power_gain_percent", "power_zero_W")
 
 
-def findings(points: Sequence[OperatingPower], accuracy: AccuracyConfig) -> tuple[Finding, ...]:
+def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Finding, ...]:
     """Return what is questionable about the points."""
-    return (*_negative(points), *_drifting(points), *_slow(points), *_assumed(accuracy))
+    return (
+        *_negative(points),
+        *_in_step(points),
+        *_between_ticks(points, subject),
+        *_drifting(points),
+        *_slow(points),
+        *_assumed(subject.accuracy),
+    )
 
 
 def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:
@@ -33,6 +48,43 @@ def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:
             f"{listed(below)}: more power comes out than goes in: sign or gain of torque or power "
             "reading is wrong, or the reading is not of the inverter's supply",
             "check the sign of the torque and of the power, their gains, and the analyser's wiring",
+        )  # fmt: skip
+
+
+def _in_step(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    """Yield a finding where instants of the power are always at the same angles."""
+    stuck = [one for one in points if one.in_step > IN_STEP]
+    if stuck:
+        yield Finding(
+            "readings-in-step", max(one.in_step for one in stuck), IN_STEP, "", "serious",
+            f"{listed(stuck)}: the power is read in step with the rotor, at the same electrical "
+            "angles in each turn: its ripple is taken for its mean",
+            "take other speeds, or let the analyser average from one reading to the next",
+        )  # fmt: skip
+
+
+def _between_ticks(points: Sequence[OperatingPower], subject: Subject) -> Iterator[Finding]:
+    """Yield a finding where torque between the ticks may be another than at the ticks.
+
+    Currents that are held for a period T while the rotor turns on make a torque that falls off by
+    up to (w_el T)^2 / 8 at the ends, (w_el T)^2 / 24 in the mean; a low-pass hides it.
+    """
+    filtered_Hz = subject.sensor.resonance_Hz
+    parts = [
+        ((2 * pi * subject.motor.pole_pairs * one.speed_mean_Hz * one.tick_s) ** 2 / 12, one)
+        for one in points
+        if not 0 < filtered_Hz < 0.5 / one.tick_s
+    ]
+    parts = [each for each in parts if each[0] > BETWEEN_TICKS]
+    if parts:
+        worst, _ = max(parts, key=lambda each: each[0])
+        yield Finding(
+            "torque-between-ticks", 100 * worst, 100 * BETWEEN_TICKS, "%", "warning",
+            f"{listed([one for _, one in parts])}: a drive that holds its phase currents from tick "
+            "to tick makes another torque in between, which a sensor without a low-pass does not "
+            "show in the ticks",
+            "set the sensor's filter below half of the loop's rate and state it as [torque_sensor] "
+            "resonance_Hz, or raise [loop] rate_Hz",
         )  # fmt: skip
 
 

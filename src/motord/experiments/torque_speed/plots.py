@@ -32,9 +32,8 @@ def efficiency_contours(points: Sequence[OperatingPower]) -> Figure:
         axes = picture.subplots()
         defined = [one for one in points if one.efficiency.value is not None]
         values = [one.efficiency.value or 0.0 for one in defined]
-        levels = MaxNLocator(LEVELS, steps=[1, 2, 2.5, 5, 10]).tick_values(
-            min(values, default=0.0), max(values, default=100.0)
-        )
+        ends = min(values, default=0.0), max(values, default=100.0)
+        levels = np.asarray(MaxNLocator(LEVELS, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends))
         drawn = None
         for mode in ("motoring", "generating"):
             for sign in (1, -1):

@@ -65,6 +65,10 @@ class PowerSeries:
         return np.asarray(np.diff(self.energy_J(edges_s)) / np.diff(edges_s))
 
     def within(self, begin_s: float, end_s: float) -> "PowerSeries":
-        """Return the readings that are of nothing else than a time. Raises IdentifyError if few."""
-        inside = (self.t_s >= begin_s) & (self.t_s <= end_s)
+        """Return the readings that are of nothing else than a time. Raises IdentifyError if few.
+
+        A reading may be half a period away from its time.
+        """
+        margin_s = 0.5 * self.period_s
+        inside = (self.t_s >= begin_s + margin_s) & (self.t_s <= end_s - margin_s)
         return PowerSeries(self.t_s[inside], self.power_W[inside], self.means)

@@ -30,6 +30,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     _check_mean(subject.sensor)
     own = plan_settings(recordings, NAME, TorqueSpeedConfig)
     accuracy = PowerAccuracy.of(subject.accuracy)
+    pole_pairs = subject.motor.pole_pairs
     points: list[OperatingPower] = []
     left_out: list[str] = []
     for run in runs:
@@ -38,7 +39,8 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
             try:
                 turns = CapturedTurns.of(point, subject.motor)
                 series = _series(readings, turns, point, own)
-                found = operating_power(point.torque_Nm, point.speed_Hz, turns, series, accuracy)
+                place = (point.torque_Nm, point.speed_Hz)
+                found = operating_power(*place, turns, series, accuracy, pole_pairs)
             except IdentifyError as error:
                 left_out.append(f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz: {error}")
             else:
@@ -47,7 +49,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: {'; '.join(left_out[:3]) or 'no good operating point'}")
     source = own.bus_current_channel or own.power_channel
-    said = (*findings(points, subject.accuracy), *points_left_out(runs))
+    said = (*findings(points, subject), *points_left_out(runs))
     return EfficiencyMap(tuple(points), source, tuple(left_out), said)
 
 

@@ -55,6 +55,8 @@ class OperatingPower:
     electrical power that count, read_every_s apart. blocks: of turns, whose scatter is the Type A
     uncertainty. sampling_W: standard uncertainty of the electrical power that slow readings cause.
     loss_drift_W: change of the losses from the beginning to the end, with its standard error.
+    in_step: how far readings that are instants fall on the same angles, from 0 to 1.
+    tick_s: time between ticks.
     envelope_Nm: largest torque that the plan had for this speed, None if it is not recorded.
     """
 
@@ -74,7 +76,7 @@ class OperatingPower:
             name: name
             for name in (
                 "efficiency_reason", "t_start_ns", "t_end_ns", "turns", "blocks", "readings",
-                "read_every_s", "sampling_W", "loss_drift_W", "loss_drift_stderr_W",
+                "read_every_s", "sampling_W", "loss_drift_W", "loss_drift_stderr_W", "in_step",
                 "envelope_Nm", "budget",
             )
         },
@@ -99,6 +101,8 @@ class OperatingPower:
     sampling_W: float
     loss_drift_W: float
     loss_drift_stderr_W: float
+    in_step: float
+    tick_s: float
     budget: tuple[UncertaintyShare, ...]
     envelope_Nm: float | None = None
 

@@ -13,10 +13,11 @@ from motord.identification.resample import rising
 from motord.identification.turning import continuous_turns, unwrap_counts
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm")
-VOLTAGES = ("u_a_V", "u_b_V", "u_c_V")
-CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
-COLUMNS = (*REQUIRED, *VOLTAGES, *CURRENTS, "u_bus_V", "tick", "plan_point")
+COLUMNS = (*REQUIRED, "u_bus_V", "tick", "plan_point")
 """Columns of the tick that the analysis reads, where the recording has them."""
+
+RIPPLE_ORDERS = (1, 2, 6)
+"""Electrical orders of the ripple that offsets, gains and switching losses make."""
 
 SECTORS = 512
 """Parts of a turn in which the power is averaged over the turns."""
@@ -26,17 +27,14 @@ SECTORS = 512
 class CapturedTurns:
     """Samples (n,) of a capture, in time order; edges: the first of each whole turn, and its end.
 
-    t_s: since t0_ns; angle_rad: running on, positive forwards; motor_W: power at the windings by
-    the drive's voltages and currents (electrical), else torque times speed: for its course only.
+    t_s: since t0_ns; angle_rad: running on, positive forwards.
     """
 
     t0_ns: int
     t_s: np.ndarray
     angle_rad: np.ndarray
     torque_Nm: np.ndarray
-    motor_W: np.ndarray
     edges: np.ndarray
-    electrical: bool
 
     @classmethod
     def of(cls, point: PointData, motor: MotorConfig) -> "CapturedTurns":
@@ -54,11 +52,12 @@ class CapturedTurns:
         torque_Nm = ticks["torque_Nm"].astype(float)
         edges = np.array([turns[0][0], *(end for _, end in turns)])
         edges = edges[edges < t_s.size]  # the last turn may end with the capture
-        electrical_W = _motor_W(ticks)
-        motor_W = electrical_W
-        if motor_W is None:
-            motor_W = torque_Nm * (angle_rad[-1] - angle_rad[0]) / (t_s[-1] - t_s[0])
-        return cls(t0_ns, t_s, angle_rad, torque_Nm, motor_W, edges, electrical_W is not None)
+        return cls(t0_ns, t_s, angle_rad, torque_Nm, edges)
+
+    @cached_property
+    def tick_s(self) -> float:
+        """Time between samples, the median (s)."""
+        return float(np.median(np.diff(self.t_s)))
 
     @cached_property
     def work_J(self) -> np.ndarray:
@@ -68,12 +67,14 @@ class CapturedTurns:
 
     @cached_property
     def course_W(self) -> np.ndarray:
-        """The part of `motor_W` that repeats every turn, and its trend from turn to turn (n,)."""
+        """Torque times mean speed: what of it repeats every turn, and its trend (n,)."""
+        turned_rad = self.angle_rad[-1] - self.angle_rad[0]
+        power_W = self.torque_Nm * turned_rad / (self.t_s[-1] - self.t_s[0])
         first, end = self.edges[0], self.edges[-1]
         sector = np.floor(self.angle_rad / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
         inside = slice(first, end)
-        trend = np.polynomial.Polynomial.fit(self.t_s[inside], self.motor_W[inside], 1)(self.t_s)
-        total = np.bincount(sector[inside], (self.motor_W - trend)[inside], SECTORS)
+        trend = np.polynomial.Polynomial.fit(self.t_s[inside], power_W[inside], 1)(self.t_s)
+        total = np.bincount(sector[inside], (power_W - trend)[inside], SECTORS)
         number = np.bincount(sector[inside], minlength=SECTORS)
         known = number > 0
         over_turn = np.interp(
@@ -81,20 +82,18 @@ class CapturedTurns:
         )
         return np.asarray(trend + over_turn[sector])
 
+    def in_step(self, at_s: np.ndarray, pole_pairs: int) -> float:
+        """Return how far instants (m,) fall on the same electrical angles: 0 evenly, 1 on one.
+
+        The largest over the orders that errors of currents and losses have.
+        """
+        angle_rad = pole_pairs * np.interp(at_s, self.t_s, self.angle_rad)
+        return max(float(abs(np.exp(1j * order * angle_rad).mean())) for order in RIPPLE_ORDERS)
+
     def between(self, begin_s: float, end_s: float) -> np.ndarray:
         """Return the first samples of the turns, and the last one's end, within a time (m,)."""
         at_s = self.t_s[self.edges]
         return np.asarray(self.edges[(at_s >= begin_s) & (at_s <= end_s)])
-
-
-def _motor_W(ticks: np.ndarray) -> np.ndarray | None:
-    """Return voltages times currents (n,); None where the drive does not report them."""
-    names = set(ticks.dtype.names or ())
-    if not names.issuperset((*VOLTAGES, *CURRENTS)):
-        return None
-    pairs = zip(VOLTAGES, CURRENTS, strict=True)
-    power_W = sum((ticks[u].astype(float) * ticks[i] for u, i in pairs), np.zeros(ticks.size))
-    return power_W if np.isfinite(power_W).all() and power_W.any() else None
 
 
 def blocks(edges: Sequence[int] | np.ndarray, turns: int) -> np.ndarray:

@@ -7,7 +7,6 @@ A block's error may depend on that of the block before (first-order autoregressi
 with s the scatter about a straight line over the G blocks: a drift belongs to what is measured.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import hypot, sqrt
@@ -23,9 +22,6 @@ LEAST_BLOCKS = 4
 
 CORRELATION_MAX = 0.8
 """Largest correlation of successive blocks that is allowed for."""
-
-LEAST_SCATTER = 0.4
-"""Part of the scatter's standard error that remains, whatever is taken off it."""
 
 DRAWS = 20_000
 """Draws of a sum of errors (JCGM 101)."""
@@ -66,47 +62,24 @@ def scatter_of(values: np.ndarray) -> Scatter:
 
 
 @dataclass(frozen=True)
-class Sampling:
-    """What slow readings do to a mean power: its standard error, and the one that scatter shows.
-
-    The scatter of blocks of turns counts each of them as by chance, and shows more than the error
-    where the readings fall evenly over the angles; where they are in step with the rotor, nothing.
-    """
-
-    stderr_W: float
-    in_scatter_W: float
-
-
-@dataclass(frozen=True)
 class ErrorSum:
-    """Errors of a quantity that add: rectangular half-widths, slow readings, and the scatter.
-
-    sampling: of the readings, in the unit of the quantity; what the scatter shows of it is taken
-    off the scatter, but for LEAST_SCATTER of it.
-    """
+    """Errors of a quantity that add: rectangular half-widths, slow readings, and the scatter."""
 
     rectangular: tuple[float, ...]
     sampling: float
-    sampling_in_scatter: float
     scatter: Scatter
-
-    @property
-    def scatter_stderr(self) -> float:
-        """Standard error by the scatter, without what slow readings make of it."""
-        left = self.scatter.stderr**2 - self.sampling_in_scatter**2
-        return max(sqrt(max(left, 0.0)), LEAST_SCATTER * self.scatter.stderr)
 
     @property
     def stderr(self) -> float:
         """Combined standard uncertainty (JCGM 100)."""
-        return hypot(self.sampling, self.scatter_stderr, *(a / sqrt(3) for a in self.rectangular))
+        return hypot(self.sampling, self.scatter.stderr, *(a / sqrt(3) for a in self.rectangular))
 
     @property
     def half_width(self) -> float:
         """Half of the 95 % interval, from draws of the sum (JCGM 101)."""
         uniform, normal = _draws(len(self.rectangular))
         total = np.asarray(self.rectangular) @ uniform + self.sampling * normal
-        total += self.scatter_stderr * _student(min(int(self.scatter.freedom), FREEDOM_MAX))
+        total += self.scatter.stderr * _student(min(int(self.scatter.freedom), FREEDOM_MAX))
         return float(np.quantile(np.abs(total), LEVEL))
 
 
@@ -123,17 +96,19 @@ def _student(freedom: int) -> np.ndarray:
     return np.random.default_rng(2).standard_t(freedom, DRAWS)
 
 
-def sampling_of(turns: CapturedTurns, series: PowerSeries, edges_s: np.ndarray) -> Sampling:
-    """Return what slow readings do to the mean power between the first and the last edge (g + 1,).
+def sampling_error_W(turns: CapturedTurns, series: PowerSeries, edges_s: np.ndarray) -> float:
+    """Return the standard error of the mean power that slow readings cause and no scatter shows.
 
-    The power's course over the ticks is read as the series is, each reading up to half a period
-    away from its time, and blocks between the edges are made of it. With that, readings in step
-    with the rotor show, and a time that a reading may be late.
+    The course of the mechanical power over a turn stands for that of the electrical one. It is read
+    as the series is, each reading up to half a period away from its time, and blocks between the
+    edges (g + 1,) are made of it: the mean square of what that changes, less that of the standard
+    error by the scatter of these blocks. With that, readings in step with the rotor show, and a
+    time that a reading may be late.
     """
     course = _continued(turns, series)
     ends_s = edges_s[[0, -1]]
     true_W = course.means_W(ends_s)[0]
-    errors_W, stderrs_W = [], []
+    squares_W2 = []
     for part in (np.arange(SHIFTS) + 0.5) / SHIFTS - 0.5:
         at_s = series.t_s + part * series.period_s
         if series.means:
@@ -141,14 +116,9 @@ def sampling_of(turns: CapturedTurns, series: PowerSeries, edges_s: np.ndarray) 
         else:
             read_W = np.interp(at_s, course.t_s, course.power_W)
         read = PowerSeries(series.t_s, read_W, series.means)
-        errors_W.append(float(read.means_W(ends_s)[0] - true_W))
-        stderrs_W.append(scatter_of(read.means_W(edges_s)).stderr)
-    seen_W = _root_mean_square(stderrs_W) if turns.electrical else 0.0
-    return Sampling(_root_mean_square(errors_W), seen_W)
-
-
-def _root_mean_square(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+        error_W = float(read.means_W(ends_s)[0] - true_W)
+        squares_W2.append(error_W**2 - scatter_of(read.means_W(edges_s)).stderr ** 2)
+    return sqrt(max(float(np.mean(squares_W2)), 0.0))
 
 
 def _continued(turns: CapturedTurns, series: PowerSeries) -> PowerSeries:
@@ -156,7 +126,7 @@ def _continued(turns: CapturedTurns, series: PowerSeries) -> PowerSeries:
 
     Beyond the capture the rotor is taken to go on as it did.
     """
-    step_s = float(np.median(np.diff(turns.t_s)))
+    step_s = turns.tick_s
     begin_s, end_s = turns.t_s[turns.edges[[0, -1]]]
     turn_s = (end_s - begin_s) / (turns.edges.size - 1)
     first_s = min(series.t_s[0] - series.period_s, begin_s)

@@ -14,13 +14,7 @@ MOTOR: MotorConfig = load().motor
 RATE_HZ = 1000
 EPOCH_NS = 1_767_225_600_000_000_000
 ACCURACY = PowerAccuracy(0.002, 0.005, 0.002, 0.05)
-DTYPE = [
-    ("t_ns", "i8"),
-    ("encoder_count", "i4"),
-    ("torque_Nm", "f8"),
-    ("u_bus_V", "f8"),
-    *((f"{n}_{p}_{u}", "f8") for n, u in (("u", "V"), ("i", "A")) for p in "abc"),
-]
+DTYPE = [("t_ns", "i8"), ("encoder_count", "i4"), ("torque_Nm", "f8"), ("u_bus_V", "f8")]
 
 
 @dataclass(frozen=True)
@@ -58,14 +52,13 @@ class Machine:
         self, rng: np.random.Generator, gain: float = 1.0, zero_Nm: float = 0.0
     ) -> PointData:
         """Return the ticks, with an error of the torque sensor."""
-        t_s, angle_rad, torque_Nm, energy_J = self.path()
+        t_s, angle_rad, torque_Nm, _ = self.path()
         ticks = np.zeros(t_s.size, DTYPE)
         ticks["t_ns"] = EPOCH_NS + np.round(t_s * 1e9).astype(np.int64)
         ticks["encoder_count"] = np.floor(angle_rad / (2 * np.pi) * MOTOR.counts) % MOTOR.counts
         noise_Nm = self.noise_Nm * rng.standard_normal(t_s.size)
         ticks["torque_Nm"] = gain * torque_Nm + zero_Nm + noise_Nm
-        ticks["u_bus_V"] = ticks["u_a_V"] = 24.0
-        ticks["i_a_A"] = np.gradient(energy_J, t_s) / 24.0
+        ticks["u_bus_V"] = 24.0
         return PointData(self.torque_Nm, self.speed_Hz, ticks)
 
     def turns(

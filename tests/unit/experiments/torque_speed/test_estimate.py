@@ -8,7 +8,7 @@ import pytest
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.result import OperatingPower
-from motord.experiments.torque_speed.uncertainty import sampling_of, scatter_of
+from motord.experiments.torque_speed.uncertainty import sampling_error_W, scatter_of
 from motord.identification import IdentifyError
 from tests.unit.experiments.torque_speed.captures import ACCURACY, Machine
 
@@ -113,14 +113,15 @@ def test_readings_in_step_with_the_rotor_are_seen_by_their_course() -> None:
     t_s, _, _, energy_J = machine.path()
     series = PowerSeries(at_s, np.interp(at_s, t_s, np.gradient(energy_J, t_s)), means=False)
     turns = machine.turns(np.random.default_rng(1))
-    one = operating_power(3.0, 4.0, turns, series, EXACT)
+    one = operating_power(3.0, 4.0, turns, series, EXACT, 8)
     amplitude_W = 0.3 * 2 * np.pi * 4.0
     assert one.sampling_W == pytest.approx(amplitude_W / 2**0.5, rel=0.1)
     true_W = 2 * np.pi * 4.0 * 3.0 + 20.0
+    assert turns.in_step(series.t_s, 5) == pytest.approx(1.0, abs=0.01)
     assert abs(one.electrical.value - true_W) > 0.5  # type: ignore[operator]
     assert one.electrical.low < true_W < one.electrical.high  # type: ignore[operator]
     edges_s = turns.t_s[turns.edges[4:-5]]
-    assert sampling_of(turns, replace(series, means=True), edges_s).stderr_W < 0.05 * amplitude_W
+    assert sampling_error_W(turns, replace(series, means=True), edges_s) < 0.05 * amplitude_W
 
 
 def test_a_drift_is_no_scatter_and_is_stated() -> None:
@@ -153,7 +154,7 @@ def test_too_few_readings_are_refused(seconds_s: float, every_s: float, message:
     at_s = np.arange(0.1, seconds_s, every_s)
     series = PowerSeries(at_s if at_s.size > 2 else at_s - 20, np.ones(at_s.size), means=True)
     with pytest.raises(IdentifyError, match=message):
-        operating_power(3.0, 4.0, machine.turns(np.random.default_rng(1)), series, ACCURACY)
+        operating_power(3.0, 4.0, machine.turns(np.random.default_rng(1)), series, ACCURACY, 8)
 
 
 def test_missing_readings_are_refused() -> None:
@@ -162,7 +163,7 @@ def test_missing_readings_are_refused() -> None:
     kept = np.abs(whole.t_s - 6.0) > 1.0
     series = PowerSeries(whole.t_s[kept], whole.power_W[kept], means=True)
     with pytest.raises(IdentifyError, match="no reading of the power for 2"):
-        operating_power(3.0, 4.0, machine.turns(np.random.default_rng(1)), series, ACCURACY)
+        operating_power(3.0, 4.0, machine.turns(np.random.default_rng(1)), series, ACCURACY, 8)
 
 
 def trial(seed: int, means: bool) -> tuple[bool, bool]:
@@ -183,7 +184,7 @@ def trial(seed: int, means: bool) -> tuple[bool, bool]:
     power_W = read.power_W * (1 + a.power_gain * rng.uniform(-1, 1))
     power_W = power_W + a.power_zero_W * rng.uniform(-1, 1)
     series = PowerSeries(read.t_s, power_W, means)
-    one = operating_power(machine.torque_Nm, machine.speed_Hz, turns, series, a)
+    one = operating_power(machine.torque_Nm, machine.speed_Hz, turns, series, a, 8)
     mechanical_W = machine.mechanical_W()
     efficiency = 100 * mechanical_W / (mechanical_W + machine.loss_W)
     return (
