@@ -146,8 +146,8 @@ def main(trials: int = TRIALS) -> int:
         kept = worst <= ERROR_MAX and all(COVERED[0] <= s <= COVERED[1] for s in (loss, efficiency))
         failed |= not kept
         print(
-            f"{len(taken)} of {len(points)} points, {name}: efficiency off by {100 * worst:.2f} % at most; in "
-            f"their intervals losses {100 * loss:.1f} %, efficiency {100 * efficiency:.1f} %",
+            f"{len(taken)} of {len(points)} points, {name}: efficiency off by {100 * worst:.2f} % "
+            f"at most; in their intervals losses {100 * loss:.1f} %, efficiency {100 * efficiency:.1f} %",
             *("NOT KEPT",) * (not kept),
         )
     return int(failed)

@@ -23,6 +23,10 @@ READ_BY = {
 """Blocks of TOML that are not part of a bench file; by the beginning of their first line."""
 
 RUN = {
+    ("docs/channels.md", "from pathlib import Path"): {
+        "runs/bench-20250101T120000000Z-000.mcap": "{recording}"
+    },
+    ("docs/channels.md", "from motord.config import ChannelConfig, Section"): {},
     ("docs/api.md", "from motord.client import connect"): {},
     ("docs/api.md", "from motord.client import PlanEndedError, connect"): {
         '"turns": 2': '"turns": 2, "settle_s": 0.2, "spin_up": 1.0'  # sooner
@@ -38,6 +42,8 @@ RUN = {
 """Blocks of Python, and what is put in place of what only a reader has. `PRINTED` says more."""
 
 PRINTED = {
+    ("docs/channels.md", "from pathlib import Path"): (),
+    ("docs/channels.md", "from motord.config import ChannelConfig, Section"): (),
     ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
     ("docs/api.md", "from motord.client import PlanEndedError, connect"): ("0% ", "recorded in "),
     ("docs/api.md", "import asyncio"): (" rad/s\n",),

@@ -14,10 +14,18 @@ from motord.config import (
     CanConfig,
     CanopenConfig,
     CanSignalMap,
+    ChannelConfig,
     DqConfig,
     ModbusConfig,
     SpringConfig,
     TlsConfig,
+)
+from motord.config.channel_sources import (
+    CanSource,
+    ModbusSource,
+    OtherSource,
+    SerialSource,
+    SimulatedSource,
 )
 from motord.config.experiments import plan_kinds
 from motord.config.sections import Sections
@@ -41,6 +49,16 @@ BELOW: dict[str, dict[str, type[BaseModel]]] = {
 }
 """Tables that are part of another one."""
 
+CHANNELS: dict[str, type[BaseModel]] = {
+    "[[channels]]": ChannelConfig,
+    '[channels.source] driver = "modbus"': ModbusSource,
+    '[channels.source] driver = "can"': CanSource,
+    '[channels.source] driver = "serial"': SerialSource,
+    '[channels.source] driver = "simulated"': SimulatedSource,
+    "[channels.source] of another package": OtherSource,
+}
+"""Slow channels: any number of them, and what a source may be."""
+
 BENCH = """A bench file is TOML. Every key is optional unless it says **required**; an unknown key
 is an error that names it, and so is a value of another type. Numbers carry their unit in their
 name. Paths are looked for next to the file; `package:NAME` ships with motord.
@@ -58,7 +76,9 @@ IMPORT = """`motord record import FILE --map MAP.toml` makes a recording of a fi
 def _bench_tables() -> Tables:
     tables: Tables = {}
     for name, field in Sections.model_fields.items():
-        if name != "plans" and isinstance(field.annotation, type):
+        if name == "channels":
+            tables |= {heading: (one, None) for heading, one in CHANNELS.items()}
+        elif name != "plans" and isinstance(field.annotation, type):
             tables[f"[{name}]"] = (field.annotation, None)
             tables |= {heading: (one, None) for heading, one in BELOW.get(name, {}).items()}
     for name, kind in plan_kinds().items():

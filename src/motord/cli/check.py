@@ -1,6 +1,7 @@
 """`motord check`: is this bench file right, do its devices answer, is there real time."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -9,8 +10,10 @@ from motord.cli.common_options import AsJson, BenchFile
 from motord.cli.console import explain_first_run, fail, print_result
 
 if TYPE_CHECKING:
-    from motord.config import Config
+    from motord.config import ChannelConfig, Config
+    from motord.hal.channel_source import ChannelSource
 
+LOOK_S = 0.02
 Finding = dict[str, Any]
 
 
@@ -47,14 +50,17 @@ def check(
 
 def probe_devices(bench: "Config") -> list[Finding]:
     """Open each device, read it once, close it. A bench that is in use is left alone."""
+    from motord.hal.channels.registry import make_lines
     from motord.shm.run_directory import RunDir, RunDirError
 
+    channels = [one for line in make_lines(bench) for one in line]
     try:
         with RunDir(bench.bench.name).hold():
             return [
                 _probe("inverter and bridge", lambda: _probe_rig(bench)),
                 _probe("brake", lambda: _probe_slow("brake", bench)),
                 _probe("drive", lambda: _probe_slow("drive", bench)),
+                *(_probe(f"channel {c.name}", partial(_probe_channel, c, s)) for c, s in channels),
             ]
     except RunDirError as error:
         return [{"what": "devices", "ok": False, "message": str(error)}]
@@ -127,6 +133,34 @@ def _probe_slow(kind: Any, bench: "Config") -> str:
     finally:
         device.close()
     return f"{section.driver}: answers"
+
+
+def _probe_channel(channel: "ChannelConfig", source: "ChannelSource") -> str:
+    """Return what a slow channel reads; waits for it as long as the daemon would."""
+    import time
+
+    from motord.hal.base import DeviceError
+    from motord.hal.channel_source import ChannelReading
+    from motord.service.bench.channels import Channel
+
+    judged, end_s = Channel(channel), time.monotonic() + channel.timeout_s
+    try:
+        source.open()
+        while (sample := source.read()) is None and time.monotonic() < end_s:
+            time.sleep(LOOK_S)
+    except DeviceError:
+        raise
+    except Exception as error:  # of a driver of another package
+        raise DeviceError(f"error in its driver: {type(error).__name__}: {error}") from error
+    finally:
+        source.close()
+    if sample is None:
+        raise DeviceError(f"nothing came within timeout_s = {channel.timeout_s:g}")
+    now_ns = time.monotonic_ns()
+    judged.take(ChannelReading(channel.name, now_ns, sample.value))
+    if obstacle := judged.obstacle(now_ns):
+        raise DeviceError(obstacle)
+    return f"{channel.source.driver}: {judged.value:.6g} {channel.unit}, {judged.status(now_ns)}"
 
 
 def _realtime(bench: "Config") -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -18,6 +18,7 @@ from motord.emulate.devices import NEVER_NS, Currents, Inverter, RegisterDevice
 from motord.rig import build, park, step
 from motord.rig.build import with_drive
 from motord.rig.park import LATCHED
+from motord.rig.thermal import ThermalNetwork
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TRUTH_DTYPE, InverterStatus
@@ -26,6 +27,10 @@ from motord.wire.modbus.registers import DeviceStatus
 
 ADVANCE_MAX_NS = 500_000_000
 """Most time that passes in one call; a longer stall of the host stops the rig's time meanwhile."""
+
+
+HEAT_S = 0.1
+"""Time between two steps of the motor's temperatures."""
 
 
 class CurrentCommand(NamedTuple):
@@ -83,7 +88,10 @@ class EmulatedBench:
         self._temperature_max_C = config.brake.temperature_max_C
         truth = with_drive(truth, config.inverter)
         self._parameters, self._state = build.build(truth, config.bench.seed)
+        self.thermal = ThermalNetwork(truth)
+        self._heat_A2_s = self._heated_s = 0.0
         self._latches = bool(self._parameters["axes"][0] == LATCHED)
+        self._currents_A = self._state["i_A"][0]
         self._output = np.zeros(1, RIG_OUTPUT)
         self.rig_input = np.zeros(1, RIG_INPUT)
         self._fields = {name: self.rig_input[name] for name in self.rig_input.dtype.names or ()}
@@ -170,9 +178,19 @@ class EmulatedBench:
         fields["drive_rad_s"][0] = self.drive.setpoint
         if played_ns > 0:
             step.advance(self._parameters, self._state, self.rig_input, played_ns * 1e-9)
+            self._heat(played_ns * 1e-9)
         self.played_ns += played_ns
         self.paused_ns += duration_ns - played_ns
         self.now_ns = to_ns
+
+    def _heat(self, played_s: float) -> None:
+        """Let the currents heat the motor, now and then by what they were since the last time."""
+        i_a_A, i_b_A, i_c_A = self._currents_A.tolist()
+        self._heat_A2_s += (i_a_A * i_a_A + i_b_A * i_b_A + i_c_A * i_c_A) * played_s
+        self._heated_s += played_s
+        if self._heated_s >= HEAT_S:
+            self.thermal.advance(self._heat_A2_s / self._heated_s, self._heated_s)
+            self._heat_A2_s = self._heated_s = 0.0
 
     def _played_ns(self, to_ns: int) -> int:
         """Return how much of the time up to `to_ns` passes for the rig (`rig_patience_s`)."""

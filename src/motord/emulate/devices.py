@@ -4,8 +4,10 @@ All times are nanoseconds, arguments; nothing here reads a clock.
 """
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 
-from motord.config import ModbusConfig
+from motord.config import ChannelConfig, ModbusConfig
+from motord.config.channel_sources import ModbusSource
 from motord.wire.modbus.registers import DeviceStatus, Register, layout
 
 Currents = tuple[float, float, float]
@@ -120,6 +122,41 @@ class RegisterDevice:
         """Set what the device reads back."""
         self.value = value if math.isfinite(value) else 0.0
         self.status = status
+
+
+class ReadOnlyRegisters:
+    """Registers of one unit that say what the rig's temperatures are, for slow channels.
+
+    `named_C` returns them by name; a channel's value is offset + scale times its register.
+    """
+
+    silent = False
+    setpoint_addresses = range(0)
+
+    def __init__(
+        self, channels: Sequence[ChannelConfig], named_C: Callable[[], Mapping[str, float]]
+    ) -> None:
+        self._named_C = named_C
+        self._cells: list[tuple[str, str, Register, float]] = []
+        for channel in channels:
+            source = channel.source
+            if isinstance(source, ModbusSource) and source.emulated is not None:
+                register = Register(source.address, source.kind, channel.scale, source.word_order)
+                self._cells.append((source.table, source.emulated, register, channel.offset))
+
+    def words(self, table: str) -> dict[int, int]:
+        """Return what every register of `table` reads now, by address."""
+        named_C = self._named_C()
+        words: dict[int, int] = {}
+        for where, quantity, register, offset in self._cells:
+            if where == table:
+                encoded = register.encode(named_C[quantity] - offset)
+                words.update(zip(_span(register), encoded, strict=True))
+        return words
+
+    def write(self, address: int, values: list[int]) -> bool:
+        """Refuse."""
+        return False
 
 
 def _span(register: Register) -> range:

@@ -14,9 +14,9 @@ from pymodbus.server.base import ModbusBaseServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.transport import ModbusProtocol
 
-from motord.config import ModbusConfig
+from motord.config import ModbusLinkConfig
 from motord.emulate import EmulatorError
-from motord.emulate.devices import RegisterDevice
+from motord.emulate.devices import ReadOnlyRegisters, RegisterDevice
 from motord.emulate.pty import Pty
 
 # pymodbus logs every wrong request, to which the host gets an exception response
@@ -30,10 +30,13 @@ FRAME_PAUSE_S = 0.005
 """Silence on a serial line after which what comes is the start of a new frame."""
 
 
+Registers = RegisterDevice | ReadOnlyRegisters
+
+
 class ModbusServers:
     """All Modbus devices of a bench: a server for each port, a unit for each device."""
 
-    def __init__(self, devices: Mapping[str, tuple[ModbusConfig, RegisterDevice]]) -> None:
+    def __init__(self, devices: Mapping[str, tuple[ModbusLinkConfig, Registers]]) -> None:
         """Take the devices by name. Raises EmulatorError if two share port and unit."""
         self._places = _group(devices)
         self._loop = asyncio.new_event_loop()
@@ -86,7 +89,7 @@ class ModbusServers:
         await asyncio.gather(*others, return_exceptions=True)
 
 
-_Unit = tuple[ModbusConfig, RegisterDevice]
+_Unit = tuple[ModbusLinkConfig, Registers]
 
 
 def _group(devices: Mapping[str, _Unit]) -> dict[tuple[str, int], list[_Unit]]:
@@ -106,7 +109,7 @@ def _group(devices: Mapping[str, _Unit]) -> dict[tuple[str, int], list[_Unit]]:
     return {place: [unit for _, unit in units.values()] for place, units in places.items()}
 
 
-def _sim_device(config: ModbusConfig, device: RegisterDevice) -> SimDevice:
+def _sim_device(config: ModbusLinkConfig, device: Registers) -> SimDevice:
     """Return the pymodbus device whose registers are those of `device`."""
 
     async def access(

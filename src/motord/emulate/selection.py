@@ -1,9 +1,12 @@
 """What of a bench file the emulator serves."""
 
-from motord.config import Config, ModbusConfig
+from collections import defaultdict
+
+from motord.config import ChannelConfig, Config, ModbusLinkConfig
+from motord.config.channel_sources import ModbusSource
 from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench, SensorReading
-from motord.emulate.devices import RegisterDevice
+from motord.emulate.devices import ReadOnlyRegisters, RegisterDevice
 from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, MessageCodec
 
 _SLOTS = FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS
@@ -46,14 +49,27 @@ def inverter_values(reading: SensorReading, status_word: int) -> dict[str, float
 
 def register_devices(
     config: Config, bench: EmulatedBench
-) -> dict[str, tuple[ModbusConfig, RegisterDevice]]:
-    """Return the devices that the bench file has on Modbus, by name."""
+) -> dict[str, tuple[ModbusLinkConfig, RegisterDevice | ReadOnlyRegisters]]:
+    """Return the devices that the bench file has on Modbus, by name.
+
+    Channels of one unit are a device of the name of the first.
+    """
     pairs = (
         ("brake", config.brake, bench.brake),
         ("drive", config.drive, bench.drive),
     )
-    return {
+    devices: dict[str, tuple[ModbusLinkConfig, RegisterDevice | ReadOnlyRegisters]] = {
         name: (section.modbus, device)
         for name, section, device in pairs
         if section.driver == "modbus" and section.modbus is not None
     }
+    units: dict[tuple[str, int], list[ChannelConfig]] = defaultdict(list)
+    for channel in config.channels:
+        if isinstance(channel.source, ModbusSource) and channel.source.emulated:
+            units[channel.source.place, channel.source.unit].append(channel)
+    for channels in units.values():
+        source = channels[0].source
+        assert isinstance(source, ModbusSource)
+        registers = ReadOnlyRegisters(channels, lambda: bench.thermal.named_C)
+        devices[f"channel {channels[0].name}"] = (source, registers)
+    return devices

@@ -115,6 +115,7 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
         rows.append(("bridge clock", text))
     for name, device in (("brake", state.brake), ("drive", state.drive)):
         rows.append((name, device.health + (f": {device.error}" if device.error else "")))
+    rows += [(one.name, wording.channel(one)) for one in state.channels]
     return rows
 
 

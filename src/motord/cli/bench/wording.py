@@ -4,6 +4,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from motord.api.channel_messages import ChannelView
     from motord.api.messages import BenchState
     from motord.api.plan_messages import PlanView
 
@@ -54,6 +55,20 @@ def recording(state: "BenchState") -> str:
     r = state.recording
     trouble = r.error or r.obstacle
     return r.path if r.recording else "not recording" + (f": {trouble}" if trouble else "")
+
+
+def channel(view: "ChannelView") -> str:
+    """Return value, status and, if it is not ok, what is known of why."""
+    value = "no value" if view.value is None else f"{view.value:.6g} {view.unit}".strip()
+    low, high = (view.warn_below, view.warn_above)
+    if view.status == "trip":
+        low, high = (view.trip_below, view.trip_above)
+    below = view.value is not None and low is not None and view.value < low
+    limit = low if below else high
+    shown = limit is not None and view.status in ("warn", "trip")
+    why = view.error or (f"limit {limit:g}" if shown else "")
+    age = "" if view.age_s is None else f", {view.age_s:.1f} s old"
+    return f"{value}, {view.status}{age}" + (f": {why}" if why else "")
 
 
 def loop(state: "BenchState") -> str:

@@ -68,6 +68,7 @@ export class Health {
     this._figure("Real time", state.realtime.granted ? "granted" : "not granted", state.realtime.granted ? "" : "warning");
     if (state.bridge_clock) this._figure("Bridge clock", `${number(state.bridge_clock.drift_ppm, 1)} ppm, jitter ${number(state.bridge_clock.jitter_us, 0)} \u00b5s`);
     for (const name of ["brake", "drive"]) this._device(name, state[name]);
+    for (const channel of state.channels ?? []) this._channel(channel);
     for (const [name, process] of Object.entries(state.processes)) {
       this._figure(`Process ${name}`, `${process.running ? "runs" : `ended: ${process.exit || "not started"}`}, ${process.restarts} restarts`, process.running ? "" : "warning");
     }
@@ -89,6 +90,13 @@ export class Health {
     if (!device || device.health === "none") return;
     const words = `${device.health}${device.age_s === null ? "" : `, ${age(device.age_s)} old`}${device.error ? `: ${device.error}` : ""}`;
     this._figure(name[0].toUpperCase() + name.slice(1), words, device.health === "ok" || device.health === "simulated" ? "" : "warning");
+  }
+
+  /** @param {{name: string, unit: string, value: number | null, status: string, age_s: number | null, error: string}} channel */
+  _channel({ name, unit, value, status, age_s, error }) {
+    const words = `${value === null ? "\u2013" : significant(value, 5)} ${unit}, ${status}${age_s === null ? "" : `, ${age(age_s)} old`}${error ? `: ${error}` : ""}`;
+    const severity = status === "trip" || status === "broken" ? "error" : status === "ok" ? "" : "warning";
+    this._figure(`Channel ${name}`, words, severity);
   }
 
   /** A row of the table; made once. @param {string} name @param {string} text @param {string} [severity] */

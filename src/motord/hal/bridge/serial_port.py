@@ -67,6 +67,14 @@ class SerialPort:
             self._fail(error)
         return chunks[0] if len(chunks) == 1 else b"".join(chunks)
 
+    def hung_up(self) -> bool:
+        """Return whether the port is gone; to a read that looks as if nothing had come."""
+        if self._fd is None:
+            return True
+        poll = select.poll()
+        poll.register(self._fd, 0)
+        return bool(poll.poll(0))
+
     def write(self, data: bytes) -> bool:
         """Send `data`, which ends with a zero byte; False if the port did not take all of it.
 

@@ -2,18 +2,17 @@
 
 import math
 import time
-from collections.abc import Sequence
 
-from motord.config import CanBusConfig, Config
+from motord.config import CanBusConfig
 from motord.config.channel_sources import CanSource
 from motord.hal.base import DeviceError
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 from motord.wire.can.dbc import signal_codec
 
 
-class _ListeningPort:
+class ListeningPort:
     """The bus that several channels listen to, with the newest payload of each message."""
 
     def __init__(self, config: CanBusConfig) -> None:
@@ -24,6 +23,7 @@ class _ListeningPort:
         """By key: payload, and when it came (Unix ns)."""
 
     def open(self, key: int) -> None:
+        """Listen to messages of this key, too. Raises DeviceError."""
         self._keys.add(key)
         if self._bus is None:
             self._bus = open_bus(self._config, self._config.place)
@@ -40,6 +40,7 @@ class _ListeningPort:
             raise DeviceError(f"{self._config.place}: the CAN controller is off the bus")
 
     def close(self) -> None:
+        """Leave the bus."""
         bus, self._bus = self._bus, None
         self.newest.clear()
         if bus is not None:
@@ -49,7 +50,7 @@ class _ListeningPort:
 class CanChannel:
     """A signal in frames that come by themselves."""
 
-    def __init__(self, source: CanSource, port: _ListeningPort) -> None:
+    def __init__(self, source: CanSource, port: ListeningPort) -> None:
         self._port = port
         self._codec = signal_codec(source.dbc, source.signal)
         self._seen_ns = 0
@@ -58,7 +59,7 @@ class CanChannel:
         """Open the bus, or join those who have. Raises DeviceError."""
         self._port.open(self._codec.key)
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return the signal in the newest frame, None if none has come since the last call.
 
         A frame of another length has no number. Raises DeviceError.
@@ -70,16 +71,8 @@ class CanChannel:
         self._seen_ns = t_ns
         values = self._codec.decode(payload)
         age_s = max(time.time_ns() - t_ns, 0) * 1e-9
-        return Sample(math.nan if values is None else values[0], age_s)
+        return RawSample(math.nan if values is None else values[0], age_s)
 
     def close(self) -> None:
         """Leave the bus to be opened again."""
         self._port.close()
-
-
-def can_channels(sources: Sequence[CanSource], config: Config) -> list[CanChannel]:
-    """Return the channels of one bus. Raises ConfigError for what a DBC does not have."""
-    bus = sources[0].bus or config.inverter.can
-    assert bus is not None  # a rule of the bench file
-    port = _ListeningPort(bus)
-    return [CanChannel(source, port) for source in sources]

@@ -1,11 +1,11 @@
 """Channels in registers of Modbus devices; those of one connection or serial line share it."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from motord.config.channel_sources import ModbusSource
 from motord.hal.base import DeviceError
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 from motord.hal.modbus.client import ModbusClient
 from motord.wire.modbus.pdu import read
 from motord.wire.modbus.registers import Register
@@ -27,12 +27,13 @@ class ModbusChannel:
         self._source = source
         self._client = client
         self._wait = wait
+        self._failed = False
         self._register = Register(source.address, source.kind, 1.0, source.word_order)
 
     def open(self) -> None:
         """Leave it to the first reading to connect."""
 
-    def read(self) -> Sample:
+    def read(self) -> RawSample:
         """Return the register. Raises DeviceError."""
         source = self._source
         what = f"read of {source.table} register {source.address}"
@@ -40,17 +41,17 @@ class ModbusChannel:
         try:
             words = self._client.exchange(what, request, source.unit)
         except DeviceError:
+            self._failed = True
             if source.transport == "rtu":
                 self._wait(source.timeout_s)
             raise
-        return Sample(self._register.decode(words))
+        return RawSample(self._register.decode(words))
 
     def close(self) -> None:
-        """Disconnect, and with it all on the same line; the next reading connects again."""
-        self._client.close()
+        """Disconnect, and with it all on the same line; the next reading connects again.
 
-
-def modbus_channels(sources: Sequence[ModbusSource]) -> list[ModbusChannel]:
-    """Return the channels of one line, which share a client."""
-    client = ModbusClient(sources[0], "")
-    return [ModbusChannel(source, client) for source in sources]
+        After a reading that failed the client has done so itself, if the link was to blame.
+        """
+        failed, self._failed = self._failed, False
+        if not failed:
+            self._client.close()

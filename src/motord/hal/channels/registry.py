@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.metadata import entry_points
 from pkgutil import resolve_name
 from typing import Any, cast
@@ -11,7 +12,7 @@ import numpy as np
 from motord.config import ChannelConfig, Config, ConfigError
 from motord.config.channel_sources import OtherSource
 from motord.hal.base import DeviceError
-from motord.hal.channels.base import ChannelSource, Sample
+from motord.hal.channel_source import ChannelSource, RawSample
 from motord.schema import TICK_DTYPE
 
 GROUP = "motord.channels"
@@ -31,7 +32,7 @@ class BrokenSource:
         """Raise DeviceError."""
         raise DeviceError(self._error)
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return nothing."""
         return None
 
@@ -70,35 +71,51 @@ def make_lines(config: Config, ticks: Ticks = no_ticks) -> list[Sources]:
 def _sources(channels: list[ChannelConfig], config: Config, ticks: Ticks) -> Sources:
     """Return the sources of a line; one that cannot be made is a BrokenSource."""
     try:
-        made = _make(channels, config, ticks)
+        makers = _makers(channels, config, ticks)
+    except ConfigError as error:
+        return [(channel, BrokenSource(str(error))) for channel in channels]
+    return [(channel, _made(make)) for channel, make in zip(channels, makers, strict=True)]
+
+
+def _made(make: Callable[[], ChannelSource]) -> ChannelSource:
+    try:
+        return make()
     except (ConfigError, DeviceError) as error:
-        made = [BrokenSource(str(error))] * len(channels)
+        return BrokenSource(str(error))
     except Exception as error:  # of a driver: the other channels must still be read
-        text = f"its driver cannot be made: {type(error).__name__}: {error}"
-        made = [BrokenSource(text)] * len(channels)
-    return list(zip(channels, made, strict=True))
+        return BrokenSource(f"its driver cannot be made: {type(error).__name__}: {error}")
 
 
-def _make(channels: list[ChannelConfig], config: Config, ticks: Ticks) -> Sequence[ChannelSource]:
+def _makers(
+    channels: list[ChannelConfig], config: Config, ticks: Ticks
+) -> list[Callable[[], ChannelSource]]:
+    """Return what makes the source of each channel of a line. Raises ConfigError."""
     settings: list[Any] = [channel.source for channel in channels]
     match settings[0].driver:
         case "modbus":
-            from motord.hal.channels.modbus import modbus_channels
+            from motord.hal.channels.modbus import ModbusChannel
+            from motord.hal.modbus.client import ModbusClient
 
-            return modbus_channels(settings)
+            client = ModbusClient(settings[0], "")
+            return [partial(ModbusChannel, source, client) for source in settings]
         case "can":
-            from motord.hal.channels.can import can_channels
+            from motord.hal.channels.can import CanChannel, ListeningPort
 
-            return can_channels(settings, config)
+            bus = settings[0].bus or config.inverter.can
+            assert bus is not None  # a rule of the bench file
+            listening = ListeningPort(bus)
+            return [partial(CanChannel, source, listening) for source in settings]
         case "serial":
-            from motord.hal.channels.text import text_channels
+            from motord.hal.channels.text import TextChannel, TextPort
 
-            return text_channels(settings)
+            port = TextPort(settings[0])
+            return [partial(TextChannel, source, port) for source in settings]
         case "simulated":
-            from motord.hal.sim.thermal import simulated_channels
+            from motord.hal.sim.thermal import HeatedMotor, SimulatedChannel
 
-            return simulated_channels(settings, config, ticks)
-    return [_of_another_package(channels[0])]
+            motor = HeatedMotor(config, ticks)
+            return [partial(SimulatedChannel, source, motor) for source in settings]
+    return [partial(_of_another_package, channel) for channel in channels]
 
 
 def _of_another_package(channel: ChannelConfig) -> ChannelSource:

@@ -3,19 +3,19 @@
 import math
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from motord.config.channel_sources import SerialSource
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial_port import SerialPort
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 
 LINE_MAX_BYTES = 4096
 """A longer line is none: its end is looked for."""
 _ENDS = re.compile(rb"[\r\n]+")
 
 
-class _TextPort:
+class TextPort:
     """The port that several channels have, each with a look at every line."""
 
     def __init__(self, source: SerialSource) -> None:
@@ -26,6 +26,7 @@ class _TextPort:
         self.listeners: list[Callable[[str], None]] = []
 
     def open(self) -> None:
+        """Open it, unless it is. Raises DeviceError."""
         if self._port is None:
             path, baud = self._source.port, self._source.baud
             self._port = SerialPort(path, baud, "serial channel")
@@ -39,13 +40,14 @@ class _TextPort:
         port.write(text.encode())
 
     def wait(self, timeout_s: float) -> None:
+        """Wait until something has come, at most so long. Raises DeviceError."""
         self._opened().wait(timeout_s)
 
     def pump(self) -> None:
         """Pass on the lines that have come. Raises DeviceError for a port that is gone."""
         port = self._opened()
         *lines, self._rest = _ENDS.split(self._rest + port.read())
-        if port.failures:
+        if port.failures or port.hung_up():
             self.close()
             raise DeviceError(f"{self._source.port}: the port does not answer; is it plugged in?")
         if len(self._rest) > LINE_MAX_BYTES:
@@ -58,6 +60,7 @@ class _TextPort:
                 listen(line.decode("ascii", errors="replace"))
 
     def close(self) -> None:
+        """Close it; may be called twice."""
         port, self._port = self._port, None
         if port is not None:
             port.close()
@@ -71,19 +74,19 @@ class _TextPort:
 class TextChannel:
     """A number in lines that come by themselves, or in the answer to a request."""
 
-    def __init__(self, source: SerialSource, port: _TextPort) -> None:
+    def __init__(self, source: SerialSource, port: TextPort) -> None:
         self._source = source
         self._port = port
         self._pattern = re.compile(source.pattern)
         self._group = next(iter(self._pattern.groupindex), 1)
-        self._newest: Sample | None = None
+        self._newest: RawSample | None = None
         port.listeners.append(self._look)
 
     def open(self) -> None:
         """Open the port, or join those who have. Raises DeviceError."""
         self._port.open()
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return the number in the newest line that has it. Raises DeviceError."""
         if self._source.request:
             self._ask()
@@ -114,7 +117,7 @@ class TextChannel:
     def _look(self, line: str) -> None:
         found = self._pattern.search(line)
         if found is not None:
-            self._newest = Sample(_number(found[self._group]))
+            self._newest = RawSample(_number(found[self._group]))
 
 
 def _number(text: str | None) -> float:
@@ -123,9 +126,3 @@ def _number(text: str | None) -> float:
         return float((text or "").replace(",", "."))
     except ValueError:
         return math.nan
-
-
-def text_channels(sources: Sequence[SerialSource]) -> list[TextChannel]:
-    """Return the channels of one port."""
-    port = _TextPort(sources[0])
-    return [TextChannel(source, port) for source in sources]

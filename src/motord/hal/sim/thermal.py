@@ -4,13 +4,13 @@ The rig is simulated in the loop; here its thermal network is heated by the curr
 reports, and its power follows from these and the voltages.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from motord.config import Config
 from motord.config.channel_sources import SimulatedSource
-from motord.hal.channels.base import Sample
+from motord.hal.channel_source import RawSample
 from motord.rig.dc_power import dc_power_W
 from motord.rig.thermal import ThermalNetwork
 from motord.rig.truth import load
@@ -20,7 +20,7 @@ Ticks = Callable[[], np.ndarray]
 """Returns the ticks since its last call, TICK_DTYPE (n,)."""
 
 
-class _HeatedMotor:
+class HeatedMotor:
     """The motor that all simulated channels look at."""
 
     def __init__(self, config: Config, ticks: Ticks) -> None:
@@ -54,7 +54,7 @@ class _HeatedMotor:
 class SimulatedChannel:
     """A temperature of the simulated rig, or the mean of its DC power since the reading before."""
 
-    def __init__(self, source: SimulatedSource, motor: _HeatedMotor) -> None:
+    def __init__(self, source: SimulatedSource, motor: HeatedMotor) -> None:
         self._quantity = source.quantity
         self._motor = motor
         self._before = (0.0, 0.0)
@@ -62,28 +62,20 @@ class SimulatedChannel:
     def open(self) -> None:
         """Do nothing."""
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return the temperature now, degC, or the power, W; None without new ticks."""
         self._motor.follow()
         if self._quantity == "dc_power_W":
             return self._power()
-        return Sample(self._motor.network.named_C[self._quantity])
+        return RawSample(self._motor.network.named_C[self._quantity])
 
-    def _power(self) -> Sample | None:
+    def _power(self) -> RawSample | None:
         before_J, before_s = self._before
         seconds_s = self._motor.seconds_s - before_s
         if not seconds_s > 0:
             return None
         self._before = (self._motor.energy_J, self._motor.seconds_s)
-        return Sample((self._motor.energy_J - before_J) / seconds_s)
+        return RawSample((self._motor.energy_J - before_J) / seconds_s)
 
     def close(self) -> None:
         """Do nothing."""
-
-
-def simulated_channels(
-    sources: Sequence[SimulatedSource], config: Config, ticks: Ticks
-) -> list[SimulatedChannel]:
-    """Return the channels of a simulated bench. Raises ConfigError for a rig file that is wrong."""
-    motor = _HeatedMotor(config, ticks)
-    return [SimulatedChannel(source, motor) for source in sources]

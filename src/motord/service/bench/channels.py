@@ -9,12 +9,12 @@ from math import inf, isfinite, nan
 
 from motord.api.channel_messages import ChannelStatus, ChannelView
 from motord.config import ChannelConfig, Config
-from motord.hal.channels.base import ChannelReading
+from motord.hal.channel_source import ChannelReading
 from motord.service.bench.trip_report import ValuesAndLimits
 from motord.service.host.events import EventLog
 
-HELD_NS = 200_000_000
-"""A trip is asked of the loop for so long at least: it reads the mailbox once a tick."""
+HELD_NS = 100_000_000
+"""A trip is asked of the loop for so long at least, and shown: it reads the mailbox once a tick."""
 REPORT_AGAIN_NS = 1_000_000_000
 """Least time between two events about the same channel."""
 NOTHING_YET = "nothing has been read yet"
@@ -151,8 +151,13 @@ class ChannelMonitor:
         self.tripping = {what: pair for values in held for what, pair in values.items()}
 
     def views(self, now_ns: int) -> list[ChannelView]:
-        """Return the channels as published."""
-        return [channel.view(now_ns) for channel in self._channels.values()]
+        """Return the channels as published; one whose trip is still asked for is not ok yet."""
+        views = []
+        for name, channel in self._channels.items():
+            view, (_, until_ns) = channel.view(now_ns), self._held.get(name, ({}, -1))
+            held = now_ns <= until_ns and view.status != "broken"
+            views.append(view.model_copy(update={"status": "trip"}) if held else view)
+        return views
 
     def _hold(self, channel: Channel, now_ns: int) -> None:
         if values := channel.trip(now_ns):

@@ -31,7 +31,8 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _values_text(values: Mapping[str, Mapping[str, float]]) -> str:
+def values_text(values: Mapping[str, Mapping[str, float]]) -> str:
+    """Return values and limits as text that goes on after a semicolon."""
     return "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}" for what, v in values.items())
 
 
@@ -119,7 +120,7 @@ class TickMonitor:
                 if self.trip is not None:
                     self.trip = self.trip.extended(trip_names(added), values)
                 self._events.emit(
-                    "trip", f"further cause: {trip_text(added)}{_values_text(values)}",
+                    "trip", f"further cause: {trip_text(added)}{values_text(values)}",
                     int(tick["t_ns"]), causes=trip_names(added), values=values,
                     action=trip_action(added), tick=int(tick["tick"]),
                 )  # fmt: skip
@@ -142,7 +143,7 @@ class TickMonitor:
             "first": trip_names(first), "causes": trip_names(bits), "values": values,
             "action": trip_action(first or bits),
         }  # fmt: skip
-        reason = f"{old.name} -> TRIPPED: {trip_text(first or bits)}{_values_text(values)}"
+        reason = f"{old.name} -> TRIPPED: {trip_text(first or bits)}{values_text(values)}"
         box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **report})
         self.trip = TripReport(t_ns=t_ns, reason=reason, blackbox=box, **report)
         self._events.emit("trip", reason, t_ns, **where, **report, blackbox=box)

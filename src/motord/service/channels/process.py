@@ -17,8 +17,8 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from motord.config import Config, ConfigError, load
-from motord.hal.channels.base import ChannelReading
-from motord.hal.channels.reader import LineReader
+from motord.hal.channel_source import ChannelReading
+from motord.hal.channels.line_poller import LinePoller
 from motord.hal.channels.registry import make_lines
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
 from motord.recorder.ring_source import RingSource
@@ -33,7 +33,7 @@ ALIVE_S = 1.0
 """Time between two messages without any."""
 
 
-def follow(line: LineReader) -> None:
+def follow(line: LinePoller) -> None:
     """Read the channels of a line for ever."""
     waiting = threading.Event()
     while True:
@@ -65,7 +65,7 @@ def serve(config: Config, run_dir: RunDir, out: LineWriter, stdin: int) -> None:
     ticks = RingSource(run_dir.ring, "now", at_once=1 << 16)
     readings: SimpleQueue[ChannelReading] = SimpleQueue()
     for sources in make_lines(config, lambda: ticks.read().block):
-        line = LineReader(sources, readings.put)
+        line = LinePoller(sources, readings.put)
         name = sources[0][0].name
         threading.Thread(target=follow, args=(line,), name=name, daemon=True).start()
     send(readings, out, stdin)

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field
 
 from motord.config.timing import CHANNELS_MAX
-from motord.hal.channels.base import ChannelReading
+from motord.hal.channel_source import ChannelReading
 from motord.recorder.protocol import Count, Message
 
 READINGS_MAX = 16 * CHANNELS_MAX

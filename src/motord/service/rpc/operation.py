@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 from motord.api import requests as rpc
-from motord.api.descriptions import trip_text
 from motord.api.errors import RpcError
 from motord.api.replies import (
     AcceptedSetpoint,
@@ -17,7 +16,7 @@ from motord.api.replies import (
 from motord.schema import Request, State
 from motord.service.bench.bench import Bench
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
-from motord.service.rpc.preconditions import can_be_enabled, loop_up, no_plan, no_trip
+from motord.service.rpc.preconditions import can_be_enabled, causes_text, loop_up, no_plan, no_trip
 from motord.service.rpc.setpoint_validation import validate_setpoint
 
 TICKS_S = 0.5
@@ -142,7 +141,7 @@ class ManualOperation:
         return Wait(
             lambda: None if bench.state is State.TRIPPED else self._state(),
             TICKS_S,
-            lambda: f"a cause is still there: {trip_text(bench.monitor.trip_bits)}",
+            lambda: f"a cause is still there: {causes_text(bench)}",
         )
 
     @handles(rpc.SET, loop_up, no_plan, no_trip)

@@ -5,6 +5,7 @@ from motord.api.errors import RpcError
 from motord.schema import State
 from motord.sequencing import Plan
 from motord.service.bench.bench import Bench
+from motord.service.bench.tick_monitor import values_text
 
 
 def loop_up(bench: Bench) -> None:
@@ -43,7 +44,12 @@ def can_be_enabled(bench: Bench) -> None:
     no_plan(bench)
     no_trip(bench)
     if bench.state is State.OFF and bench.monitor.trip_bits:
-        raise RpcError("refused", f"it cannot be enabled: {trip_text(bench.monitor.trip_bits)}")
+        raise RpcError("refused", f"it cannot be enabled: {causes_text(bench)}")
+
+
+def causes_text(bench: Bench) -> str:
+    """Return the causes of the newest tick, and the values of channels that trip."""
+    return trip_text(bench.monitor.trip_bits) + values_text(bench.channels.tripping)
 
 
 def zero_torque(bench: Bench, why: str) -> None:

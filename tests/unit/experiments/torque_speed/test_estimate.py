@@ -21,7 +21,7 @@ def found(
     rng = np.random.default_rng(7)
     series = machine.readings(rng, every_s, means)
     return operating_power(
-        machine.torque_Nm, machine.speed_Hz, machine.turns(rng), series, accuracy
+        machine.torque_Nm, machine.speed_Hz, machine.turns(rng), series, accuracy, 8
     )
 
 

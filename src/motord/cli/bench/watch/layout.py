@@ -43,7 +43,8 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     state = seen.state
     assert state is not None
     below = plan_panel.plan(state, glyphs) + plan_panel.precision(state, width) + panels.loop(state)
-    below += panels.devices(state) + panels.kept(state, width, glyphs)
+    below += panels.devices(state) + panels.channels(state, width)
+    below += panels.kept(state, width, glyphs)
     below += panels.tracked(state, width)
     spare = room - len(below) - EVENTS_MIN - 1
     rows = min(max(spare // len(SIGNALS), 1), SIGNAL_ROWS_MAX)

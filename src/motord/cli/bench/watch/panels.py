@@ -30,6 +30,7 @@ FLOOR = 0.05
 """Least span of a sparkline, as a share of the limit: the noise of a bench at rest stays small."""
 TRIP_ROWS = 7
 TRACKED_ROWS = 4
+CHANNEL_ROWS = 4
 MARKS = {"note": "n", "trip": "!"}
 """Kinds of event that are marked below the sparklines."""
 
@@ -245,6 +246,20 @@ def devices(state: BenchState) -> list[Text]:
             parts.append((f"{name} {device.health}{why}", device.health in ("failing", "stale")))
     joined = [part for text, bad in parts for part in ((text, "bold" if bad else "none"), "; ")]
     return [row("ages, ms", ages or "-"), row("devices", *joined[:-1])]
+
+
+def channels(state: BenchState, width: int) -> list[Text]:
+    """Return the slow channels, those that are not ok first, as many on a line as it takes."""
+    lines: list[Text] = []
+    for one in sorted(state.channels, key=lambda one: one.status == "ok"):
+        said = f"{wording.number(one.value)} {one.unit}".rstrip()
+        text, style = (said, "none") if one.status == "ok" else (wording.channel(one), "bold")
+        part = Text(f"{one.name} {text}", style)
+        if lines and lines[-1].cell_len + part.cell_len + 2 <= width:
+            lines[-1].append("; ").append_text(part)
+        else:
+            lines.append(row("" if lines else "channels").append_text(part))
+    return lines[:CHANNEL_ROWS]
 
 
 def events(seen: Snapshot, rows: int) -> list[Text]:

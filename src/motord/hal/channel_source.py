@@ -20,7 +20,7 @@ from motord.hal.base import DeviceError
 SettingsT = TypeVar("SettingsT", bound=Section)
 
 
-class Sample(NamedTuple):
+class RawSample(NamedTuple):
     """What a source has read: a number, nan if it has none, and how old it was when `read` began.
 
     The channel's scale and offset are applied to it later.
@@ -36,7 +36,7 @@ class ChannelSource(Protocol):
     def open(self) -> None:
         """Connect. Raises DeviceError; it is then tried again."""
 
-    def read(self) -> Sample | None:
+    def read(self) -> RawSample | None:
         """Return the newest sample, None if there is none since the last call.
 
         Waits at most the `timeout_s` of its settings. Raises DeviceError; the source is then

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from motord.config import ChannelConfig
 from motord.hal.base import DeviceError
-from motord.hal.channels.base import ChannelReading, ChannelSource
+from motord.hal.channel_source import ChannelReading, ChannelSource
 
 OPEN_AGAIN_S = 1.0
 """Least time between two attempts to open a source."""
@@ -28,7 +28,7 @@ class _Turn:
         return round(self.channel.period_s * 1e9)
 
 
-class LineReader:
+class LinePoller:
     """The channels of one line; `put` takes what they say. One thread calls `step`."""
 
     def __init__(
