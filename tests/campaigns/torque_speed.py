@@ -147,7 +147,8 @@ def main(trials: int = TRIALS) -> int:
         failed |= not kept
         print(
             f"{len(taken)} of {len(points)} points, {name}: efficiency off by {100 * worst:.2f} % "
-            f"at most; in their intervals losses {100 * loss:.1f} %, efficiency {100 * efficiency:.1f} %",
+            f"at most; in their intervals losses {100 * loss:.1f} %, "
+            f"efficiency {100 * efficiency:.1f} %",
             *("NOT KEPT",) * (not kept),
         )
     return int(failed)

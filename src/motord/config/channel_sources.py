@@ -12,10 +12,9 @@ from motord.config.devices.slow_devices import ModbusLinkConfig, RegisterKind
 
 Line = tuple[str, ...]
 """What channels have in common that are read one after the other: a port, a bus, a driver."""
-RigTemperature = Literal["winding_C", "magnet_C", "housing_C"]
-"""A node of the rig's thermal network."""
 RigQuantity = Literal["winding_C", "magnet_C", "housing_C", "dc_power_W"]
-"""What a channel of a simulated bench reads: a temperature, or the mean DC power since before."""
+"""What a channel reads of the rig: a node of its thermal network, or its power from the DC supply.
+"""
 Timeout = Annotated[float, Field(gt=0, le=5)]
 
 
@@ -32,7 +31,7 @@ class ModbusSource(ModbusLinkConfig):
     """Which half of a 32-bit number comes first."""
     table: Literal["holding", "input"] = "input"
     """Where the register is."""
-    emulated: RigTemperature | None = None
+    emulated: RigQuantity | None = None
     """What `motord emulate` puts there; left out: the emulator does not serve it."""
 
     @property

@@ -73,9 +73,10 @@ class PowerBlocks:
     turns: int
     readings: int
     sampling_W: float
+    in_step: float
 
     @classmethod
-    def of(cls, turns: CapturedTurns, series: PowerSeries) -> "PowerBlocks":
+    def of(cls, turns: CapturedTurns, series: PowerSeries, pole_pairs: int) -> "PowerBlocks":
         """Return the blocks that ticks and readings of a capture have in common.
 
         Only readings that are of nothing but the capture count. Raises IdentifyError.
@@ -107,6 +108,7 @@ class PowerBlocks:
             turns=each * (edges.size - 1),
             readings=int(np.count_nonzero((inside.t_s >= edges_s[0]) & (inside.t_s < edges_s[-1]))),
             sampling_W=sampling_error_W(turns, inside, edges_s),
+            in_step=0.0 if series.means else turns.in_step(inside.t_s, pole_pairs),
         )
 
 
@@ -119,7 +121,7 @@ def operating_power(
     pole_pairs: int,
 ) -> OperatingPower:
     """Return the powers of an operating point with its set-points. Raises IdentifyError."""
-    found = PowerBlocks.of(turns, series)
+    found = PowerBlocks.of(turns, series, pole_pairs)
     budget = _Budget.of(found, accuracy)
     mechanical_W, electrical_W = budget.mechanical_W, budget.electrical_W
     efficiency, reason = budget.efficiency()
@@ -144,7 +146,7 @@ def operating_power(
         sampling_W=found.sampling_W,
         loss_drift_W=loss.scatter.drift,
         loss_drift_stderr_W=loss.scatter.drift_stderr,
-        in_step=0.0 if series.means else turns.in_step(series.t_s, pole_pairs),
+        in_step=found.in_step,
         tick_s=turns.tick_s,
         budget=budget.shares(defined=efficiency.value is not None),
     )
