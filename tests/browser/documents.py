@@ -55,6 +55,11 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
         },
         "tracking": stand_in.tracking,
         "brake": {"health": "simulated"}, "drive": {"health": "simulated"},
+        "channels": [
+            {"name": "winding_C", "unit": "degC", "value": 131.5, "status": "trip", "age_s": 0.2},
+            {"name": "oil_bar", "unit": "bar", "value": None, "status": "broken", "age_s": None,
+             "error": "nothing has been read yet"},
+        ],
         "processes": {
             name: {"pid": 4711, "running": True, "restarts": 0, "exit": ""}
             for name in ("loop", "recorder")

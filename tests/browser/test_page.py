@@ -404,6 +404,9 @@ def test_all_of_it_by_keyboard(server, visit: Watched):
     tab_to("tab-calibration")
     page.keyboard.press("ArrowRight")
     expect(page.locator("#panel-health")).to_be_visible()
+    shows(page, "#health-figures", "Channel winding_C")
+    shows(page, "#health-figures", "131.50 degC, trip")
+    shows(page, "#health-figures", "nothing has been read yet")
     tab_to("note")
     tab_to("skip")  # round once: nothing holds the focus
     page.keyboard.press("Escape")

@@ -38,7 +38,7 @@ source = {driver = "scripted", settings = {script = "probe"}}
 name = "other"
 unit = ""
 rate_Hz = 10.0
-timeout_s = 0.5
+timeout_s = 2.0
 source = {driver = "scripted", settings = {script = "other"}}
 """
 

@@ -5,13 +5,14 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from motord.config import Config, ConfigError, load
+from motord.config.reading import check_text
 from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench
 from motord.emulate.modbus import ModbusServers
 from motord.emulate.selection import register_devices
 from motord.schema import TRUTH_DTYPE
 from tests.support.ports import free_port
-from tests.unit.emulate.benches import write_bench
+from tests.unit.emulate.benches import EMULATED, write_bench
 from tests.unit.emulate.test_bench import CONFIG, CURRENTS, TRUTH, operate
 
 CHANNELS = """
@@ -94,3 +95,13 @@ def test_the_power_of_the_emulated_bench_is_what_its_rig_takes():
     taken_J = truth["energy_dc_J"][1] - truth["energy_dc_J"][0]
     assert taken_J > 0.2
     assert emulated.quantities["dc_power_W"] == pytest.approx(taken_J / 0.1, rel=0.1)
+
+
+def test_the_example_in_the_bench_file_is_one():
+    lines = EMULATED.read_text().splitlines()
+    begin = next(n for n, line in enumerate(lines) if line.startswith("# [[channels]]"))
+    end = lines.index("", begin)
+    example = "\n".join(line.removeprefix("# ") for line in lines[begin:end])
+    [channel] = check_text(EMULATED, "\n".join([*lines, example])).channels
+    assert (channel.name, channel.trip_above) == ("winding_C", 130.0)
+    assert channel.source.model_dump()["emulated"] == "winding_C"

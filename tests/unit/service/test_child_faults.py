@@ -195,11 +195,11 @@ PERIPHERAL = {
     "publisher": "publisher.step",
     "service manager": "notifier.progress",
 }
-"""What of the supervisor is called for each part; gateway and tracker are not on every bench."""
+"""What of the supervisor is called for each part; those not on every bench are below."""
 
 
 def test_every_part_that_may_fail_has_a_case_here():
-    assert PERIPHERAL.keys() | {"gateway", "tracker"} == guard.PARTS.keys()
+    assert PERIPHERAL.keys() | {"channels", "gateway", "tracker"} == guard.PARTS.keys()
 
 
 def failing(played, monkeypatch, part, error):
