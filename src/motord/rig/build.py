@@ -240,8 +240,8 @@ def _fill_state(p: np.record, s: np.record, truth: RigTruth, seed: int) -> None:
     s.random = random_state(seed)
     s.gain[:] = p.gain
     s.temperature_C = s.brake_temperature_C = p.ambient_C
-    s.magnet_C = s.housing_C = p.ambient_C
-    s.winding_C[:], s.resistance_ohm[:] = p.ambient_C, p.resistance_ohm
+    s.magnet_C = s.housing_C = s.winding_C[:] = p.ambient_C
+    s.resistance_ohm[:] = p.resistance_ohm
     s.angle_rad, s.speed_rad_s = truth.rotor.angle_rad, truth.rotor.speed_rad_s
     if truth.swing is not None:
         s.angle_rad, s.hand_s = truth.swing.rest_angle_rad, truth.swing.first_s

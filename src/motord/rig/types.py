@@ -220,8 +220,7 @@ RIG_STATE = record_dtype(
         ("acceleration_rad_s2", "f8"),  # mean over the last substep
         ("torque_em_Nm", "f8"),
         ("torque_cog_Nm", "f8"),
-        ("energy_dc_J", "f8"),  # since the start (`rig.energy`)
-        ("energy_shaft_J", "f8"),
+        *((name, "f8") for name in ("energy_dc_J", "energy_shaft_J")),  # since the start
         # brake
         ("brake_set", "f8"),
         ("excitation", "f8"),

@@ -20,6 +20,9 @@ SAMPLING_PART = 0.5
 IN_STEP = 0.3
 """How far readings may fall on the same angles; evenly spread ones are below."""
 
+BY_CHANCE = 2.2
+"""Of evenly spread readings, times the root of their number: exceeded once in a hundred."""
+
 BETWEEN_TICKS = 0.002
 """Part of the torque that may be unseen between ticks."""
 
@@ -53,7 +56,7 @@ def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:
 
 def _in_step(points: Sequence[OperatingPower]) -> Iterator[Finding]:
     """Yield a finding where instants of the power are always at the same angles."""
-    stuck = [one for one in points if one.in_step > IN_STEP]
+    stuck = [one for one in points if one.in_step > max(IN_STEP, BY_CHANCE / one.readings**0.5)]
     if stuck:
         yield Finding(
             "readings-in-step", max(one.in_step for one in stuck), IN_STEP, "", "serious",

@@ -5,12 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motord.config import AccuracyConfig, TorqueSensorConfig
+from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
+from motord.experiments.torque_speed.findings import ACCURACIES, findings
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.result import OperatingPower
+from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.experiments.torque_speed.uncertainty import sampling_error_W, scatter_of
 from motord.identification import IdentifyError
-from tests.unit.experiments.torque_speed.captures import ACCURACY, Machine
+from tests.unit.experiments.torque_speed.captures import ACCURACY, MOTOR, Machine
 
 EXACT = PowerAccuracy(0.0, 0.0, 0.0, 0.0)
 
@@ -198,3 +202,54 @@ def test_intervals_hold_the_truth_in_about_95_of_100_trials(means: bool) -> None
     loss, efficiency = np.mean([trial(seed, means) for seed in range(100)], axis=0)
     assert 0.90 <= loss <= 0.99
     assert 0.90 <= efficiency <= 0.99
+
+
+def test_readings_that_may_be_of_before_or_after_do_not_count() -> None:
+    series = PowerSeries(np.arange(11.0), np.arange(11.0), means=True)
+    assert series.within(2.0, 8.0).t_s.tolist() == [3.0, 4.0, 5.0, 6.0, 7.0]
+
+
+def test_means_reach_back_to_the_reading_before_and_instants_are_joined() -> None:
+    t_s, power_W = np.array([0.0, 1.0, 2.0]), np.array([9.0, 1.0, 3.0])
+    edges_s = np.array([0.5, 1.5])
+    assert PowerSeries(t_s, power_W, means=True).means_W(edges_s)[0] == pytest.approx(2.0)
+    assert PowerSeries(t_s, power_W, means=False).means_W(edges_s)[0] == pytest.approx(2.25)
+
+
+def test_an_encoder_that_counts_backwards() -> None:
+    machine, rng = Machine(), np.random.default_rng(7)
+    point = machine.captured(rng)
+    point.ticks["encoder_count"] = (-point.ticks["encoder_count"]) % MOTOR.counts
+    backwards = MOTOR.model_copy(update={"encoder_direction": -1})
+    turns = CapturedTurns.of(point, backwards)
+    one = operating_power(3.0, 4.0, turns, machine.readings(rng, 0.2), ACCURACY, 8)
+    assert one.mechanical.value == pytest.approx(machine.mechanical_W(), rel=1e-3)
+
+
+def accurate(**stated: float) -> Subject:
+    return Subject("b", MOTOR, TorqueSensorConfig(resonance_Hz=200.0), AccuracyConfig(**stated))
+
+
+STATED = dict.fromkeys(ACCURACIES, 0.01)
+
+
+def test_findings_say_what_intervals_do_not_hold() -> None:
+    subject, good = accurate(**STATED), found(Machine())
+    assert findings([good], subject) == ()
+    assert [one.name for one in findings([good], accurate())] == ["accuracy-assumed"]
+    unfiltered = replace(subject, sensor=TorqueSensorConfig())
+    (between,) = findings([good], unfiltered)
+    assert between.name == "torque-between-ticks"
+    assert between.value == pytest.approx(100 * (2 * np.pi * 8 * 4.0 * 1e-3) ** 2 / 12, rel=0.01)
+    negative = found(Machine(loss_W=-5.0))
+    (wrong,) = findings([negative], subject)
+    assert (wrong.name, wrong.severity) == ("negative-losses", "serious")
+    drifting = found(Machine(seconds_s=30.0, loss_rate_W_per_s=0.2))
+    assert [one.name for one in findings([drifting], subject)] == ["losses-drift"]
+    for in_step, readings, names in (
+        (0.5, 400, ["readings-in-step"]), (0.5, 9, []), (0.2, 400, []),
+    ):  # fmt: skip
+        stuck = replace(good, in_step=in_step, readings=readings)
+        assert [one.name for one in findings([stuck], subject)] == names
+    slow = replace(good, sampling_W=0.9 * (good.electrical.stderr or 0.0))
+    assert [one.name for one in findings([slow], subject)] == ["slow-readings"]
