@@ -86,7 +86,7 @@ def copied(recorded: Path, path: Path, change: dict[str, str], channel: bool = T
         assert before in text
         text = text.replace(before, after)
     bench = path.with_suffix(".toml")
-    bench.write_text(text.replace("efficiency.rig.toml", str(BENCH.with_suffix(".rig.toml"))))
+    bench.write_text(text)
     whole, config = open_run(recorded), load(bench)
     plan = build("torque-speed", config, SETTINGS)
     settings = {**plan.settings, **config.plans.torque_speed.model_dump(include={"power_channel"})}
