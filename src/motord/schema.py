@@ -219,6 +219,8 @@ TRUTH = Record(
                 ("i_c_A", "float", "A", "current that flows in phase c"),
                 ("enable_line", "fixed32", "", "1 while the enable line is closed"),
                 ("inverter_on", "fixed32", "", "1 while the power stage is on"),
+                ("energy_dc_J", "double", "J", "energy from the DC supply since the start"),
+                ("energy_shaft_J", "double", "J", "work at the torque sensor since the start"),
             ),
             start=1,
         )

@@ -1,8 +1,10 @@
 """A plan on the simulated rig in virtual time, recorded as the daemon would record it."""
 
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 from motord.calibration import Calibration
@@ -11,6 +13,7 @@ from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
 from motord.virtual.bench import rig_and_faults
+from motord.virtual.channels import power_readings
 from motord.virtual.mesh import MeshPiece, run_points
 
 CHUNK_S = 1.0
@@ -68,16 +71,23 @@ def record_plan(
     progress(0.0)
     with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
         for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
-            _write(writer, piece, config.loop.rate_Hz)
+            _write(writer, piece, config)
             ticks += piece.ticks.size
             progress(number / len(plan.points))
     progress(1.0)
     return Recorded(ticks / config.loop.rate_Hz, number)
 
 
-def _write(writer: RunWriter, piece: MeshPiece, rate_Hz: int) -> None:
+def _write(writer: RunWriter, piece: MeshPiece, config: Config) -> None:
     """Write a piece by the second, as a recorder would, so that no chunk is large."""
+    rate_Hz = config.loop.rate_Hz
+    readings = deque(sorted(power_readings(config.channels, piece.truth), key=itemgetter(0)))
     for first in range(0, piece.ticks.size, rate_Hz):
-        writer.ticks(piece.ticks[first : first + rate_Hz])
+        ticks = piece.ticks[first : first + rate_Hz]
+        writer.ticks(ticks)
         writer.truth(piece.truth[first : first + rate_Hz])
+        while readings and readings[0][0] <= int(ticks["t_ns"][-1]):
+            t_ns, channel, value = readings.popleft()
+            content = {"value": value, "raw": value, "status": "ok"}
+            writer.channel(t_ns, channel.name, channel.unit, channel.timeout_s, content)
     writer.operating_point(int(piece.point["t_end_ns"]), piece.point)

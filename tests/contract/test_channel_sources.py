@@ -23,7 +23,8 @@ from motord.hal.base import DeviceError
 from motord.hal.channel_source import ChannelReading, ChannelSource, RawSample
 from motord.hal.channels.line_poller import OPEN_AGAIN_S, LinePoller
 from motord.hal.channels.registry import check_drivers, make_lines
-from motord.schema import TICK_DTYPE
+from motord.rig.truth import load as load_rig
+from motord.schema import TICK_DTYPE, InverterStatus
 from motord.wire.can.dbc import signal_codec
 from tests.support.channel_package import install
 from tests.support.ports import free_port
@@ -430,3 +431,26 @@ def test_channels_of_a_line_take_turns() -> None:
     assert [reading.name for reading in readings] == ["c0", "c1"] * 3
     line.close()
     assert slow.done[-1] == fast.done[-1] == "close"
+
+
+def test_the_simulated_power_is_the_mean_since_the_reading_before() -> None:
+    ticks = np.zeros(2_000, TICK_DTYPE)
+    ticks["u_a_V"], ticks["i_a_A"], ticks["inverter_status"] = 10.0, 3.0, InverterStatus.READY
+    ticks["u_a_V"][1000:] = 20.0
+    blocks = [ticks[:500], ticks[500:1000], ticks[1000:]]
+    config = bench({"driver": "simulated", "quantity": "dc_power_W"})
+    [[(_, source)]] = make_lines(config, lambda: blocks.pop(0) if blocks else ticks[:0])
+    truth = load_rig(config.bench.rig).inverter
+    sample, expected_A = source.read(), 3.0 * truth.alpha[0] + truth.beta_A[0]
+    assert sample is not None
+    assert sample.value == pytest.approx(15.0 * expected_A)
+    assert source.read() is None
+    blocks.append(ticks[1000:])
+    sample = source.read()
+    assert sample is not None
+    assert sample.value == pytest.approx(20.0 * expected_A)
+    ticks["inverter_status"] = 0
+    blocks.append(ticks)
+    sample = source.read()
+    assert sample is not None
+    assert sample.value == 0.0

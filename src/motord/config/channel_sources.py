@@ -12,8 +12,9 @@ from motord.config.devices.slow_devices import ModbusLinkConfig, RegisterKind
 
 Line = tuple[str, ...]
 """What channels have in common that are read one after the other: a port, a bus, a driver."""
-RigTemperature = Literal["winding_C", "magnet_C", "housing_C"]
-"""A node of the rig's thermal network."""
+RigQuantity = Literal["winding_C", "magnet_C", "housing_C", "dc_power_W"]
+"""What a channel reads of the rig: a node of its thermal network, or its power from the DC supply.
+"""
 Timeout = Annotated[float, Field(gt=0, le=5)]
 
 
@@ -30,7 +31,7 @@ class ModbusSource(ModbusLinkConfig):
     """Which half of a 32-bit number comes first."""
     table: Literal["holding", "input"] = "input"
     """Where the register is."""
-    emulated: RigTemperature | None = None
+    emulated: RigQuantity | None = None
     """What `motord emulate` puts there; left out: the emulator does not serve it."""
 
     @property
@@ -110,12 +111,13 @@ class SerialSource(Section):
 
 
 class SimulatedSource(Section):
-    """A temperature of the simulated rig."""
+    """A temperature of the simulated rig, or its DC power."""
 
     driver: Literal["simulated"]
     """`"simulated"`."""
-    quantity: RigTemperature = "winding_C"
-    """Which: of the windings, the magnets or the housing."""
+    quantity: RigQuantity = "winding_C"
+    """Which temperature: of the windings, the magnets or the housing; or the power from the DC
+    supply, the mean since the reading before."""
 
     @property
     def line(self) -> Line:

@@ -30,7 +30,7 @@ ADVANCE_MAX_NS = 500_000_000
 
 
 HEAT_S = 0.1
-"""Time between two steps of the motor's temperatures."""
+"""Time between two steps of the motor's temperatures, over which its DC power is averaged."""
 
 
 class CurrentCommand(NamedTuple):
@@ -89,7 +89,7 @@ class EmulatedBench:
         truth = with_drive(truth, config.inverter)
         self._parameters, self._state = build.build(truth, config.bench.seed)
         self.thermal = ThermalNetwork(truth)
-        self._heat_A2_s = self._heated_s = 0.0
+        self._heat_A2_s = self._heated_s = self._energy_J = self._dc_power_W = 0.0
         self._latches = bool(self._parameters["axes"][0] == LATCHED)
         self._currents_A = self._state["i_A"][0]
         self._output = np.zeros(1, RIG_OUTPUT)
@@ -190,7 +190,14 @@ class EmulatedBench:
         self._heated_s += played_s
         if self._heated_s >= HEAT_S:
             self.thermal.advance(self._heat_A2_s / self._heated_s, self._heated_s)
-            self._heat_A2_s = self._heated_s = 0.0
+            energy_J = float(self._state["energy_dc_J"][0])
+            self._dc_power_W = (energy_J - self._energy_J) / self._heated_s
+            self._energy_J, self._heat_A2_s, self._heated_s = energy_J, 0.0, 0.0
+
+    @property
+    def quantities(self) -> dict[str, float]:
+        """Temperatures and the mean of the DC power over HEAT_S, by the names of channels."""
+        return {**self.thermal.named_C, "dc_power_W": self._dc_power_W}
 
     def _played_ns(self, to_ns: int) -> int:
         """Return how much of the time up to `to_ns` passes for the rig (`rig_patience_s`)."""

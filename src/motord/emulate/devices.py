@@ -125,18 +125,18 @@ class RegisterDevice:
 
 
 class ReadOnlyRegisters:
-    """Registers of one unit that say what the rig's temperatures are, for slow channels.
+    """Registers of one unit with temperatures and DC power of the rig, for slow channels.
 
-    `named_C` returns them by name; a channel's value is offset + scale times its register.
+    `quantities` returns them by name; a channel's value is offset + scale times its register.
     """
 
     silent = False
     setpoint_addresses = range(0)
 
     def __init__(
-        self, channels: Sequence[ChannelConfig], named_C: Callable[[], Mapping[str, float]]
+        self, channels: Sequence[ChannelConfig], quantities: Callable[[], Mapping[str, float]]
     ) -> None:
-        self._named_C = named_C
+        self._quantities = quantities
         self._cells: list[tuple[str, str, Register, float]] = []
         for channel in channels:
             source = channel.source
@@ -146,11 +146,11 @@ class ReadOnlyRegisters:
 
     def words(self, table: str) -> dict[int, int]:
         """Return what every register of `table` reads now, by address."""
-        named_C = self._named_C()
+        values = self._quantities()
         words: dict[int, int] = {}
         for where, quantity, register, offset in self._cells:
             if where == table:
-                encoded = register.encode(named_C[quantity] - offset)
+                encoded = register.encode(values[quantity] - offset)
                 words.update(zip(_span(register), encoded, strict=True))
         return words
 

@@ -70,6 +70,6 @@ def register_devices(
     for channels in units.values():
         source = channels[0].source
         assert isinstance(source, ModbusSource)
-        registers = ReadOnlyRegisters(channels, lambda: bench.thermal.named_C)
+        registers = ReadOnlyRegisters(channels, lambda: bench.quantities)
         devices[f"channel {channels[0].name}"] = (source, registers)
     return devices

@@ -34,6 +34,7 @@ def build(
     p.ambient_C = truth.simulation.ambient_C
     _fill_waves(p, truth)
     _fill_inverter(p, truth)
+    _fill_thermal(p, truth)
     _fill_rotor_and_brake(p, truth)
     _fill_drive(p, truth)
     _fill_torque_sensor(p, truth.torque_sensor)
@@ -113,7 +114,20 @@ def _fill_inverter(p: np.record, truth: RigTruth) -> None:
     if inverter.dq is not None:
         _fill_axes(p, truth, inverter.dq)
     p.current_noise_A = inverter.current_noise_A
+    p.inverter_fixed_W = inverter.fixed_loss_W
+    p.inverter_loss_V, p.inverter_loss_ohm = inverter.loss_V, inverter.loss_ohm
     p.voltage_noise_V = inverter.voltage_noise_V
+
+
+def _fill_thermal(p: np.record, truth: RigTruth) -> None:
+    thermal = truth.thermal
+    p.resistance_per_K = thermal.resistance_per_K
+    p.winding_J_per_K = thermal.winding_J_per_K / 3
+    p.winding_housing_W_per_K = 1 / (3 * thermal.winding_housing_K_per_W)
+    p.winding_magnet_W_per_K = 1 / (3 * thermal.winding_magnet_K_per_W)
+    p.magnet_J_per_K, p.housing_J_per_K = thermal.magnet_J_per_K, thermal.housing_J_per_K
+    p.magnet_housing_W_per_K = 1 / thermal.magnet_housing_K_per_W
+    p.housing_ambient_W_per_K = 1 / thermal.housing_ambient_K_per_W
 
 
 def _fill_axes(p: np.record, truth: RigTruth, dq: DqConfig) -> None:
@@ -162,7 +176,8 @@ def _fill_departures(p: np.record, truth: RigTruth) -> None:
     p.back_emf_drop_per_A = motor.back_emf_drop_per_A
     p.cogging_rise_per_A = motor.cogging_rise_per_A
     p.loaded = motor.back_emf_drop_per_A != 0 or motor.cogging_rise_per_A != 0
-    p.sensor_departs = bool(friction or crosstalk)
+    p.sensor_has_friction = truth.torque_sensor.sees_friction
+    p.sensor_departs = bool(friction or crosstalk or p.sensor_has_friction)
     _fill_harmonics(p.friction_ripple, [(h.order, h.amplitude_Nm, h.phase_rad) for h in friction])
     _fill_harmonics(p.torque_crosstalk, [(h.order, h.share, h.phase_rad) for h in crosstalk])
     errors = truth.encoder.errors
@@ -225,6 +240,8 @@ def _fill_state(p: np.record, s: np.record, truth: RigTruth, seed: int) -> None:
     s.random = random_state(seed)
     s.gain[:] = p.gain
     s.temperature_C = s.brake_temperature_C = p.ambient_C
+    s.magnet_C = s.housing_C = s.winding_C[:] = p.ambient_C
+    s.resistance_ohm[:] = p.resistance_ohm
     s.angle_rad, s.speed_rad_s = truth.rotor.angle_rad, truth.rotor.speed_rad_s
     if truth.swing is not None:
         s.angle_rad, s.hand_s = truth.swing.rest_angle_rad, truth.swing.first_s

@@ -142,7 +142,7 @@ def _mean_voltage(p: np.record, s: np.record, phase: int, i_A: float, speed_rad_
     before_A = float(s.i_A[phase])
     slope_V = p.inductance_H / p.substep_s * (i_A - before_A)
     emf_V = float(s.k_V_s_per_rad[phase]) * speed_rad_s
-    return float(0.5 * p.resistance_ohm * (i_A + before_A) + slope_V + emf_V)
+    return float(0.5 * s.resistance_ohm[phase] * (i_A + before_A) + slope_V + emf_V)
 
 
 @jit
@@ -150,7 +150,7 @@ def _under_voltage(p: np.record, s: np.record, phase: int, u_V: float, speed_rad
     """Return the current (A) after a substep of `u_V` on R, L and the back-EMF (trapezoidal)."""
     rate_ohm = float(p.inductance_H / p.substep_s)
     drive_V = u_V - float(s.k_V_s_per_rad[phase]) * speed_rad_s
-    half_ohm = 0.5 * float(p.resistance_ohm)
+    half_ohm = 0.5 * float(s.resistance_ohm[phase])
     return float((rate_ohm - half_ohm) * s.i_A[phase] + drive_V) / (rate_ohm + half_ohm)
 
 
@@ -271,9 +271,9 @@ def winding_voltages(p: np.record, s: np.record) -> tuple[float, float, float]:
         if p.nonlinear:
             gain[phase] *= sensor_slope(p, phase, s.i_sensed_A[phase])
     common = _linear_common_part(gain, slope, 0.0) if p.star else 0.0
-    w, k, r, inductance = s.speed_rad_s, s.k_V_s_per_rad, p.resistance_ohm, p.inductance_H
-    u_a = r * s.i_A[0] + inductance * gain[0] * (slope[0] + common) + k[0] * w
-    u_b = r * s.i_A[1] + inductance * gain[1] * (slope[1] + common) + k[1] * w
-    u_c = r * s.i_A[2] + inductance * gain[2] * (slope[2] + common) + k[2] * w
+    w, k, r, inductance = s.speed_rad_s, s.k_V_s_per_rad, s.resistance_ohm, p.inductance_H
+    u_a = r[0] * s.i_A[0] + inductance * gain[0] * (slope[0] + common) + k[0] * w
+    u_b = r[1] * s.i_A[1] + inductance * gain[1] * (slope[1] + common) + k[1] * w
+    u_c = r[2] * s.i_A[2] + inductance * gain[2] * (slope[2] + common) + k[2] * w
     u_a, u_b, u_c, _ = limit_voltages(p, u_a, u_b, u_c)
     return u_a, u_b, u_c

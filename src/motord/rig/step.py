@@ -7,6 +7,7 @@ import numpy as np
 from motord.jit import jit
 from motord.rig.departures import friction_ripple_Nm, scales_by_load, sensor_load_Nm
 from motord.rig.electric import step_currents, take_command
+from motord.rig.energy import account_energy, seen_friction_Nm, warm_windings
 from motord.rig.faults import disturb_readings, is_off, step_faults, take_faults
 from motord.rig.free_decay import spring_torque_Nm, step_hand
 from motord.rig.mechanics import step_brake, step_drive, step_rotor
@@ -84,8 +85,10 @@ def _substep(p: np.record, s: np.record) -> None:
             (cogging_Nm * cogging_scale),
         )
     s.k_V_s_per_rad[0], s.k_V_s_per_rad[1], s.k_V_s_per_rad[2] = k_a, k_b, k_c
+    before_A = (float(s.i_A[0]), float(s.i_A[1]), float(s.i_A[2]))
     step_currents(p, s, middle_rad_s)
-    before_Nm = s.torque_em_Nm + s.torque_cog_Nm
+    before_torques_Nm = (float(s.torque_em_Nm), float(s.torque_cog_Nm))
+    before_Nm = before_torques_Nm[0] + before_torques_Nm[1]
     em_Nm = float(k_a * s.i_A[0] + k_b * s.i_A[1] + k_c * s.i_A[2])
     after_Nm = em_Nm + cogging_Nm
     s.torque_em_Nm, s.torque_cog_Nm = em_Nm, cogging_Nm
@@ -97,11 +100,13 @@ def _substep(p: np.record, s: np.record) -> None:
         middle_rad = angle_rad + 0.5 * h_s * middle_rad_s
         torque_Nm += friction_ripple_Nm(p, s.speed_rad_s, middle_rad)
     step_rotor(p, s, torque_Nm, angle_rad)
+    account_energy(p, s, before_A, before_torques_Nm, s.angle_rad - angle_rad)
     if p.swing:
         step_hand(p, s, angle_rad)
     if p.sensor_departs:
         before_Nm = s.load_Nm
         rubbed_Nm = after_Nm + friction_ripple_Nm(p, s.speed_rad_s, s.angle_rad)
+        rubbed_Nm -= seen_friction_Nm(p, s.speed_rad_s)
         s.load_Nm = after_Nm = sensor_load_Nm(p, rubbed_Nm, s.angle_rad)
     step_torque_sensor(p, s, before_Nm, after_Nm)
     if s.injected.active:
@@ -114,10 +119,11 @@ def _substep(p: np.record, s: np.record) -> None:
 @jit
 def _change_slowly(p: np.record, s: np.record) -> None:
     """Update temperatures, the gains that move with them, and the drift of the torque sensor."""
-    i = s.i_A
-    copper_W = p.resistance_ohm * (i[0] * i[0] + i[1] * i[1] + i[2] * i[2])
+    i, r = s.i_A, s.resistance_ohm
+    copper_W = r[0] * i[0] * i[0] + r[1] * i[1] * i[1] + r[2] * i[2] * i[2]
     steady_C = p.ambient_C + p.inverter_K_per_W * copper_W
     s.temperature_C = steady_C + (s.temperature_C - steady_C) * p.inverter_decay
+    warm_windings(p, s, p.slow_every * p.substep_s)
     for phase in range(3):
         drift = p.gain_drift_per_K[phase] * (s.temperature_C - p.reference_C)
         drift = min(max(drift, -p.gain_drift_max), p.gain_drift_max)
@@ -159,3 +165,4 @@ def fill_truth(state: np.ndarray, t_ns: int, truth: np.record) -> None:
     truth.i_a_A, truth.i_b_A, truth.i_c_A = s.i_A[0], s.i_A[1], s.i_A[2]
     truth.enable_line = s.enable_line
     truth.inverter_on = s.inverter_on
+    truth.energy_dc_J, truth.energy_shaft_J = s.energy_dc_J, s.energy_shaft_J

@@ -84,7 +84,15 @@ RIG_PARAMETERS = record_dtype(
         ("current_unmixed", "f8", (9,)),  # its inverse
         # windings and inverter
         ("star", "i8"),
-        ("resistance_ohm", "f8"),
+        ("resistance_ohm", "f8"),  # at the temperature of the room
+        ("resistance_per_K", "f8"),
+        ("winding_J_per_K", "f8"),  # of a phase; the next two are of a phase, too
+        ("winding_housing_W_per_K", "f8"),
+        ("winding_magnet_W_per_K", "f8"),
+        ("magnet_J_per_K", "f8"),
+        ("magnet_housing_W_per_K", "f8"),
+        ("housing_J_per_K", "f8"),
+        ("housing_ambient_W_per_K", "f8"),
         ("inductance_H", "f8"),
         ("bus_V", "f8"),
         ("dead_steps", "f8"),  # dead time in substeps
@@ -117,6 +125,9 @@ RIG_PARAMETERS = record_dtype(
         ("inverter_decay", "f8"),  # of its temperature, over slow_every substeps
         ("current_noise_A", "f8"),
         ("voltage_noise_V", "f8"),
+        ("inverter_fixed_W", "f8"),  # losses of the inverter (`rig.energy`)
+        ("inverter_loss_V", "f8"),
+        ("inverter_loss_ohm", "f8"),
         # mechanics
         ("inertia_kg_m2", "f8"),
         ("viscous_Nm_s_per_rad", "f8"),
@@ -150,6 +161,7 @@ RIG_PARAMETERS = record_dtype(
         ("torque_counts_per_Nm", "f8"),  # true: with delta
         ("torque_Nm_per_count", "f8"),  # nominal
         ("torque_noise_counts", "f8"),
+        ("sensor_has_friction", "i8"),  # it is loaded with the friction, too
         ("torque_count_max", "i8"),
         # encoder
         ("counts", "i8"),
@@ -198,12 +210,17 @@ RIG_STATE = record_dtype(
         ("gain_now", "f8", (3,)),  # of small changes of the current, when last looked at
         ("k_V_s_per_rad", "f8", (3,)),
         ("temperature_C", "f8"),
+        ("resistance_ohm", "f8", (3,)),
+        ("winding_C", "f8", (3,)),  # of each phase
+        ("magnet_C", "f8"),
+        ("housing_C", "f8"),
         # mechanics
         ("angle_rad", "f8"),
         ("speed_rad_s", "f8"),
         ("acceleration_rad_s2", "f8"),  # mean over the last substep
         ("torque_em_Nm", "f8"),
         ("torque_cog_Nm", "f8"),
+        *((name, "f8") for name in ("energy_dc_J", "energy_shaft_J")),  # since the start
         # brake
         ("brake_set", "f8"),
         ("excitation", "f8"),

@@ -40,8 +40,9 @@ from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[3]
 CONFIG = ROOT / "src/motord/config"
-READ_ELSEWHERE = {  # by alignment, design of a quick calibration, energy of a profile
+READ_ELSEWHERE = {  # by alignment, design of a quick calibration, profiles and efficiency maps
     *("encoder_error_rad", "torque_gain_percent", "current_gain_percent", "back_emf_percent"),
+    *("torque_zero_Nm", "power_gain_percent", "power_zero_W"),
     *("friction_ripple_percent", "torque_crosstalk_percent", "saturation_percent"),
 }
 BY_NAME = {

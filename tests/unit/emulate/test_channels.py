@@ -1,5 +1,6 @@
 """The motor's temperatures on the emulator: heated by the rig's currents, read over Modbus."""
 
+import numpy as np
 import pytest
 from pymodbus.client import ModbusTcpClient
 
@@ -9,6 +10,7 @@ from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench
 from motord.emulate.modbus import ModbusServers
 from motord.emulate.selection import register_devices
+from motord.schema import TRUTH_DTYPE
 from tests.support.ports import free_port
 from tests.unit.emulate.benches import EMULATED, write_bench
 from tests.unit.emulate.test_bench import CONFIG, CURRENTS, TRUTH, operate
@@ -83,6 +85,16 @@ def test_simulated_channels_are_not_for_the_emulator(tmp_path):
     text = '[[channels]]\nname = "a"\nunit = ""\nsource = {driver = "simulated"}\n'
     with pytest.raises(ConfigError, match='with the emulator take driver = "modbus"'):
         bench(tmp_path, text)
+
+
+def test_the_power_of_the_emulated_bench_is_what_its_rig_takes():
+    emulated, truth = EmulatedBench(CONFIG, TRUTH, 0), np.zeros(3, TRUTH_DTYPE)
+    for row, from_ms in enumerate((0, 400, 500)):
+        operate(emulated, from_ms, (400, 500, 501)[row])
+        emulated.fill_truth(0, truth[row])
+    taken_J = truth["energy_dc_J"][1] - truth["energy_dc_J"][0]
+    assert taken_J > 0.2
+    assert emulated.quantities["dc_power_W"] == pytest.approx(taken_J / 0.1, rel=0.1)
 
 
 def test_the_example_in_the_bench_file_is_one():

@@ -13,6 +13,7 @@ from motord.experiments.friction.result import DirectionalFriction, Friction
 from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.oscillation import Oscillation
 from motord.experiments.ripple.estimate import MeshRipple
+from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.identification.point_ripple import PointRipple
 from motord.uncertainty_budget import Contribution
 from motord.verdict.figures import figures_of
@@ -36,6 +37,7 @@ CLASSES = {
     "back-emf": ((MeasuredBackEmf,), ElectricalHarmonic),
     "friction": ((Friction,), DirectionalFriction),
     "inertia": ((Oscillation, Acceleration), None), "verify": ((MeshRipple,), PointRipple),
+    "torque-speed": ((EfficiencyMap,), OperatingPower),
 }  # fmt: skip
 """Of each analysis the classes of its result, of which one is, and of its rows."""
 

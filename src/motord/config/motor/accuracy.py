@@ -31,6 +31,12 @@ class AccuracyConfig(Section):
     """Gain that all current sensors have in common; counts where delta epsilon is not measured."""
     torque_gain_percent: Percent = 0.5
     """Gain of the torque sensor and its amplifier."""
+    torque_zero_Nm: NonNegative = 0.01
+    """Zero of the torque sensor and its amplifier, where it shows the mean."""
+    power_gain_percent: Percent = 0.2
+    """Gain of the reading of the DC power."""
+    power_zero_W: NonNegative = 0.05
+    """Zero of the reading of the DC power."""
     torque_time_constant_percent: Percent = 5.0
     """Time constant of the torque sensor's high-pass."""
     torque_crosstalk_percent: Percent = 0.5

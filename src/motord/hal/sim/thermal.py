@@ -1,6 +1,7 @@
-"""Channels of the simulated bench: the rig's thermal network, heated by the currents of the ticks.
+"""Channels of the simulated bench: temperatures and DC power, from the currents of the ticks.
 
-The rig is simulated in the loop; here its temperatures follow from the currents that it reports.
+The rig is simulated in the loop; here its thermal network is heated by the currents that it
+reports, and its power follows from these and the voltages.
 """
 
 from collections.abc import Callable
@@ -10,8 +11,10 @@ import numpy as np
 from motord.config import Config
 from motord.config.channel_sources import SimulatedSource
 from motord.hal.channel_source import RawSample
+from motord.rig.dc_power import dc_power_W
 from motord.rig.thermal import ThermalNetwork
 from motord.rig.truth import load
+from motord.schema import InverterStatus
 
 Ticks = Callable[[], np.ndarray]
 """Returns the ticks since its last call, TICK_DTYPE (n,)."""
@@ -21,7 +24,9 @@ class HeatedMotor:
     """The motor that all simulated channels look at."""
 
     def __init__(self, config: Config, ticks: Ticks) -> None:
-        self.network = ThermalNetwork(load(config.bench.rig))
+        self.truth = load(config.bench.rig)
+        self.network = ThermalNetwork(self.truth)
+        self.energy_J = self.seconds_s = 0.0
         self._period_s = 1.0 / config.loop.rate_Hz
         self._ticks = ticks
 
@@ -33,22 +38,44 @@ class HeatedMotor:
             )
             if np.isfinite(squares_A2):
                 self.network.advance(squares_A2, len(block) * self._period_s)
+                self.energy_J += float(self._powers_W(block).sum()) * self._period_s
+                self.seconds_s += len(block) * self._period_s
+
+    def _powers_W(self, block: np.ndarray) -> np.ndarray:
+        """Return the DC power (n,) of ticks."""
+        u_V, i_A = (
+            np.stack([block[f"{name}_{phase}_{unit}"].astype(float) for phase in "abc"], axis=1)
+            for name, unit in (("u", "V"), ("i", "A"))
+        )
+        on = (block["inverter_status"] & InverterStatus.READY) != 0
+        return dc_power_W(self.truth, u_V, i_A, on)
 
 
 class SimulatedChannel:
-    """A temperature of the simulated rig."""
+    """A temperature of the simulated rig, or the mean of its DC power since the reading before."""
 
     def __init__(self, source: SimulatedSource, motor: HeatedMotor) -> None:
         self._quantity = source.quantity
         self._motor = motor
+        self._before = (0.0, 0.0)
 
     def open(self) -> None:
         """Do nothing."""
 
-    def read(self) -> RawSample:
-        """Return the temperature now, degC."""
+    def read(self) -> RawSample | None:
+        """Return the temperature now, degC, or the power, W; None without new ticks."""
         self._motor.follow()
+        if self._quantity == "dc_power_W":
+            return self._power()
         return RawSample(self._motor.network.named_C[self._quantity])
+
+    def _power(self) -> RawSample | None:
+        before_J, before_s = self._before
+        seconds_s = self._motor.seconds_s - before_s
+        if not seconds_s > 0:
+            return None
+        self._before = (self._motor.energy_J, self._motor.seconds_s)
+        return RawSample((self._motor.energy_J - before_J) / seconds_s)
 
     def close(self) -> None:
         """Do nothing."""

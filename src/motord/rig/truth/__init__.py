@@ -153,7 +153,8 @@ class TorqueSensorTruth(Section):
 
     The charge amplifier's leakage makes the output move at a rate that wanders with standard
     deviation drift_Nm_per_s and correlation time drift_correlation_s; it only exists where there
-    is a high-pass (highpass_time_constant_s > 0). resonance_Hz = 0 is a rigid mount.
+    is a high-pass (highpass_time_constant_s > 0). resonance_Hz = 0 is a rigid mount. sees_friction:
+    it is loaded with the mean of the friction, too, as one in the shaft between motor and load is.
     """
 
     highpass_time_constant_s: NonNegative = 2.0
@@ -166,6 +167,7 @@ class TorqueSensorTruth(Section):
     noise_Nm: NonNegative = 0.0
     drift_Nm_per_s: NonNegative = 0.0
     drift_correlation_s: Positive = 20.0
+    sees_friction: bool = False
     crosstalk: Annotated[tuple[CrosstalkHarmonic, ...], Field(max_length=MAX_DEPARTURES)] = ()
 
 

@@ -45,7 +45,8 @@ class InverterTruth(Section):
     `reference_C`; it moves by gain_drift_per_K with the inverter's temperature, at most
     gain_drift_max either way. phase_order: "acb" where the motor's phases b and c are exchanged at
     its outputs. dq: the axes of a drive whose commands are currents along d and q; in a rig file
-    this is what is true of them.
+    this is what is true of them. While it is on the inverter turns fixed_loss_W into heat, and
+    loss_V |i| + loss_ohm i^2 for each phase current i.
     """
 
     bus_V: Positive = 24.0
@@ -63,6 +64,9 @@ class InverterTruth(Section):
     thermal_time_constant_s: Positive = 300.0
     current_noise_A: NonNegative = 0.0
     voltage_noise_V: NonNegative = 0.0
+    fixed_loss_W: NonNegative = 0.0
+    loss_V: NonNegative = 0.0
+    loss_ohm: NonNegative = 0.0
     nonlinearity: NonlinearityTruth | None = None
     crosstalk: tuple[Triple, Triple, Triple] | None = None
     phase_order: PhaseOrder = "abc"

@@ -1,0 +1,77 @@
+"""`motord analyse torque-speed`: losses and efficiency over torque and speed."""
+
+import csv
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.atomic_write import write_whole
+from motord.experiments.analysis import Analysis, encode, json_of
+from motord.experiments.subject import Recordings
+from motord.experiments.torque_speed.recordings import efficiency_map
+from motord.experiments.torque_speed.result import EfficiencyMap
+from motord.report.text import TextTable
+
+if TYPE_CHECKING:
+    from motord.report.html import Page
+
+
+def estimate(
+    recordings: Recordings,
+    csv_file: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="FILE", help="Write the operating points as a table, too."),
+    ] = None,
+) -> EfficiencyMap:
+    """Return the map. Raises AnalysisError, ConfigError, RecordError, OSError."""
+    found = efficiency_map(recordings)
+    if csv_file is not None:
+        write_whole(csv_file, as_csv(found))
+    return found
+
+
+def as_csv(found: EfficiencyMap) -> str:
+    """Return the operating points as CSV: columns are those of the JSON, without the budgets."""
+    rows = [encode(one) for one in found.points]
+    names = [name for name in rows[0] if name != "budget"]
+    text = StringIO()
+    writer = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _report(found: EfficiencyMap, recordings: Recordings) -> "Page":
+    from motord.experiments.torque_speed.report import report
+
+    return report(found, recordings)
+
+
+def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
+    from motord.experiments.torque_speed.report import HEADER, row
+
+    yield TextTable(
+        "means over whole turns, 95 % intervals",
+        HEADER,
+        [row(one, "+-") for one in found.points],
+        left=(0,),
+    )
+    for one in found.points:
+        if one.efficiency_reason:
+            yield f"- {one.label}: no efficiency: {one.efficiency_reason}"
+    for said in found.left_out:
+        yield f"- left out: {said}"
+
+
+ANALYSIS = Analysis(
+    estimate,
+    json=json_of("motord.torque-speed/1", "name", "serial", "rated_torque_Nm"),
+    report=_report,
+    text=_text,
+    details="The DC power is a channel of the recording, named in [plans.torque-speed]; what is "
+    "known of its accuracy and of the torque sensor's is in [accuracy].",
+    outputs=("csv_file",),
+)

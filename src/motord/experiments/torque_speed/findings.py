@@ -1,0 +1,138 @@
+"""What is questionable about an efficiency map, each with its meaning and what to do."""
+
+from collections.abc import Iterator, Sequence
+from math import pi
+
+from motord.config import AccuracyConfig
+from motord.experiments.subject import Subject
+from motord.experiments.torque_speed.result import OperatingPower
+from motord.findings import Finding
+
+SURE = 3.0
+"""Standard errors of the drift beyond which it is not by chance."""
+
+DRIFT_PART = 0.03
+"""Part of the losses that they may drift within a capture."""
+
+SAMPLING_PART = 0.5
+"""Part of the electrical power's standard uncertainty that slow readings may make."""
+
+IN_STEP = 0.3
+"""How far readings may fall on the same angles; evenly spread ones are below."""
+
+BY_CHANCE = 2.2
+"""Of evenly spread readings, times the root of their number: exceeded once in a hundred."""
+
+BETWEEN_TICKS = 0.002
+"""Part of the torque that may be unseen between ticks."""
+
+ACCURACIES = ("torque_gain_percent", "torque_zero_Nm", "power_gain_percent", "power_zero_W")
+
+
+def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Finding, ...]:
+    """Return what is questionable about the points."""
+    return (
+        *_negative(points),
+        *_in_step(points),
+        *_between_ticks(points, subject),
+        *_drifting(points),
+        *_slow(points),
+        *_assumed(subject.accuracy),
+    )
+
+
+def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    """Yield a finding where the losses are surely below zero."""
+    below = [one for one in points if (one.loss.high or 0.0) < 0]
+    if below:
+        worst = min(below, key=lambda one: one.loss.high or 0.0)
+        yield Finding(
+            "negative-losses", worst.loss.value or 0.0, 0.0, "W", "serious",
+            f"{listed(below)}: more power comes out than goes in: sign or gain of torque or power "
+            "reading is wrong, or the reading is not of the inverter's supply",
+            "check the sign of the torque and of the power, their gains, and the analyser's wiring",
+        )  # fmt: skip
+
+
+def _in_step(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    """Yield a finding where instants of the power are always at the same angles."""
+    stuck = [one for one in points if one.in_step > max(IN_STEP, BY_CHANCE / one.readings**0.5)]
+    if stuck:
+        yield Finding(
+            "readings-in-step", max(one.in_step for one in stuck), IN_STEP, "", "serious",
+            f"{listed(stuck)}: the power is read in step with the rotor, at the same electrical "
+            "angles in each turn: its ripple is taken for its mean",
+            "take other speeds, or let the analyser average from one reading to the next",
+        )  # fmt: skip
+
+
+def _between_ticks(points: Sequence[OperatingPower], subject: Subject) -> Iterator[Finding]:
+    """Yield a finding where torque between the ticks may be another than at the ticks.
+
+    Currents that are held for a period T while the rotor turns on make a torque that falls off by
+    up to (w_el T)^2 / 8 at the ends, (w_el T)^2 / 24 in the mean; a low-pass hides it.
+    """
+    filtered_Hz = subject.sensor.resonance_Hz
+    parts = [
+        ((2 * pi * subject.motor.pole_pairs * one.speed_mean_Hz * one.tick_s) ** 2 / 12, one)
+        for one in points
+        if not 0 < filtered_Hz < 0.5 / one.tick_s
+    ]
+    parts = [each for each in parts if each[0] > BETWEEN_TICKS]
+    if parts:
+        worst, _ = max(parts, key=lambda each: each[0])
+        yield Finding(
+            "torque-between-ticks", 100 * worst, 100 * BETWEEN_TICKS, "%", "warning",
+            f"{listed([one for _, one in parts])}: a drive that holds its phase currents from tick "
+            "to tick makes another torque in between, which a sensor without a low-pass does not "
+            "show in the ticks",
+            "set the sensor's filter below half of the loop's rate and state it as [torque_sensor] "
+            "resonance_Hz, or raise [loop] rate_Hz",
+        )  # fmt: skip
+
+
+def _drifting(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    moving = [
+        (abs(one.loss_drift_W), DRIFT_PART * abs(one.loss.value or 0.0), one)
+        for one in points
+        if abs(one.loss_drift_W) > SURE * one.loss_drift_stderr_W
+    ]
+    moving = [each for each in moving if each[0] > each[1]]
+    if moving:
+        worst, limit, _ = max(moving, key=lambda each: each[0] - each[1])
+        yield Finding(
+            "losses-drift", worst, limit, "W", "warning",
+            f"{listed([one for *_, one in moving])}: the losses change within the capture: motor "
+            "and inverter are not at a steady temperature, the figures are those of the means",
+            "raise settle_s, or run the motor warm before the plan",
+        )  # fmt: skip
+
+
+def _slow(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    slow = [(one.sampling_W, SAMPLING_PART * (one.electrical.stderr or 0.0), one) for one in points]
+    slow = [each for each in slow if each[0] > each[1]]
+    if slow:
+        worst, limit, _ = max(slow, key=lambda each: each[0] - each[1])
+        yield Finding(
+            "slow-readings", worst, limit, "W", "note",
+            f"{listed([one for *_, one in slow])}: that the power is read slowly makes most of "
+            "its uncertainty; it is in the intervals",
+            "raise rate_Hz of the channel, or turns; choose speeds that are not in step with it",
+        )  # fmt: skip
+
+
+def _assumed(accuracy: AccuracyConfig) -> Iterator[Finding]:
+    assumed = [name for name in ACCURACIES if name not in accuracy.model_fields_set]
+    if assumed:
+        yield Finding(
+            "accuracy-assumed", len(assumed), 0, "limits", "note",
+            f"[accuracy] does not state {', '.join(assumed)}: what is typical was assumed, and is "
+            "in the intervals",
+            "state them from data sheets or calibration certificates",
+        )  # fmt: skip
+
+
+def listed(points: Sequence[OperatingPower], most: int = 4) -> str:
+    """Return the points as text, of many the first."""
+    more = f" and {len(points) - most} more" if len(points) > most else ""
+    return "; ".join(one.label for one in points[:most]) + more

@@ -1,0 +1,156 @@
+"""`torque-speed`: the mesh as far as the envelope allows, motoring and generating."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from math import pi
+from typing import Any
+
+from motord.config import BrakeConfig, Config
+from motord.experiments.torque_speed.envelope import Envelope
+from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
+from motord.sequencing import Observation, OperatingPoint, Plan, PlanError
+from motord.sequencing.brake_servo import BrakeServo, release_s
+from motord.sequencing.capture import account, capture, take_points
+from motord.sequencing.mesh import serpentine
+from motord.sequencing.motions import (
+    Capture,
+    Motion,
+    hold,
+    near_speed,
+    restartable,
+    wait,
+    within,
+)
+from motord.sequencing.operating_point import operating_point, operating_point_s
+from motord.sequencing.quality import quality_at_speed
+from motord.sequencing.settings import chosen, compensation
+
+STOPPED_HZ = 0.05
+"""Speed below which a rotor that was driven counts as stopped."""
+
+
+def make(config: Config, settings: Mapping[str, Any]) -> Plan:
+    """Return the plan of `[plans.torque-speed]` with `settings`. Raises PlanError.
+
+    Motoring points come first, so that drive and brake do not take turns.
+    """
+    given = dict(settings)
+    applied = given.pop("compensate", "off")
+    flags = compensation(applied)
+    own = chosen(config, NAME, TorqueSpeedConfig, given, "compensate")
+    envelope = Envelope(config, own)
+    wanted = sorted(serpentine(own.torques_Nm, own.speeds_Hz), key=_generating)
+    beyond = {place: why for place in wanted if (why := envelope.obstacle(*place))}
+    taken = [place for place in wanted if place not in beyond]
+    if not taken:
+        raise PlanError(f"{NAME}: every point is beyond the envelope: {beyond[wanted[0]]}")
+    most_Nm = {place: envelope.largest_Nm(*place) for place in taken}
+    return Plan(
+        name=NAME,
+        points=tuple(
+            OperatingPoint(index, torque_Nm, speed_Hz, own.turns)
+            for index, (torque_Nm, speed_Hz) in enumerate(taken)
+        ),
+        motion=partial(power_points, own, config.brake, most_Nm, int(flags)),
+        point_s=partial(operating_point_s, own, config.brake),
+        settings={**own.model_dump(mode="json"), "compensate": applied},
+        needs="drive" if all(map(_generating, taken)) else "brake",
+        outlook=_outlook(config, beyond),
+    )
+
+
+def _generating(place: tuple[float, float]) -> bool:
+    return place[0] * place[1] < 0
+
+
+def _outlook(config: Config, beyond: Mapping[tuple[float, float], str]) -> str:
+    """Return which points are left out, and what stands in the way of the analysis."""
+    said = []
+    if beyond:
+        (torque_Nm, speed_Hz), why = next(iter(beyond.items()))
+        said.append(
+            f"{len(beyond)} points are beyond the envelope and left out, such as {torque_Nm:g} Nm "
+            f"at {speed_Hz:g} Hz: {why}"
+        )
+    if config.torque_sensor.highpass_time_constant_s > 0:
+        said.append(
+            "the torque sensor does not show the mean torque ([torque_sensor] "
+            "highpass_time_constant_s): mechanical power will not be known"
+        )
+    return "; ".join(said)
+
+
+def power_points(
+    own: TorqueSpeedConfig,
+    brake: BrakeConfig,
+    most_Nm: Mapping[tuple[float, float], float],
+    compensate: int,
+    points: tuple[OperatingPoint, ...],
+) -> Motion[None]:
+    """Enable, take every operating point, ramp down; most_Nm: the envelope at each of them."""
+    take = partial(power_point, own=own, servo=BrakeServo(brake), most_Nm=most_Nm)
+    yield from take_points(take, points, compensate)
+
+
+def power_point(
+    point: OperatingPoint,
+    own: TorqueSpeedConfig,
+    servo: BrakeServo,
+    most_Nm: Mapping[tuple[float, float], float],
+) -> Motion[Capture]:
+    """Take an operating point against the brake, or one at which the drive turns the rotor."""
+    place = (point.torque_Nm, point.speed_Hz)
+    if _generating(place):
+        taken = yield from driven_power_point(point, own, servo.brake)
+    else:
+        yield from _stop_drive(own)
+        taken = yield from operating_point(point, own, servo)
+    return {**taken, "envelope_Nm": round(most_Nm[place], 5)}
+
+
+@restartable
+def driven_power_point(
+    point: OperatingPoint, own: TorqueSpeedConfig, brake: BrakeConfig
+) -> Motion[Capture]:
+    """Let the drive turn the rotor, put the torque against it, settle, capture."""
+    tolerant = own.model_copy(update={"speed_tolerance": own.drive_speed_tolerance})
+    began = yield None
+    demand = replace(
+        began.demand,
+        enabled=True,
+        torque_Nm=0.0,
+        speed_Hz=point.speed_Hz,
+        brake=0.0,
+        drive_rad_s=2 * pi * point.speed_Hz,
+        plan_point=-1,
+        label=f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz",
+    )
+    if began.demand.brake:
+        yield from wait(demand.labelled("releasing the brake", drive_rad_s=0.0), release_s(brake))
+    for what, torque_Nm in (("turning", 0.0), ("loading", point.torque_Nm)):
+        reaches = near_speed(point.speed_Hz, own.drive_speed_tolerance, since=(yield None))
+        under = demand.labelled(what, torque_Nm=torque_Nm)
+        yield from within(own.settle_timeout_s, hold(under, reaches), _slips)
+    loaded = demand.labelled("settling", torque_Nm=point.torque_Nm)
+    yield from wait(loaded, own.settle_s)
+    seen = yield from capture(point, replace(loaded, label=f"{demand.label}: capturing"))
+    quality = quality_at_speed(seen, point.speed_Hz, tolerant)
+    return account(point, seen, quality, driven=True)
+
+
+def _slips(seen: Observation) -> str:
+    return (
+        f"{seen.demand.label}: the rotor turns at {seen.turn_speed_Hz:.3g} Hz; does the drive "
+        "answer, does the belt slip at this torque (drive_torque_Nm)?"
+    )
+
+
+@restartable
+def _stop_drive(own: TorqueSpeedConfig) -> Motion[None]:
+    """Let a rotor that the drive turned come to rest."""
+    began = yield None
+    if began.demand.drive_rad_s:
+        demand = replace(began.demand.at_rest(), label="stopping the drive")
+        stopped = hold(demand, lambda seen: abs(seen.speed_Hz) < STOPPED_HZ)
+        yield from within(own.settle_timeout_s, stopped, lambda _: "the drive does not stop")

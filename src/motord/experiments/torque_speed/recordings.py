@@ -1,0 +1,117 @@
+"""Operating points with their electrical power, from recordings."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from motord.config import TorqueSensorConfig
+from motord.experiments.points_left_out import points_left_out
+from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
+from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
+from motord.experiments.torque_speed.findings import findings
+from motord.experiments.torque_speed.power_series import PowerSeries
+from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
+from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
+from motord.experiments.torque_speed.turns import COLUMNS, CapturedTurns
+from motord.identification import IdentifyError
+from motord.identification.operating_points import PointData, good_points, split
+from motord.recording.reader import Run, bounds_of
+
+Readings = tuple[np.ndarray, np.ndarray]
+"""Times (n,), Unix ns, and values (n,)."""
+
+
+def efficiency_map(recordings: Recordings) -> EfficiencyMap:
+    """Return the powers of all good points. Raises AnalysisError, ConfigError, RecordError."""
+    runs, subject = recordings.runs, recordings.subject
+    for run in runs:
+        check_plan(run, NAME)
+    _check_mean(subject.sensor)
+    own = plan_settings(recordings, NAME, TorqueSpeedConfig)
+    accuracy = PowerAccuracy.of(subject.accuracy)
+    pole_pairs = subject.motor.pole_pairs
+    points: list[OperatingPower] = []
+    left_out: list[str] = []
+    for run in runs:
+        readings = _readings(run, own)
+        for point, envelope_Nm in _captured(run):
+            try:
+                turns = CapturedTurns.of(point, subject.motor)
+                series = _series(readings, turns, point, own)
+                place = (point.torque_Nm, point.speed_Hz)
+                found = operating_power(*place, turns, series, accuracy, pole_pairs)
+            except IdentifyError as error:
+                left_out.append(f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz: {error}")
+            else:
+                points.append(replace(found, envelope_Nm=envelope_Nm))
+    if not points:
+        files = ", ".join(str(run.path) for run in runs)
+        raise AnalysisError(f"{files}: {'; '.join(left_out[:3]) or 'no good operating point'}")
+    source = own.bus_current_channel or own.power_channel
+    said = (*findings(points, subject), *points_left_out(runs))
+    return EfficiencyMap(tuple(points), source, tuple(left_out), said)
+
+
+def _check_mean(sensor: TorqueSensorConfig) -> None:
+    if sensor.highpass_time_constant_s > 0:
+        raise AnalysisError(
+            "the torque sensor has a high-pass ([torque_sensor] highpass_time_constant_s = "
+            f"{sensor.highpass_time_constant_s:g}): it does not show the mean torque, without "
+            "which there is no mechanical power; use a sensor that passes the mean"
+        )
+
+
+def _captured(run: Run) -> Iterator[tuple[PointData, float | None]]:
+    """Yield the points of good quality with the envelope that the plan had for them."""
+    columns = [name for name in COLUMNS if name in run.columns]
+    for point in good_points(run.operating_points()):
+        envelope = point.get("envelope_Nm")
+        for one in split(run.ticks(columns, **bounds_of(point)), [point]):
+            yield one, None if envelope is None else float(envelope)
+
+
+def _readings(run: Run, own: TorqueSpeedConfig) -> Readings:
+    """Return the valid readings of the channel with the power or the current."""
+    name = own.bus_current_channel or own.power_channel
+    if name not in run.channels():
+        known = ", ".join(run.channels()) or "none"
+        raise AnalysisError(
+            f"{run.path}: has no channel {name} with the DC power; it has {known}; name it in "
+            "[plans.torque-speed] power_channel or bus_current_channel"
+        )
+    t_ns, values = run.channel(name)
+    valid = np.isfinite(values)
+    return t_ns[valid], values[valid]
+
+
+def _series(
+    readings: Readings, turns: CapturedTurns, point: PointData, own: TorqueSpeedConfig
+) -> PowerSeries:
+    """Return the power over the time of a capture. Raises IdentifyError."""
+    t_ns, values = readings
+    t_s = (t_ns - turns.t0_ns) * 1e-9
+    near = np.flatnonzero((t_s >= turns.t_s[0]) & (t_s <= turns.t_s[-1]))
+    t_s, values = t_s[near], values[near]
+    if own.bus_current_channel:
+        values = values * _bus_V(turns, point.ticks, t_s, own.readings == "means")
+    return PowerSeries(t_s, values, own.readings == "means")
+
+
+def _bus_V(
+    turns: CapturedTurns, ticks: np.ndarray, at_s: Sequence[float] | np.ndarray, means: bool
+) -> np.ndarray:
+    """Return the bus voltage of the ticks at readings (m,), or between them where these are means.
+
+    Raises IdentifyError where the drive does not report it.
+    """
+    names = ticks.dtype.names or ()
+    voltage_V = ticks["u_bus_V"].astype(float) if "u_bus_V" in names else np.zeros(0)
+    if not voltage_V.size or not np.isfinite(voltage_V).all() or not voltage_V.any():
+        raise IdentifyError("the ticks have no bus voltage (u_bus_V) to multiply the current with")
+    tick_s = (ticks["t_ns"].astype(np.int64) - turns.t0_ns) * 1e-9
+    at_s = np.asarray(at_s)
+    if not means or at_s.size < 2:
+        return np.asarray(np.interp(at_s, tick_s, voltage_V))
+    between_V = PowerSeries(tick_s, voltage_V, means=False).means_W(at_s)
+    return np.concatenate([between_V[:1], between_V])

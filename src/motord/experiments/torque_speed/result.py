@@ -1,0 +1,130 @@
+"""Powers, losses and efficiency of operating points, as they were found."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from motord.experiments.torque_speed.uncertainty import ErrorSum
+from motord.findings import Finding
+
+Mode = Literal["motoring", "generating", "braking"]
+"""Which way the power goes; braking: motor and supply both give power, and all of it is lost."""
+
+
+@dataclass(frozen=True)
+class PowerEstimate:
+    """A value with its combined standard uncertainty and 95 % interval; None: not defined."""
+
+    value: float | None
+    stderr: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+    @classmethod
+    def of(cls, value: float, errors: ErrorSum) -> "PowerEstimate":
+        """Return a value with what its errors make of it."""
+        half = errors.half_width
+        return cls(value, errors.stderr, value - half, value + half)
+
+    def text(self, sign: str, unit: float = 1.0) -> str:
+        """Return value and half of the interval, "" if it is not defined."""
+        if self.value is None or self.high is None:
+            return ""
+        return f"{unit * self.value:.2f} {sign} {unit * (self.high - self.value):.2f}"
+
+
+UNDEFINED = PowerEstimate(None)
+
+
+@dataclass(frozen=True)
+class UncertaintyShare:
+    """What a source contributes: standard uncertainties of losses and of efficiency."""
+
+    JSON: ClassVar = ("source", "type", "loss_W", "efficiency_percent")
+
+    source: str
+    type: Literal["A", "B"]
+    loss_W: float
+    efficiency_percent: float | None
+
+
+@dataclass(frozen=True)
+class OperatingPower:
+    """An operating point: means over whole turns, powers positive into motor and inverter.
+
+    torque_Nm, speed_Hz: set-points. t_start_ns, t_end_ns: of these turns. readings: of the
+    electrical power that count, read_every_s apart. blocks: of turns, whose scatter is the Type A
+    uncertainty. sampling_W: standard uncertainty of the electrical power that slow readings cause.
+    loss_drift_W: change of the losses from the beginning to the end, with its standard error.
+    in_step: how far readings that are instants fall on the same angles, from 0 to 1.
+    tick_s: time between ticks.
+    envelope_Nm: largest torque that the plan had for this speed, None if it is not recorded.
+    """
+
+    JSON: ClassVar[dict[str, str]] = {
+        **{
+            name: name
+            for name in ("torque_Nm", "speed_Hz", "torque_mean_Nm", "speed_mean_Hz", "mode")
+        },
+        **{
+            f"{quantity}{error}_{unit}": f"{quantity}.{error[1:] or 'value'}"
+            for quantity, unit in (
+                ("mechanical", "W"), ("electrical", "W"), ("loss", "W"), ("efficiency", "percent"),
+            )
+            for error in ("", "_stderr", "_low", "_high")
+        },
+        **{
+            name: name
+            for name in (
+                "efficiency_reason", "t_start_ns", "t_end_ns", "turns", "blocks", "readings",
+                "read_every_s", "sampling_W", "loss_drift_W", "loss_drift_stderr_W", "in_step",
+                "envelope_Nm", "budget",
+            )
+        },
+    }  # fmt: skip
+
+    torque_Nm: float
+    speed_Hz: float
+    torque_mean_Nm: float
+    speed_mean_Hz: float
+    mode: Mode
+    mechanical: PowerEstimate
+    electrical: PowerEstimate
+    loss: PowerEstimate
+    efficiency: PowerEstimate
+    efficiency_reason: str
+    t_start_ns: int
+    t_end_ns: int
+    turns: int
+    blocks: int
+    readings: int
+    read_every_s: float
+    sampling_W: float
+    loss_drift_W: float
+    loss_drift_stderr_W: float
+    in_step: float
+    tick_s: float
+    budget: tuple[UncertaintyShare, ...]
+    envelope_Nm: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Set-points as text."""
+        return f"{self.torque_Nm:g} Nm, {self.speed_Hz:g} Hz"
+
+
+@dataclass(frozen=True)
+class EfficiencyMap:
+    """Operating points with their powers; left_out: why points are not among them."""
+
+    JSON: ClassVar = ("points", "left_out", "power_source")
+
+    points: tuple[OperatingPower, ...]
+    power_source: str
+    left_out: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def best(self) -> OperatingPower | None:
+        """The point of the highest efficiency, None if it is defined nowhere."""
+        defined = [one for one in self.points if one.efficiency.value is not None]
+        return max(defined, key=lambda one: one.efficiency.value or 0.0, default=None)

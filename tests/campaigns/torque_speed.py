@@ -1,0 +1,164 @@
+"""Efficiency map against the simulated truth: `python -m tests.campaigns.torque_speed`.
+
+The packaged efficiency bench takes its mesh once, in virtual time; then torque sensor and power
+analyser have other errors, within what [accuracy] states, in each of many trials. Prints how far
+losses and efficiency are from the truth without these errors, and in how many trials intervals
+hold it; exits with 1 if a bound is not kept. `tests/unit/experiments/torque_speed` asks the same of
+a few points.
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motord.config import Config, load, packaged
+from motord.experiments.plans import build
+from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
+from motord.experiments.torque_speed.findings import IN_STEP
+from motord.experiments.torque_speed.power_series import PowerSeries
+from motord.experiments.torque_speed.result import OperatingPower
+from motord.experiments.torque_speed.turns import CapturedTurns
+from motord.identification.operating_points import PointData, split
+from motord.virtual.mesh import MeshPiece, processors, run_points
+from tests.campaigns import seeds
+
+BENCH = packaged("../../../config/efficiency.toml")
+TRIALS = 100
+COVERED = {True: (0.90, 0.99), False: (0.90, 1.00)}
+"""Of readings that are means, and of instants: their scatter over the angles of a turn counts as by
+chance, which is on the safe side where they fall evenly.
+"""
+
+ERROR_MAX = 0.005
+"""Of the efficiency, in parts, without errors of the sensors but for their noise."""
+
+EXACT = PowerAccuracy(0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class TruePoint:
+    """A captured operating point, with the energies that the rig truly took and gave."""
+
+    point: PointData
+    t_ns: np.ndarray
+    energy_dc_J: np.ndarray
+    energy_shaft_J: np.ndarray
+
+    @classmethod
+    def of(cls, piece: MeshPiece) -> "TruePoint":
+        """Return the point of a piece of a mesh."""
+        (point,) = split(piece.ticks, [piece.point])
+        truth = piece.truth
+        return cls(point, truth["t_ns"], truth["energy_dc_J"], truth["energy_shaft_J"])
+
+    def read(
+        self, rng: np.random.Generator, t0_ns: int, every_s: float, means: bool
+    ) -> PowerSeries:
+        """Return what an analyser reads, at a random phase, up to half a period late or early."""
+        t_s = (self.t_ns - t0_ns) * 1e-9
+        at_s = np.arange(t_s[0] + rng.uniform(1, 2) * every_s, t_s[-1] - every_s, every_s)
+        if means:
+            power_W = np.diff(np.interp(at_s, t_s, self.energy_dc_J)) / every_s
+        else:
+            power_W = np.interp(at_s, t_s, np.gradient(self.energy_dc_J, t_s))[1:]
+        return PowerSeries(at_s[1:] + rng.uniform(-0.5, 0.5) * every_s, power_W, means)
+
+    def truth(self, found: OperatingPower) -> tuple[float, float, float]:
+        """Return losses (W), efficiency (%), mechanical power over the same turns."""
+        ends_s = (np.array([found.t_start_ns, found.t_end_ns]) - self.t_ns[0]) * 1e-9
+        t_s = (self.t_ns - self.t_ns[0]) * 1e-9
+        shaft_W, dc_W = (
+            float(np.diff(np.interp(ends_s, t_s, energy_J))[0] / np.diff(ends_s)[0])
+            for energy_J in (self.energy_shaft_J, self.energy_dc_J)
+        )
+        part = shaft_W / dc_W if found.mode == "motoring" else dc_W / shaft_W
+        return dc_W - shaft_W, 100 * part, shaft_W
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Whether intervals hold the truth (None: efficiency is not stated), and the errors."""
+
+    loss: bool
+    efficiency: bool | None
+    loss_error_W: float
+    in_step: float
+    efficiency_error: float
+
+
+def true_points(config: Config, seed: int, **settings: object) -> Iterator[TruePoint]:
+    """Yield the points of the bench's mesh, those of good quality."""
+    with processors() as pool:
+        for piece in run_points(config, build("torque-speed", config, settings), seed, pool=pool):
+            if piece.point["quality"] == "ok":
+                yield TruePoint.of(piece)
+
+
+def outcome(
+    one: TruePoint, config: Config, seed: int, accuracy: PowerAccuracy, means: bool = True
+) -> Outcome:
+    """Return what a trial with random errors within `accuracy` shows; noise is there anyway."""
+    rng = np.random.default_rng(seed)
+    torque_gain, torque_zero, power_gain, power_zero = rng.uniform(-1, 1, 4)
+    ticks = one.point.ticks.copy()
+    ticks["torque_Nm"] *= 1 + accuracy.torque_gain * torque_gain
+    ticks["torque_Nm"] += accuracy.torque_zero_Nm * torque_zero
+    turns = CapturedTurns.of(replace(one.point, ticks=ticks), config.motor)
+    read = one.read(rng, turns.t0_ns, 0.2, means)
+    power_W = read.power_W * (1 + accuracy.power_gain * power_gain)
+    power_W = (
+        power_W + accuracy.power_zero_W * power_zero + 0.05 * rng.standard_normal(power_W.size)
+    )
+    series = PowerSeries(read.t_s, power_W, means)
+    place = (one.point.torque_Nm, one.point.speed_Hz)
+    found = operating_power(*place, turns, series, accuracy, config.motor.pole_pairs)
+    loss_W, efficiency, _ = one.truth(found)
+    loss, stated = found.loss, found.efficiency
+    assert loss.value is not None
+    held = None if stated.low is None else stated.low < efficiency < (stated.high or 0.0)
+    error = 0.0 if stated.value is None else stated.value / efficiency - 1
+    return Outcome(
+        (loss.low or 0.0) < loss_W < (loss.high or 0.0),
+        held,
+        loss.value - loss_W,
+        found.in_step,
+        error,
+    )
+
+
+def main(trials: int = TRIALS) -> int:
+    """Run all trials and print what they show; return the exit code."""
+    config, seed = load(BENCH), seeds.first()
+    points = list(true_points(config, seed))
+    accuracy, failed = PowerAccuracy.of(config.accuracy), False
+    for name, means in (("readings are means", True), ("readings are instants", False)):
+        exact = [outcome(one, config, seed, EXACT, means) for one in points]
+        # those that are in step with the rotor have a finding, not an interval that holds
+        taken = [one for one, each in zip(points, exact, strict=True) if each.in_step <= IN_STEP]
+        exact = [each for each in exact if each.in_step <= IN_STEP]
+        worst = max(abs(each.efficiency_error) for each in exact)
+        outcomes = [
+            outcome(one, config, seed + 1 + number, accuracy, means)
+            for number in range(trials)
+            for one in taken
+        ]
+        loss = float(np.mean([each.loss for each in outcomes]))
+        stated = [each.efficiency for each in outcomes if each.efficiency is not None]
+        efficiency = float(np.mean(stated))
+        kept = worst <= ERROR_MAX and all(
+            COVERED[means][0] <= s <= COVERED[means][1] for s in (loss, efficiency)
+        )
+        failed |= not kept
+        print(
+            f"{len(taken)} of {len(points)} points, {name}: efficiency off by {100 * worst:.2f} % "
+            f"at most; in their intervals losses {100 * loss:.1f} %, "
+            f"efficiency {100 * efficiency:.1f} %",
+            *("NOT KEPT",) * (not kept),
+        )
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS))

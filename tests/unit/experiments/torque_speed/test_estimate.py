@@ -1,0 +1,255 @@
+"""Powers, losses and efficiency of captures whose powers are known; intervals that hold them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motord.config import AccuracyConfig, TorqueSensorConfig
+from motord.experiments.subject import Subject
+from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
+from motord.experiments.torque_speed.findings import ACCURACIES, findings
+from motord.experiments.torque_speed.power_series import PowerSeries
+from motord.experiments.torque_speed.result import OperatingPower
+from motord.experiments.torque_speed.turns import CapturedTurns
+from motord.experiments.torque_speed.uncertainty import sampling_error_W, scatter_of
+from motord.identification import IdentifyError
+from tests.unit.experiments.torque_speed.captures import ACCURACY, MOTOR, Machine
+
+EXACT = PowerAccuracy(0.0, 0.0, 0.0, 0.0)
+
+
+def found(
+    machine: Machine, every_s: float = 0.2, means: bool = True, accuracy: PowerAccuracy = ACCURACY
+) -> OperatingPower:
+    rng = np.random.default_rng(7)
+    series = machine.readings(rng, every_s, means)
+    return operating_power(
+        machine.torque_Nm, machine.speed_Hz, machine.turns(rng), series, accuracy, 8
+    )
+
+
+@pytest.mark.parametrize("means", [True, False])
+def test_powers_and_efficiency_of_a_motor(means: bool) -> None:
+    machine = Machine()
+    one = found(machine, means=means)
+    mechanical_W = machine.mechanical_W()
+    assert one.mode == "motoring"
+    assert one.mechanical.value == pytest.approx(mechanical_W, rel=1e-3)
+    assert one.loss.value == pytest.approx(machine.loss_W, abs=0.2)
+    efficiency = 100 * mechanical_W / (mechanical_W + machine.loss_W)
+    assert one.efficiency.value == pytest.approx(efficiency, rel=2e-3)
+    assert one.torque_mean_Nm == pytest.approx(3.0015, rel=1e-3)
+    assert one.speed_mean_Hz == pytest.approx(4.0, rel=1e-4)
+    for each in (one.mechanical, one.electrical, one.loss, one.efficiency):
+        assert each.low < each.value < each.high  # type: ignore[operator]
+        assert 1.5 * each.stderr < each.high - each.value < 2.2 * each.stderr  # type: ignore[operator]
+
+
+def test_power_is_the_mean_of_the_product_not_the_product_of_means() -> None:
+    machine = Machine(ripple_Nm=1.5, speed_ripple=0.1, noise_Nm=0.0)
+    one = found(machine, accuracy=EXACT)
+    apart_W = one.mechanical.value - 2 * np.pi * 4.0 * 3.0  # type: ignore[operator]
+    assert apart_W == pytest.approx(2 * np.pi * 4.0 * 0.5 * 1.5 * 0.1, rel=0.02)
+
+
+def test_a_generator_is_efficient_by_what_it_gives() -> None:
+    machine = Machine(torque_Nm=-3.0)
+    one = found(machine)
+    mechanical_W = machine.mechanical_W()
+    assert one.mode == "generating"
+    assert one.electrical.value == pytest.approx(mechanical_W + 20.0, rel=1e-3)
+    assert one.efficiency.value == pytest.approx(100 * (1 + 20.0 / mechanical_W), rel=2e-3)
+    assert one.efficiency_reason == ""
+
+
+@pytest.mark.parametrize(
+    ("machine", "mode", "reason"),
+    [
+        (Machine(torque_Nm=-0.5, loss_W=30.0), "braking", "all of it is lost"),
+        (Machine(torque_Nm=-0.01, ripple_Nm=0.0, loss_W=0.1), "generating", "is near zero"),
+        (Machine(torque_Nm=0.001, ripple_Nm=0.0, loss_W=0.1), "motoring", "is near zero"),
+    ],
+)
+def test_near_zero_power_losses_are_stated_and_no_efficiency(
+    machine: Machine, mode: str, reason: str
+) -> None:
+    one = found(machine)
+    assert reason in one.efficiency_reason
+    assert one.efficiency.value is None
+    assert one.loss.value == pytest.approx(machine.loss_W, abs=0.2)
+    assert all(share.efficiency_percent is None for share in one.budget)
+    assert mode in (one.mode, "generating")
+
+
+def test_each_source_is_in_the_budget_as_its_formula_says() -> None:
+    one = found(Machine())
+    shares = {share.source: share for share in one.budget}
+    mechanical_W, electrical_W = one.mechanical.value, one.electrical.value
+    assert mechanical_W is not None
+    assert electrical_W is not None
+    efficiency = one.efficiency.value
+    assert shares["torque sensor, gain"].loss_W == pytest.approx(0.002 / 3**0.5 * mechanical_W)
+    assert shares["torque sensor, zero"].loss_W == pytest.approx(
+        0.005 / 3**0.5 * 2 * np.pi * one.speed_mean_Hz
+    )
+    assert shares["power reading, gain"].loss_W == pytest.approx(0.002 / 3**0.5 * electrical_W)
+    assert shares["power, zero"].loss_W == pytest.approx(0.05 / 3**0.5)
+    for name in ("torque sensor, gain", "power reading, gain"):
+        assert shares[name].efficiency_percent == pytest.approx(0.002 / 3**0.5 * efficiency)
+    total_W = np.sqrt(sum(share.loss_W**2 for share in one.budget))
+    assert one.loss.stderr == pytest.approx(total_W)
+
+
+def test_slow_readings_cost_uncertainty() -> None:
+    fast, slow = (found(Machine(seconds_s=40.0), every_s=s, means=False) for s in (0.02, 0.5))
+    assert slow.sampling_W > 100 * fast.sampling_W
+    assert slow.electrical.stderr > 5 * fast.electrical.stderr  # type: ignore[operator]
+    assert slow.efficiency.stderr > 5 * fast.efficiency.stderr  # type: ignore[operator]
+    shares = {share.source: share.loss_W for share in slow.budget}
+    assert shares["slow readings of the power"] == slow.sampling_W
+
+
+def test_readings_in_step_with_the_rotor_are_seen_by_their_course() -> None:
+    """Scatter between turns shows nothing of it: each turn is read at the same angles."""
+    machine = Machine(ripple_order=5, noise_Nm=0.0, seconds_s=20.0, speed_ripple=0.0)
+    at_s = np.arange(1.03, 19.0, 0.25 / 5)  # 5 readings a turn
+    t_s, _, _, energy_J = machine.path()
+    series = PowerSeries(at_s, np.interp(at_s, t_s, np.gradient(energy_J, t_s)), means=False)
+    turns = machine.turns(np.random.default_rng(1))
+    one = operating_power(3.0, 4.0, turns, series, EXACT, 8)
+    amplitude_W = 0.3 * 2 * np.pi * 4.0
+    assert one.sampling_W == pytest.approx(amplitude_W / 2**0.5, rel=0.1)
+    true_W = 2 * np.pi * 4.0 * 3.0 + 20.0
+    assert turns.in_step(series.t_s, 5) == pytest.approx(1.0, abs=0.01)
+    assert abs(one.electrical.value - true_W) > 0.5  # type: ignore[operator]
+    assert one.electrical.low < true_W < one.electrical.high  # type: ignore[operator]
+    edges_s = turns.t_s[turns.edges[4:-5]]
+    assert sampling_error_W(turns, replace(series, means=True), edges_s) < 0.05 * amplitude_W
+
+
+def test_a_drift_is_no_scatter_and_is_stated() -> None:
+    steady, drifting = (
+        found(Machine(seconds_s=30.0, loss_rate_W_per_s=rate)) for rate in (0.0, 0.2)
+    )
+    assert drifting.loss_drift_W == pytest.approx(0.2 * 28, rel=0.1)
+    assert drifting.loss_drift_W > 10 * drifting.loss_drift_stderr_W
+    assert drifting.loss.stderr < 1.1 * steady.loss.stderr + 0.05  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_standard_errors_hold_for_blocks_that_depend_on_the_one_before(rho: float) -> None:
+    rng, ratios = np.random.default_rng(3), []
+    for _ in range(400):
+        noise = rng.standard_normal(40)
+        for n in range(1, 40):
+            noise[n] = rho * noise[n - 1] + (1 - rho**2) ** 0.5 * noise[n]
+        ratios.append((noise.mean(), scatter_of(noise).stderr))
+    errors, stderrs = np.array(ratios).T
+    assert 0.8 < np.sqrt((stderrs**2).mean()) / errors.std() < 1.3
+
+
+@pytest.mark.parametrize(
+    ("seconds_s", "every_s", "message"),
+    [(3.0, 1.0, "blocks of turns with 2 readings"), (12.0, 9.0, "0 readings of the power only")],
+)
+def test_too_few_readings_are_refused(seconds_s: float, every_s: float, message: str) -> None:
+    machine = Machine(seconds_s=seconds_s)
+    at_s = np.arange(0.1, seconds_s, every_s)
+    series = PowerSeries(at_s if at_s.size > 2 else at_s - 20, np.ones(at_s.size), means=True)
+    with pytest.raises(IdentifyError, match=message):
+        operating_power(3.0, 4.0, machine.turns(np.random.default_rng(1)), series, ACCURACY, 8)
+
+
+def test_missing_readings_are_refused() -> None:
+    machine = Machine()
+    whole = machine.readings(np.random.default_rng(1), 0.2)
+    kept = np.abs(whole.t_s - 6.0) > 1.0
+    series = PowerSeries(whole.t_s[kept], whole.power_W[kept], means=True)
+    with pytest.raises(IdentifyError, match="no reading of the power for 2"):
+        operating_power(3.0, 4.0, machine.turns(np.random.default_rng(1)), series, ACCURACY, 8)
+
+
+def trial(seed: int, means: bool) -> tuple[bool, bool]:
+    """Return whether losses and efficiency are in their intervals, with errors as stated."""
+    rng = np.random.default_rng(seed)
+    machine = Machine(
+        ripple_order=int(rng.integers(3, 30)),
+        speed_Hz=rng.uniform(3.0, 5.0),
+        ripple_Nm=0.3 if means else 0.05,
+    )
+    a = ACCURACY
+    turns = machine.turns(
+        rng,
+        1 + a.torque_gain * rng.uniform(-1, 1),
+        a.torque_zero_Nm * rng.uniform(-1, 1),
+    )
+    read = machine.readings(rng, rng.uniform(0.1, 0.4), means, noise_W=0.3)
+    power_W = read.power_W * (1 + a.power_gain * rng.uniform(-1, 1))
+    power_W = power_W + a.power_zero_W * rng.uniform(-1, 1)
+    series = PowerSeries(read.t_s, power_W, means)
+    one = operating_power(machine.torque_Nm, machine.speed_Hz, turns, series, a, 8)
+    mechanical_W = machine.mechanical_W()
+    efficiency = 100 * mechanical_W / (mechanical_W + machine.loss_W)
+    return (
+        one.loss.low < machine.loss_W < one.loss.high,  # type: ignore[operator]
+        one.efficiency.low < efficiency < one.efficiency.high,  # type: ignore[operator]
+    )
+
+
+@pytest.mark.parametrize("means", [True, False])
+def test_intervals_hold_the_truth_in_about_95_of_100_trials(means: bool) -> None:
+    loss, efficiency = np.mean([trial(seed, means) for seed in range(100)], axis=0)
+    assert 0.90 <= loss <= 0.99
+    assert 0.90 <= efficiency <= 0.99
+
+
+def test_readings_that_may_be_of_before_or_after_do_not_count() -> None:
+    series = PowerSeries(np.arange(11.0), np.arange(11.0), means=True)
+    assert series.within(2.0, 8.0).t_s.tolist() == [3.0, 4.0, 5.0, 6.0, 7.0]
+
+
+def test_means_reach_back_to_the_reading_before_and_instants_are_joined() -> None:
+    t_s, power_W = np.array([0.0, 1.0, 2.0]), np.array([9.0, 1.0, 3.0])
+    edges_s = np.array([0.5, 1.5])
+    assert PowerSeries(t_s, power_W, means=True).means_W(edges_s)[0] == pytest.approx(2.0)
+    assert PowerSeries(t_s, power_W, means=False).means_W(edges_s)[0] == pytest.approx(2.25)
+
+
+def test_an_encoder_that_counts_backwards() -> None:
+    machine, rng = Machine(), np.random.default_rng(7)
+    point = machine.captured(rng)
+    point.ticks["encoder_count"] = (-point.ticks["encoder_count"]) % MOTOR.counts
+    backwards = MOTOR.model_copy(update={"encoder_direction": -1})
+    turns = CapturedTurns.of(point, backwards)
+    one = operating_power(3.0, 4.0, turns, machine.readings(rng, 0.2), ACCURACY, 8)
+    assert one.mechanical.value == pytest.approx(machine.mechanical_W(), rel=1e-3)
+
+
+def accurate(**stated: float) -> Subject:
+    return Subject("b", MOTOR, TorqueSensorConfig(resonance_Hz=200.0), AccuracyConfig(**stated))
+
+
+STATED = dict.fromkeys(ACCURACIES, 0.01)
+
+
+def test_findings_say_what_intervals_do_not_hold() -> None:
+    subject, good = accurate(**STATED), found(Machine())
+    assert findings([good], subject) == ()
+    assert [one.name for one in findings([good], accurate())] == ["accuracy-assumed"]
+    unfiltered = replace(subject, sensor=TorqueSensorConfig())
+    (between,) = findings([good], unfiltered)
+    assert between.name == "torque-between-ticks"
+    assert between.value == pytest.approx(100 * (2 * np.pi * 8 * 4.0 * 1e-3) ** 2 / 12, rel=0.01)
+    negative = found(Machine(loss_W=-5.0))
+    (wrong,) = findings([negative], subject)
+    assert (wrong.name, wrong.severity) == ("negative-losses", "serious")
+    drifting = found(Machine(seconds_s=30.0, loss_rate_W_per_s=0.2))
+    assert [one.name for one in findings([drifting], subject)] == ["losses-drift"]
+    for in_step, readings, names in (
+        (0.5, 400, ["readings-in-step"]), (0.5, 9, []), (0.2, 400, []),
+    ):  # fmt: skip
+        stuck = replace(good, in_step=in_step, readings=readings)
+        assert [one.name for one in findings([stuck], subject)] == names
+    slow = replace(good, sampling_W=0.9 * (good.electrical.stderr or 0.0))
+    assert [one.name for one in findings([slow], subject)] == ["slow-readings"]
