@@ -26,10 +26,8 @@ from tests.campaigns import seeds
 
 BENCH = packaged("../../../config/efficiency.toml")
 TRIALS = 100
-COVERED = {True: (0.90, 0.99), False: (0.90, 1.00)}
-"""Of readings that are means, and of instants: their scatter over the angles of a turn counts as by
-chance, which is on the safe side where they fall evenly.
-"""
+COVERED = (0.90, 0.99)
+"""Share of the trials in which intervals are to hold the truth."""
 
 ERROR_MAX = 0.005
 """Of the efficiency, in parts, without errors of the sensors but for their noise."""
@@ -147,9 +145,7 @@ def main(trials: int = TRIALS) -> int:
         loss = float(np.mean([each.loss for each in outcomes]))
         stated = [each.efficiency for each in outcomes if each.efficiency is not None]
         efficiency = float(np.mean(stated))
-        kept = worst <= ERROR_MAX and all(
-            COVERED[means][0] <= s <= COVERED[means][1] for s in (loss, efficiency)
-        )
+        kept = worst <= ERROR_MAX and all(COVERED[0] <= s <= COVERED[1] for s in (loss, efficiency))
         failed |= not kept
         print(
             f"{len(taken)} of {len(points)} points, {name}: efficiency off by {100 * worst:.2f} % "

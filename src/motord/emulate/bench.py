@@ -17,8 +17,8 @@ from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS, Currents, Inverter, RegisterDevice
 from motord.rig import build, park, step
 from motord.rig.build import with_drive
+from motord.rig.energy.thermal import ThermalNetwork
 from motord.rig.park import LATCHED
-from motord.rig.thermal import ThermalNetwork
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TRUTH_DTYPE, InverterStatus

@@ -7,7 +7,7 @@ import numpy as np
 from motord.jit import jit
 from motord.rig.departures import friction_ripple_Nm, scales_by_load, sensor_load_Nm
 from motord.rig.electric import step_currents, take_command
-from motord.rig.energy import account_energy, seen_friction_Nm, warm_windings
+from motord.rig.energy.balance import account_energy, seen_friction_Nm, warm_windings
 from motord.rig.faults import disturb_readings, is_off, step_faults, take_faults
 from motord.rig.free_decay import spring_torque_Nm, step_hand
 from motord.rig.mechanics import step_brake, step_drive, step_rotor

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.rig.thermal import ThermalNetwork
+from motord.rig.energy.thermal import ThermalNetwork
 from tests.unit.rig.probe import Probe, plain
 
 MOTOR = {

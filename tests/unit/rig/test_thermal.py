@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from motord.rig.thermal import WINDING_MAX_C, ThermalNetwork
+from motord.rig.energy.thermal import WINDING_MAX_C, ThermalNetwork
 from motord.rig.truth import RigTruth
 
 SQUARES_A2 = 500.0

@@ -11,8 +11,8 @@ import numpy as np
 from motord.config import Config
 from motord.config.channel_sources import SimulatedSource
 from motord.hal.channel_source import RawSample
-from motord.rig.dc_power import dc_power_W
-from motord.rig.thermal import ThermalNetwork
+from motord.rig.energy.dc_power import dc_power_W
+from motord.rig.energy.thermal import ThermalNetwork
 from motord.rig.truth import load
 from motord.schema import InverterStatus
 
