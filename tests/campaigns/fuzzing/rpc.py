@@ -37,7 +37,7 @@ CODES = set(get_args(Code))
 STATES = ("off", "enabled", "turning", "plan", "tripped")
 FREE = {
     "lease/acquire", "stop", "note", "plan/start", "plan/list", "config", "calibration/list",
-    "calibration/show",
+    "calibration/show", "queue/list",
 }  # fmt: skip
 """Need no token: stop; a note; those that change nothing; a lease to be had; a plan's dry run."""
 NEW_AFTER = 200
@@ -82,10 +82,11 @@ class Rpc:
             "plan/list": service.available.prepare,
             "plan/start": service.plans.make,
             "plan/resume": service.plans.read_remaining,
+            "queue/add": service.queued.prepare_add,
         }
         service.dispatcher = Dispatcher(
             *(service.bench, service.operation, service.available, service.plans),
-            *(self._installation, kept, adoption),
+            *(service.queued, self._installation, kept, adoption),
         )
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])
@@ -132,6 +133,13 @@ class Rpc:
                 "dry_run": rng.random() < 0.7,
             },
             "plan/list": {},
+            "queue/list": {},
+            "queue/add": {
+                "token": token,
+                "plans": [{"name": kind, "settings": {key: own[key] for key in some}}],
+            },
+            "queue/move": {"token": token, "id": rng.randrange(1, 4), "position": 1},
+            "queue/remove": {"token": token, "ids": [rng.randrange(1, 4)]},
             "config": {},
             "calibration/list": {},
             "calibration/show": {"id": rng.choice(("", "0123", self._calibration["id"]))},
@@ -155,6 +163,7 @@ class Rpc:
             bench.plans.active,
             bench.plans.view.model_dump_json() if bench.plans.view else None,
             bench.calibrated,
+            service.bench.queue.model_dump_json(),
             self._store.current,
             service.restarts,
         )

@@ -17,7 +17,7 @@ from motord.batch.error import BatchError
 from motord.batch.ledger import Ledger
 from motord.batch.run import analyse_each, analyse_into_store
 from motord.batch.task import BatchTask, analyse_recording
-from motord.results import store
+from motord.results.folders import folder as results_folder
 from motord.results.store import ResultsStore
 from motord.results.stored_result import file_digest
 from tests.support import probe_analysis
@@ -242,7 +242,7 @@ def _kill(patched, at, *, after):
         if now:
             raise KilledHereError
 
-    for module in (ledger, store, file_hashes):
+    for module in (ledger, results_folder, file_hashes):
         patched.setattr(module, "write_whole", write)
 
 

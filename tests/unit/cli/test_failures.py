@@ -27,6 +27,9 @@ NEEDED = {
     ("calibration", "install"): ["good.json"],
     ("calibration", "export"): ["--format", "odrive"],
     ("note",): ["a remark"],
+    ("queue", "add"): ["verify"],
+    ("queue", "move"): ["1", "1"],
+    ("queue", "remove"): ["1"],
     ("test",): ["type.toml", "--serial", "1"],
 }
 """What a command needs besides a daemon."""

@@ -7,8 +7,8 @@ import fsspec
 import pytest
 from fsspec.implementations.dirfs import DirFileSystem
 
-from motord.results import remote_folder
 from motord.results.error import ResultsError
+from motord.results.folders import remote_folder
 from motord.results.folders.remote_folder import PROBE, RemoteFolder
 from motord.results.store import ResultsStore
 from tests.unit.results.buckets import BUCKET, SHOWN, URL, NoCredentials, bucket, failing

@@ -12,6 +12,7 @@ from motord.experiments.cogging.result import MeanHarmonic, MeasuredCogging
 from motord.experiments.friction.result import DirectionalFriction, Friction
 from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.oscillation import Oscillation
+from motord.experiments.profile.result import ProfileTracking
 from motord.experiments.ripple.estimate import MeshRipple
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.identification.point_ripple import PointRipple
@@ -37,7 +38,7 @@ CLASSES = {
     "back-emf": ((MeasuredBackEmf,), ElectricalHarmonic),
     "friction": ((Friction,), DirectionalFriction),
     "inertia": ((Oscillation, Acceleration), None), "verify": ((MeshRipple,), PointRipple),
-    "torque-speed": ((EfficiencyMap,), OperatingPower),
+    "torque-speed": ((EfficiencyMap,), OperatingPower), "profile": ((ProfileTracking,), None),
 }  # fmt: skip
 """Of each analysis the classes of its result, of which one is, and of its rows."""
 
