@@ -72,7 +72,7 @@ def _registered() -> tuple[tuple[Experiment, ...], dict[str, str]]:
     """Return the experiments in order, and why others could not be imported, by name."""
     found: list[Experiment] = []
     broken = {}
-    for entry in entry_points(group=GROUP):
+    for entry in sorted(entry_points(group=GROUP), key=lambda one: one.name):
         try:
             found.append(entry.load())
         except Exception as error:

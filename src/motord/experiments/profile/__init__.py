@@ -47,5 +47,5 @@ EXPERIMENT = Experiment(
             schema="motord.profile/1",
         ),
     ),
-    position=70,
+    position=75,
 )

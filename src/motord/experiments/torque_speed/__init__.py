@@ -45,5 +45,5 @@ EXPERIMENT = Experiment(
             schema="motord.torque-speed/1",
         ),
     ),
-    position=35,
+    position=55,
 )
