@@ -1,11 +1,13 @@
 """Dask's workers: processes on this computer, or those of a scheduler that runs already."""
 
 import logging
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -142,13 +144,26 @@ def _local(workers: int) -> Iterator[Any]:
     import dask
 
     found = distributed()
-    with (
-        tempfile.TemporaryDirectory(prefix="motord-batch-") as folder,
-        dask.config.set(CONFIG),
-        _cluster(workers, folder) as cluster,
-        found.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="motord-batch-"))
+        stack.enter_context(dask.config.set(CONFIG))
+        with _interrupts_blocked():
+            cluster = stack.enter_context(_cluster(workers, folder))
+        yield stack.enter_context(found.Client(cluster, set_as_default=False))
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Put Ctrl-C off in this thread, for good in those that begin here and in what these start.
+
+    A worker that begins just then would end with a traceback; it ends with the scheduler.
+    """
+    resource_tracker.ensure_running()  # to begin later would admit Ctrl-C to these threads again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _cluster(workers: int, folder: str) -> Any:
