@@ -112,7 +112,7 @@ def children(pid: int) -> list[int]:
     """Return the processes below one."""
     found = []
     for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(FileNotFoundError):  # a thread that has just ended
+        with suppress(OSError):  # a thread that has just ended
             for child in map(int, (task / "children").read_text().split()):
                 found += [child, *children(child)]
     return found
@@ -120,7 +120,11 @@ def children(pid: int) -> list[int]:
 
 def listeners(pids: list[int]) -> list[tuple[str, int]]:
     """Return addresses (IPv4) and ports on which processes listen; they must not on IPv6."""
-    open_files = {str(one.readlink()) for pid in pids for one in Path(f"/proc/{pid}/fd").iterdir()}
+    open_files = set()
+    for pid in pids:
+        for one in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(OSError):  # a file that has just been closed
+                open_files.add(str(one.readlink()))
     found = []
     for protocol in ("tcp", "tcp6"):
         for line in Path(f"/proc/net/{protocol}").read_text().splitlines()[1:]:
