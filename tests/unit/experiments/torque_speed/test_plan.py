@@ -20,7 +20,7 @@ def config() -> Config:
 
 
 def envelope(config: Config, **settings: object) -> Envelope:
-    return Envelope(config, TorqueSpeedConfig(**settings))  # type: ignore[arg-type]
+    return Envelope(config, TorqueSpeedConfig(**settings))
 
 
 @pytest.mark.parametrize(
