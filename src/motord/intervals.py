@@ -1,9 +1,7 @@
 """95 % intervals by Student's t, and figures with the digits that these allow."""
 
-from math import floor, isfinite, log10
+from math import floor, inf, isfinite, log10
 
-import numpy as np
-from scipy.special import stdtrit
 
 LEVEL = 0.95
 """Share of intervals that hold the truth."""
@@ -11,11 +9,13 @@ LEVEL = 0.95
 
 def coverage_factor(freedom: float | None = None) -> float:
     """Return half of a 95 % interval in standard errors; freedom: degrees of, None for many."""
-    return t_quantile((1 + LEVEL) / 2, np.inf if freedom is None else freedom)
+    return t_quantile((1 + LEVEL) / 2, inf if freedom is None else freedom)
 
 
 def t_quantile(probability: float, freedom: float) -> float:
     """Return the quantile of Student's t, of one degree of freedom at least."""
+    from scipy.special import stdtrit  # 0.3 s of each start of client and daemon, which seldom ask
+
     return float(stdtrit(max(freedom, 1.0), probability))
 
 
