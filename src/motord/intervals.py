@@ -2,7 +2,6 @@
 
 from math import floor, inf, isfinite, log10
 
-
 LEVEL = 0.95
 """Share of intervals that hold the truth."""
 

@@ -99,7 +99,7 @@ def test_two_points_do_not_show_how_what_is_left_grows() -> None:
     lines = np.zeros((2, 8))
     for points, few in ((2, True), (4, False)):
         fit = LackOfFit(
-            np.arange(1.0, points + 1), lines, lines, lines, lines, (), (left,), 1.0, ()
+            np.arange(1.0, points + 1), lines, lines, (), lines, lines, (), (left,), 1.0, ()
         )
         bench = BenchFile(load().motor, load().torque_sensor)
         one, *more = findings(fit, bench, (0.0, 1e-6), 0.0, 1e-3, None)

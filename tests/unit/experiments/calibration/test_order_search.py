@@ -28,27 +28,29 @@ from tests.campaigns.learn_orders import SHORT, STAR, beta_errors, stated
 from tests.support.rig_files import departing
 
 TORQUES_NM = np.array([1.0, 1.0, 2.0, 2.0, 4.0, 4.0])
-POINTS, ORDERS, POLE_PAIRS = TORQUES_NM.size, 60, 8
+POINTS, GROUPS, ORDERS, POLE_PAIRS = TORQUES_NM.size, 4, 60, 8
 
 
 def problem(rng: np.random.Generator, imitator: float = 0.0) -> Weighted:
     """Return noise of 1, and two parameters at order 8 that make `imitator` at order 40."""
-    parts = rng.normal(size=(2, POINTS, ORDERS)) / np.sqrt(2)
+    parts = rng.normal(size=(2, POINTS, GROUPS, ORDERS)) * np.sqrt(GROUPS / 2)
     freedom = 2 * SMOOTHED_ORDERS
     noise = np.sqrt(rng.chisquare(freedom, size=(POINTS, ORDERS)) / freedom)
     columns = np.zeros((POINTS, ORDERS, 6), complex)
     for column, phase in ((3, 1.0), (4, -1j)):
         columns[:, 7, column] = phase
         columns[:, 39, column] = imitator * phase
+    groups = (parts[0] + 1j * parts[1]) / noise[:, None]
     return Weighted(
         torque_Nm=TORQUES_NM,
         rated_A=3000.0,
-        rest=(parts[0] + 1j * parts[1]) / noise,
+        rest=groups.mean(axis=1),
         columns=columns,
         waves=np.ones((POINTS, ORDERS), complex),
         apart=np.zeros((6, 6)),
         pull=np.zeros(6),
         scatter=np.ones(ORDERS),
+        groups=tuple(groups),
         turns=60,
     )
 
@@ -95,6 +97,14 @@ def test_offsets_that_imitate_an_order_are_recognised_by_their_other_orders() ->
     assert not trial.clear
     assert trial.stderr_Nm == pytest.approx(1 / (0.3 * np.sqrt(2 * POINTS)), rel=0.1)
     assert [each.order for each in found(given).added] == [8]
+
+
+def test_what_one_group_of_turns_has_alone_is_no_order() -> None:
+    given = problem(np.random.default_rng(7), imitator=0.3)
+    for groups, rest in zip(given.groups, given.rest, strict=True):
+        groups[0, 39] -= GROUPS * 0.3 * 30
+        rest[39] -= 0.3 * 30
+    assert not found(given).added
 
 
 def test_what_cannot_be_separated_is_said() -> None:
@@ -153,15 +163,19 @@ def test_significance_counts_how_many_orders_there_are() -> None:
     assert undecided([harmonic(48, 9.0)]) == ()
 
 
-def test_lines_of_uneven_visits_are_those_of_the_columns() -> None:
+@pytest.mark.parametrize(("density", "rounds", "error"), [(2.0, 12, 1e-6), (25.0, 200, 1e-3)])
+def test_lines_of_uneven_visits_are_those_of_the_columns(
+    density: float, rounds: int, error: float
+) -> None:
     rng = np.random.default_rng(2)
     angle_rad = 2 * np.pi * np.arange(256) / 256
-    samples = 10 + 2 * np.cos(3 * angle_rad)
+    samples = 10 + density * np.cos(3 * angle_rad) ** 3
+    samples = np.maximum(samples, 1.0)
     values = rng.normal(size=(2, 9)) @ np.cos(np.outer(np.arange(9), angle_rad))
     sums = np.fft.rfft(values * samples, axis=1)[:, :21].T
     visits = np.fft.fft(samples)[np.arange(41) % 256]
     wanted = np.fft.rfft(values, axis=1)[:, 1:21].T * 2 / 256
-    assert np.allclose(lines_of(visits, sums, rounds=12), wanted, atol=1e-6)
+    assert np.allclose(lines_of(visits, sums, rounds=rounds), wanted, atol=error)
 
 
 def test_an_order_that_is_hinted_at_widens_the_offsets() -> None:

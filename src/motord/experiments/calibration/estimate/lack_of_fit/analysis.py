@@ -5,7 +5,7 @@ pattern over orders and points come first (`departures`); what they do not expla
 order, where it is alike at all points but for a growth with the torque.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +69,7 @@ class LeftOrder:
 class LackOfFit:
     """What a fit leaves. rest_Nm, noise_Nm (points, orders): lines and their standard errors.
 
+    groups_Nm: of each point, the lines (groups, orders) of groups of its turns.
     torque_Nm (points,): set-points. caused_Nm (points, orders): lines of the causes, at these
     parameters; left_Nm: lines that are left where model and causes are fitted together, left: the
     orders at which they are more than noise; dispersion: root of their mean square at the model's
@@ -78,6 +79,7 @@ class LackOfFit:
     torque_Nm: np.ndarray
     rest_Nm: np.ndarray
     noise_Nm: np.ndarray
+    groups_Nm: Sequence[np.ndarray]
     caused_Nm: np.ndarray
     left_Nm: np.ndarray
     causes: tuple[Cause, ...]
@@ -170,6 +172,7 @@ class FitResidual:
             torque_Nm=torque_Nm,
             rest_Nm=rows.rest_Nm,
             noise_Nm=rows.noise_Nm,
+            groups_Nm=rows.groups_Nm,
             caused_Nm=explanation.caused_Nm,
             left_Nm=left_Nm,
             causes=found,

@@ -122,24 +122,15 @@ class WeighedRows:
 
         The standard error is by how groups of turns differ (cluster-robust), so noise may be of any
         kind within a turn: a few bad turns, or an error of the timing, are at all orders at once.
-        A point of one group does not show its scatter: it is taken to be as much larger than that
-        of white noise as at the points of several. Without these nothing is known: 0, and 1.
+        Without points of several groups nothing is known: 0, and 1.
         """
         inverse, scale = self._inverse
         g = effect - self.x @ (scale * (inverse @ (scale * (self.x.T @ effect))))
         real, imaginary = g[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
         along = (real - 1j * imaginary) * self.weight
         white = (real**2 + imaginary**2).sum(axis=1)
-        groups = np.array([len(lines) for lines in rows.groups_Nm])
-        several = np.flatnonzero(groups > 1)
-        if not white[several].any():
-            return 0.0, 1.0
-        parts = [(rows.groups_Nm[n] * along[n]).real.sum(axis=1) for n in several.tolist()]
-        variance = np.array([one.var(ddof=1) / one.size for one in parts])
-        doubt = float((variance**2 / (groups[several] - 1)).sum())
-        seen = float(variance.sum())
-        whole = seen * float(white.sum() / white[several].sum())
-        return float(g @ self.y) / max(whole, 1e-300) ** 0.5, seen**2 / max(doubt, 1e-300)
+        variance, freedom = cluster_variance(rows.groups_Nm, along, white)
+        return (float(g @ self.y) / variance**0.5, freedom) if variance else (0.0, freedom)
 
     def sensitivity(self, name: str, effect: np.ndarray) -> EffectSensitivity:
         """Return how an effect (n, terms) would move the parameters of the model."""
@@ -156,6 +147,28 @@ class WeighedRows:
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         normal = normal * np.outer(scale, scale)
         return np.linalg.pinv(normal, rcond=1e-10, hermitian=True), scale
+
+
+def cluster_variance(
+    groups: Sequence[np.ndarray], along: np.ndarray, white: np.ndarray
+) -> tuple[float, float]:
+    """Return the cluster-robust variance of sum Re(along line), and its degrees of freedom.
+
+    groups: of each point, lines (groups, orders) of groups of its turns, of which the mean counts;
+    along (points, orders); white (points,): what white noise makes of the variance, in any unit. A
+    point of one group does not show its scatter: it is taken to be as much larger than that of
+    white noise as at the points of several. Without these nothing is known: 0, and 1.
+    """
+    counts = np.array([len(lines) for lines in groups])
+    several = np.flatnonzero(counts > 1)
+    if not white[several].any():
+        return 0.0, 1.0
+    parts = [(groups[n] * along[n]).real.sum(axis=1) for n in several.tolist()]
+    variance = np.array([one.var(ddof=1) / one.size for one in parts])
+    doubt = float((variance**2 / (counts[several] - 1)).sum())
+    seen = float(variance.sum())
+    whole = seen * float(white.sum() / white[several].sum())
+    return max(whole, 1e-300), seen**2 / max(doubt, 1e-300)
 
 
 def _gain(s: np.ndarray, whole: np.ndarray, b: np.ndarray) -> Gain:

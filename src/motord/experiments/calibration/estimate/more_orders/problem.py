@@ -16,7 +16,8 @@ class Weighted:
 
     rest (points, h); columns (points, h, q): derivatives by the parameters; waves (points, h): of
     a cosine of each order; apart (q, q), pull (q,): information and slope that are not from the
-    lines; scatter (h,): square by which points scatter about a common line.
+    lines; scatter (h,): square by which points scatter about a common line; groups: of each point,
+    the rest (groups, h) of groups of its turns.
     """
 
     torque_Nm: np.ndarray
@@ -27,6 +28,7 @@ class Weighted:
     apart: np.ndarray
     pull: np.ndarray
     scatter: np.ndarray
+    groups: tuple[np.ndarray, ...]
     turns: int
 
     @classmethod
@@ -55,6 +57,9 @@ class Weighted:
             apart=apart_from_torque,
             pull=-apart_from_torque @ theta,
             scatter=scatter,
+            groups=tuple(
+                lines / noise for lines, noise in zip(fit.groups_Nm, noise_Nm, strict=True)
+            ),
             turns=sum(point.samples.size for point in points),
         )
 

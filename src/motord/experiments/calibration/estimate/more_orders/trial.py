@@ -19,6 +19,7 @@ import numpy as np
 from scipy import stats
 
 from motord.calibration import AddedOrder
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import cluster_variance
 from motord.experiments.calibration.estimate.least_squares.normal_equations import BETA
 from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.turn_spectrum import orders_averaged
@@ -105,9 +106,10 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
     effect = -problem.columns @ (inverse @ cross.T)
     effect[:, place] += pair
     effect = effect @ part  # (points, h, terms)
-    gain = float(((part.T @ score) ** 2 / values[seen]).sum())
+    size = (part.T @ score) / values[seen]
+    gain = float((part.T @ score) @ size)
     bic = gain - terms * float(np.log(problem.turns))
-    p_value = _chance(problem, effect, gain) if bic > 0 else 1.0
+    p_value = _chance(problem, effect, size, gain) if bic > 0 else 1.0
     return OrderTrial(
         order=order,
         gain=gain,
@@ -116,18 +118,20 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
         stderr_Nm=float(values[0] ** -0.5) if seen.all() else float("nan"),
         clear=bool(values[0] > CLEAR * whole),
         offset_A_per_Nm=offset_A,
-        offset_shift_A=-moves_A @ part @ ((part.T @ score) / values[seen]),
+        offset_shift_A=-moves_A @ part @ size,
         offset_stderr_A=offset_stderr_A,
         predicts=p_value < FALSE_SHARE
         and _predicts(problem, effect, problem.rest - problem.columns @ step),
     )
 
 
-def _chance(problem: Weighted, effect: np.ndarray, gain: float) -> float:
-    """Return the probability of a gain by chance: by the noise, or by the scatter over points.
+def _chance(problem: Weighted, effect: np.ndarray, size: np.ndarray, gain: float) -> float:
+    """Return the probability of a gain by chance: by noise, by the scatter over points or turns.
 
-    effect (points, h, terms): what nothing else in the model takes of it. Both errors are estimated
-    at the orders at which it is, with degrees of freedom by Welch and Satterthwaite.
+    effect (points, h, terms): what nothing else in the model takes of it; size (terms,): how much
+    of it. The first two errors are estimated at the orders at which it is, with degrees of freedom
+    by Welch and Satterthwaite. The last is cluster-robust by groups of turns: noise that a turn has
+    at many orders alike, as where samples are missing, looks like an order that offsets imitate.
     """
     points, orders, terms = effect.shape
     share = (np.abs(effect) ** 2).sum(axis=(0, 2))
@@ -137,7 +141,11 @@ def _chance(problem: Weighted, effect: np.ndarray, gain: float) -> float:
     scatter = float(share @ (problem.scatter / np.maximum(problem.scatter, 1.0)))
     freedom = 2 * max(points - 1, 1) / (share**2).sum()
     by_scatter = stats.f.sf(gain / terms / max(scatter, 1e-300), terms, freedom)
-    return float(max(by_noise, by_scatter))
+    along = effect.conj() @ size
+    white = (np.abs(along) ** 2).sum(axis=1)
+    variance, freedom = cluster_variance(problem.groups, 2 * along, white)
+    by_turns = 2 * stats.t.sf(gain / variance**0.5, freedom) if variance else 0.0
+    return float(max(by_noise, by_scatter, by_turns))
 
 
 def _predicts(problem: Weighted, effect: np.ndarray, rest: np.ndarray) -> bool:
