@@ -5,26 +5,23 @@ to stdout (`protocol`); it ends with stdin. A source that hangs holds up its own
 limits and trips are the supervisor's: nothing that happens here makes a channel look younger.
 """
 
-import argparse
 import os
 import select
-import signal
 import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from motord.config import Config, ConfigError, load
+from motord.config import Config
 from motord.hal.channel_source import ChannelReading
 from motord.hal.channels.line_poller import LinePoller
 from motord.hal.channels.registry import make_lines
-from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
+from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.ring_source import RingSource
 from motord.recording.json_encoding import to_line
 from motord.service.channels.protocol import READINGS_MAX, ReadingMessage, ReadingsMessage
-from motord.service.host import scheduling
+from motord.service.host import background, scheduling
 from motord.shm.run_directory import RunDir
 
 SEND_S = 0.05
@@ -60,36 +57,20 @@ def send(readings: "SimpleQueue[ChannelReading]", out: LineWriter, stdin: int) -
         out.write(to_line(ReadingsMessage(readings=tuple(found)).model_dump()))
 
 
-def serve(config: Config, run_dir: RunDir, out: LineWriter, stdin: int) -> None:
-    """Read the channels of a bench until `stdin` ends."""
+def serve(config: Config, run_dir: RunDir, out: LineWriter) -> None:
+    """Read the channels of a bench until stdin ends."""
     ticks = RingSource(run_dir.ring, "now", at_once=1 << 16)
     readings: SimpleQueue[ChannelReading] = SimpleQueue()
     for sources in make_lines(config, lambda: ticks.read().block):
         line = LinePoller(sources, readings.put)
         name = sources[0][0].name
         threading.Thread(target=follow, args=(line,), name=name, daemon=True).start()
-    send(readings, out, stdin)
+    send(readings, out, sys.stdin.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the process; return its exit code."""
-    parser = argparse.ArgumentParser(prog="motord channels")
-    parser.add_argument("--config", type=Path, required=True, help="the bench")
-    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
-    options = parser.parse_args(arguments)
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
-    try:
-        config = load(options.config)
-    except ConfigError as error:
-        sys.stderr.write(f"motord channels: {error}\n")
-        return 1
-    scheduling.avoid(config.loop.cpu)
-    out = os.dup(sys.stdout.fileno())
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a driver prints is no reading
-    os.set_blocking(out, False)
-    serve(config, RunDir.at(options.dir), LineWriter(out, LINE_MAX_BYTES), sys.stdin.fileno())
-    return 0
+    return background.run("channels", serve, arguments, schedule=scheduling.avoid)
 
 
 if __name__ == "__main__":

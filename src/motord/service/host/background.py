@@ -1,4 +1,4 @@
-"""What child processes have in common that only estimate: options, priority, stdout."""
+"""What child processes that only report have in common: options, priority, stdout."""
 
 import argparse
 import os
@@ -18,10 +18,16 @@ Serve = Callable[[Config, RunDir, LineWriter], None]
 """Works until stdin ends; reports go to the writer."""
 
 
-def run(name: str, serve: Serve, arguments: Sequence[str] | None = None) -> int:
-    """Run `serve` when nobody else needs the processor; return the process' exit code.
+def run(
+    name: str,
+    serve: Serve,
+    arguments: Sequence[str] | None = None,
+    schedule: Callable[[int | None], None] = scheduling.step_back,
+) -> int:
+    """Run `serve`, by default when nobody else needs the processor; return the exit code.
 
-    `arguments`: --config FILE --dir RUNDIR, those of the command line by default.
+    `arguments`: --config FILE --dir RUNDIR, those of the command line by default. `schedule`: sets
+    the process' priority, given the loop's processor.
     """
     parser = argparse.ArgumentParser(prog=f"motord {name}")
     parser.add_argument("--config", type=Path, required=True, help="the bench")
@@ -31,9 +37,10 @@ def run(name: str, serve: Serve, arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     try:
         config = load(options.config)
-        scheduling.step_back(config.loop.cpu)
+        schedule(config.loop.cpu)
         out = os.dup(sys.stdout.fileno())
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what an estimator prints is no report
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what else is printed is no report
+        os.set_blocking(out, False)
         serve(config, RunDir.at(options.dir), LineWriter(out, LINE_MAX_BYTES))
     except (CalibrationError, ConfigError, SharedFileError) as error:
         sys.stderr.write(f"motord {name}: {error}\n")
