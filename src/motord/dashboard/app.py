@@ -4,6 +4,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
@@ -140,7 +141,7 @@ async def _serve(socket: WebSocket, page: LivePage) -> None:
 async def _send(socket: WebSocket, page: LivePage) -> None:
     with suppress(WebSocketDisconnect):
         try:
-            await page.send_all(socket.send_bytes)
+            await page.send_all(partial(_send_bytes, socket))
         except PageGone:
             await _close(socket, NO_ANSWER, "the page has not answered for too long")
 
@@ -176,5 +177,17 @@ async def _close(socket: WebSocket, code: int, why: str) -> None:
     """Say why, and close; to a page that takes nothing, in vain."""
     with suppress(TimeoutError):
         async with asyncio.timeout(CLOSE_S):
-            await socket.send_bytes(encode({"kind": "error", "code": code, "message": why}))
+            await _send_bytes(socket, encode({"kind": "error", "code": code, "message": why}))
             await socket.close(code, why[:100])
+
+
+async def _send_bytes(socket: WebSocket, message: bytes) -> None:
+    """Send a message. Raises WebSocketDisconnect, too, where the server has closed by itself.
+
+    It does so after a malformed frame or a ping without an answer; until that is received here, it
+    takes a message for an error of the program.
+    """
+    try:
+        await socket.send_bytes(message)
+    except RuntimeError:
+        raise WebSocketDisconnect from None

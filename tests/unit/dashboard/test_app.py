@@ -1,5 +1,6 @@
 """Who may come in, what a page receives, and what it may ask for."""
 
+import asyncio
 import struct
 import warnings
 
@@ -450,6 +451,24 @@ def test_a_page_that_floods_is_closed(server):
 
 def state(uptime_s, calibration=None):
     return BenchState.model_construct(uptime_s=uptime_s, calibration=calibration)
+
+
+def test_a_socket_that_the_server_closed_by_itself_ends_without_an_error(server):
+    scope = {
+        "type": "websocket", "path": "/socket", "raw_path": b"/socket", "query_string": b"",
+        "headers": [(b"host", HOST.encode()), (b"origin", ORIGIN["Origin"].encode())],
+        "subprotocols": ["motord.1", server.tokens.operator], "extensions": {},
+    }  # fmt: skip
+    come = [{"type": "websocket.connect"}]
+
+    async def receive():
+        return come.pop() if come else await asyncio.Future()
+
+    async def send(message):
+        if message["type"] == "websocket.send":  # as uvicorn does
+            raise RuntimeError("Unexpected ASGI message 'websocket.send', after 'websocket.close'.")
+
+    server.client.portal.call(server.client.app, scope, receive, send)
 
 
 def test_a_restart_of_the_daemon_ends_every_lease(server):
