@@ -9,7 +9,7 @@ import pytest
 from motord.hal.bridge.drift_estimator import DRIFT_MAX
 from tests.system.daemons import daemon, emulator, patient
 from tests.system.test_daemon import check_ticks
-from tests.system.test_wire import hold, open_run_truth
+from tests.system.test_wire import check_torque, hold, open_run_truth
 from tests.unit.emulate.benches import DRAG_NM_S_PER_RAD, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -50,4 +50,4 @@ def test_three_newton_metres_with_the_bridge_on_can(tmp_path):
     assert np.mean(ticks["speed_rad_s"][during]) == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
     truth = open_run_truth(truth_file)
     then = (truth["t_ns"] > begun.tick.t_ns) & (truth["t_ns"] < held.tick.t_ns)
-    assert np.mean(truth["torque_Nm"][then]) == pytest.approx(3.0 * 1.012, rel=0.06)
+    check_torque(truth[then], running.config.motor, 3.0, 0.04)
