@@ -26,6 +26,10 @@ START_S = 150.0
 """The first start after a change of the kernels compiles them."""
 
 
+CONNECT_S = 30.0
+"""For devices to answer when a bench starts; how long they take is asked nowhere."""
+
+
 STALE_S = 1.0
 """The shortest limit of a patient bench that a busy computer exceeds."""
 
@@ -34,13 +38,16 @@ def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0):
     """Make a bench patient with a computer that stalls, and give it a name and a port."""
     text = re.sub(r'^name = "\w+"', f'name = "{name}"', text, count=1, flags=re.MULTILINE)
     text = re.sub(
-        r"^(rate_Hz|ring_s|overrun_ticks|supervisor_timeout_s) = .*\n", "", text, flags=re.M
-    )
+        r"^(rate_Hz|ring_s|overrun_ticks|supervisor_timeout_s|connect_timeout_s) = .*\n",
+        "", text, flags=re.M,
+    )  # fmt: skip
     loop = f"rate_Hz = {rate_Hz}\noverrun_ticks = {rate_Hz}\nsupervisor_timeout_s = {STALE_S}\n"
-    loop += f"ring_s = {RING_S}\n"
+    loop += f"ring_s = {RING_S}\nenable_timeout_s = 10.0\n"
     loop += "spin = false\n"  # loops of several benches leave each other and the rest their time
     text = text.replace("[loop]\n", f"[loop]\n{loop}")
     text = text.replace("[limits]\n", "[limits]\nencoder_jump_rad = 1.5\n")
+    for table in ("[inverter.can]\n", "[bridge]\n"):
+        text = text.replace(table, f"{table}connect_timeout_s = {CONNECT_S}\n")
     for table, timeout in (("inverter", inverter_timeout_s), ("bridge", 1.0)):
         key = "timeout_s" if table == "inverter" else "heartbeat_timeout_s"
         start = text.index(f"[{table}]\n")

@@ -1,5 +1,7 @@
 import time
 from collections.abc import Iterator
+from itertools import count
+from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -10,6 +12,7 @@ from motord.config import ConfigError, packaged
 from motord.hal.base import DeviceError
 from motord.hal.can.base import REFUSED_MAX
 from motord.hal.can.python_can import PythonCan
+from motord.hal.inverter import can_drive
 from motord.hal.inverter.feedback import SILENT_AFTER_NS, CanFeedback
 from motord.hal.inverter.phase_currents import CanInverter
 from motord.schema import InverterStatus
@@ -113,6 +116,25 @@ def _with_stranger(identifier: int, data: bytes) -> str:
             return error_of(driver)
         finally:
             send.stop()
+
+
+def test_feedback_that_came_while_nobody_looked_came(
+    pair: tuple[CanInverter, SilentBus], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver, bus = pair
+    codec = dbc.load(can_config())
+    values = dict.fromkeys((slot for m in codec.feedback for slot in m.slots), 0.0)
+    bus.pending = [
+        can.Message(arbitration_id=m.identifier, data=data, is_extended_id=False, is_fd=True)
+        for m, data in encode_feedback(codec, values, 0)
+    ]
+    times_s = count(0.0, 100.0)  # kept from running from before each look to long after
+    clock = SimpleNamespace(monotonic=lambda: next(times_s))
+    monkeypatch.setattr(can_drive, "time", clock)
+    assert driver._bus is not None
+    driver._await_feedback(driver._bus)
+    with pytest.raises(DeviceError, match="no PhaseFeedback"):
+        CanInverter(bench())._await_feedback(driver._bus)
 
 
 def test_another_device_on_the_bus() -> None:

@@ -8,7 +8,7 @@ says from which number heartbeats go on.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -214,15 +214,17 @@ class Bridge:
         """Send `request` until a `response` comes. Raises DeviceError if none does."""
         link = self._link
         assert link is not None
-        deadline_s = time.monotonic() + self._config.connect_timeout_s
-        while time.monotonic() < deadline_s:
+        deadline_s, late = time.monotonic() + self._config.connect_timeout_s, False
+        while not late:
             self._send(request)
-            repeat_s = time.monotonic() + _REPEAT_S
-            while (left_s := min(repeat_s, deadline_s) - time.monotonic()) > 0:
+            repeat_s = min(time.monotonic() + _REPEAT_S, deadline_s)
+            while (left_s := repeat_s - time.monotonic()) > 0:
                 link.wait(left_s)
-                for _, frame in link.receive():
-                    if isinstance(frame, response):
-                        return frame
+                if (found := _first(response, link.receive())) is not None:
+                    return found
+            late = time.monotonic() >= deadline_s
+        if (found := _first(response, link.receive())) is not None:  # came while nobody looked
+            return found
         raise self._error(
             f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
             + (
@@ -253,3 +255,8 @@ class Bridge:
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"{self._name}: {what}")
+
+
+def _first(kind: type[_Response], received: Sequence[frames.Numbered]) -> _Response | None:
+    """Return the first frame of a kind, None without."""
+    return next((frame for _, frame in received if isinstance(frame, kind)), None)

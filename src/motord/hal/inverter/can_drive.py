@@ -103,14 +103,15 @@ class CanDrive:
         deadline_s = time.monotonic() + self._config.connect_timeout_s
         received: set[int] = set()
         while self._feedback.missing():
-            if time.monotonic() >= deadline_s:
-                raise self._silence(received)
+            late = time.monotonic() >= deadline_s
             self._now_ns = self._clock.now_ns()
             self._host.start(bus)
             self._send(self.NO_CURRENT_A, False)
             received |= self._take(bus, self._now_ns, _OPEN_ASK_S)
             if bus.state.failures:
                 raise DeviceError(f"{self.name}: the bus failed: {bus.state.last}")
+            if late and self._feedback.missing():  # also not in what came while nobody looked
+                raise self._silence(received)
 
     def _silence(self, received: set[int]) -> DeviceError:
         """Return the error for feedback that did not come, with what came instead."""
