@@ -17,7 +17,7 @@ from motord.experiments.thermal.network import AMBIENT, LINKS, ThermalNetwork
 from motord.experiments.thermal.noise import Autoregression
 from motord.identification import IdentifyError
 
-PASSES = 5
+PASSES = 3
 """How often the noise is taken from the residuals."""
 
 LEAST_READINGS = 30

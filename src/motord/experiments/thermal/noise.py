@@ -22,15 +22,18 @@ TINY_K = 1e-6
 
 @dataclass(frozen=True)
 class Autoregression:
-    """Coefficients a (p,) and the standard deviation of what they leave."""
+    """Predictions from the 0, 1, ..., p readings before: coefficients of each (k,), and its error.
 
-    coefficients: np.ndarray
-    scale: float
+    Readings at the beginning have fewer before them; without them the temperatures at the beginning
+    would hardly be known.
+    """
+
+    predictions: tuple[tuple[np.ndarray, float], ...]
 
     @classmethod
     def white(cls, scale: float) -> "Autoregression":
         """Return white noise."""
-        return cls(np.zeros(0), scale)
+        return cls(((np.zeros(0), scale),))
 
     @classmethod
     def of(cls, residual: np.ndarray, taken: np.ndarray) -> "Autoregression":
@@ -49,27 +52,33 @@ class Autoregression:
         )
         if covariance[0] < TINY_K**2:
             return cls.white(TINY_K)
-        best = cls.white(float(np.sqrt(covariance[0])))
-        least = number * np.log(covariance[0])
-        for order in range(1, covariance.size):
-            a = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
-            left = float(covariance[0] - a @ covariance[1 : order + 1])
-            score = number * np.log(max(left, 1e-300)) + 2 * order
-            if left > 0 and score < least:
-                best, least = cls(a, float(np.sqrt(left))), score
-        return best
-
-    def whitened(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns (n, m) whitened (n, m); nan at the beginning and after every gap."""
-        order = self.coefficients.size
-        found = columns.astype(float)
-        found[order:] = columns[order:]
-        for lag, coefficient in enumerate(self.coefficients, start=1):
-            found[order:] -= coefficient * columns[order - lag : columns.shape[0] - lag]
-        found[:order] = np.nan
-        return found / self.scale
+        found = [_prediction(covariance, order) for order in range(covariance.size)]
+        scores = [2 * number * np.log(scale) + 2 * a.size for a, scale in found]
+        return cls(tuple(found[: int(np.argmin(scores)) + 1]))
 
     @property
-    def correlation_readings(self) -> float:
-        """Readings over which the noise is correlated: by what the variance of a mean is larger."""
-        return float((1.0 - self.coefficients.sum()) ** -2) if self.coefficients.size else 1.0
+    def coefficients(self) -> np.ndarray:
+        """Coefficients a (p,)."""
+        return self.predictions[-1][0]
+
+    def whitened(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns (n, m) whitened (n, m); nan after every gap."""
+        found = np.empty_like(columns)
+        for row, (coefficients, scale) in enumerate(self.predictions):
+            before = columns[:row][::-1]
+            found[row] = (columns[row] - coefficients @ before) / scale
+        order, scale = row, self.predictions[-1][1]
+        rest = columns[order:].copy()
+        for lag, coefficient in enumerate(self.coefficients, start=1):
+            rest -= coefficient * columns[order - lag : columns.shape[0] - lag]
+        found[order:] = rest / scale
+        return found
+
+
+def _prediction(covariance: np.ndarray, order: int) -> tuple[np.ndarray, float]:
+    """Return the coefficients (order,) of the best prediction, and its error."""
+    if not order:
+        return np.zeros(0), float(np.sqrt(covariance[0]))
+    wanted = covariance[1 : order + 1]
+    a = solve_toeplitz(covariance[:order], wanted)
+    return a, float(np.sqrt(max(covariance[0] - a @ wanted, 1e-12 * covariance[0])))
