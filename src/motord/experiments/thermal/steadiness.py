@@ -76,6 +76,10 @@ class ChannelWindow:
             self._due_s = reading.t_s + self.window_s / LOOKS
             self.slope = self._slope()
 
+    def is_steady(self, limit_K_per_min: float) -> bool:
+        """Return whether the slope is known, and below a limit with its interval."""
+        return self.slope is not None and self.slope.within(limit_K_per_min)
+
     def _slope(self) -> Slope | None:
         spanned_s = self._readings[-1][0] - self._readings[0][0]
         if len(self._readings) < LEAST_READINGS or spanned_s < NOT_ALL * self.window_s:

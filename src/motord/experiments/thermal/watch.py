@@ -64,9 +64,9 @@ class TemperatureWatch:
             return TEMPERATURE_LIMIT
         if heating:
             self._check_moved(passed_s)
-        slopes = [window.slope for window in nodes]
         if passed_s >= own.steady_window_s and all(
-            slope is not None and slope.within(own.steady_K_per_min) for slope in slopes
+            (window.changed or not heating) and window.is_steady(own.steady_K_per_min)
+            for window in nodes
         ):
             return STEADY
         return TIME_LIMIT if passed_s >= self._limit_s else ""

@@ -65,10 +65,8 @@ def course(
     return ThermalCourse(STEP_S, squares_A2, readings, heating_s, ("steady", "steady"))
 
 
-def noise(
-    rng: np.random.Generator, number: int, noise_K: float, correlation: float
-) -> np.ndarray:
-    """Return noise (n,): half of its variance white, half with a correlation from one to the next."""
+def noise(rng: np.random.Generator, number: int, noise_K: float, correlation: float) -> np.ndarray:
+    """Return noise (n,): half of its variance white, half correlated from one to the next."""
     white, found = rng.standard_normal((2, number)), np.empty(number)
     now = white[0, 0]
     for n in range(number):
