@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
-from motord.experiments.thermal.network import AMBIENT, LINKS, ThermalNetwork
+from motord.experiments.thermal.network import AMBIENT, LINKS, LumpedNetwork
 from motord.experiments.thermal.noise import Autoregression
 from motord.identification import IdentifyError
 
@@ -45,7 +45,7 @@ class ThermalFit:
     freedom: int
 
     @cached_property
-    def network(self) -> ThermalNetwork:
+    def network(self) -> LumpedNetwork:
         """The network."""
         return network_of(self.course, self.parameters)
 
@@ -128,11 +128,11 @@ def _noises(fitted: ThermalFit) -> tuple[Autoregression, ...]:
     )
 
 
-def network_of(course: ThermalCourse, parameters: np.ndarray) -> ThermalNetwork:
+def network_of(course: ThermalCourse, parameters: np.ndarray) -> LumpedNetwork:
     """Return the network of parameters."""
     nodes, links = course.nodes, LINKS[course.nodes]
     sizes = np.exp(np.clip(parameters[: len(nodes) + len(links)], -30, 30))
-    return ThermalNetwork(nodes, sizes[: len(nodes)], sizes[len(nodes) :])
+    return LumpedNetwork(nodes, sizes[: len(nodes)], sizes[len(nodes) :])
 
 
 def modelled(

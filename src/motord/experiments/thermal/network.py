@@ -32,7 +32,7 @@ LINKS = {
 
 
 @dataclass(frozen=True)
-class ThermalNetwork:
+class LumpedNetwork:
     """A network: capacity_J_per_K (n,) of its nodes, conductance_W_per_K (m,) of its links.
 
     Where the resistance of the winding is not known heat is in A^2, so both are per ohm.

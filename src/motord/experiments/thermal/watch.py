@@ -1,6 +1,7 @@
 """The temperatures while a plan heats or cools: when that ends, and why it must not go on."""
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 from motord.experiments.thermal.settings import ThermalConfig
@@ -92,7 +93,8 @@ class TemperatureWatch:
                 )
 
     def _show(self, passed_s: float) -> None:
-        if passed_s - self._labelled_s < LABEL_EVERY_S:
+        known = all(isfinite(window.newest) for window in self._windows.values())
+        if not known or passed_s - self._labelled_s < LABEL_EVERY_S:
             return
         self._labelled_s = passed_s
         parts = [

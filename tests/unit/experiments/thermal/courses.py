@@ -3,16 +3,16 @@
 import numpy as np
 
 from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
-from motord.experiments.thermal.network import ThermalNetwork
+from motord.experiments.thermal.network import LumpedNetwork
 
 COPPER = CopperResistance(0.1, 25.0, 0.00393, 0.0)
 AMBIENT_C = 22.0
 STEP_S = 2.0
 
 NETWORKS = {
-    1: ThermalNetwork(("winding",), np.array([400.0]), np.array([1.6])),
-    2: ThermalNetwork(("winding", "housing"), np.array([150.0, 900.0]), np.array([4.0, 2.5])),
-    3: ThermalNetwork(
+    1: LumpedNetwork(("winding",), np.array([400.0]), np.array([1.6])),
+    2: LumpedNetwork(("winding", "housing"), np.array([150.0, 900.0]), np.array([4.0, 2.5])),
+    3: LumpedNetwork(
         ("winding", "magnet", "housing"),
         np.array([150.0, 400.0, 900.0]),
         np.array([4.0, 0.5, 0.8, 2.5]),
@@ -21,7 +21,7 @@ NETWORKS = {
 
 
 def temperatures(
-    network: ThermalNetwork,
+    network: LumpedNetwork,
     squares_A2: np.ndarray,
     ambient_C: np.ndarray,
     copper: CopperResistance = COPPER,

@@ -8,8 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.config import packaged
+from motord.config import AccuracyConfig, packaged
 from motord.experiments.plans import build
+from motord.experiments.thermal.recordings import copper_of
+from motord.experiments.thermal.settings import ThermalConfig
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.rig.truth import ThermalTruth
@@ -120,6 +122,15 @@ def test_a_recording_without_what_is_needed_is_refused(
 ) -> None:
     code, output = invoke("analyse", "thermal", copied(recorded, tmp_path / "less.mcap", **less))
     assert (code, why in output, "Traceback" in output) == (1, True, False), output
+
+
+def test_the_heat_follows_from_the_resistance_and_its_tolerance() -> None:
+    own = ThermalConfig(resistance_ohm=0.2, resistance_C=20.0, resistance_tolerance=0.03)
+    copper = copper_of(own, AccuracyConfig(current_gain_percent=2.0))
+    heat_W = copper.heat_W(np.array([10.0, 10.0]), np.array([20.0, 120.0]))
+    assert heat_W == pytest.approx([2.0, 2.0 * 1.393])
+    assert copper.heat_uncertainty == pytest.approx(np.hypot(0.03, 0.04) / np.sqrt(3))
+    assert not copper_of(ThermalConfig(), AccuracyConfig()).known
 
 
 def test_a_cooling_that_was_stopped_is_used_and_said(recorded: Path, tmp_path: Path) -> None:
