@@ -24,15 +24,14 @@ def temperatures(
     network: LumpedNetwork,
     squares_A2: np.ndarray,
     ambient_C: np.ndarray,
-    copper: CopperResistance = COPPER,
 ) -> np.ndarray:
     """Return the temperatures (k + 1, n); the loss follows that of the first node, step by step."""
     now, found = np.full(len(network.nodes), ambient_C[0]), []
     for square_A2, around_C in zip(squares_A2, ambient_C, strict=True):
         found.append(now)
-        heat_W = copper.heat_W(np.array([square_A2]), now[:1])
+        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (now[:1] - 25.0))
         half = network.temperatures_C(now, heat_W, np.array([around_C]), STEP_S)[-1]
-        heat_W = copper.heat_W(np.array([square_A2]), 0.5 * (now[:1] + half[:1]))
+        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (0.5 * (now[:1] + half[:1]) - 25.0))
         now = network.temperatures_C(now, heat_W, np.array([around_C]), STEP_S)[-1]
     return np.array([*found, now])
 
