@@ -93,7 +93,7 @@ def _resistances(fit: ThermalFit) -> tuple[ThermalResistance, ...]:
         ThermalResistance(
             f"{one} - {other}",
             *_positive(value, error, fit.copper.heat_uncertainty),
-            separated=error < SEPARATED * value,
+            separated=bool(error < SEPARATED * value),
         )
         for (one, other), value, error in zip(fit.network.links, found, stderr, strict=True)
     )
@@ -105,7 +105,7 @@ def _capacities(fit: ThermalFit) -> tuple[HeatCapacity, ...]:
         HeatCapacity(
             node,
             *_positive(value, error, fit.copper.heat_uncertainty),
-            separated=error < SEPARATED * value,
+            separated=bool(error < SEPARATED * value),
         )
         for node, value, error in zip(fit.course.nodes, found, stderr, strict=True)
     )
