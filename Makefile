@@ -66,6 +66,8 @@ pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	    $(BIN)/python tools/ripple_picture.py $$out && rm -rf $$out
 	@out=$$(mktemp -d) && $(BIN)/motord simulate torque-speed -c config/efficiency.toml -o $$out/map.mcap && \
 	    $(BIN)/python tools/efficiency_picture.py $$out/map.mcap && rm -rf $$out
+	@out=$$(mktemp -d) && $(BIN)/motord simulate thermal -c config/thermal.toml -o $$out/heat.mcap && \
+	    $(BIN)/python tools/thermal_picture.py $$out/heat.mcap && rm -rf $$out
 	@$(BIN)/python tools/wiring.py
 	@$(BIN)/python tools/architecture.py
 	@$(BIN)/python tools/watch_pictures.py
@@ -87,7 +89,7 @@ bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
 ifndef SEED
 SEED := $(shell od -An -N2 -tu2 /dev/urandom | tr -d ' ')
 endif
-CAMPAIGNS ?= properties estimator quick coverage check_calibration tracking departures cogging jerky ripple back_emf inertia friction sensitivity learn learn_orders align torque_speed mutation:--few \
+CAMPAIGNS ?= properties estimator quick coverage check_calibration tracking departures cogging jerky ripple back_emf inertia friction sensitivity learn learn_orders align torque_speed thermal mutation:--few \
 	mutation faults faults:--random=200 faults:--wire fuzz hostile flood plan_kills memory rerun_loader
 soak: $(VENV)/dev.stamp   ## the long campaigns with random seeds; CAMPAIGNS="learn faults" for some, SEED=n for a seed again
 	@for one in $(CAMPAIGNS); do name=$${one%%:*}; option=$${one#$$name}; echo "== $$one SEED=$(SEED)"; \

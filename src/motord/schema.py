@@ -221,6 +221,9 @@ TRUTH = Record(
                 ("inverter_on", "fixed32", "", "1 while the power stage is on"),
                 ("energy_dc_J", "double", "J", "energy from the DC supply since the start"),
                 ("energy_shaft_J", "double", "J", "work at the torque sensor since the start"),
+                ("winding_C", "float", "degC", "temperature of the windings, mean of the phases"),
+                ("magnet_C", "float", "degC", "temperature of the magnets"),
+                ("housing_C", "float", "degC", "temperature of the housing"),
             ),
             start=1,
         )

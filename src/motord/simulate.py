@@ -13,7 +13,7 @@ from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
 from motord.virtual.bench import rig_and_faults
-from motord.virtual.channels import power_readings
+from motord.virtual.channels import channel_readings
 from motord.virtual.mesh import MeshPiece, run_points
 
 CHUNK_S = 1.0
@@ -81,7 +81,7 @@ def record_plan(
 def _write(writer: RunWriter, piece: MeshPiece, config: Config) -> None:
     """Write a piece by the second, as a recorder would, so that no chunk is large."""
     rate_Hz = config.loop.rate_Hz
-    readings = deque(sorted(power_readings(config.channels, piece.truth), key=itemgetter(0)))
+    readings = deque(sorted(channel_readings(config.channels, piece.truth), key=itemgetter(0)))
     for first in range(0, piece.ticks.size, rate_Hz):
         ticks = piece.ticks[first : first + rate_Hz]
         writer.ticks(ticks)

@@ -3,6 +3,7 @@
 import re
 import shlex
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -146,12 +147,19 @@ def settings_of(arguments: list[str]) -> dict[str, Any]:
     return {key: value_of(value) for key, value in pairs}
 
 
+def bench_file(arguments: list[str]) -> Path | None:
+    """Return the file of `-c`, or that of config/ with the name of `--bench`, if there is one."""
+    given = dict(pairwise(arguments))
+    named = ROOT / given.get("-c", f"config/{given.get('--bench')}.toml")
+    return named if named.exists() else None
+
+
 def check_motord(arguments: list[str]) -> None:
     names = parse(arguments)
     if names[:2] in (["plan", "start"], ["simulate"]) or names[:1] == ["simulate"]:
         plan = arguments[len(names)]
         assert plan in plan_kinds(), f"no plan {plan}"
-        build(plan, config.load(), settings_of(arguments))
+        build(plan, config.load(bench_file(arguments)), settings_of(arguments))
 
 
 def check_make(arguments: list[str], folder: Path) -> None:

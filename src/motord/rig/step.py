@@ -166,3 +166,5 @@ def fill_truth(state: np.ndarray, t_ns: int, truth: np.record) -> None:
     truth.enable_line = s.enable_line
     truth.inverter_on = s.inverter_on
     truth.energy_dc_J, truth.energy_shaft_J = s.energy_dc_J, s.energy_shaft_J
+    truth.winding_C = (s.winding_C[0] + s.winding_C[1] + s.winding_C[2]) / 3.0
+    truth.magnet_C, truth.housing_C = s.magnet_C, s.housing_C

@@ -55,6 +55,18 @@ class Precision:
 
 
 @dataclass(frozen=True)
+class ChannelValue:
+    """The newest reading of a slow channel: t_s, when it was read, by a clock of the channels.
+
+    obstacle: why there is no valid value, "" if there is one.
+    """
+
+    t_s: float
+    value: float
+    obstacle: str = ""
+
+
+@dataclass(frozen=True)
 class Observation:
     """The bench at the end of a block of ticks."""
 
@@ -81,6 +93,7 @@ class Observation:
     temperature_C: float = float("nan")  # of the inverter
     demand: Demand = field(default_factory=Demand)  # in force meanwhile
     precision: Precision | None = None  # the newest that the plan's estimator gave
+    channels: Mapping[str, ChannelValue] = field(default_factory=dict)  # slow ones, by name
 
     def since_s(self, earlier: "Observation") -> float:
         """Return the time since an earlier observation (s)."""

@@ -37,18 +37,18 @@ def operating_point(point: OperatingPoint, mesh: MeshConfig, servo: BrakeServo) 
         induced=point.induced,
         label=f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz",
     )
-    raised = yield from _lead_torque(servo, demand.labelled("bringing the brake up"))
+    raised = yield from lead_torque(servo, demand.labelled("bringing the brake up"))
     servo.start(raised.t_ns)
     reached = yield from within(
         mesh.settle_timeout_s,
-        _hold_speed(
+        hold_speed(
             servo,
             demand.labelled("waiting for the speed"),
             until=near_speed(point.speed_Hz, mesh.speed_tolerance, since=raised),
         ),
         lambda seen: f"{demand.label}: {_why_not_reached(seen, mesh.settle_timeout_s)}",
     )
-    yield from _hold_speed(
+    yield from hold_speed(
         servo,
         demand.labelled("settling"),
         until=lambda seen: seen.since_s(reached) >= mesh.settle_s,
@@ -58,7 +58,7 @@ def operating_point(point: OperatingPoint, mesh: MeshConfig, servo: BrakeServo) 
     return account(point, seen, quality_at_speed(seen, point.speed_Hz, mesh))
 
 
-def _lead_torque(servo: BrakeServo, demand: Demand) -> Motion[Observation]:
+def lead_torque(servo: BrakeServo, demand: Demand) -> Motion[Observation]:
     """Let a rising brake lead the torque, so that the rotor does not run away meanwhile."""
     seen = yield None
     brake = servo.excitation(demand.torque_Nm, demand.speed_Hz)
@@ -70,7 +70,7 @@ def _lead_torque(servo: BrakeServo, demand: Demand) -> Motion[Observation]:
     return seen
 
 
-def _hold_speed(
+def hold_speed(
     servo: BrakeServo, demand: Demand, until: Callable[[Observation], bool]
 ) -> Motion[Observation]:
     """Correct the brake with each observation until one fulfils `until`; return that one."""

@@ -1,4 +1,4 @@
-"""Readings of the channel with the DC power, from the truth of ticks in virtual time."""
+"""Readings of the simulated slow channels, from the truth of ticks in virtual time."""
 
 from collections.abc import Iterator, Sequence
 
@@ -6,25 +6,53 @@ import numpy as np
 
 from motord.config import ChannelConfig
 from motord.config.channel_sources import SimulatedSource
+from motord.sequencing.observation import ChannelValue
 
 Reading = tuple[int, ChannelConfig, float]
 """Time (Unix ns), channel, value."""
 
 
-def power_readings(channels: Sequence[ChannelConfig], truth: np.ndarray) -> Iterator[Reading]:
-    """Yield what channels with the simulated DC power read over `truth` (TRUTH_DTYPE), in order.
+def channel_readings(channels: Sequence[ChannelConfig], truth: np.ndarray) -> Iterator[Reading]:
+    """Yield what simulated channels read over `truth` (TRUTH_DTYPE), each in order of time.
 
-    Each is the mean since the reading before, at whole multiples of the period; what begins with
-    the block has none.
+    They read at whole multiples of their period: a temperature of the rig, or the mean of its DC
+    power since the reading before, of which what begins with the block has none.
     """
-    t_ns, energy_J = truth["t_ns"], truth["energy_dc_J"]
     for channel in channels:
-        source = channel.source
-        if not isinstance(source, SimulatedSource) or source.quantity != "dc_power_W":
-            continue
-        period_ns = round(channel.period_s * 1e9)
-        at_ns = np.arange(-(-t_ns[0] // period_ns) * period_ns, t_ns[-1] + 1, period_ns)
-        at_J = np.interp((at_ns - t_ns[0]) * 1e-9, (t_ns - t_ns[0]) * 1e-9, energy_J)
-        powers_W = np.diff(at_J) / (period_ns * 1e-9)
-        for one_ns, power_W in zip(at_ns[1:], powers_W, strict=True):
-            yield int(one_ns), channel, float(power_W) * channel.scale + channel.offset
+        if isinstance(channel.source, SimulatedSource):
+            readings = _powers if channel.source.quantity == "dc_power_W" else _temperatures
+            for t_ns, raw in zip(*readings(channel, channel.source.quantity, truth), strict=True):
+                yield int(t_ns), channel, float(raw) * channel.scale + channel.offset
+
+
+def newest(channels: Sequence[ChannelConfig], truth: np.ndarray) -> dict[str, ChannelValue]:
+    """Return the newest temperatures that were read over `truth`, by the channel's name."""
+    thermometers = [
+        one
+        for one in channels
+        if isinstance(one.source, SimulatedSource) and one.source.quantity != "dc_power_W"
+    ]
+    readings = channel_readings(thermometers, truth)
+    return {channel.name: ChannelValue(t_ns * 1e-9, value) for t_ns, channel, value in readings}
+
+
+def _powers(channel: ChannelConfig, _: str, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    t_ns, energy_J = truth["t_ns"], truth["energy_dc_J"]
+    at_ns = _reading_times(channel, int(t_ns[0]), int(t_ns[-1]))
+    at_J = np.interp((at_ns - t_ns[0]) * 1e-9, (t_ns - t_ns[0]) * 1e-9, energy_J)
+    return at_ns[1:], np.diff(at_J) / (round(channel.period_s * 1e9) * 1e-9)
+
+
+def _temperatures(
+    channel: ChannelConfig, quantity: str, truth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    t_ns = truth["t_ns"]
+    tick_ns = int(t_ns[1] - t_ns[0]) if t_ns.size > 1 else 1
+    at_ns = _reading_times(channel, int(t_ns[0]) - tick_ns + 1, int(t_ns[-1]))
+    return at_ns, np.interp((at_ns - t_ns[0]) * 1e-9, (t_ns - t_ns[0]) * 1e-9, truth[quantity])
+
+
+def _reading_times(channel: ChannelConfig, from_ns: int, to_ns: int) -> np.ndarray:
+    """Return the times within both ends at which a channel is read (n,), Unix ns."""
+    period_ns = round(channel.period_s * 1e9)
+    return np.arange(-(-from_ns // period_ns) * period_ns, to_ns + 1, period_ns)

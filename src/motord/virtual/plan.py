@@ -11,8 +11,9 @@ from motord.config import Config
 from motord.control.types import SETPOINT
 from motord.schema import Request
 from motord.sequencing import Demand, Executor, Observation, Plan, PlanState, TickWatcher
-from motord.sequencing.observation import Precision
+from motord.sequencing.observation import ChannelValue, Precision
 from motord.virtual.bench import VirtualBench
+from motord.virtual.channels import newest
 
 LOOK_S = 0.05
 """Virtual time between two looks of the executor."""
@@ -39,10 +40,12 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
     demand = Demand()
     look = max(round(LOOK_S * bench.config.loop.rate_Hz), 1)
     blocks: list[tuple[np.ndarray, np.ndarray]] = []
+    channels: dict[str, ChannelValue] = {}
     while not executor.finished:
         blocks.append(bench.run(setpoint, look))
         seen = estimation.seen(watcher.take(blocks[-1][0]), blocks[-1][0], executor.points)
-        before, demand = demand, executor.advance(seen)
+        channels.update(newest(bench.config.channels, blocks[-1][1]))
+        before, demand = demand, executor.advance(replace(seen, channels=dict(channels)))
         _put(setpoint, before, demand)
         if len(blocks) == LOOKS_PASSED_ON or executor.finished:
             on_block(*map(np.concatenate, zip(*blocks, strict=True)))

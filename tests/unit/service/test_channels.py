@@ -111,6 +111,16 @@ def test_a_source_that_never_changes_is_frozen_and_does_not_trip():
     assert channel(9.5, *[9.5] * 4, frozen_after_s=3.0, trip_above=9.0).status(4 * S) == "trip"
 
 
+def test_a_plan_sees_value_and_time_or_why_there_is_none():
+    seen = channel(20.0, 21.5).seen(S)
+    assert (seen.t_s, seen.value, seen.obstacle) == (1.0, 21.5, "")
+    assert channel(math.nan).seen(0).obstacle.startswith("its reading is not a number")
+    assert "no reading for 3.5 s" in channel(20.0).seen(round(3.5 * S)).obstacle
+    still = channel(20.0, 20.0, 20.0, 20.0, 20.0, frozen_after_s=4.0)
+    assert still.seen(4 * S).obstacle == "frozen at 20 degC"
+    assert channel().seen(0).obstacle == NOTHING_YET
+
+
 # --- the bench
 
 
@@ -292,3 +302,20 @@ def test_a_process_that_says_nothing_for_too_long_is_ended():
     assert children.sent == [signal.SIGKILL]
     link._pipes._close()
     played.close()
+
+
+def test_a_plan_that_heats_ends_with_the_sensor():
+    bench = service(name="winding_C")
+    bench.run_s(0.1)
+    token = bench.acquire()
+    bench.ask("plan/start", token=token, name="thermal", settings={}, detach=True)
+    for number in range(16):
+        take(bench, 20.0 + number, name="winding_C")
+        bench.run_s(0.5)
+    assert bench.bench.plans.view.state == "running"
+    assert "heat-up: winding_C 3" in bench.bench.plans.view.step
+    assert bench.bench.setpoint.torque_Nm == 2.0
+    bench.run_s(2.5)
+    view = bench.bench.plans.view
+    assert (view.state, bench.bench.setpoint.torque_Nm) == ("failed", 0.0)
+    assert view.message.startswith("winding_C has no valid value: no reading for")

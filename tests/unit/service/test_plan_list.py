@@ -3,6 +3,7 @@
 import pytest
 
 from motord.attribute_docs import described
+from motord.config import ChannelConfig
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.service.rpc.plan_forms import setting_fields
@@ -87,7 +88,9 @@ def test_a_plan_that_the_limits_refuse_is_listed_with_the_reason():
 
 
 def test_a_plan_is_started_with_what_its_form_shows(plans):
-    config = VirtualService().config
+    channel = {"name": "winding_C", "unit": "degC", "source": {"driver": "simulated"}}
+    channels = (ChannelConfig.model_validate(channel),)
+    config = VirtualService().config.model_copy(update={"channels": channels})
     for name, plan in plans.items():
         shown = {field["name"]: field["default"] for field in plan["fields"]}
         assert build(name, config, shown).points

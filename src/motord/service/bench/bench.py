@@ -5,6 +5,7 @@ and progress go out. The handlers in `service.rpc` carry out requests on it.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -272,7 +273,10 @@ class Bench:
         self._torque_error.update(ticks, seen)
         self._pending.clear()
         try:
-            self.plans.look(seen) if self.plans.active else self.manual.update(seen)
+            if self.plans.active:
+                self.plans.look(replace(seen, channels=self.channels.seen(now_ns)))
+            else:
+                self.manual.update(seen)
         except Exception as error:  # of a plan or the servo: the bench itself goes on
             self.fault_stop("in an update of the plan or the servo", error)
 

@@ -10,6 +10,7 @@ from math import inf, isfinite, nan
 from motord.api.channel_messages import ChannelStatus, ChannelView
 from motord.config import ChannelConfig, Config
 from motord.hal.channel_source import ChannelReading
+from motord.sequencing.observation import ChannelValue
 from motord.service.bench.trip_report import ValuesAndLimits
 from motord.service.host.events import EventLog
 
@@ -101,6 +102,13 @@ class Channel:
             trip_above=c.trip_above,
         )
 
+    def seen(self, now_ns: int) -> ChannelValue:
+        """Return the channel as a plan sees it; one that is frozen has no valid value."""
+        obstacle = self.obstacle(now_ns)
+        if not obstacle and self.status(now_ns) == "frozen":
+            obstacle = f"frozen at {self.value:g} {self.config.unit}".strip()
+        return ChannelValue((self._read_ns or 0) * 1e-9, self.value, obstacle)
+
     def trip(self, now_ns: int) -> ValuesAndLimits:
         """Return value and limit if it trips the bench now, by what they are; else nothing."""
         c, age_s, value = self.config, self.age_s(now_ns), self.value
@@ -158,6 +166,10 @@ class ChannelMonitor:
             held = now_ns <= until_ns and view.status != "broken"
             views.append(view.model_copy(update={"status": "trip"}) if held else view)
         return views
+
+    def seen(self, now_ns: int) -> dict[str, ChannelValue]:
+        """Return all channels as a plan sees them, by name."""
+        return {name: channel.seen(now_ns) for name, channel in self._channels.items()}
 
     def value(self, name: str, now_ns: int) -> float | None:
         """Return the value of a channel; None of one that is broken or frozen, or not there."""

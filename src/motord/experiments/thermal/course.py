@@ -1,0 +1,84 @@
+"""What was measured of a heat-up and its cooling: currents by the step, readings of channels."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings (n,) of a channel: times since the beginning (s), degC, nan for none."""
+
+    channel: str
+    t_s: np.ndarray
+    value_C: np.ndarray
+
+    def thinned(self, most: int) -> "Readings":
+        """Return means of successive readings, `most` at most."""
+        each = -(-self.t_s.size // most)
+        if each <= 1:
+            return self
+        number = self.t_s.size // each
+        t_s, value_C = (v[: number * each].reshape(number, each) for v in (self.t_s, self.value_C))
+        return replace(self, t_s=t_s.mean(axis=1), value_C=value_C.mean(axis=1))
+
+    def at(self, t_s: np.ndarray) -> np.ndarray:
+        """Return the temperature at times, straight between valid readings."""
+        known = np.isfinite(self.value_C)
+        return np.asarray(np.interp(t_s, self.t_s[known], self.value_C[known]))
+
+
+@dataclass(frozen=True)
+class ThermalCourse:
+    """A heat-up and its cooling.
+
+    squares_A2 (k,): sum of the squares of the phase currents, mean over steps of `step_s`.
+    readings: by node, in the order of the network. heating_s: when the current ended; ended_by: why
+    heat-up and cooling ended. ambient: of its channel, if there is one.
+    """
+
+    step_s: float
+    squares_A2: np.ndarray
+    readings: Mapping[str, Readings]
+    heating_s: float
+    ended_by: tuple[str, str]
+    ambient: Readings | None = None
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Nodes that are measured."""
+        return tuple(self.readings)
+
+    @property
+    def duration_s(self) -> float:
+        """Time of both."""
+        return self.step_s * self.squares_A2.size
+
+    @property
+    def middles_s(self) -> np.ndarray:
+        """Middles of the steps (k,)."""
+        return self.step_s * (np.arange(self.squares_A2.size) + 0.5)
+
+    @property
+    def heating_A2(self) -> float:
+        """Sum of the squares while it was heated."""
+        return float(self.squares_A2[self.middles_s < self.heating_s].mean())
+
+
+@dataclass(frozen=True)
+class CopperResistance:
+    """Resistance of a phase at `at_C`, its rise, standard uncertainty of the heat, in parts.
+
+    ohm: 1 if it is not known, so that heat is per ohm.
+    """
+
+    ohm: float
+    at_C: float
+    per_K: float
+    heat_uncertainty: float
+    known: bool = True
+
+    def heat_W(self, squares_A2: np.ndarray, winding_C: np.ndarray) -> np.ndarray:
+        """Return the copper loss (k,) at temperatures of the winding (k,)."""
+        return np.asarray(squares_A2 * self.ohm * (1 + self.per_K * (winding_C - self.at_C)))

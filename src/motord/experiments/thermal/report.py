@@ -1,0 +1,113 @@
+"""The report of a heat-up and its cooling: temperatures with the fit, constants, what is left."""
+
+from motord.experiments.operator_notes import add_operator_notes
+from motord.experiments.subject import Recordings, facts
+from motord.experiments.thermal.plots import temperatures
+from motord.experiments.thermal.result import ThermalConstants
+from motord.intervals import coverage_factor
+from motord.report.html import Page
+
+HEADER = ("", "value", "95 % interval", "unit")
+STEADY_HEADER = ("channel", "end of the heat-up (degC)", "steady (degC)", "95 % interval", "")
+
+
+def report(found: ThermalConstants, recordings: Recordings) -> Page:
+    """Return a page of its own."""
+    subject = recordings.subject
+    page = Page("Thermal constants", f"{subject.motor.name} on bench {subject.bench}")
+    slowest = found.time_constants[0]
+    cards = [(f"{slowest.time_constant_s:.4g} s", "slowest time constant, cooling")]
+    if found.resistance.value is not None:
+        cards.append((f"{found.resistance.value:.4g} K/W", f"{found.nodes[0]} to ambient"))
+    page.cards(cards)
+    page.table([], [*facts(subject, recordings.names), *_facts(found)])
+    fill(page, found)
+    add_operator_notes(page, recordings)
+    return page
+
+
+def fill(page: Page, found: ThermalConstants) -> None:
+    """Add the constants to a page."""
+    page.heading("Heat-up and cooling")
+    page.picture(
+        temperatures(found),
+        "Readings (dots) and the fit of the thermal network. Dashed: where a temperature would "
+        "end with this current. Dotted: end of the current. Below: readings less the fit.",
+    )
+    page.heading("Constants")
+    page.table(HEADER, rows(found), numbers=True)
+    page.table(STEADY_HEADER, steady_rows(found), numbers=True)
+    page.points(found.notes)
+
+
+def rows(found: ThermalConstants) -> list[list[str]]:
+    """Return the constants as rows under HEADER."""
+    said = [
+        _row(
+            f"time constant {one.number}, {one.phase}", one.time_constant_s,
+            one.time_constant_low_s, one.time_constant_high_s, "s",
+        )
+        for one in found.time_constants
+    ]  # fmt: skip
+    if found.resistance.value is not None:
+        said.append(
+            _row(
+                f"{found.nodes[0]} to ambient, all paths", found.resistance.value,
+                found.resistance.low, found.resistance.high, "K/W",
+            )
+        )  # fmt: skip
+    else:
+        said.append(
+            _row(
+                f"{found.nodes[0]} above ambient for each A\u00b2", found.rise.value,
+                found.rise.low, found.rise.high, "K/A\u00b2",
+            )
+        )  # fmt: skip
+    said += [
+        _row(
+            one.between, one.resistance_K_per_W, one.resistance_low_K_per_W,
+            one.resistance_high_K_per_W, "K/W" if one.separated else "K/W, not separated",
+        )
+        for one in found.resistances
+    ]  # fmt: skip
+    said += [
+        _row(
+            one.node, one.capacity_J_per_K, one.capacity_low_J_per_K, one.capacity_high_J_per_K,
+            "J/K" if one.separated else "J/K, not separated",
+        )
+        for one in found.capacities
+    ]  # fmt: skip
+    return said
+
+
+def steady_rows(found: ThermalConstants) -> list[list[str]]:
+    """Return the steady temperatures as rows under STEADY_HEADER."""
+    return [
+        [
+            one.channel,
+            f"{one.end_C:.2f}",
+            "none" if one.steady_C is None else f"{one.steady_C:.2f}",
+            "" if one.steady_C is None else f"{one.steady_low_C:.2f} to {one.steady_high_C:.2f}",
+            "extrapolated" if one.extrapolated else "reached",
+        ]
+        for one in found.steady
+    ]
+
+
+def _row(
+    name: str, value: float | None, low: float | None, high: float | None, unit: str
+) -> list[str]:
+    return [name, f"{value:.4g}", f"{low:.4g} to {high:.4g}", unit]
+
+
+def _facts(found: ThermalConstants) -> list[tuple[str, str]]:
+    how = "measured" if found.ambient_measured else "fitted"
+    half_K = coverage_factor() * found.ambient_stderr_C
+    ambient = f"{found.ambient_C:.2f} \u00b0C, {how}"
+    heat = "" if found.heat_W is None else f", {found.heat_W:.4g} W of copper loss at its end"
+    return [
+        ("current", f"{found.current_rms_A:.4g} A RMS a phase{heat}"),
+        ("heat-up", f"{found.heating_s:.0f} s, ended by {found.ended_by[0]}"),
+        ("cooling", f"{found.cooling_s:.0f} s, ended by {found.ended_by[1]}"),
+        ("ambient", ambient if found.ambient_measured else f"{ambient}, \u00b1 {half_K:.2f} K"),
+    ]

@@ -1,0 +1,143 @@
+"""Thermal constants as they were found, with what is questionable about them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from motord.experiments.thermal.estimate import ThermalFit
+from motord.findings import Finding
+
+Phase = Literal["heat-up", "cooling"]
+
+SEPARATED = 0.25
+"""Relative standard error above which a constant counts as not separated from the others."""
+
+
+@dataclass(frozen=True)
+class TimeConstant:
+    """A thermal time constant with its 95 % interval; number: 1 is the slowest.
+
+    That of the heat-up is longer: the loss rises with the temperature of the winding.
+    """
+
+    phase: Phase
+    number: int
+    time_constant_s: float
+    time_constant_stderr_s: float
+    time_constant_low_s: float
+    time_constant_high_s: float
+
+
+@dataclass(frozen=True)
+class ThermalResistance:
+    """A thermal resistance with its 95 % interval; separated: False if the data do not tell it."""
+
+    between: str
+    resistance_K_per_W: float
+    resistance_stderr_K_per_W: float
+    resistance_low_K_per_W: float
+    resistance_high_K_per_W: float
+    separated: bool
+
+
+@dataclass(frozen=True)
+class HeatCapacity:
+    """A heat capacity with its 95 % interval."""
+
+    node: str
+    capacity_J_per_K: float
+    capacity_stderr_J_per_K: float
+    capacity_low_J_per_K: float
+    capacity_high_J_per_K: float
+    separated: bool
+
+
+@dataclass(frozen=True)
+class SteadyTemperature:
+    """Where a temperature would end with the mean current of the heat-up; None: it has no end.
+
+    end_C: the temperature at the end of the heat-up; extrapolated: it was not reached.
+    """
+
+    channel: str
+    end_C: float
+    steady_C: float | None
+    steady_stderr_C: float | None
+    steady_low_C: float | None
+    steady_high_C: float | None
+    extrapolated: bool
+
+
+@dataclass(frozen=True)
+class ConstantEstimate:
+    """A value with its standard error and 95 % interval; None: not known."""
+
+    value: float | None = None
+    stderr: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class ThermalConstants:
+    """Thermal constants of a motor. Without the winding's resistance there are no K/W and J/K.
+
+    resistance: from where the heat enters to the ambient over all paths, K/W; rise: the same for
+    each A^2 of the sum of the squares of the phase currents, with the winding at resistance_C.
+    heating_s, cooling_s: how long it was heated and cooled; ended_by: why either ended. heat_W:
+    copper loss at the end of the heat-up, None if it is not known. residual_K: RMS of each channel.
+    """
+
+    JSON: ClassVar[dict[str, str]] = {
+        **{name: name for name in ("nodes", "channels", "time_constants")},
+        **{
+            f"{quantity}{error}_{unit}": f"{quantity}.{error[1:] or 'value'}"
+            for quantity, unit in (("resistance", "K_per_W"), ("rise", "K_per_A2"))
+            for error in ("", "_stderr", "_low", "_high")
+        },
+        **{
+            name: name
+            for name in (
+                "resistances", "capacities", "steady", "ambient_C", "ambient_stderr_C",
+                "ambient_measured", "current_rms_A", "heat_W", "heating_s", "cooling_s",
+                "ended_by", "residual_K", "notes",
+            )
+        },
+    }  # fmt: skip
+
+    nodes: tuple[str, ...]
+    channels: tuple[str, ...]
+    time_constants: tuple[TimeConstant, ...]
+    resistance: ConstantEstimate
+    rise: ConstantEstimate
+    resistances: tuple[ThermalResistance, ...]
+    capacities: tuple[HeatCapacity, ...]
+    steady: tuple[SteadyTemperature, ...]
+    ambient_C: float
+    ambient_stderr_C: float
+    ambient_measured: bool
+    current_rms_A: float
+    heat_W: float | None
+    heating_s: float
+    cooling_s: float
+    ended_by: tuple[str, str]
+    residual_K: tuple[float, ...]
+    notes: tuple[str, ...]
+    fit: ThermalFit
+    findings: tuple[Finding, ...] = ()
+
+
+def unseparated(found: Sequence[ThermalResistance | HeatCapacity]) -> list[str]:
+    """Return what of resistances or capacities the data do not separate."""
+    return [
+        one.between if isinstance(one, ThermalResistance) else one.node
+        for one in found
+        if not one.separated
+    ]
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root of the mean square of the values there are."""
+    return float(np.sqrt(np.nanmean(values**2)))

@@ -1,0 +1,74 @@
+"""Made-up heat-ups with their cooling: the network itself, with noise of the channels."""
+
+import numpy as np
+
+from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
+from motord.experiments.thermal.network import LumpedNetwork
+
+COPPER = CopperResistance(0.1, 25.0, 0.00393, 0.0)
+AMBIENT_C = 22.0
+STEP_S = 2.0
+
+NETWORKS = {
+    1: LumpedNetwork(("winding",), np.array([400.0]), np.array([1.6])),
+    2: LumpedNetwork(("winding", "housing"), np.array([150.0, 900.0]), np.array([4.0, 2.5])),
+    3: LumpedNetwork(
+        ("winding", "magnet", "housing"),
+        np.array([150.0, 400.0, 900.0]),
+        np.array([4.0, 0.5, 0.8, 2.5]),
+    ),
+}
+
+
+def temperatures(
+    network: LumpedNetwork,
+    squares_A2: np.ndarray,
+    ambient_C: np.ndarray,
+) -> np.ndarray:
+    """Return the temperatures (k + 1, n); the loss follows that of the first node, step by step."""
+    now, found = np.full(len(network.nodes), ambient_C[0]), []
+    for square_A2, around_C in zip(squares_A2, ambient_C, strict=True):
+        found.append(now)
+        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (now[:1] - 25.0))
+        half = network.temperatures_C(now, heat_W, np.array([around_C]), STEP_S)[-1]
+        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (0.5 * (now[:1] + half[:1]) - 25.0))
+        now = network.temperatures_C(now, heat_W, np.array([around_C]), STEP_S)[-1]
+    return np.array([*found, now])
+
+
+def course(
+    nodes: int = 2,
+    seed: int = 1,
+    heating_s: float = 2400.0,
+    cooling_s: float = 2400.0,
+    noise_K: float = 0.05,
+    drift_K: float = 0.0,
+    correlation: float = 0.9,
+) -> ThermalCourse:
+    """Return a course: 550 A^2, readings every 3 s, half of their noise correlated."""
+    rng, network = np.random.default_rng(seed), NETWORKS[nodes]
+    steps = int((heating_s + cooling_s) / STEP_S)
+    squares_A2 = np.where(STEP_S * np.arange(steps) < heating_s, 550.0, 0.0)
+    ambient_C = AMBIENT_C + np.linspace(0.0, drift_K, steps)
+    true_C = temperatures(network, squares_A2, ambient_C)
+    t_s = np.arange(0.4, heating_s + cooling_s, 3.0)
+    ends_s = STEP_S * np.arange(steps + 1)
+    readings = {
+        node: Readings(
+            f"{node}_C",
+            t_s,
+            np.interp(t_s, ends_s, true_C[:, n]) + noise(rng, t_s.size, noise_K, correlation),
+        )
+        for n, node in enumerate(network.nodes)
+    }
+    return ThermalCourse(STEP_S, squares_A2, readings, heating_s, ("steady", "steady"))
+
+
+def noise(rng: np.random.Generator, number: int, noise_K: float, correlation: float) -> np.ndarray:
+    """Return noise (n,): half of its variance white, half correlated from one to the next."""
+    white, found = rng.standard_normal((2, number)), np.empty(number)
+    now = white[0, 0]
+    for n in range(number):
+        now = correlation * now + np.sqrt(1 - correlation**2) * white[0, n]
+        found[n] = now
+    return noise_K * np.sqrt(0.5) * (found + white[1])

@@ -1,0 +1,168 @@
+"""The thermal network from made-up heat-ups: constants, intervals, and what is said of bad data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motord.experiments.thermal.command import measure
+from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
+from motord.experiments.thermal.noise import Autoregression
+from motord.experiments.thermal.result import ThermalConstants
+from motord.identification import IdentifyError
+from tests.unit.experiments.thermal.courses import AMBIENT_C, COPPER, NETWORKS, course, noise
+
+
+@pytest.fixture(scope="module")
+def two() -> ThermalConstants:
+    return measure(course(2), COPPER)
+
+
+def names(found: ThermalConstants) -> set[str]:
+    return {one.name for one in found.findings}
+
+
+def changed(one: ThermalCourse, node: str, value_C: np.ndarray) -> ThermalCourse:
+    readings = {**one.readings, node: replace(one.readings[node], value_C=value_C)}
+    return replace(one, readings=readings)
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 3])
+def test_constants_are_those_of_the_network(nodes: int) -> None:
+    network, found = NETWORKS[nodes], measure(course(nodes), COPPER)
+    true_s = 1 / network.rates_per_s()
+    cooling = [one for one in found.time_constants if one.phase == "cooling"]
+    for one, true in zip(cooling, true_s, strict=True):
+        assert one.time_constant_s == pytest.approx(true, rel=0.02)
+        assert abs(one.time_constant_s - true) < 4 * one.time_constant_stderr_s
+    assert found.resistance.value == pytest.approx(network.steady_rise_K(1.0)[0], rel=0.005)
+    for one, conductance in zip(found.resistances, network.conductance_W_per_K, strict=True):
+        off = abs(one.resistance_K_per_W - 1 / conductance)
+        assert off < 4 * one.resistance_stderr_K_per_W
+        assert one.resistance_low_K_per_W < one.resistance_K_per_W < one.resistance_high_K_per_W
+    for one, capacity in zip(found.capacities, network.capacity_J_per_K, strict=True):
+        assert abs(one.capacity_J_per_K - capacity) < 4 * one.capacity_stderr_J_per_K
+    assert found.ambient_C == pytest.approx(AMBIENT_C, abs=0.1)
+    assert names(found) <= {"not-steady"}
+
+
+def test_the_heat_up_is_slower_than_the_cooling_by_the_feedback_of_the_copper(
+    two: ThermalConstants,
+) -> None:
+    feedback = 0.1 * 0.00393 * 550.0
+    heating = [one.time_constant_s for one in two.time_constants if one.phase == "heat-up"]
+    assert heating == pytest.approx(1 / NETWORKS[2].rates_per_s(feedback), rel=0.02)
+    cooling = [one.time_constant_s for one in two.time_constants if one.phase == "cooling"]
+    assert heating[0] > 1.05 * cooling[0]
+
+
+def test_the_uncertainty_of_the_heat_is_in_resistances_and_not_in_times(
+    two: ThermalConstants,
+) -> None:
+    unsure = measure(course(2), replace(COPPER, heat_uncertainty=0.03))
+    assert unsure.resistance.stderr == pytest.approx(0.03 * unsure.resistance.value, rel=0.05)
+    assert unsure.time_constants == two.time_constants
+
+
+def test_without_a_resistance_there_are_time_constants_alone(two: ThermalConstants) -> None:
+    found = measure(course(2), CopperResistance(1.0, 25.0, 0.00393, 0.1, known=False))
+    assert found.resistance.value is None
+    assert (found.resistances, found.capacities, found.heat_W) == ((), (), None)
+    assert "time constants only" in found.notes[0]
+    assert found.rise.value == pytest.approx(two.rise.value, rel=1e-3)
+    for one, known in zip(found.time_constants, two.time_constants, strict=True):
+        assert one.time_constant_s == pytest.approx(known.time_constant_s, rel=1e-3)
+
+
+def test_a_heat_up_that_is_cut_short_is_extrapolated_and_says_so() -> None:
+    found = measure(course(2, heating_s=600.0, cooling_s=600.0), COPPER)
+    steady = found.steady[0]
+    assert steady.extrapolated
+    assert abs(steady.steady_C - measure(course(2), COPPER).steady[0].steady_C) < 2.0
+    assert steady.steady_low_C < steady.steady_C < steady.steady_high_C
+    assert "not-steady" in names(found)
+    assert any("is extrapolated" in note for note in found.notes)
+
+
+def test_a_room_that_gets_warmer_is_found_unless_it_is_measured(two: ThermalConstants) -> None:
+    warmer = course(2, drift_K=2.0)
+    found = measure(warmer, COPPER)
+    [drift] = [one for one in found.findings if one.name == "ambient-drifts"]
+    assert drift.value == pytest.approx(2.0, rel=0.5)
+    t_s = warmer.readings["winding"].t_s
+    room = Readings("room_C", t_s, AMBIENT_C + 2.0 * t_s / warmer.duration_s)
+    measured = measure(replace(warmer, ambient=room), COPPER)
+    assert "ambient-drifts" not in names(measured)
+    assert measured.time_constants[0].time_constant_s == pytest.approx(
+        two.time_constants[0].time_constant_s, rel=0.01
+    )
+
+
+def test_a_channel_that_freezes_is_named_and_its_readings_are_left_out(
+    two: ThermalConstants,
+) -> None:
+    whole = course(2)
+    value_C = whole.readings["housing"].value_C.copy()
+    value_C[100:250] = value_C[100]
+    found = measure(changed(whole, "housing", value_C), COPPER)
+    [frozen] = [one for one in found.findings if one.name == "channel-frozen"]
+    assert frozen.value == pytest.approx(3.0 * 149, rel=0.02)
+    assert "housing_C" in frozen.meaning
+    slowest = two.time_constants[0].time_constant_s
+    assert found.time_constants[0].time_constant_s == pytest.approx(slowest, rel=0.02)
+
+
+def test_a_coarse_channel_is_not_frozen() -> None:
+    whole = course(2, noise_K=0.01)
+    value_C = np.round(whole.readings["housing"].value_C, 1)
+    assert "channel-frozen" not in names(measure(changed(whole, "housing", value_C), COPPER))
+
+
+def test_a_sensor_that_lags_is_found() -> None:
+    whole = course(2)
+    one = whole.readings["winding"]
+    late = np.interp(one.t_s - 6.0, one.t_s, one.value_C)
+    found = measure(changed(whole, "winding", late), COPPER)
+    assert "sensor-lag" in names(found)
+
+
+def test_a_node_that_is_not_measured_is_a_lack_of_fit() -> None:
+    whole = course(3)
+    seen = {node: whole.readings[node] for node in ("winding", "housing")}
+    found = measure(replace(whole, readings=seen), COPPER)
+    assert "lack-of-fit" in names(found)
+
+
+def test_readings_that_are_missing_are_counted_and_do_not_matter(two: ThermalConstants) -> None:
+    whole = course(2)
+    value_C = whole.readings["winding"].value_C.copy()
+    value_C[np.random.default_rng(1).random(value_C.size) < 0.1] = np.nan
+    found = measure(changed(whole, "winding", value_C), COPPER)
+    assert "readings-invalid" in names(found)
+    assert found.resistance.value == pytest.approx(two.resistance.value, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("value_C", "why"),
+    [(np.full(1600, np.nan), "0 valid readings"), (np.full(1600, 25.0), "rose by 0 K")],
+)
+def test_too_little_to_fit_is_refused_by_the_channel(value_C: np.ndarray, why: str) -> None:
+    with pytest.raises(IdentifyError, match=f"winding_C.*{why}"):
+        measure(changed(course(2), "winding", value_C), COPPER)
+
+
+def test_correlated_noise_widens_the_intervals() -> None:
+    white, slow = (
+        measure(course(1, correlation=rho), COPPER).time_constants[0].time_constant_stderr_s
+        for rho in (0.0, 0.95)
+    )
+    assert 2.0 < slow / white < 8.0
+
+
+def test_noise_is_described_as_what_it_is() -> None:
+    made = noise(np.random.default_rng(3), 8000, 1.0, 0.9)
+    found = Autoregression.of(made, np.zeros((8000, 1)))
+    left = found.whitened(made[:, None])[:, 0]
+    left = left[np.isfinite(left)]
+    assert np.std(left) == pytest.approx(1.0, rel=0.03)
+    assert abs(np.corrcoef(left[1:], left[:-1])[0, 1]) < 0.03
