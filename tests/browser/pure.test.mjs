@@ -17,6 +17,7 @@ const { grid, shade } = await load("mesh.js");
 const { barLength, quantities } = await load("precision.js");
 const { largest } = await load("turns.js");
 const { Marks } = await load("marks.js");
+const { attemptsText, place, policyText, settingsText, timeText, waitText } = await load("queue_items.js");
 const { traceOf } = await load("signals.js");
 const { Socket } = await load("socket.js");
 
@@ -340,6 +341,30 @@ test("phases and set-points differ by more than colour", () => {
   assert.deepEqual(["i_a_A", "i_b_A", "i_cmd_a_A"].map((name) => signal(name).tag), ["a", "b", "a*"]);
   assert.notEqual(signal("i_cmd_a_A").dash, undefined);
   assert.notEqual(signal("torque_set_Nm").dash, undefined);
+});
+
+test("an item of the queue in words", () => {
+  const wait = { channel: "winding_C", below: 40, above: null, until: null, limit_s: 90 };
+  assert.equal(waitText(wait), "winding_C below 40, at most 1:30 min");
+  assert.equal(waitText({ ...wait, channel: null, until: "06:00", limit_s: null }), "until 06:00");
+  assert.equal(settingsText({ torques_Nm: [1, 2], turns: 2, stator: null }), "torques 1, 2 Nm \u00b7 turns 2 \u00b7 stator none");
+  assert.ok(settingsText({ table: [{ a: "x".repeat(1000) }] }).length < 80);
+  assert.deepEqual(["stop", "skip", "retry"].map((on_failure) => policyText({ on_failure, retries: 2 })),
+    ["if it fails: the queue pauses", "if it fails: skipped", "if it fails: again, at most 2 times"]);
+  const runs = [{ id: 1, state: "failed", message: "too slow", ended_ns: 0 }, { id: 2, state: "done", ended_ns: 0 }];
+  assert.match(attemptsText({ id: 1 }, [...runs, runs[0]]), /^2 attempts; failed at \d\d:\d\d:\d\d: too slow$/);
+  assert.equal(attemptsText({ id: 3 }, runs), "");
+  const item = { state: "running", estimate_s: 96 };
+  assert.equal(timeText(item, { state: "running", eta_s: 30 }), "30 s to go");
+  assert.equal(timeText(item, { state: "done", eta_s: 0 }), "about 1:36 min");
+  assert.equal(timeText({ ...item, state: "queued" }, { state: "running", eta_s: 30 }), "about 1:36 min");
+});
+
+test("items move among those that are not under way", () => {
+  const items = [{ id: 7, state: "running" }, { id: 3, state: "queued" }, { id: 9, state: "queued" }, { id: 5, state: "queued" }];
+  assert.deepEqual([3, 9, 5].map((id) => place(items, id, -1)), [null, 1, 2]);
+  assert.deepEqual([3, 9, 5].map((id) => place(items, id, 1)), [2, 3, null]);
+  assert.deepEqual([place(items, 7, 1), place(items, 1, 1)], [null, null]);
 });
 
 test("of two attempts to connect at the same time one socket is left", async (t) => {

@@ -26,6 +26,7 @@ from motord.dashboard.tokens import Tokens
 from motord.schema import State, Trip
 from motord.security.roles import Role
 from tests.browser import documents
+from tests.browser.stand_in_queue import StandInQueue
 from tests.browser.synthetic_bench import CALIBRATED, SyntheticBench
 
 BLOCK_S = 0.02
@@ -49,6 +50,7 @@ class StandIn:
         self.events_so_far: list[Event] = []
         self.plan: PlanView | None = None
         self.mesh: MeshView | None = None
+        self.queue = StandInQueue(lambda message: self.event("queue", message))
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.held_back: set[str] = set()
         """Calibrations that are shown only when they are no longer in here."""
@@ -85,7 +87,9 @@ class StandIn:
             raise ClientError("unreachable", "no answer in time")
         if arguments.get("token") not in (None, self.token):
             raise ClientError("no_lease", f"{self.holder} is in command now")
-        reply: dict[str, Any] = getattr(self, "_" + name.replace("/", "_"))(**arguments)
+        group, _, what = name.partition("/")
+        own = self.queue.requests[what] if group == "queue" else None
+        reply: dict[str, Any] = (own or getattr(self, "_" + name.replace("/", "_")))(**arguments)
         if (wanted := arguments.get("id")) in self.held_back:
             while wanted in self.held_back:
                 await asyncio.sleep(BLOCK_S)
