@@ -18,6 +18,7 @@ const { barLength, quantities } = await load("precision.js");
 const { largest } = await load("turns.js");
 const { Marks } = await load("marks.js");
 const { attemptsText, place, policyText, settingsText, timeText, waitText } = await load("queue_items.js");
+const overview = await load("bench_texts.js");
 const { traceOf } = await load("signals.js");
 const { Socket } = await load("socket.js");
 
@@ -365,6 +366,30 @@ test("items move among those that are not under way", () => {
   assert.deepEqual([3, 9, 5].map((id) => place(items, id, -1)), [null, 1, 2]);
   assert.deepEqual([3, 9, 5].map((id) => place(items, id, 1)), [2, 3, null]);
   assert.deepEqual([place(items, 7, 1), place(items, 1, 1)], [null, null]);
+});
+
+test("a bench of the overview in words", () => {
+  const state = { t_ns: 0, state: "TRIPPED", first_trip: "B", trips: [{ name: "A", meaning: "a" }, { name: "B", meaning: "b" }], action: "look", fault: "",
+    plan: { plan: "calibrate", state: "running", serial: "7", points: 8, points_done: 2, fraction: 0.25, eta_s: 90, message: "" },
+    torque_Nm: 1.98, torque_set_Nm: 2, speed_Hz: 0.7, mean_measured: true, recording: false, recording_name: "", recording_trouble: "disk full" };
+  const bench = { bench: "a", silent: false, age_s: 0.2, daemons: 1, problem: "", gone_ns: null, state };
+  const silent = { ...bench, silent: true, age_s: 42 };
+  const gone = { ...bench, gone_ns: 1 };
+  assert.equal(overview.summary([bench, silent, gone]), "2 benches: 1 tripped, 1 with a plan, 1 silent, 1 vanished");
+  assert.equal(overview.summary([]), "0 benches");
+  assert.deepEqual([bench, silent, gone].map(overview.old), [false, true, true]);
+  assert.equal(overview.ageText(bench, 1), "1.2 s old");
+  assert.equal(overview.ageText(silent, 1), "silent for 43 s");
+  assert.match(overview.ageText(gone, 0), /^vanished at \d\d:\d\d:\d\d/);
+  assert.equal(overview.ageText({ ...silent, age_s: null, state: null }, 0), "silent: no answer");
+  assert.deepEqual(overview.troubles(state), ["B: b", "A: a", "What to do: look; then reset"]);
+  assert.deepEqual(overview.troubles({ ...state, state: "OFF", fault: "no loop" }), ["no loop"]);
+  assert.equal(overview.planText(state.plan), "calibrate \u25b6 running, serial 7 \u00b7 2 of 8 points \u00b7 25 %, 1:30 min to go");
+  assert.match(overview.planText({ ...state.plan, state: "failed", message: "too slow" }), /2 of 8 points \u00b7 too slow$/);
+  assert.equal(overview.motionText(state), "1.98 of 2.00 Nm set \u00b7 0.70 Hz");
+  assert.equal(overview.motionText({ ...state, mean_measured: false }), "2.00 Nm set \u00b7 0.70 Hz");
+  assert.equal(overview.recorderText(state), "not recording: disk full");
+  assert.equal(overview.queueText({ state: "paused", length: 2, eta_s: 60 }), "\u275a\u275a paused \u00b7 2 plans, about 1:00 min");
 });
 
 test("of two attempts to connect at the same time one socket is left", async (t) => {

@@ -9,9 +9,10 @@ import sys
 import threading
 import time
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, Self
 
 import uvicorn
+from starlette.applications import Starlette
 
 from motord import config
 from motord.api.messages import BenchState, Event
@@ -313,20 +314,13 @@ class StandIn:
         self._take([("state", BenchState.model_validate(state))])
 
 
-class Server:
-    """The page's server over a stand-in, in a thread of its own."""
+class AppServer:
+    """An application of the dashboard, in a thread of its own."""
 
-    def __init__(self, stand_in: StandIn, port: int = 0, tokens: Tokens | None = None) -> None:
-        self.stand_in = stand_in
-        self.tokens = tokens or Tokens(Role.OPERATOR)
-        live = LiveBench("sim", stand_in.config)
-        live.calibrated = list(CALIBRATED)
-        pages = Pages(live, stand_in, "anna@bench")
-        live.publish = pages.publish
+    def __init__(self, app: Starlette, tokens: Tokens, port: int = 0) -> None:
         self._listener = listen(port)
         self.port = self._listener.getsockname()[1]
-        self.urls = urls(self._listener, self.tokens)
-        app = application(pages, self.tokens, stand_in)
+        self.urls = urls(self._listener, tokens)
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,
@@ -341,7 +335,7 @@ class Server:
             target=lambda: asyncio.run(self._server.serve(sockets=[self._listener])), daemon=True
         )
 
-    def __enter__(self) -> "Server":
+    def __enter__(self) -> Self:
         self._thread.start()
         return self
 
@@ -349,6 +343,19 @@ class Server:
         self._server.should_exit = True
         self._thread.join(20)
         self._listener.close()
+
+
+class Server(AppServer):
+    """The page's server over a stand-in."""
+
+    def __init__(self, stand_in: StandIn, port: int = 0, tokens: Tokens | None = None) -> None:
+        self.stand_in = stand_in
+        self.tokens = tokens or Tokens(Role.OPERATOR)
+        live = LiveBench("sim", stand_in.config)
+        live.calibrated = list(CALIBRATED)
+        pages = Pages(live, stand_in, "anna@bench")
+        live.publish = pages.publish
+        super().__init__(application(pages, self.tokens, stand_in), self.tokens, port)
 
 
 def main() -> None:

@@ -38,6 +38,11 @@ class Pages:
         self._queue = QueueLookup(link, partial(bench.set_document, "queue"))
 
     @property
+    def bench_name(self) -> str:
+        """Name of the bench."""
+        return self.bench.bench
+
+    @property
     def full(self) -> bool:
         """True if no more pages may be opened."""
         return len(self._open) >= PAGES_MAX

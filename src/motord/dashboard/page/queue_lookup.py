@@ -1,8 +1,9 @@
 """All of the queue of plans, asked for whenever the daemon reports that something in it changed."""
 
 import asyncio
-import json
 from collections.abc import Callable
+
+from pydantic_core import to_json
 
 from motord.api.messages import BenchState, Event
 from motord.api.queue_messages import QueueView
@@ -50,4 +51,4 @@ class QueueLookup:
                 self._due = True
                 await asyncio.sleep(AGAIN_S)
                 return
-            self._show(json.dumps(content).encode())
+            self._show(to_json(content, inf_nan_mode="null"))
