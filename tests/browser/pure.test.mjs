@@ -17,7 +17,7 @@ const { grid, shade } = await load("mesh.js");
 const { barLength, quantities } = await load("precision.js");
 const { largest } = await load("turns.js");
 const { Marks } = await load("marks.js");
-const { attemptsText, place, policyText, settingsText, timeText, waitText } = await load("queue_items.js");
+const { attemptsText, place, policyText, settingsText, timeText, waitText, whole } = await load("queue_items.js");
 const overview = await load("bench_texts.js");
 const { traceOf } = await load("signals.js");
 const { Socket } = await load("socket.js");
@@ -348,7 +348,9 @@ test("an item of the queue in words", () => {
   const wait = { channel: "winding_C", below: 40, above: null, until: null, limit_s: 90 };
   assert.equal(waitText(wait), "winding_C below 40, at most 1:30 min");
   assert.equal(waitText({ ...wait, channel: null, until: "06:00", limit_s: null }), "until 06:00");
-  assert.equal(settingsText({ torques_Nm: [1, 2], turns: 2, stator: null }), "torques 1, 2 Nm \u00b7 turns 2 \u00b7 stator none");
+  assert.equal(waitText({ channel: "oil_bar", above: 1.5 }), "oil_bar above 1.5");
+  assert.equal(policyText(whole({ name: "cogging" })), "if it fails: the queue pauses");
+  assert.equal(settingsText({ torques_Nm: [1, 2], turns: 2, stator: null, gain_steps: [] }), "torques 1, 2 Nm \u00b7 turns 2 \u00b7 stator none \u00b7 gain steps none");
   assert.ok(settingsText({ table: [{ a: "x".repeat(1000) }] }).length < 80);
   assert.deepEqual(["stop", "skip", "retry"].map((on_failure) => policyText({ on_failure, retries: 2 })),
     ["if it fails: the queue pauses", "if it fails: skipped", "if it fails: again, at most 2 times"]);

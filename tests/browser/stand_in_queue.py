@@ -25,8 +25,8 @@ class StandInQueue:
         }  # fmt: skip
 
     def content(self, token: str = "") -> dict[str, Any]:
-        """Return all of it."""
-        items = [item.model_dump(mode="json") for item in self.queue.items]
+        """Return all of it; of plans what was given, as the daemon does."""
+        items = [item.model_dump(mode="json", exclude_unset=True) for item in self.queue.items]
         history = [run.model_dump(mode="json") for run in self.queue.history]
         return {"queue": self.view.model_dump(), "items": items, "history": history, "added": []}
 

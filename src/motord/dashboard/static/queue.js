@@ -2,7 +2,7 @@
 
 import { allow, byId, element, setAttribute, setText } from "./dom.js";
 import { clock, duration } from "./format.js";
-import { attemptsText, place, policyText, settingsText, stateText, timeText, waitText } from "./queue_items.js";
+import { attemptsText, place, policyText, settingsText, stateText, timeText, waitText, whole } from "./queue_items.js";
 
 const HISTORY_SHOWN = 10;
 
@@ -114,7 +114,7 @@ export class PlanQueue {
 
   /** @param {Item} item @param {any[]} history */
   _row(item, history) {
-    const { plan } = item;
+    const plan = whole(item.plan);
     const waits = plan.wait.map(waitText).join("; ");
     const tried = attemptsText(item, history);
     const about = [plan.serial ? `serial ${plan.serial}` : "", settingsText(plan.settings), plan.notes, waits ? `waits ${waits}` : "", policyText(plan)];

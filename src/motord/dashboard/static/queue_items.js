@@ -2,7 +2,7 @@
 
 import { clock, duration, nameAndUnit } from "./format.js";
 
-/** @typedef {{channel: string | null, below: number | null, above: number | null, until: string | null, limit_s: number | null}} Wait */
+/** @typedef {{channel?: string | null, below?: number | null, above?: number | null, until?: string | null, limit_s?: number | null}} Wait */
 /** @typedef {{name: string, settings: Record<string, any>, notes: string, serial?: string | null, wait: Wait[], on_failure: string, retries: number}} Plan */
 /** @typedef {{id: number, plan: Plan, estimate_s: number, added_by: string, state: string, failures: number}} Item */
 /** @typedef {{id: number, plan: string, state: string, message: string, kept: boolean, recording: string, ended_ns: number}} Run */
@@ -15,6 +15,11 @@ export const WORDS = {
 /** @param {string} state */
 export const stateText = (state) => WORDS[/** @type {keyof typeof WORDS} */ (state)] ?? state;
 
+const PLAN = { settings: {}, notes: "", serial: null, wait: [], on_failure: "stop", retries: 1 };
+
+/** A plan as the daemon gives it, which leaves out what was not given. @param {Partial<Plan> & {name: string}} plan @returns {Plan} */
+export const whole = (plan) => ({ ...PLAN, ...plan });
+
 const SETTING_MAX = 60;
 
 /** Settings that differ from the bench file's. @param {Record<string, any>} settings */
@@ -22,14 +27,14 @@ export function settingsText(settings) {
   return Object.entries(settings).map(([name, value]) => {
     const { words, unit } = nameAndUnit(name);
     const numbers = Array.isArray(value) && value.every((one) => typeof one !== "object");
-    const text = numbers ? value.join(", ") : value !== null && typeof value === "object" ? JSON.stringify(value) : String(value ?? "none");
+    const text = numbers ? value.join(", ") || "none" : value !== null && typeof value === "object" ? JSON.stringify(value) : String(value ?? "none");
     const short = text.length > SETTING_MAX ? `${text.slice(0, SETTING_MAX)}\u2026` : text;
     return `${words} ${short}${unit ? ` ${unit}` : ""}`;
   }).join(" \u00b7 ");
 }
 
 /** @param {Wait} wait */
-export function waitText({ channel, below, above, until, limit_s }) {
+export function waitText({ channel, below = null, above, until = null, limit_s = null }) {
   const condition = until !== null ? `until ${until}` : `${channel} ${below !== null ? `below ${below}` : `above ${above}`}`;
   return condition + (limit_s !== null ? `, at most ${duration(limit_s)}` : "");
 }
