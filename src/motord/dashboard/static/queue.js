@@ -63,6 +63,7 @@ export class PlanQueue {
     byId("queue").hidden = queue === null;
     if (queue === null) return;
     const empty = queue.length === 0;
+    setAttribute(byId("queue"), "data-empty", empty && queue.state === "paused");
     setAttribute(byId("queue-state"), "data-state", empty ? "" : queue.state);
     setText(byId("queue-state"), empty ? "empty" : stateText(queue.state) + (queue.detached ? " (detached)" : ""));
     setText(byId("queue-count"), empty ? "" : `${queue.length} ${queue.length === 1 ? "plan" : "plans"}${queue.done ? ` \u00b7 ${queue.done} done` : ""}${queue.failed ? ` \u00b7 ${queue.failed} failed` : ""}`);
