@@ -15,6 +15,7 @@ from playwright.sync_api import Browser
 
 from motord.api.messages import BenchState, LeaseView
 from motord.api.plan_messages import PlanView
+from motord.api.queue_messages import QueueView
 from motord.client.roster import BenchEntry
 from motord.dashboard.app import application
 from motord.dashboard.overview.bench_list import BenchList
@@ -66,11 +67,13 @@ def picture_of_all(browser: Browser, stand_in: StandIn) -> bytes:
     plan = {"plan": "calibrate", "state": "running", "serial": "AX-0117", "points": 30}
     now = {"points_done": 12, "fraction": 0.4, "eta_s": 640.0}
     running = {**off, "state": "ENABLED", "plan": PlanView.model_validate({**plan, **now})}
+    running["queue"] = QueueView(state="running", length=3, eta_s=4000.0)
+    tripped = {"queue": None}
     rigs = [
         BenchEntry(f"rig-{n}", state.model_copy(update=changes), age_s, True, 1, "", endpoint)
         for n, (changes, age_s, endpoint) in enumerate(
             (
-                (running, 0.04, "tcp/127.0.0.1:7447"), ({}, 0.06, "tcp/127.0.0.1:7449"),
+                (running, 0.04, "tcp/127.0.0.1:7447"), (tripped, 0.06, "tcp/127.0.0.1:7449"),
                 (off, 42.0, "tls/bench.lab:7448"), (off, 0.05, "tls/bench.lab:7448"),
             ), start=1,
         )

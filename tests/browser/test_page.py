@@ -168,8 +168,9 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     shows(page, "#queue-items li >> nth=0", "running")
     server.stand_in.do(lambda: end("done", recording="/runs/sim-7.mcap"))
     shows(viewer, "#queue-history li >> nth=0", "sim-7.mcap")
-    page.click("#queue-remove-1")
+    page.dblclick("#queue-remove-1")
     shows(page, "#queue-state", "empty")
+    assert names(server).count("queue/remove") == 1
     assert names(server).count("queue/add") == 2
     waits(page, "() => document.activeElement.id === 'queue'")
 

@@ -91,7 +91,8 @@ def serve_overview(
 ) -> None:
     """Serve the page of all benches until SIGINT, SIGTERM or SIGHUP."""
     pages = OverviewPages(
-        BenchList(command_for(identity)), lambda: [str(why) for why in benches.unreachable.values()]
+        BenchList(command_for(identity)),
+        lambda: [str(why) for why in tuple(benches.unreachable.values())],
     )
     _run(application(pages, tokens, BenchesLink(benches), "benches.html"), listener)
 

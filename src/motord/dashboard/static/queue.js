@@ -20,7 +20,8 @@ export class PlanQueue {
     this._button("stop", () => this._stop());
     byId("queue-items").addEventListener("click", (/** @type {MouseEvent} */ event) => {
       const button = /** @type {HTMLElement} */ (event.target).closest("button");
-      if (button) this._edit(Number(button.dataset.item), button.dataset.does ?? "");
+      // the second click of a double click may be on the row that came in the place of the first
+      if (button && event.detail < 2) this._edit(Number(button.dataset.item), button.dataset.does ?? "");
     });
     bench.on("queue", () => this._showItems());
     for (const kind of /** @type {const} */ (["state", "lease", "link", "connection"])) bench.on(kind, () => this._show());
