@@ -53,7 +53,7 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
             "id": "8f2c51d09ab3e7c4", "created": "2026-01-01T09:00:00Z", "age_s": 259200.0,
             "age": "3 days", "method": "joint", "path": "/calibrations/sim/8f2c51d09ab3e7c4.json",
         },
-        "tracking": stand_in.tracking,
+        "tracking": stand_in.tracking, "queue": stand_in.queue.view.model_dump(),
         "brake": {"health": "simulated"}, "drive": {"health": "simulated"},
         "channels": [
             {"name": "winding_C", "unit": "degC", "value": 131.5, "status": "trip", "age_s": 0.2},

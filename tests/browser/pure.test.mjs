@@ -17,6 +17,8 @@ const { grid, shade } = await load("mesh.js");
 const { barLength, quantities } = await load("precision.js");
 const { largest } = await load("turns.js");
 const { Marks } = await load("marks.js");
+const { attemptsText, place, policyText, settingsText, timeText, waitText, whole } = await load("queue_items.js");
+const overview = await load("bench_texts.js");
 const { traceOf } = await load("signals.js");
 const { Socket } = await load("socket.js");
 
@@ -340,6 +342,56 @@ test("phases and set-points differ by more than colour", () => {
   assert.deepEqual(["i_a_A", "i_b_A", "i_cmd_a_A"].map((name) => signal(name).tag), ["a", "b", "a*"]);
   assert.notEqual(signal("i_cmd_a_A").dash, undefined);
   assert.notEqual(signal("torque_set_Nm").dash, undefined);
+});
+
+test("an item of the queue in words", () => {
+  const wait = { channel: "winding_C", below: 40, above: null, until: null, limit_s: 90 };
+  assert.equal(waitText(wait), "winding_C below 40, at most 1:30 min");
+  assert.equal(waitText({ ...wait, channel: null, until: "06:00", limit_s: null }), "until 06:00");
+  assert.equal(waitText({ channel: "oil_bar", above: 1.5 }), "oil_bar above 1.5");
+  assert.equal(policyText(whole({ name: "cogging" })), "if it fails: the queue pauses");
+  assert.equal(settingsText({ torques_Nm: [1, 2], turns: 2, stator: null, gain_steps: [] }), "torques 1, 2 Nm \u00b7 turns 2 \u00b7 stator none \u00b7 gain steps none");
+  assert.ok(settingsText({ table: [{ a: "x".repeat(1000) }] }).length < 80);
+  assert.deepEqual(["stop", "skip", "retry"].map((on_failure) => policyText({ on_failure, retries: 2 })),
+    ["if it fails: the queue pauses", "if it fails: skipped", "if it fails: again, at most 2 times"]);
+  const runs = [{ id: 1, state: "failed", message: "too slow", ended_ns: 0 }, { id: 2, state: "done", ended_ns: 0 }];
+  assert.match(attemptsText({ id: 1 }, [...runs, runs[0]]), /^2 attempts; failed at \d\d:\d\d:\d\d: too slow$/);
+  assert.equal(attemptsText({ id: 3 }, runs), "");
+  const item = { state: "running", estimate_s: 96 };
+  assert.equal(timeText(item, { state: "running", eta_s: 30 }), "30 s to go");
+  assert.equal(timeText(item, { state: "done", eta_s: 0 }), "about 1:36 min");
+  assert.equal(timeText({ ...item, state: "queued" }, { state: "running", eta_s: 30 }), "about 1:36 min");
+});
+
+test("items move among those that are not under way", () => {
+  const items = [{ id: 7, state: "running" }, { id: 3, state: "queued" }, { id: 9, state: "queued" }, { id: 5, state: "queued" }];
+  assert.deepEqual([3, 9, 5].map((id) => place(items, id, -1)), [null, 1, 2]);
+  assert.deepEqual([3, 9, 5].map((id) => place(items, id, 1)), [2, 3, null]);
+  assert.deepEqual([place(items, 7, 1), place(items, 1, 1)], [null, null]);
+});
+
+test("a bench of the overview in words", () => {
+  const state = { t_ns: 0, state: "TRIPPED", first_trip: "B", trips: [{ name: "A", meaning: "a" }, { name: "B", meaning: "b" }], action: "look", fault: "",
+    plan: { plan: "calibrate", state: "running", serial: "7", points: 8, points_done: 2, fraction: 0.25, eta_s: 90, message: "" },
+    torque_Nm: 1.98, torque_set_Nm: 2, speed_Hz: 0.7, mean_measured: true, recording: false, recording_name: "", recording_trouble: "disk full" };
+  const bench = { bench: "a", silent: false, age_s: 0.2, daemons: 1, problem: "", gone_ns: null, state };
+  const silent = { ...bench, silent: true, age_s: 42 };
+  const gone = { ...bench, gone_ns: 1 };
+  assert.equal(overview.summary([bench, silent, gone]), "2 benches: 1 tripped, 1 with a plan, 1 silent, 1 vanished");
+  assert.equal(overview.summary([]), "0 benches");
+  assert.deepEqual([bench, silent, gone].map(overview.old), [false, true, true]);
+  assert.equal(overview.ageText(bench, 1), "1.2 s old");
+  assert.equal(overview.ageText(silent, 1), "silent for 43 s");
+  assert.match(overview.ageText(gone, 0), /^vanished at \d\d:\d\d:\d\d/);
+  assert.equal(overview.ageText({ ...silent, age_s: null, state: null }, 0), "silent: no answer");
+  assert.deepEqual(overview.troubles(state), ["B: b", "A: a", "What to do: look; then reset"]);
+  assert.deepEqual(overview.troubles({ ...state, state: "OFF", fault: "no loop" }), ["no loop"]);
+  assert.equal(overview.planText(state.plan), "calibrate \u25b6 running, serial 7 \u00b7 2 of 8 points \u00b7 25 %, 1:30 min to go");
+  assert.match(overview.planText({ ...state.plan, state: "failed", message: "too slow" }), /2 of 8 points \u00b7 too slow$/);
+  assert.equal(overview.motionText(state), "1.98 of 2.00 Nm set \u00b7 0.70 Hz");
+  assert.equal(overview.motionText({ ...state, mean_measured: false }), "2.00 Nm set \u00b7 0.70 Hz");
+  assert.equal(overview.recorderText(state), "not recording: disk full");
+  assert.equal(overview.queueText({ state: "paused", length: 2, eta_s: 60 }), "\u275a\u275a paused \u00b7 2 plans, about 1:00 min");
 });
 
 test("of two attempts to connect at the same time one socket is left", async (t) => {

@@ -9,9 +9,10 @@ import sys
 import threading
 import time
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, Self
 
 import uvicorn
+from starlette.applications import Starlette
 
 from motord import config
 from motord.api.messages import BenchState, Event
@@ -26,6 +27,7 @@ from motord.dashboard.tokens import Tokens
 from motord.schema import State, Trip
 from motord.security.roles import Role
 from tests.browser import documents
+from tests.browser.stand_in_queue import StandInQueue
 from tests.browser.synthetic_bench import CALIBRATED, SyntheticBench
 
 BLOCK_S = 0.02
@@ -49,6 +51,7 @@ class StandIn:
         self.events_so_far: list[Event] = []
         self.plan: PlanView | None = None
         self.mesh: MeshView | None = None
+        self.queue = StandInQueue(lambda message: self.event("queue", message))
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.held_back: set[str] = set()
         """Calibrations that are shown only when they are no longer in here."""
@@ -85,7 +88,9 @@ class StandIn:
             raise ClientError("unreachable", "no answer in time")
         if arguments.get("token") not in (None, self.token):
             raise ClientError("no_lease", f"{self.holder} is in command now")
-        reply: dict[str, Any] = getattr(self, "_" + name.replace("/", "_"))(**arguments)
+        group, _, what = name.partition("/")
+        own = self.queue.requests[what] if group == "queue" else None
+        reply: dict[str, Any] = (own or getattr(self, "_" + name.replace("/", "_")))(**arguments)
         if (wanted := arguments.get("id")) in self.held_back:
             while wanted in self.held_back:
                 await asyncio.sleep(BLOCK_S)
@@ -309,20 +314,13 @@ class StandIn:
         self._take([("state", BenchState.model_validate(state))])
 
 
-class Server:
-    """The page's server over a stand-in, in a thread of its own."""
+class AppServer:
+    """An application of the dashboard, in a thread of its own."""
 
-    def __init__(self, stand_in: StandIn, port: int = 0, tokens: Tokens | None = None) -> None:
-        self.stand_in = stand_in
-        self.tokens = tokens or Tokens(Role.OPERATOR)
-        live = LiveBench("sim", stand_in.config)
-        live.calibrated = list(CALIBRATED)
-        pages = Pages(live, stand_in, "anna@bench")
-        live.publish = pages.publish
+    def __init__(self, app: Starlette, tokens: Tokens, port: int = 0) -> None:
         self._listener = listen(port)
         self.port = self._listener.getsockname()[1]
-        self.urls = urls(self._listener, self.tokens)
-        app = application(pages, self.tokens, stand_in)
+        self.urls = urls(self._listener, tokens)
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,
@@ -337,7 +335,7 @@ class Server:
             target=lambda: asyncio.run(self._server.serve(sockets=[self._listener])), daemon=True
         )
 
-    def __enter__(self) -> "Server":
+    def __enter__(self) -> Self:
         self._thread.start()
         return self
 
@@ -345,6 +343,19 @@ class Server:
         self._server.should_exit = True
         self._thread.join(20)
         self._listener.close()
+
+
+class Server(AppServer):
+    """The page's server over a stand-in."""
+
+    def __init__(self, stand_in: StandIn, port: int = 0, tokens: Tokens | None = None) -> None:
+        self.stand_in = stand_in
+        self.tokens = tokens or Tokens(Role.OPERATOR)
+        live = LiveBench("sim", stand_in.config)
+        live.calibrated = list(CALIBRATED)
+        pages = Pages(live, stand_in, "anna@bench")
+        live.publish = pages.publish
+        super().__init__(application(pages, self.tokens, stand_in), self.tokens, port)
 
 
 def main() -> None:

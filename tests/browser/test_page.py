@@ -32,6 +32,9 @@ pytestmark = [
 ]
 
 
+HOSTILE = "<script>alert(1)</script>"
+
+
 @pytest.fixture
 def server() -> Iterator[Server]:
     with Server(StandIn()) as running:
@@ -135,6 +138,41 @@ def test_a_plan_with_targets_shows_its_precision_shrinking(server, visit: Watche
     shows(page, "#plan-precision", "Does not end early: it does not fit")
     expect(rows.nth(1)).to_contain_text("reached")
     assert float(bar.get_attribute("x2") or "") == pytest.approx(wide * 0.019 / 0.0345, rel=1e-6)
+
+
+def test_a_plan_goes_through_the_queue(server, visit: Watched):
+    page, viewer = visit(server.urls.operator), visit(server.urls.viewer)
+    page.click("#take")
+    page.click("#plan-start-box > summary")
+    page.fill("#plan-serial", HOSTILE)
+    expect(page.locator("#plan-add")).to_be_disabled()
+    page.click("#plan-check")
+    for number in "12":
+        page.click("#plan-add")
+        shows(page, "#queue-items", f"{number} calibrate")
+    page.focus("#queue-up-2")
+    page.keyboard.press("Enter")  # and the focus stays with the item
+    waits(page, "() => document.activeElement.id === 'queue-down-2'")
+    assert [row.get_attribute("data-id") for row in page.locator("#queue-items li").all()] == [
+        *"21"
+    ]
+    shows(viewer, "#queue-items", HOSTILE)
+    expect(viewer.locator("#queue button").first).to_be_hidden()
+    page.click("#queue-start")
+    shows(page, "#queue-items li >> nth=0", "running")
+    expect(page.locator("#queue-remove-2")).to_be_disabled()
+    end = server.stand_in.queue.end
+    server.stand_in.do(lambda: end("failed", "the speed was 3 % off"))
+    shows(page, "#queue-items .attempts", "1 attempt; failed")
+    page.click("#queue-start")
+    shows(page, "#queue-items li >> nth=0", "running")
+    server.stand_in.do(lambda: end("done", recording="/runs/sim-7.mcap"))
+    shows(viewer, "#queue-history li >> nth=0", "sim-7.mcap")
+    page.dblclick("#queue-remove-1")
+    shows(page, "#queue-state", "empty")
+    assert names(server).count("queue/remove") == 1
+    assert names(server).count("queue/add") == 2
+    waits(page, "() => document.activeElement.id === 'queue'")
 
 
 @pytest.mark.parametrize("asked", [True, False])
@@ -481,6 +519,9 @@ def test_axe_has_no_serious_findings(server, visit: Watched):
     server.stand_in.do(server.stand_in.trip_over_current)
     shows(page, "#trip", "What to do")
     shows(page, "#plan-precision", "reached")
+    server.stand_in.do(lambda: queue_that_failed(server.stand_in))
+    shows(page, "#queue-items", "1 attempt")
+    page.click("#queue-ended > summary")
     page.click("#plan-start-box > summary")
     page.evaluate(AXE.read_text())  # by the debugger: the page's policy lets no other script in
     for tab in ("tab-health", "tab-page", "tab-calibration"):
@@ -497,12 +538,22 @@ def test_axe_has_no_serious_findings(server, visit: Watched):
 @pytest.mark.skipif(not AXE.exists(), reason="needs packages: npm ci --prefix tests/node")
 def test_what_is_old_can_be_read_as_well(server, visit: Watched):
     page = visit(server.urls.operator, color_scheme="light")
+    server.stand_in.do(lambda: queue_that_failed(server.stand_in))
+    shows(page, "#queue-items", "1 attempt")
     server.stand_in.do(lambda: setattr(server.stand_in, "silent", True))
     expect(page.locator("body")).to_have_attribute("data-stale", "true")
     page.evaluate(AXE.read_text())
     assert findings(page) == [], "light"
     page.emulate_media(color_scheme="dark")
     assert findings(page) == [], "dark"
+
+
+def queue_that_failed(stand_in: StandIn) -> None:
+    """Give the stand-in a queue of two plans, of which the first has failed."""
+    waits = [{"channel": "winding_C", "below": 40}]
+    stand_in.queue.add([{"name": "calibrate"}, {"name": "verify", "wait": waits}])
+    stand_in.queue.start("")
+    stand_in.queue.end("failed", "the speed was 3 % off")
 
 
 def findings(page: Page) -> list[str]:

@@ -2,10 +2,11 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from motord.api.published_message import PublishedMessage
 from motord.config.base import Finite, Positive, Section
+from motord.verdict.serial import check_serial
 
 ChannelName = Annotated[str, Field(min_length=1, max_length=64)]
 TimeOfDay = Annotated[str, Field(pattern=r"^([01]\d|2[0-3]):[0-5]\d$")]
@@ -53,6 +54,8 @@ class QueuedPlan(Section):
     """Its settings, where they differ from the bench file's."""
     notes: Annotated[str, Field(max_length=4000)] = ""
     """For the recording."""
+    serial: Annotated[str, AfterValidator(check_serial)] | None = None
+    """The motor's serial number, for the recording; refused if the bench file names another."""
     check: bool = True
     """Check the calibration before, if `[calibration] check_before_plans` asks for it."""
     wait: Annotated[tuple[QueueWait, ...], Field(max_length=8)] = ()

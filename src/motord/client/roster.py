@@ -15,7 +15,7 @@ class BenchEntry:
     """A bench as it is known. age_s: since a state was published, None before the first one.
 
     alive: its liveliness token is there; daemons: so many answer under its name, 0 as long as none
-    has; problem: why what came of it could not be read.
+    has; problem: why what came of it could not be read; endpoint: one by which it is alive.
     """
 
     bench: str
@@ -24,6 +24,7 @@ class BenchEntry:
     alive: bool
     daemons: int
     problem: str = ""
+    endpoint: str = ""
 
     @property
     def silent(self) -> bool:
@@ -97,4 +98,5 @@ class BenchRoster:
         alive, problem = bool(seen.tokens), seen.problem
         if not alive and not daemons and (age_s is None or age_s > SILENT_S):
             return None
-        return BenchEntry(bench, seen.state, age_s, alive, daemons, problem)
+        endpoint = min(seen.tokens, default="")
+        return BenchEntry(bench, seen.state, age_s, alive, daemons, problem, endpoint)

@@ -2,27 +2,28 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
 
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from motord.allowance import Allowance
-from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.frames import FrameError, encode
-from motord.dashboard.page.live_page import LivePage, PageGone
-from motord.dashboard.page.messages import read
-from motord.dashboard.page.pages import Pages
+from motord.dashboard.page.messages import PageMessage, read
+from motord.dashboard.page.sending import PageGone, Sender
 from motord.dashboard.tokens import Tokens, foreign
+from motord.security.roles import Role
 
 SUBPROTOCOL = "motord.1"
 MALFORMED, TOO_MANY_MESSAGES, NO_ANSWER = 4400, 4429, 4408
@@ -42,6 +43,53 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-cache",
 }
+
+
+STATIC = Path(__file__).parent / "static"
+
+
+class SocketPage(Protocol):
+    """A page at the other end of a socket."""
+
+    async def send_all(self, send: Sender) -> None:
+        """Send what there is to send; never returns. Raises PageGone."""
+
+    def received(self, message: PageMessage) -> None:
+        """Do what the page asks for."""
+
+
+class SocketPages(Protocol):
+    """The pages that are open, and what comes from daemons to all of them."""
+
+    @property
+    def bench_name(self) -> str:
+        """Name of the bench, "" if there are several."""
+
+    @property
+    def full(self) -> bool:
+        """True if no more pages may be opened."""
+
+    def open(self, role: Role) -> Any:
+        """Return a new `SocketPage`."""
+
+    async def close(self, page: Any) -> None:
+        """Forget a page."""
+
+    def take(self, items: list[Any]) -> None:
+        """Take in what came."""
+
+    async def connected(self) -> None:
+        """Take in what was missed."""
+
+
+class DaemonLink(Protocol):
+    """Where it comes from."""
+
+    def start(self, take: Callable[[list[Any]], None]) -> None:
+        """Subscribe, in the running event loop."""
+
+    async def keep(self, connected: Callable[[], Awaitable[None]]) -> None:
+        """Look after the connection; never returns."""
 
 
 class OwnPageOnly:
@@ -78,7 +126,9 @@ def _with_headers(send: Send) -> Send:
     return send_with_headers
 
 
-def application(pages: Pages, tokens: Tokens, link: BenchLink) -> Starlette:
+def application(
+    pages: SocketPages, tokens: Tokens, link: DaemonLink, page_file: str = "index.html"
+) -> Starlette:
     """Return the application; it is a client of the daemon as long as it runs."""
 
     @asynccontextmanager
@@ -96,7 +146,10 @@ def application(pages: Pages, tokens: Tokens, link: BenchLink) -> Starlette:
         if role is None:
             why = "wrong token: open the URL that `motord dashboard` printed at its last start"
             return JSONResponse({"error": why}, 401)
-        return JSONResponse({"role": str(role), "bench": pages.bench.bench})
+        return JSONResponse({"role": str(role), "bench": pages.bench_name})
+
+    async def page_itself(request: Request) -> Response:
+        return FileResponse(STATIC / page_file)
 
     async def live(socket: WebSocket) -> None:
         offered = socket.scope["subprotocols"]
@@ -115,6 +168,7 @@ def application(pages: Pages, tokens: Tokens, link: BenchLink) -> Starlette:
 
     return Starlette(
         routes=[
+            Route("/", page_itself),
             Route("/session", session),
             WebSocketRoute("/socket", live),
             Mount("/", StaticFiles(packages=[("motord.dashboard", "static")], html=True)),
@@ -124,7 +178,7 @@ def application(pages: Pages, tokens: Tokens, link: BenchLink) -> Starlette:
     )
 
 
-async def _serve(socket: WebSocket, page: LivePage) -> None:
+async def _serve(socket: WebSocket, page: SocketPage) -> None:
     """Send and receive until the page is gone."""
     sending = asyncio.create_task(_send(socket, page))
     receiving = asyncio.create_task(_receive(socket, page))
@@ -138,7 +192,7 @@ async def _serve(socket: WebSocket, page: LivePage) -> None:
         await asyncio.gather(sending, receiving, return_exceptions=True)
 
 
-async def _send(socket: WebSocket, page: LivePage) -> None:
+async def _send(socket: WebSocket, page: SocketPage) -> None:
     with suppress(WebSocketDisconnect):
         try:
             await page.send_all(partial(_send_bytes, socket))
@@ -146,7 +200,7 @@ async def _send(socket: WebSocket, page: LivePage) -> None:
             await _close(socket, NO_ANSWER, "the page has not answered for too long")
 
 
-async def _receive(socket: WebSocket, page: LivePage) -> None:
+async def _receive(socket: WebSocket, page: SocketPage) -> None:
     allowance = Allowance(MESSAGES_PER_S, MESSAGES_AT_ONCE)
     with suppress(WebSocketDisconnect):
         while True:

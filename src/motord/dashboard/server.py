@@ -7,13 +7,18 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import uvicorn
+from starlette.applications import Starlette
 
 from motord.client import Client, operator
+from motord.client.benches import Benches
 from motord.dashboard.app import application
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.live_bench import LiveBench
+from motord.dashboard.overview.bench_list import BenchList
+from motord.dashboard.overview.overview_pages import BenchesLink, OverviewPages, command_for
 from motord.dashboard.page.messages import MAX_BYTES
 from motord.dashboard.page.pages import Pages
 from motord.dashboard.tokens import Tokens
@@ -75,9 +80,27 @@ def serve(
     bench = LiveBench(client.bench, client.rpc("config")["config"])
     pages = Pages(bench, link, operator().split(" ")[0])
     bench.publish = pages.publish
+    try:
+        _run(application(pages, tokens, link), listener)
+    finally:
+        link.close()
+
+
+def serve_overview(
+    benches: Benches, listener: socket.socket, tokens: Tokens, identity: Path | None
+) -> None:
+    """Serve the page of all benches until SIGINT, SIGTERM or SIGHUP."""
+    pages = OverviewPages(
+        BenchList(command_for(identity)),
+        lambda: [str(why) for why in tuple(benches.unreachable.values())],
+    )
+    _run(application(pages, tokens, BenchesLink(benches), "benches.html"), listener)
+
+
+def _run(app: Starlette, listener: socket.socket) -> None:
     server = _Server(
         uvicorn.Config(
-            application(pages, tokens, link),
+            app,
             ws="websockets-sansio",
             ws_max_size=MAX_BYTES,
             ws_per_message_deflate=False,
@@ -89,10 +112,7 @@ def serve(
         )
     )
     logging.getLogger("uvicorn.error").addFilter(_is_no_refusal)
-    try:
-        asyncio.run(server.serve(sockets=[listener]))
-    finally:
-        link.close()
+    asyncio.run(server.serve(sockets=[listener]))
 
 
 def _is_no_refusal(record: logging.LogRecord) -> bool:

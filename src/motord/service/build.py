@@ -140,7 +140,7 @@ def build(
     adoption = Adoption(tracker, installation, store, run_dir)
     plans = PlanControl(bench, resumption, recording.obstacle, store.file)
     queue = QueueRunner(
-        *(bench, QueuedPlanControl(plans, resumption)),
+        *(bench, QueuedPlanControl(bench, plans, resumption)),
         QueueFile(state_dir / "plans" / f"{config.bench.name}.queue.json"),
         channel_value(bench),
         time.time_ns,

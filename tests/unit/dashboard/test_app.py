@@ -9,6 +9,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from motord import config
 from motord.api.messages import BenchState, CalibrationView
+from motord.api.queue_messages import QueueView
 from motord.client import ClientError
 from motord.dashboard.app import MALFORMED, MESSAGES_AT_ONCE, TOO_MANY_MESSAGES, application
 from motord.dashboard.frames import decode, encode
@@ -329,7 +330,10 @@ def test_what_is_no_rpc_of_a_page_is_refused(server, name):
         assert ask(socket, name) == "unknown"
 
 
-@pytest.mark.parametrize("name", ["stop", "lease/acquire", "plan/start", "set"])
+VIEWERS_MAY_NOT = ["stop", "lease/acquire", "plan/start", "set", "queue/add", "queue/start"]
+
+
+@pytest.mark.parametrize("name", VIEWERS_MAY_NOT)
 def test_a_viewer_commands_nothing(server, tokens, name):
     with server.socket(tokens.viewer) as socket:
         assert receive(socket, "hello")[0]["role"] == "viewer"
@@ -469,6 +473,17 @@ def test_a_socket_that_the_server_closed_by_itself_ends_without_an_error(server)
             raise RuntimeError("Unexpected ASGI message 'websocket.send', after 'websocket.close'.")
 
     server.client.portal.call(server.client.app, scope, receive, send)
+
+
+def test_every_page_gets_the_queue_as_the_daemon_reports_it(server, tokens):
+    reported = state(1.0).model_copy(update={"queue": QueueView(length=1)})
+    with server.socket() as first, server.socket(tokens.viewer) as viewer:
+        server.come(("state", reported))
+        for socket in (first, viewer):
+            assert receive(socket, "queue")[0]["data"] == {"state": "READY"}
+        assert ask(first, "queue/move", id=1, position=1) == "no_lease"
+    with server.socket() as later:
+        assert receive(later, "queue")[0]["data"] == {"state": "READY"}
 
 
 def test_a_restart_of_the_daemon_ends_every_lease(server):

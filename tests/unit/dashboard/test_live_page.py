@@ -7,8 +7,9 @@ import pytest
 from motord import config
 from motord.dashboard import app
 from motord.dashboard.live_bench import LiveBench
-from motord.dashboard.page import live_page
-from motord.dashboard.page.live_page import LivePage, PageGone
+from motord.dashboard.page import sending
+from motord.dashboard.page.live_page import LivePage
+from motord.dashboard.page.sending import PageGone
 from motord.security.roles import Role
 from tests.unit.dashboard.fake_link import FakeLink
 
@@ -20,7 +21,7 @@ async def never(_):
 
 
 def test_a_page_that_takes_nothing_is_gone(monkeypatch):
-    monkeypatch.setattr(live_page, "GONE_S", 0.01)
+    monkeypatch.setattr(sending, "GONE_S", 0.01)
 
     async def main():
         bench = LiveBench("sim", config.load().model_dump(mode="json"))

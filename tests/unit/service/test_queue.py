@@ -187,6 +187,32 @@ def test_a_channel_without_a_value_is_named_and_fails_the_wait(service):
     assert "failed: channel 'winding' has no valid value" in end.message
 
 
+@pytest.mark.parametrize(
+    ("serial", "expected"),
+    [
+        ("other", "plan 1, calibrate: [motor] serial of the bench file is 'sim-1', not 'other'"),
+        ("sim\n1", "serial: the serial number has characters that cannot be printed"),
+        ("", "serial: the serial number is empty"),
+    ],
+)
+def test_a_serial_number_that_cannot_be_is_not_added(service, serial, expected):
+    plans = [{**GOOD, "serial": serial}]
+    error = refused(service, "queue/add", token=service.acquire(), plans=plans)
+    assert expected in error.message
+    assert service.bench.queue.length == 0
+
+
+def test_a_plan_for_a_motor_that_the_bench_file_no_longer_names_does_not_begin(service):
+    token, bench = service.acquire(), service.bench
+    add(service, token, {**GOOD, "serial": "sim-1"})
+    other = bench.config.motor.model_copy(update={"serial": "sim-2"})
+    bench.config = bench.config.model_copy(update={"motor": other})
+    service.ask("queue/start", token=token)
+    end = paused(service, token)
+    assert "1 (calibrate) was not started: [motor] serial of the bench file" in end.message
+    assert not service.sink.started
+
+
 def test_plans_are_checked_whole_before_any_is_added(service):
     token = service.acquire()
     beyond = {"name": "calibrate", "settings": {"torques_Nm": [400.0]}}
@@ -312,7 +338,7 @@ def test_after_a_crash_the_queue_is_paused_and_goes_on_with_what_is_missing(tmp_
     days = Days(tmp_path)
     first = days.daemon()
     token = first.acquire()
-    add(first, token, {"name": "calibrate", "settings": SHORT}, GOOD)
+    add(first, token, {"name": "calibrate", "settings": SHORT}, {**GOOD, "serial": "sim-1"})
     first.ask("queue/start", token=token, detach=True)
     until(first, token, lambda: len(first.sink.points) == 1)
     days.crash(first)
@@ -327,6 +353,7 @@ def test_after_a_crash_the_queue_is_paused_and_goes_on_with_what_is_missing(tmp_
     paused(again, token)
     assert runs(again) == [(1, "interrupted", True), (1, "done", False), (2, "done", False)]
     assert [point["index"] for point in again.sink.points] == [1, 0]
+    assert again.bench.plans.view.serial == "sim-1"  # of the second
     days.crash(again)
     assert days.daemon().bench.queue.length == 0
 

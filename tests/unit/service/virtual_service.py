@@ -174,7 +174,7 @@ class VirtualService:
         self.available = AvailablePlans(self.bench)
         self.channels = {}
         self.queue = QueueRunner(
-            self.bench, QueuedPlanControl(self.plans, self.resumption),
+            self.bench, QueuedPlanControl(self.bench, self.plans, self.resumption),
             queue_file or NoQueueFile(), self.channels.get, lambda: self.now_ns, done_at_once,
         )  # fmt: skip
         self.queued = QueueOperation(self.bench, self.plans, self.resumption, self.queue)

@@ -63,6 +63,13 @@ def add(
     ] = "stop",
     retries: Annotated[int, typer.Option(help="With retry: how often at most.")] = 1,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
+    serial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S",
+            help="The motor's serial number, for the recording, where the bench file names none.",
+        ),
+    ] = None,
     check: Annotated[
         bool,
         typer.Option(
@@ -77,8 +84,8 @@ def add(
     """Put a plan, or those of a file, at the end of the queue; each is checked first."""
     if (name is None) == (file is None):
         raise typer.BadParameter("give the name of a plan, or --file")
-    if file is not None and (settings or below or above or until or notes):
-        raise typer.BadParameter("with --file, settings, waits and notes stand in the file")
+    if file is not None and (settings or below or above or until or notes or serial is not None):
+        raise typer.BadParameter("with --file, settings, waits, notes and serial stand in the file")
     wait: list[dict[str, Any]] = [
         *([{"until": until}] if until is not None else []),
         *({"channel": channel, "below": value} for channel, value in map(_limit, below or [])),
@@ -86,7 +93,7 @@ def add(
     ]
     limit = {} if wait_limit_s is None else {"limit_s": wait_limit_s}
     plan = {
-        "name": name, "notes": notes, "check": check, "on_failure": on_failure,
+        "name": name, "notes": notes, "serial": serial, "check": check, "on_failure": on_failure,
         "retries": retries, "wait": [{**one, **limit} for one in wait],
     }  # fmt: skip
     plans = [_checked(plan)] if file is None else _plans_in(file)
@@ -227,6 +234,7 @@ def _item(item: "QueueItem") -> str:
     waits = "; ".join(wait.in_words() for wait in plan.wait)
     parts = (
         f"{item.id:4d}  {item.state:11} {plan.name}", settings,
+        f"serial {plan.serial}" if plan.serial else "",
         f"about {duration(item.estimate_s)}", f"waits {waits}" if waits else "",
         f"on failure {policy}",
     )  # fmt: skip

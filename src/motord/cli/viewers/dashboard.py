@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from motord.cli.bench.overview import All, open_benches
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_line, remark
@@ -26,9 +27,10 @@ def dashboard(
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
     connection: Connection = DEFAULT,
+    all_benches: All = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show a bench that runs in a browser, and operate it there.
+    """Show a bench that runs in a browser, and operate it there; or all benches, to watch only.
 
     Prints the address for operators, then the one for viewers, who can watch and command nothing.
     Whoever has an address can use it, from this machine alone. Runs until Ctrl-C; a page that is in
@@ -41,6 +43,9 @@ def dashboard(
         if error.name not in ("starlette", "uvicorn", "websockets"):
             raise
         fail(EXTRA)
+    if all_benches:
+        _serve_overview(port, connection, browser=browser, as_json=as_json)
+        return
     with connection.open() as client:
         tokens = server.tokens_for(client)
         with server.listen(port) as listener:
@@ -56,6 +61,28 @@ def dashboard(
             if browser:
                 open_page(urls.operator)
             server.serve(client, connection.connect, listener, tokens)
+
+
+def _serve_overview(port: int, connection: Connection, *, browser: bool, as_json: bool) -> None:
+    from motord.dashboard import server
+    from motord.dashboard.tokens import Tokens
+    from motord.security.roles import Role
+
+    with open_benches(connection) as benches:
+        tokens = Tokens(Role.VIEWER)
+        with server.listen(port) as listener:
+            address = server.urls(listener, tokens).viewer
+            if as_json:
+                print_line(json.dumps({"urls": {"viewer": address}}))
+            else:
+                print_line(address)
+                remark("all benches, to watch only; Ctrl-C ends the page, not the benches")
+            for error in tuple(benches.unreachable.values()):
+                remark(f"motord: {error}")
+            os.nice(NICE)
+            if browser:
+                open_page(address)
+            server.serve_overview(benches, listener, tokens, connection.identity)
 
 
 def _check_host(host: str) -> None:

@@ -4,7 +4,6 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Any
 
@@ -16,6 +15,7 @@ from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page.lease import PageLease
 from motord.dashboard.page.messages import PageMessage, Pong, RpcCall, ViewWanted, Visible
 from motord.dashboard.page.pings import PagePings
+from motord.dashboard.page.sending import GONE_S, PageGone, Sender, in_time
 from motord.dashboard.trace import View
 from motord.security.access import permits
 from motord.security.roles import Role
@@ -26,8 +26,6 @@ LOOK_S = 0.1
 """Longest time between two looks at pings, lease and connection."""
 UNANSWERED_S = 1.0
 """A page that has not answered a ping for so long gets no more traces, turns and timing."""
-GONE_S = 30.0
-"""After so long, or if it takes no message for so long, its socket is closed."""
 CONNECTION_S = 0.25
 UNSENT_MAX = 256
 """Events and replies that wait for a slow page; older events are dropped."""
@@ -35,25 +33,6 @@ CALLS_MAX = 8
 """Requests of a page that are under way at a time."""
 DRAWN = frozenset(("turns", "timing"))
 """Kinds that a hidden page does not get."""
-
-Sender = Callable[[bytes], Awaitable[None]]
-
-
-class PageGone(Exception):
-    """A page that has answered nothing, or taken nothing, for too long."""
-
-
-def _in_time(send: Sender) -> Sender:
-    """Return what sends a message, and raises PageGone if the page does not take it."""
-
-    async def send_in_time(message: bytes) -> None:
-        try:
-            async with asyncio.timeout(GONE_S):
-                await send(message)
-        except TimeoutError:
-            raise PageGone from None
-
-    return send_in_time
 
 
 class LivePage:
@@ -103,7 +82,7 @@ class LivePage:
 
     async def send_all(self, send: Sender) -> None:
         """Send what there is to send; never returns. Raises PageGone."""
-        send = _in_time(send)
+        send = in_time(send)
         while True:
             with suppress(TimeoutError):
                 async with asyncio.timeout(self._pause_s()):

@@ -1,6 +1,7 @@
 """The pages that are open, and what comes from the daemon to all of them."""
 
 import asyncio
+from functools import partial
 from typing import Any
 
 from motord.api.messages import BenchState
@@ -9,6 +10,7 @@ from motord.client import ClientError
 from motord.dashboard.bench_link import BenchLink, Item
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page.live_page import LivePage
+from motord.dashboard.page.queue_lookup import QueueLookup
 from motord.security.roles import Role
 
 PAGES_MAX = 16
@@ -33,6 +35,12 @@ class Pages:
         self._uptime_s = 0.0
         self._calibration = ""
         self._lookup: asyncio.Task[None] | None = None
+        self._queue = QueueLookup(link, partial(bench.set_document, "queue"))
+
+    @property
+    def bench_name(self) -> str:
+        """Name of the bench."""
+        return self.bench.bench
 
     @property
     def full(self) -> bool:
@@ -59,6 +67,7 @@ class Pages:
     def take(self, items: list[Item]) -> None:
         """Take in what came from the daemon."""
         self.bench.take(items)
+        self._queue.take(items)
         for _, item in items:
             if isinstance(item, BenchState):
                 self._follow(item)
@@ -75,6 +84,7 @@ class Pages:
         self.bench.set_events(events)
         for kind, document in documents.items():
             self.bench.set_document(kind, document.to_json() if document else b"null")
+        self._queue.forget()
         for page in self._open:
             page.begin()
 

@@ -100,7 +100,12 @@ export class PlanForm {
       this._check();
     });
     byId("plan-start").addEventListener("click", () => this._start());
+    byId("plan-add").addEventListener("click", () => this._add());
     byId("plan-before-checked").addEventListener("change", () => this._changed());
+    byId("plan-serial").addEventListener("input", () => this._changed());
+    byId("plan-on-failure").addEventListener("change", () => {
+      byId("plan-retries-field").hidden = byId("plan-on-failure").value !== "retry";
+    });
     bench.on("hello", ({ config }) => {
       byId("plan-before").hidden = !config?.calibration?.check_before_plans;
       this._list();
@@ -148,9 +153,10 @@ export class PlanForm {
     return settings;
   }
 
-  /** What is sent only where no check is wanted: an older daemon does not know it. */
-  _withoutCheck() {
-    return byId("plan-before-checked").checked ? {} : { check: false };
+  /** What is sent only where it is given: an older daemon does not know it. */
+  _ifGiven() {
+    const serial = byId("plan-serial").value.trim();
+    return { ...(serial ? { serial } : {}), ...(byId("plan-before-checked").checked ? {} : { check: false }) };
   }
 
   async _check() {
@@ -160,7 +166,7 @@ export class PlanForm {
       const settings = this._settings();
       setText(outline, "checking\u2026");
       const name = byId("plan-choice").value;
-      const reply = await this._socket.call("plan/start", { name, settings, dry_run: true, ...this._withoutCheck() });
+      const reply = await this._socket.call("plan/start", { name, settings, dry_run: true, ...this._ifGiven() });
       this._checked = JSON.stringify([name, settings]);
       setText(outline, `\u2714 within the limits: ${reply.points.length} points, about ${duration(reply.estimate_s)}${reply.outlook ? `; ${reply.outlook}` : ""}`);
     } catch (error) {
@@ -171,7 +177,7 @@ export class PlanForm {
 
   _start() {
     const [name, settings] = JSON.parse(this._checked);
-    const args = { name, settings, detach: byId("plan-detach").checked, notes: byId("plan-notes").value, ...this._withoutCheck() };
+    const args = { name, settings, detach: byId("plan-detach").checked, notes: byId("plan-notes").value, ...this._ifGiven() };
     this._checked = "";
     this._buttons();
     this._socket.call("plan/start", args).then(() => {
@@ -179,8 +185,21 @@ export class PlanForm {
     }, this._messages.failure(`start ${name}`));
   }
 
+  /** The check stays good: the next motor may want the same plan. */
+  _add() {
+    const [name, settings] = JSON.parse(this._checked);
+    const on_failure = byId("plan-on-failure").value;
+    const retries = on_failure === "retry" ? { retries: byId("plan-retries").valueAsNumber } : {};
+    const plan = { name, settings, notes: byId("plan-notes").value, on_failure, ...retries, ...this._ifGiven() };
+    this._socket.call("queue/add", { plans: [plan] }).then(({ added }) => {
+      this._messages.say("info", `${name} is number ${added.join(", ")} of the queue`);
+    }, this._messages.failure(`add ${name}`));
+  }
+
   _buttons() {
     const active = ["running", "pausing", "paused", "ending"].includes(this._bench.plan?.state) ? "A plan is under way." : "";
+    byId("plan-queue").hidden = !this._bench.state?.queue;
+    allow(byId("plan-add"), this._bench.leaseObstacle || (this._checked ? "" : "Check it first."));
     allow(byId("plan-check"), this._bench.link.status === "open" ? "" : "No connection.");
     allow(byId("plan-start"), this._bench.leaseObstacle || active || (this._checked ? "" : "Check it first."));
     setText(byId("plan-start-why"), byId("plan-start").disabled ? byId("plan-start").title : "");

@@ -10,7 +10,7 @@ export const STATES = {
   TRIPPED: { sign: "\u2716", meaning: "An interlock took the current away." },
 };
 
-/** @typedef {"hello" | "state" | "plan" | "mesh" | "event" | "events" | "connection" | "lease" | "timing" | "turns" | "link" | "error"} Kind */
+/** @typedef {"hello" | "state" | "plan" | "mesh" | "queue" | "event" | "events" | "connection" | "lease" | "timing" | "turns" | "link" | "error"} Kind */
 
 export class Bench {
   constructor() {
@@ -22,6 +22,8 @@ export class Bench {
     this.plan = null;
     /** @type {any} */
     this.mesh = null;
+    /** @type {any} all of the queue: items and history; in short it is in the state */
+    this.queue = null;
     /** @type {any} */
     this.lease = { held: false, holder: null, remaining_s: 0, why: "" };
     /** @type {any} */
@@ -48,6 +50,7 @@ export class Bench {
     else if (header.kind === "state") this._takeState(data);
     else if (header.kind === "plan") this.plan = data;
     else if (header.kind === "mesh") this.mesh = data;
+    else if (header.kind === "queue") this.queue = data;
     else if (header.kind === "lease") this.lease = header;
     else if (header.kind === "connection") this.connection = header;
     this.emit(header.kind, data, floats);
@@ -121,5 +124,5 @@ export class Bench {
   }
 }
 
-const DOCUMENTS = new Set(["state", "plan", "event", "events", "mesh"]);
+const DOCUMENTS = new Set(["state", "plan", "event", "events", "mesh", "queue"]);
 const NONE = new Float32Array(0);

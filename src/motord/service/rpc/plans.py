@@ -62,7 +62,7 @@ class PlanControl:
     def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
         bench, prepared = self._bench, context.prepared
-        _same_serial(bench.config.motor.serial, request.serial)
+        same_serial(bench, request.serial)
         outline = outline_of(bench, prepared)
         if request.dry_run:
             return outline
@@ -247,11 +247,12 @@ class PlanControl:
         return PlanProgress.model_validate(view.model_dump(mode="json"))
 
 
-def _same_serial(known: str, serial: str) -> None:
+def same_serial(bench: Bench, serial: str) -> None:
     """Raise RpcError if the bench file names the serial number of another motor."""
+    known = bench.config.motor.serial
     if serial and known not in ("", serial):
         why = f"[motor] serial of the bench file is {known!r}, not {serial!r}"
-        raise RpcError("refused", f"not started: {why}")
+        raise RpcError("refused", why)
 
 
 _POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")

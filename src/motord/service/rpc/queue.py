@@ -15,7 +15,7 @@ from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.runner import QueueRunner
 from motord.service.queue.waits import valueless
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
-from motord.service.rpc.plans import PlanControl, PreparedPlan, outline_of
+from motord.service.rpc.plans import PlanControl, PreparedPlan, outline_of, same_serial
 from motord.service.rpc.preconditions import loop_up, no_trip
 
 DISK_S = 10.0
@@ -24,7 +24,8 @@ DISK_S = 10.0
 class QueuedPlanControl:
     """Begins plans for the queue: a `QueuedPlanStarter`."""
 
-    def __init__(self, plans: PlanControl, resumption: Resumption) -> None:
+    def __init__(self, bench: Bench, plans: PlanControl, resumption: Resumption) -> None:
+        self._bench = bench
         self._plans = plans
         self.run_of: Callable[[str], PlanView | None] = resumption.run_of
 
@@ -36,10 +37,14 @@ class QueuedPlanControl:
         if resume:
             rest = self._plans.prepare_rest()
             return lambda holder, detached: self._plans.begin_rest(rest, holder, detached=detached)
+        serial = plan.serial or ""
+        same_serial(self._bench, serial)
         whole = self._plans.prepare(plan.name, plan.settings, check=plan.check)
 
         def begin(holder: str, detached: bool) -> None:
-            self._plans.begin(whole, holder, plan.notes, detached=detached, run_id=run_id)
+            self._plans.begin(
+                whole, holder, plan.notes, detached=detached, serial=serial, run_id=run_id
+            )
 
         return begin
 
@@ -74,6 +79,7 @@ class QueueOperation:
         estimates = []
         for n, (plan, prepared) in enumerate(zip(request.plans, context.prepared, strict=True), 1):
             try:
+                same_serial(self._bench, plan.serial or "")
                 estimates.append((plan, outline_of(self._bench, prepared).estimate_s))
                 self._check_channels(plan)
             except RpcError as error:

@@ -65,6 +65,14 @@ def test_all_of_it_fits_into_80_by_24():
     )
 
 
+def test_a_queue_that_is_not_empty_has_a_line():
+    waits = {"state": "waiting", "length": 3, "message": "waits until 06:00", "eta_s": 7200.0}
+    lines = shown(snapshot(state(plan=PLAN, queue=waits)))
+    has(lines, "queue        waiting: waits until 06:00; 3 plans, about 2.0 h")
+    empty = shown(snapshot(state(plan=PLAN, queue={})))
+    assert not any(line.startswith("queue") for line in empty)
+
+
 def test_a_plan_with_targets_shows_how_precise_it_is_by_now():
     targets = {"alpha_percent": 0.1, "beta_A": 0.02, "cogging_percent": 1.0, "ripple_percent": 0.2}
     known = {"alpha_percent": 0.1234, "beta_A": 0.02, "cogging_percent": 1.01}

@@ -42,7 +42,8 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     """Return what is between state and message, as much of it as there is room for."""
     state = seen.state
     assert state is not None
-    below = plan_panel.plan(state, glyphs) + plan_panel.precision(state, width) + panels.loop(state)
+    below = plan_panel.plan(state, glyphs) + plan_panel.precision(state, width)
+    below += plan_panel.queue(state, width) + panels.loop(state)
     below += panels.devices(state) + panels.channels(state, width)
     below += panels.kept(state, width, glyphs)
     below += panels.tracked(state, width)

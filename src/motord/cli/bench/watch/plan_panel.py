@@ -8,6 +8,7 @@ from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.panels import row, wrapped
 
 PRECISION_ROWS = 4
+QUEUE_ROWS = 2
 
 
 def plan(state: BenchState, glyphs: Glyphs) -> list[Text]:
@@ -25,6 +26,13 @@ def plan(state: BenchState, glyphs: Glyphs) -> list[Text]:
         return [head, row("", wording.plan_progress(p))]
     how = "; detached" if p.detached else f"; started by {p.started_by}" if p.started_by else ""
     return [head, row("", f"{p.points_done} of {p.points} points; {p.step or p.state}{how}")]
+
+
+def queue(state: BenchState, width: int) -> list[Text]:
+    """Return where the queue of plans stands; nothing if it is empty."""
+    if state.queue is None or not (state.queue.length or state.queue.active):
+        return []
+    return wrapped("queue", wording.queue(state.queue), width)[:QUEUE_ROWS]
 
 
 def precision(state: BenchState, width: int) -> list[Text]:
