@@ -66,6 +66,7 @@ pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	    $(BIN)/python tools/ripple_picture.py $$out && rm -rf $$out
 	@out=$$(mktemp -d) && $(BIN)/motord simulate torque-speed -c config/efficiency.toml -o $$out/map.mcap && \
 	    $(BIN)/python tools/efficiency_picture.py $$out/map.mcap && rm -rf $$out
+	@out=$$(mktemp -d) && $(BIN)/python tools/soak_picture.py $$out/soak.mcap && rm -rf $$out
 	@$(BIN)/python tools/wiring.py
 	@$(BIN)/python tools/architecture.py
 	@$(BIN)/python tools/watch_pictures.py

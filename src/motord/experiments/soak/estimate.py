@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motord.experiments.points_left_out import points_left_out
-from motord.experiments.soak.result import Repetition, SoakResult, Trend
+from motord.experiments.soak.result import FigureTrend, Repetition, SoakResult
 from motord.experiments.soak.settings import NAME
 from motord.experiments.soak.trend import drifting, slope
 from motord.experiments.subject import AnalysisError, Recordings, check_plan
@@ -152,14 +152,14 @@ def _of_repetitions(
     repetitions: Mapping[int, Repetition],
     points: Iterable[PointFigures],
     units: Mapping[str, str],
-) -> list[Trend]:
+) -> list[FigureTrend]:
     """Return the trends of what whole repetitions show."""
     groups: dict[int, list[PointFigures]] = {}
     for one in points:
         if repetitions[one.repetition].complete:
             groups.setdefault(one.repetition, []).append(one)
 
-    def trend(name: str, unit: str, values: Mapping[int, float]) -> list[Trend]:
+    def trend(name: str, unit: str, values: Mapping[int, float]) -> list[FigureTrend]:
         return _trend(name, unit, {repetitions[key].hours: one for key, one in values.items()})
 
     def means(name: str) -> dict[int, float]:
@@ -182,7 +182,7 @@ def _of_repetitions(
 
 def _of_points(
     repetitions: Mapping[int, Repetition], points: Iterable[PointFigures]
-) -> list[Trend]:
+) -> list[FigureTrend]:
     """Return the trends of each set-point's torque, also of repetitions that are not whole."""
     series: dict[tuple[int, str], dict[float, float]] = {}
     labels = {}
@@ -199,10 +199,10 @@ def _of_points(
     ]
 
 
-def _trend(name: str, unit: str, by_hours: Mapping[float, float]) -> list[Trend]:
+def _trend(name: str, unit: str, by_hours: Mapping[float, float]) -> list[FigureTrend]:
     """Return the trend of values by hours, of two or more that are known; else none."""
     known = sorted((hours, value) for hours, value in by_hours.items() if np.isfinite(value))
     if len(known) < 2:
         return []
     hours, values = np.array(known).T
-    return [Trend(name, unit, hours, values, slope(hours, values))]
+    return [FigureTrend(name, unit, hours, values, slope(hours, values))]

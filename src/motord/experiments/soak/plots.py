@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motord.experiments.soak.result import SoakResult, Trend
+from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.report.style import AFTER, SOFT, drawing, figure
 
 PANELS_MAX = 8
@@ -27,7 +27,7 @@ def over_time(found: SoakResult) -> Figure:
         return picture
 
 
-def _draw(axes: Axes, one: Trend) -> None:
+def _draw(axes: Axes, one: FigureTrend) -> None:
     axes.plot(one.hours, one.values, ".", color=AFTER, markersize=5)
     line = one.mean + one.slope.value * (one.hours - one.hours.mean())
     style = "-" if one.drifts else (0, (4, 3))

@@ -25,7 +25,7 @@ class Repetition:
 
 
 @dataclass(frozen=True)
-class Trend:
+class FigureTrend:
     """A figure over the repetitions: hours (n,), values (n,), its slope an hour.
 
     name: the figure's, with its unit as suffix, then the set-point that it is of, if of one;
@@ -85,7 +85,7 @@ class SoakResult:
 
     plan: str
     repetitions: tuple[Repetition, ...]
-    trends: tuple[Trend, ...]
+    trends: tuple[FigureTrend, ...]
     left_out: tuple[Finding, ...] = ()
 
     @property
