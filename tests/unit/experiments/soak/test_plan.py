@@ -90,6 +90,7 @@ def test_a_pause_in_a_point_and_one_in_a_rest_cost_no_point():
     for reached in (
         lambda: runner.demand.plan_point == 3,
         lambda: "rest before repetition 3" in runner.demand.label,
+        lambda: runner.demand.plan_point == 4,
     ):
         runner.executor.pause()
         runner.until(lambda: runner.executor.state is PlanState.PAUSED)

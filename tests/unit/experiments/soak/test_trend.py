@@ -55,3 +55,5 @@ def test_of_too_few_values_no_interval_is_stated():
     assert few.value == pytest.approx(1.0, rel=0.1)
     assert (few.stderr, few.half_width, few.p_value) == (None, None, None)
     assert drifting([None, 1e-9], 0.05) == [False, True]
+    assert drifting([0.03, 0.5, 0.9], 0.05) == [False] * 3
+    assert drifting([0.03, 0.01], 0.05) == [True, True]
