@@ -84,7 +84,8 @@ def _points(run: Run, rated_torque_Nm: float, *, shows_mean: bool) -> Iterable[P
     """Yield the good points of a recording with their figures, in time order."""
     known = [name for name in COLUMNS if name in run.columns]
     channels = {name: run.channel(name) for name in run.channels()}
-    for point in good_points(run.operating_points()):
+    numbered = [one for one in run.operating_points() if {"repetition", "inner_index"} <= {*one}]
+    for point in good_points(numbered):
         place = int(point["inner_index"])
         ticks = run.ticks(known, **bounds_of(point))
         ticks = ticks[ticks["plan_point"] == int(point["index"])]

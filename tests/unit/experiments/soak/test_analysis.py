@@ -12,6 +12,7 @@ from motord.experiments.plans import build
 from motord.experiments.soak.estimate import soak_trends
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.recording.metadata import describe
+from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.results.query import query
 from motord.results.store import ResultsStore
@@ -169,6 +170,13 @@ def test_what_is_no_soak_or_another_one_is_refused(drifted: Path, tmp_path: Path
         writer.ticks(captured(0, 0, np.random.default_rng(1), 0.0))
     with pytest.raises(AnalysisError, match="names no plan; needed: soak"):
         trends(plain)
+    unnumbered = tmp_path / "unnumbered.mcap"
+    with RunWriter(unnumbered, {**open_run(drifted).metadata}) as writer:
+        writer.ticks(captured(0, 0, np.random.default_rng(1), 0.0))
+        point = {"index": 0, "torque_Nm": 1.0, "speed_Hz": 1.0, "t_start_ns": 1, "tick_start": 1}
+        writer.operating_point(START_NS, point)
+    with pytest.raises(AnalysisError, match="no good operating point"):
+        trends(unnumbered)
     with pytest.raises(AnalysisError, match="no good operating point"):
         trends(write(tmp_path / "none.mcap", range(1), last_points=0))
 
