@@ -68,6 +68,7 @@ pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	    $(BIN)/python tools/efficiency_picture.py $$out/map.mcap && rm -rf $$out
 	@out=$$(mktemp -d) && $(BIN)/motord simulate thermal -c config/thermal.toml -o $$out/heat.mcap && \
 	    $(BIN)/python tools/thermal_picture.py $$out/heat.mcap && rm -rf $$out
+	@out=$$(mktemp -d) && $(BIN)/python tools/soak_picture.py $$out/soak.mcap && rm -rf $$out
 	@$(BIN)/python tools/wiring.py
 	@$(BIN)/python tools/architecture.py
 	@$(BIN)/python tools/watch_pictures.py

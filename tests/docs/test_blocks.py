@@ -13,7 +13,7 @@ import typer
 from motord import config
 from motord.api.queue_messages import QueuedPlans
 from motord.cli import app
-from motord.cli.plan.settings import value_of
+from motord.cli.plan.settings import parse_settings
 from motord.config import Config
 from motord.config.experiments import GROUP, plan_kinds
 from motord.config.faults import Timeline
@@ -139,12 +139,8 @@ def parse(arguments: list[str]) -> list[str]:
 
 def settings_of(arguments: list[str]) -> dict[str, Any]:
     """Return what `--set key=value` says; several values are a list."""
-    pairs = [
-        arguments[at + 1].split("=", 1)
-        for at, argument in enumerate(arguments)
-        if argument == "--set"
-    ]
-    return {key: value_of(value) for key, value in pairs}
+    places = (at for at, argument in enumerate(arguments) if argument == "--set")
+    return parse_settings([arguments[at + 1] for at in places], {})
 
 
 def bench_file(arguments: list[str]) -> Path | None:

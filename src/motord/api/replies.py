@@ -127,8 +127,10 @@ class SettingField(RpcReply):
 
     name: Text
     """As `plan/start` takes it."""
-    type: Literal["number", "integer", "boolean", "text", "choice", "list", "table", "other"]
-    """What kind of value it has."""
+    type: Literal[
+        "number", "integer", "boolean", "text", "choice", "list", "table", "object", "other"
+    ]
+    """What kind of value it has; object: settings by name."""
     unit: Text = ""
     """Of the value."""
     default: Any = None

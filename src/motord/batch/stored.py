@@ -7,7 +7,7 @@ from typing import Any
 
 from motord.experiments.subject import Recordings, Subject
 from motord.results.figures import figures
-from motord.results.recorded import recorded_digests, recorded_since
+from motord.results.recorded import recorded_digests, recorded_plan, recorded_since
 from motord.results.stored_result import StoredResult, file_digest, text_digest
 
 
@@ -51,4 +51,5 @@ def stored_result(
         settings=with_back_emf(settings, subject),
         recordings=recorded_digests(recordings.runs),
         figures=figures(content),
+        plan=recorded_plan(recordings.runs),
     )

@@ -108,6 +108,8 @@ OPERATING_POINTS = _json_topic(
         "speed_mean_Hz": _property("number", "mean speed, turns a second"),
         "quality": _property("string", "ok, or what is wrong with it"),
         "compensate": _property("integer", "what was compensated: 1 currents, 2 cogging"),
+        "repetition": _property("integer", "of a soak: which repetition, from 1"),
+        "inner_index": _property("integer", "of a soak: number of the point in the inner plan"),
         "take": _property(
             "integer", "which take of the point this is; of several the last good one counts"
         ),

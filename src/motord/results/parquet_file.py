@@ -2,8 +2,10 @@
 
 import io
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from motord.recording.plan_columns import PLAN, PREFIX, as_text
 from motord.results.error import parquet
 from motord.results.row import COLUMNS
 from motord.results.stored_result import StoredResult
@@ -34,7 +36,10 @@ def table_schema() -> "pa.Schema":
 
 
 def encode_result(result: StoredResult) -> bytes:
-    """Return the Parquet file of a result, the same bytes for the same result."""
+    """Return the Parquet file of a result, the same bytes for the same result.
+
+    After the columns of `table_schema` come those of its plan.
+    """
     import pyarrow as pa
 
     rows = [vars(row) for row in result.rows()]
@@ -43,21 +48,58 @@ def encode_result(result: StoredResult) -> bytes:
         RECORDINGS_KEY: json.dumps(sorted(result.recordings)),
     }
     table = pa.Table.from_pylist(rows, schema=table_schema().with_metadata(metadata))
+    for name, value in result.plan.items():
+        table = table.append_column(name, pa.repeat(value, table.num_rows))
     buffer = io.BytesIO()
     parquet().write_table(table, buffer, compression="zstd")
     return buffer.getvalue()
 
 
 def decode_result(data: bytes) -> "pa.Table":
-    """Return the rows of a file, with the columns of `table_schema`. Raises NotAResultError."""
+    """Return the rows of a file: the columns of `table_schema`, then those of its plan, if any.
+
+    Raises NotAResultError.
+    """
     import pyarrow as pa
 
     file, version = _opened(data)
     try:
-        table = file.read(use_threads=False).select(COLUMNS)
-        return table.replace_schema_metadata().cast(table_schema())
+        table = file.read(use_threads=False).replace_schema_metadata()
+        fields = [one for one in table.schema if one.name == PLAN or one.name.startswith(PREFIX)]
+        schema = pa.schema([*table_schema(), *fields])
+        return table.select(schema.names).cast(schema)
     except (pa.ArrowException, KeyError, OSError, ValueError) as error:
         raise NotAResultError(f"damaged, of schema {version}: {_short(error)}") from None
+
+
+def one_table(tables: Sequence["pa.Table"]) -> "pa.Table":
+    """Return the rows of all tables, null where one has not the column of a plan.
+
+    A setting that is text in some of them is text.
+    """
+    import pyarrow as pa
+
+    types: dict[str, set[pa.DataType]] = {PLAN: {pa.string()}}
+    for schema in {table.schema for table in tables}:
+        for field in schema:
+            types.setdefault(field.name, set()).add(field.type)
+    mixed = {name for name, found in types.items() if len(found) > 1}
+    base = pa.schema([*table_schema(), pa.field(PLAN, pa.string())]).empty_table()
+    return pa.concat_tables(
+        [base, *(_with_text(table, mixed) for table in tables)], promote_options="default"
+    )
+
+
+def _with_text(table: "pa.Table", mixed: set[str]) -> "pa.Table":
+    """Return a table with the columns `mixed` as text."""
+    import pyarrow as pa
+
+    for name in mixed.intersection(table.column_names):
+        place, column = table.schema.get_field_index(name), table.column(name)
+        values = column.to_pylist()
+        text = [value if value is None else as_text(value) for value in values]
+        table = table.set_column(place, name, pa.array(text, pa.string()))
+    return table
 
 
 def check_result(data: bytes) -> None:

@@ -1,9 +1,10 @@
-"""Which recordings a result is of."""
+"""Which recordings a result is of, and their plan."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from itertools import islice
 
+from motord.recording.plan_columns import PlanValue, common_columns, plan_columns
 from motord.recording.reader import Run
 from motord.results.error import ResultsError
 from motord.results.stored_result import file_digest
@@ -21,6 +22,11 @@ def recorded_since(runs: Sequence[Run]) -> datetime:
 def recorded_digests(runs: Sequence[Run]) -> tuple[tuple[str, str], ...]:
     """Return name and SHA-256 of each recording. Raises OSError."""
     return tuple((run.path.name, file_digest(run.path)) for run in runs)
+
+
+def recorded_plan(runs: Sequence[Run]) -> dict[str, PlanValue]:
+    """Return the plan of the recordings, and those of its settings that they have in common."""
+    return common_columns([plan_columns(run.metadata) for run in runs])
 
 
 def _first_block(run: Run) -> list[Block]:

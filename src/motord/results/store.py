@@ -12,7 +12,7 @@ from motord.results.parquet_file import (
     check_result,
     decode_result,
     encode_result,
-    table_schema,
+    one_table,
 )
 from motord.results.stored_result import StoredResult
 
@@ -89,9 +89,7 @@ class ResultsStore:
     def read(self) -> Contents:
         """Return all rows, in the order of the files' names. Raises ResultsError."""
         parquet()
-        import pyarrow as pa
-
-        tables, unreadable = [table_schema().empty_table()], []
+        tables, unreadable = [], []
         try:
             names = self._names()
             for name, content in zip(names, self.folder.read(names), strict=True):
@@ -109,7 +107,7 @@ class ResultsStore:
             ) from None
         except OSError as error:
             raise self._cannot("read the results store", error) from error
-        return Contents(pa.concat_tables(tables), tuple(unreadable))
+        return Contents(one_table(tables), tuple(unreadable))
 
     def _names(self) -> list[str]:
         """Return the names of results. Raises OSError."""

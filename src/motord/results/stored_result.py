@@ -4,11 +4,12 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from motord.recording.plan_columns import PlanValue
 from motord.results.figures import ResultFigure
 from motord.results.row import ResultRow
 
@@ -25,7 +26,8 @@ class StoredResult:
 
     experiment: as `motord analyse` names it; run: names of the recordings; time: when the first of
     them began; version: of motord, "" if it is not known; settings: options of the analysis;
-    recordings: name and digest of each.
+    recordings: name and digest of each; plan: their plan and its settings, as
+    `recording.plan_columns` names them.
     """
 
     experiment: str
@@ -38,6 +40,7 @@ class StoredResult:
     settings: Mapping[str, Any]
     recordings: Sequence[tuple[str, str]]
     figures: Sequence[ResultFigure]
+    plan: Mapping[str, PlanValue] = field(default_factory=dict)
 
     def rows(self) -> list[ResultRow]:
         """Return the rows of the table, one a figure."""

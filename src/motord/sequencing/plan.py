@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 from motord.sequencing.demand import OperatingPoint
@@ -34,9 +35,9 @@ class Plan:
     outlook: str = ""
     continuous: bool = False
 
-    @property
+    @cached_property
     def seconds(self) -> float:
-        """An estimate of the whole time (s)."""
+        """An estimate of the whole time (s); asked for with every look at a plan under way."""
         return self.ends_s + sum(map(self.point_s, self.points))
 
     def part(self, points: tuple[OperatingPoint, ...]) -> "Plan":

@@ -164,7 +164,7 @@ def test_more_columns_than_the_table_has_are_passed_over(tmp_path):
     table = parquet.read_table(path)
     parquet.write_table(table.append_column("more", pa.array([1])), path)
     assert store.read().unreadable == ()
-    assert store.read().table.schema.equals(table_schema())
+    assert store.read().table.column_names == [*COLUMNS, "plan"]
 
 
 def foreign(path):
@@ -282,3 +282,26 @@ def test_a_missing_package_is_named_with_what_to_do(tmp_path, monkeypatch, packa
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(ResultsError, match=rf"package {package}: pip install 'motord\[results\]'"):
         store.read() if package == "pyarrow" else query(table, "SELECT 1")
+
+
+def test_settings_of_the_plan_are_columns_that_older_results_have_not(tmp_path):
+    store = fill(tmp_path / "s", 0.8)
+    (tmp_path / "s" / "older.parquet").write_bytes(RELEASED.read_bytes())
+    plans = (
+        {"plan": "calibrate", "setting_turns": 12.0, "setting_compensate": "off"},
+        {"plan": "verify", "setting_turns": 5.0, "setting_compensate": True},
+    )
+    for number, plan in enumerate(plans, 1):
+        store.add(result(number, plan=plan))
+    table = store.read().table
+    assert table.num_rows > 3
+    asked = "SELECT plan, setting_turns, setting_compensate FROM results WHERE run = ?"
+    found = [query(table, asked, [f"run-{number:03d}.mcap"]).rows for number in range(3)]
+    assert found == [
+        [(None, None, None)] * 2, [("calibrate", 12.0, "off")], [("verify", 5.0, "true")],
+    ]  # fmt: skip
+
+
+def test_a_store_without_plans_can_be_asked_for_them(tmp_path):
+    table = fill(tmp_path / "s", 0.8).read().table
+    assert query(table, "SELECT plan FROM results").rows == [(None,)]

@@ -427,8 +427,13 @@ def test_settings_become_json_values():
     assert parse_settings(given, defaults) == {
         "torques_Nm": [3], "turns": 2, "compensate": "currents", "speeds_Hz": [0.5, 0.7], "x": [1],
     }  # fmt: skip
-    with pytest.raises(typer.BadParameter):
-        parse_settings(["=3"], {})
+    given = ["inner.turns=12", "inner.torques_Nm=1,2", "plan=verify"]
+    assert parse_settings(given, {"inner": {}}) == {
+        "inner": {"turns": 12, "torques_Nm": [1, 2]}, "plan": "verify",
+    }  # fmt: skip
+    for wrong in (["=3"], ["inner=3", "inner.turns=12"]):
+        with pytest.raises(typer.BadParameter):
+            parse_settings(wrong, {})
 
 
 def test_check_names_what_is_wrong(tmp_path, monkeypatch):

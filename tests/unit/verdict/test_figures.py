@@ -14,6 +14,7 @@ from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.oscillation import Oscillation
 from motord.experiments.profile.result import ProfileTracking
 from motord.experiments.ripple.estimate import MeshRipple
+from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.thermal.result import ThermalConstants, TimeConstant
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.identification.point_ripple import PointRipple
@@ -40,6 +41,7 @@ CLASSES = {
     "friction": ((Friction,), DirectionalFriction),
     "inertia": ((Oscillation, Acceleration), None), "verify": ((MeshRipple,), PointRipple),
     "torque-speed": ((EfficiencyMap,), OperatingPower), "profile": ((ProfileTracking,), None),
+    "soak": ((SoakResult,), FigureTrend),
     "thermal": ((ThermalConstants,), TimeConstant),
 }  # fmt: skip
 """Of each analysis the classes of its result, of which one is, and of its rows."""

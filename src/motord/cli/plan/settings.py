@@ -20,8 +20,11 @@ def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]
 
 
 def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair."""
-    settings = {}
+    """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair.
+
+    KEY.NAME=VALUE is an entry of a setting that is a table.
+    """
+    settings: dict[str, Any] = {}
     for pair in given:
         key, equals, text = pair.partition("=")
         if not equals or not key:
@@ -29,7 +32,13 @@ def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, A
         value = value_of(text)
         if isinstance(defaults.get(key), list) and not isinstance(value, list):
             value = [value]
-        settings[key] = value
+        table, dot, name = key.partition(".")
+        if not dot:
+            settings[key] = value
+        elif isinstance(entries := settings.setdefault(table, {}), dict):
+            entries[name] = value
+        else:
+            raise typer.BadParameter(f"--set {pair}: {table} is a value already")
     return settings
 
 

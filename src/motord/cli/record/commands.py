@@ -73,7 +73,11 @@ def export(
     ] = None,
     columns: Annotated[
         str | None,
-        typer.Option("--columns", metavar="A,B,...", help="Only these, in this order."),
+        typer.Option(
+            "--columns",
+            metavar="A,B,...",
+            help="Only these, in this order, those of the plan last.",
+        ),
     ] = None,
     truth: Annotated[
         bool, typer.Option("--truth", help="What a simulated rig really did, not its ticks.")

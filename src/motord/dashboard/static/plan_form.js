@@ -5,7 +5,7 @@ import { duration, nameAndUnit } from "./format.js";
 
 /**
  * A setting of a plan, as `plan/list` describes it (docs/api.md, "Forms of plans").
- * @typedef {{name: string, type: "number" | "integer" | "list" | "boolean" | "choice" | "text" | "table" | "other",
+ * @typedef {{name: string, type: "number" | "integer" | "list" | "boolean" | "choice" | "text" | "table" | "object" | "other",
  *   default: any, unit: string, minimum: number | null, maximum: number | null, minimum_excluded: boolean,
  *   maximum_excluded: boolean, choices: string[], columns: string[], length_min: number, length_max: number | null,
  *   help: string, optional: boolean}} Field
@@ -38,7 +38,7 @@ export function parse(field, text) {
   const trimmed = text.trim().replaceAll("\u2212", "-");
   if (trimmed === "" && field.optional) return null;
   if (field.type === "choice" || field.type === "text") return trimmed;
-  if (field.type === "table" || field.type === "other") return parsedJson(field, trimmed);
+  if (["table", "object", "other"].includes(field.type)) return parsedJson(field, trimmed);
   if (field.type !== "list") return checked(field, trimmed);
   const values = trimmed.split(/[\s,;]+/).filter(Boolean).map((one) => checked(field, one));
   const { words } = nameAndUnit(field.name);
@@ -50,7 +50,7 @@ export function parse(field, text) {
 /** @param {Field} field @param {string} text */
 function parsedJson(field, text) {
   try {
-    return JSON.parse(text || "[]");
+    return JSON.parse(text || (field.type === "object" ? "{}" : "[]"));
   } catch {
     throw new Error(`${nameAndUnit(field.name).words}: not JSON`);
   }

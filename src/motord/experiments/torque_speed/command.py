@@ -13,6 +13,7 @@ from motord.experiments.analysis import Analysis, encode, json_of
 from motord.experiments.subject import Recordings
 from motord.experiments.torque_speed.recordings import efficiency_map
 from motord.experiments.torque_speed.result import EfficiencyMap
+from motord.recording.plan_columns import as_text
 from motord.report.text import TextTable
 
 if TYPE_CHECKING:
@@ -34,11 +35,17 @@ def estimate(
 
 
 def as_csv(found: EfficiencyMap) -> str:
-    """Return the operating points as CSV: columns are those of the JSON, without the budgets."""
-    rows = [encode(one) for one in found.points]
-    names = [name for name in rows[0] if name != "budget"]
+    """Return the operating points as CSV.
+
+    Columns are those of the JSON, without the budgets, then the plan's and its settings.
+    """
+    rows = [
+        {**encode(one), **{name: as_text(value) for name, value in one.plan.items()}}
+        for one in found.points
+    ]
+    names = dict.fromkeys(name for row in rows for name in row if name != "budget")
     text = StringIO()
-    writer = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(text, list(names), extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()

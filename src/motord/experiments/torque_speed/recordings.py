@@ -16,6 +16,7 @@ from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
 from motord.experiments.torque_speed.turns import COLUMNS, CapturedTurns
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, good_points, split
+from motord.recording.plan_columns import plan_columns
 from motord.recording.reader import Run, bounds_of
 
 Readings = tuple[np.ndarray, np.ndarray]
@@ -34,7 +35,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     points: list[OperatingPower] = []
     left_out: list[str] = []
     for run in runs:
-        readings = _readings(run, own)
+        readings, plan = _readings(run, own), plan_columns(run.metadata)
         for point, envelope_Nm in _captured(run):
             try:
                 turns = CapturedTurns.of(point, subject.motor)
@@ -44,7 +45,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
             except IdentifyError as error:
                 left_out.append(f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz: {error}")
             else:
-                points.append(replace(found, envelope_Nm=envelope_Nm))
+                points.append(replace(found, envelope_Nm=envelope_Nm, plan=plan))
     if not points:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: {'; '.join(left_out[:3]) or 'no good operating point'}")

@@ -1,10 +1,12 @@
 """Powers, losses and efficiency of operating points, as they were found."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from motord.experiments.torque_speed.uncertainty import ErrorSum
 from motord.findings import Finding
+from motord.recording.plan_columns import PlanValue
 
 Mode = Literal["motoring", "generating", "braking"]
 """Which way the power goes; braking: motor and supply both give power, and all of it is lost."""
@@ -58,6 +60,7 @@ class OperatingPower:
     in_step: how far readings that are instants fall on the same angles, from 0 to 1.
     tick_s: time between ticks.
     envelope_Nm: largest torque that the plan had for this speed, None if it is not recorded.
+    plan: name and settings of its recording's plan, as `recording.plan_columns` has them.
     """
 
     JSON: ClassVar[dict[str, str]] = {
@@ -105,6 +108,7 @@ class OperatingPower:
     tick_s: float
     budget: tuple[UncertaintyShare, ...]
     envelope_Nm: float | None = None
+    plan: Mapping[str, PlanValue] = field(default_factory=dict)
 
     @property
     def label(self) -> str:

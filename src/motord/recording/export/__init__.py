@@ -12,6 +12,7 @@ from motord.recording.export.parquet_file import write_parquet
 from motord.recording.export.slow_channels import tick_table
 from motord.recording.export.table import ExportedTable
 from motord.recording.file_names import part_of, require_free
+from motord.recording.plan_columns import plan_columns
 from motord.recording.reader import Run
 from motord.schema import TRUTH
 
@@ -29,21 +30,30 @@ def export(
 ) -> int:
     """Write the ticks of `run` (or the truth of a simulated rig) and return how many.
 
-    Slow channels are columns beside the ticks, each row with the newest reading of its time.
+    Slow channels are columns beside the ticks, each row with the newest reading of its time. After
+    them come name and settings of the recording's plan, the same in all rows.
 
     The end of the name of `output`, one of WRITERS, chooses the format. Raises RecordError if it
     exists or cannot be written, and for columns that the recording does not have.
     """
     if output.suffix not in WRITERS:
         raise RecordError(f"{output}: its name must end with {endings()}")
+    taken = (*run.truth_table.columns,) if truth else (*run.columns, *run.channels())
+    plan = {name: one for name, one in plan_columns(run.metadata).items() if name not in taken}
     wanted = None if columns is None else tuple(columns)
+    if wanted is not None:
+        plan = {name: plan[name] for name in wanted if name in plan}
+        wanted = tuple(name for name in wanted if name not in plan)
+        if not wanted:
+            raise RecordError(f"choose a column of each tick besides {', '.join(plan)}")
     record = TRUTH
     if truth:
         dtype, blocks = run.truth_table.dtype(wanted), run.truth_table.blocks(wanted)
     else:
         dtype, blocks, record = tick_table(run, wanted)
     with _complete_or_absent(output) as part:
-        return WRITERS[output.suffix](part, ExportedTable(dtype, blocks, record, run.metadata))
+        table = ExportedTable(dtype, blocks, record, run.metadata, plan)
+        return WRITERS[output.suffix](part, table)
 
 
 def endings() -> str:

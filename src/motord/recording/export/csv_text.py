@@ -1,11 +1,14 @@
 """Tables as CSV: numbers as text that reads back as the same numbers."""
 
-from collections.abc import Callable
+import csv
+import io
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from motord.recording.export.table import ExportedTable
+from motord.recording.plan_columns import as_text
 from motord.wire.ticks.blocks import Block
 
 CSV_ROWS = 1 << 12
@@ -18,28 +21,36 @@ _PRINTF = {"f4": "%.9g", "f8": "%.17g"} | dict.fromkeys(("i4", "i8", "u4", "u8")
 def write_csv(path: Path, table: ExportedTable) -> int:
     """Write a table and return its number of rows."""
     text, count = _csv_text(table.dtype), 0
+    end = _line([*map(as_text, table.plan.values())])
     with path.open("wb") as file:
-        file.write((",".join(table.names) + "\n").encode())
+        file.write(_line([*table.names, *table.plan]))
         for block in table.gathered(CSV_ROWS):
-            file.write(text(block))
+            rows = text(block)
+            file.write(rows.replace(b"\n", b"," + end) if table.plan else rows)
             count += len(block)
     return count
+
+
+def _line(cells: Sequence[str]) -> bytes:
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(cells)
+    return line.getvalue().encode()
 
 
 def _csv_text(dtype: np.dtype[np.void]) -> Callable[[Block], bytes]:
     """Return what makes lines of a block: pyarrow, if it is there, or Python at half its speed."""
     try:
         import pyarrow as pa
-        from pyarrow import csv
+        from pyarrow import csv as arrow_csv
     except ImportError:
         line = ",".join(_PRINTF[dtype[name].str[1:]] for name in dtype.names or ()) + "\n"
         return lambda block: "".join([line % row for row in block.tolist()]).encode()
-    options = csv.WriteOptions(include_header=False)
+    options = arrow_csv.WriteOptions(include_header=False)
 
     def text(block: Block) -> bytes:
         columns = {name: np.ascontiguousarray(block[name]) for name in dtype.names or ()}
         sink = pa.BufferOutputStream()
-        csv.write_csv(pa.table(columns), sink, options)
+        arrow_csv.write_csv(pa.table(columns), sink, options)
         return bytes(sink.getvalue())
 
     return text

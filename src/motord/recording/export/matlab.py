@@ -16,8 +16,9 @@ BYTES_MAX = 2**31 - 2**20
 def write_matlab(path: Path, table: ExportedTable) -> int:
     """Write a table as a file of MATLAB 5 and return its number of rows.
 
-    Variables: motord.ticks.NAME (rows, 1), motord.units.NAME, motord.meanings.NAME, and
-    motord.metadata, which is JSON. Raises RecordError for more than such a file can hold.
+    Variables: motord.ticks.NAME (rows, 1), motord.units.NAME, motord.meanings.NAME,
+    motord.metadata, which is JSON, and motord.plan.NAME, once, not in each row. Raises RecordError
+    for more than such a file can hold.
     """
     blocks, size = [np.empty(0, table.dtype)], 0
     for block in table.blocks:
@@ -34,6 +35,7 @@ def write_matlab(path: Path, table: ExportedTable) -> int:
         "units": {name: field.unit for name, field in table.fields.items()},
         "meanings": {name: field.meaning for name, field in table.fields.items()},
         "metadata": to_json(table.metadata),
+        **({"plan": table.plan} if table.plan else {}),
     }
     with path.open("wb") as file:
         savemat(file, {"motord": content}, do_compression=True, long_field_names=True)

@@ -21,7 +21,7 @@ def write_mdf(path: Path, table: ExportedTable) -> int:
     """Write a table and return its number of rows. Raises RecordError without asammdf or `t_ns`.
 
     The file starts at the first row; the master channel counts seconds from there, and t_ns is a
-    channel as well. The metadata are the header's text, as JSON.
+    channel as well. The metadata, the plan's settings among them, are the header's text, as JSON.
     """
     try:
         from asammdf import MDF, Signal

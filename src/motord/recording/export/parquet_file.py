@@ -29,11 +29,13 @@ def write_parquet(path: Path, table: ExportedTable) -> int:
         pa.field(name, pa.from_numpy_dtype(table.dtype[name]), metadata=known.get(name))
         for name in table.names
     ]
+    fields += [pa.field(name, pa.scalar(value).type) for name, value in table.plan.items()]
     schema = pa.schema(fields, metadata={"motord": to_json(table.metadata)})
     count = 0
     with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
         for group in table.gathered(ROW_GROUP_ROWS):
-            columns = [np.ascontiguousarray(group[name]) for name in schema.names]
+            columns = [np.ascontiguousarray(group[name]) for name in table.names]
+            columns += [pa.repeat(value, len(group)) for value in table.plan.values()]
             writer.write_table(pa.table(columns, schema=schema))
             count += len(group)
     return count

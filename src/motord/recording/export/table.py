@@ -6,18 +6,23 @@ from typing import Any
 
 import numpy as np
 
+from motord.recording.plan_columns import PlanValue
 from motord.schema import Field, Record
 from motord.wire.ticks.blocks import Block
 
 
 @dataclass(frozen=True)
 class ExportedTable:
-    """Rows of a recording; record: what its columns are; metadata: of the recording."""
+    """Rows of a recording; record: what its columns are; metadata: of the recording.
+
+    plan: further columns, the same in all rows.
+    """
 
     dtype: np.dtype[np.void]
     blocks: Iterator[Block]
     record: Record
     metadata: dict[str, Any]
+    plan: dict[str, PlanValue]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -11,7 +11,13 @@ from motord.attribute_docs import described
 from motord.config.base import Section
 from motord.config.unit_suffixes import unit_of
 
-_TYPES = {"number": "number", "integer": "integer", "boolean": "boolean", "string": "text"}
+_TYPES = {
+    "number": "number",
+    "integer": "integer",
+    "boolean": "boolean",
+    "string": "text",
+    "object": "object",
+}
 
 
 def setting_fields(section: Section) -> list[SettingField]:

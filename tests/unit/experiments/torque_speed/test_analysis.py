@@ -68,6 +68,7 @@ def test_the_map_is_that_of_the_rig_within_half_a_percent(recorded: Path, tmp_pa
     with table.open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["loss_W"]) for row in rows] == [one["loss_W"] for one in found["points"]]
+    assert {(row["plan"], row["setting_turns"]) for row in rows} == {("torque-speed", "22")}
     page = report.read_text()
     assert page.count("<svg") == 2
     assert "slow readings of the power" in page
@@ -75,6 +76,7 @@ def test_the_map_is_that_of_the_rig_within_half_a_percent(recorded: Path, tmp_pa
     one = kept["points.3Nm,6Hz.efficiency_percent"]
     assert one["low"] < one["value"] < one["high"]
     assert one["unit"] == "%"
+    assert (one["plan"], one["setting_turns"]) == ("torque-speed", 22.0)
     assert "points.-2Nm,1Hz.loss_W" in kept
     assert "points.-2Nm,1Hz.efficiency_percent" not in kept
 

@@ -1,0 +1,41 @@
+"""`motord analyse soak`: which figures drift over the repetitions of a plan."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from motord.experiments.analysis import Analysis, json_of
+from motord.experiments.soak.estimate import soak_trends
+from motord.experiments.soak.result import SoakResult
+from motord.experiments.subject import Recordings
+from motord.report.text import TextTable
+
+if TYPE_CHECKING:
+    from motord.report.html import Page
+
+
+def estimate(recordings: Recordings) -> SoakResult:
+    """Return the trends. Raises AnalysisError, ConfigError, RecordError."""
+    return soak_trends(recordings)
+
+
+def _report(found: SoakResult, recordings: Recordings) -> "Page":
+    from motord.experiments.soak.report import report
+
+    return report(found, recordings)
+
+
+def _text(found: SoakResult, _: Recordings) -> Iterator[str | TextTable]:
+    from motord.experiments.soak.report import HEADER, rows
+
+    yield TextTable("slopes with 95 % intervals", HEADER, rows(found, "+-"), left=(0,))
+    yield found.statement
+
+
+ANALYSIS = Analysis(
+    estimate,
+    json=json_of("motord.soak/1", "name", "serial", "rated_torque_Nm"),
+    report=_report,
+    text=_text,
+    details="Name all files of the soak. Intervals hold for repetitions that resemble those next "
+    "to them, and all figures are judged together.",
+)

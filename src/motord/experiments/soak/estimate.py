@@ -1,0 +1,209 @@
+"""Figures of each repetition, from recordings of a soak, and their trends."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motord.experiments.points_left_out import points_left_out
+from motord.experiments.soak.result import FigureTrend, Repetition, SoakResult
+from motord.experiments.soak.settings import NAME
+from motord.experiments.soak.trend import drifting, slope
+from motord.experiments.subject import AnalysisError, Recordings, check_plan
+from motord.identification.operating_points import good_points
+from motord.identification.point_ripple import rms_error_percent
+from motord.intervals import LEVEL
+from motord.recording.reader import Run, bounds_of
+
+COLUMNS = ("t_ns", "plan_point", "angle_rad", "speed_rad_s", "torque_Nm", "missed", "temperature_C")
+
+
+@dataclass(frozen=True)
+class PointFigures:
+    """A captured point: which of the inner plan's, its label, and the figures of its ticks.
+
+    figures: by name with its unit; those of the set-point, not finite where they are not known.
+    """
+
+    run: str
+    repetition: int
+    place: int
+    label: str
+    t_ns: float
+    missed: float
+    figures: Mapping[str, float]
+    channels: Mapping[str, float]
+
+
+def soak_trends(recordings: Recordings) -> SoakResult:
+    """Return the trends. Raises AnalysisError, ConfigError, RecordError."""
+    runs, subject = recordings.runs, recordings.subject
+    plan = _plan_of(runs)
+    shows_mean = subject.sensor.highpass_time_constant_s == 0.0
+    points: dict[tuple[int, int], PointFigures] = {}
+    for run in sorted(runs, key=_began_ns):
+        for one in _points(run, subject.motor.rated_torque_Nm, shows_mean=shows_mean):
+            points[one.repetition, one.place] = one
+    if not points:
+        files = ", ".join(str(run.path) for run in runs)
+        raise AnalysisError(f"{files}: no good operating point in there")
+    units = {name: one.unit for run in runs for name, one in run.channels().items()}
+    repetitions = _repetitions(list(points.values()))
+    trends = [
+        *_of_repetitions(repetitions, points.values(), units),
+        *_of_points(repetitions, points.values()),
+    ]
+    sure = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
+    judged = tuple(replace(one, drifts=drifts) for one, drifts in zip(trends, sure, strict=True))
+    return SoakResult(plan, tuple(repetitions.values()), judged, points_left_out(runs))
+
+
+def _plan_of(runs: Sequence[Run]) -> str:
+    """Return the plan that was repeated. Raises AnalysisError."""
+    found = []
+    for run in runs:
+        check_plan(run, NAME)
+        plan = run.metadata["plan"]
+        settings = plan.get("settings", {})
+        identity = (plan.get("run_id", ""), settings.get("plan"), settings.get("inner"))
+        found.append((run, identity))
+    for run, identity in found[1:]:
+        if identity != found[0][1]:
+            raise AnalysisError(
+                f"{run.path}: is of another soak than {found[0][0].path}; analyse each by itself, "
+                "with all files of it, also of its resumption"
+            )
+    return str(found[0][1][1] or "")
+
+
+def _began_ns(run: Run) -> int:
+    return min((int(point["t_start_ns"]) for point in run.operating_points()), default=0)
+
+
+def _points(run: Run, rated_torque_Nm: float, *, shows_mean: bool) -> Iterable[PointFigures]:
+    """Yield the good points of a recording with their figures, in time order."""
+    known = [name for name in COLUMNS if name in run.columns]
+    channels = {name: run.channel(name) for name in run.channels()}
+    numbered = [one for one in run.operating_points() if {"repetition", "inner_index"} <= {*one}]
+    for point in good_points(numbered):
+        place = int(point["inner_index"])
+        ticks = run.ticks(known, **bounds_of(point))
+        ticks = ticks[ticks["plan_point"] == int(point["index"])]
+        if not ticks.size:
+            continue
+        span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
+        yield PointFigures(
+            run=run.path.name,
+            repetition=int(point["repetition"]),
+            place=place,
+            label=f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz",
+            t_ns=sum(span_ns) / 2,
+            missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
+            figures=_figures(ticks, rated_torque_Nm, shows_mean=shows_mean),
+            channels={name: _mean_within(*one, *span_ns) for name, one in channels.items()},
+        )
+
+
+def _figures(ticks: np.ndarray, rated_torque_Nm: float, *, shows_mean: bool) -> dict[str, float]:
+    """Return the figures of a capture's ticks; nan where there is none.
+
+    The RMS error is Poels 2008, eq. (4.16), of each whole turn about its mean, noise included.
+    """
+    torque_Nm = ticks["torque_Nm"].astype(float)
+    weights = np.abs(ticks["speed_rad_s"].astype(float))
+    turned = np.unwrap(ticks["angle_rad"].astype(float)) / (2 * np.pi)
+    turn = np.abs(turned - turned[0]).astype(int)
+    squares = [
+        rms_error_percent(torque_Nm[turn == one], rated_torque_Nm, weights[turn == one]) ** 2
+        for one in range(turn[-1])
+        if weights[turn == one].sum() > 0
+    ]
+    mean_Nm = float(np.average(torque_Nm, weights=weights if weights.any() else None))
+    return {
+        "rms_error_percent": float(np.sqrt(np.mean(squares))) if squares else np.nan,
+        "torque_mean_Nm": mean_Nm if shows_mean else np.nan,
+        "inverter_temperature_C": float(ticks["temperature_C"].astype(float).mean()),
+    }
+
+
+def _mean_within(t_ns: np.ndarray, values: np.ndarray, first_ns: int, last_ns: int) -> float:
+    """Return the mean of a channel's readings (n,) within a span; nan where there is none."""
+    within = values[(t_ns >= first_ns) & (t_ns <= last_ns) & np.isfinite(values)]
+    return float(within.mean()) if within.size else np.nan
+
+
+def _repetitions(points: Sequence[PointFigures]) -> dict[int, Repetition]:
+    """Return the repetitions by number, in order; complete are those with the most points."""
+    groups: dict[int, list[PointFigures]] = {}
+    for one in sorted(points, key=lambda one: (one.repetition, one.place)):
+        groups.setdefault(one.repetition, []).append(one)
+    most = len({one.place for one in points})
+    middles_ns = {key: np.mean([one.t_ns for one in group]) for key, group in groups.items()}
+    first_ns = min(middles_ns.values())
+    return {
+        key: Repetition(
+            key, group[0].run, float(middles_ns[key] - first_ns) / 3.6e12,
+            len(group), len(group) == most,
+        )
+        for key, group in groups.items()
+    }  # fmt: skip
+
+
+def _of_repetitions(
+    repetitions: Mapping[int, Repetition],
+    points: Iterable[PointFigures],
+    units: Mapping[str, str],
+) -> list[FigureTrend]:
+    """Return the trends of what whole repetitions show."""
+    groups: dict[int, list[PointFigures]] = {}
+    for one in points:
+        if repetitions[one.repetition].complete:
+            groups.setdefault(one.repetition, []).append(one)
+
+    def trend(name: str, unit: str, values: Mapping[int, float]) -> list[FigureTrend]:
+        return _trend(name, unit, {repetitions[key].hours: one for key, one in values.items()})
+
+    def means(name: str) -> dict[int, float]:
+        return {
+            key: float(np.mean([one.figures[name] for one in group]))
+            for key, group in groups.items()
+        }
+
+    found = trend("rms_error_percent", "%", means("rms_error_percent"))
+    found += trend("inverter_temperature_C", "degC", means("inverter_temperature_C"))
+    for name, unit in units.items():
+        read = {
+            key: [value for one in group if np.isfinite(value := one.channels.get(name, np.nan))]
+            for key, group in groups.items()
+        }
+        found += trend(name, unit, {key: float(np.mean(one)) for key, one in read.items() if one})
+    missed = {key: sum(one.missed for one in group) for key, group in groups.items()}
+    return found + trend("missed_ticks", "ticks", missed)
+
+
+def _of_points(
+    repetitions: Mapping[int, Repetition], points: Iterable[PointFigures]
+) -> list[FigureTrend]:
+    """Return the trends of each set-point's torque, also of repetitions that are not whole."""
+    series: dict[tuple[int, str], dict[float, float]] = {}
+    labels = {}
+    for one in points:
+        labels[one.place] = one.label
+        for name in ("rms_error_percent", "torque_mean_Nm"):
+            at_h = repetitions[one.repetition].hours
+            series.setdefault((one.place, name), {})[at_h] = one.figures[name]
+    units = {"rms_error_percent": "%", "torque_mean_Nm": "Nm"}
+    return [
+        replace(trend, of_point=True)
+        for (place, name), values in sorted(series.items())
+        for trend in _trend(f"{name} of {labels[place]}", units[name], values)
+    ]
+
+
+def _trend(name: str, unit: str, by_hours: Mapping[float, float]) -> list[FigureTrend]:
+    """Return the trend of values by hours, of two or more that are known; else none."""
+    known = sorted((hours, value) for hours, value in by_hours.items() if np.isfinite(value))
+    if len(known) < 2:
+        return []
+    hours, values = np.array(known).T
+    return [FigureTrend(name, unit, hours, values, slope(hours, values))]

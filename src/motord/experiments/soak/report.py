@@ -1,0 +1,42 @@
+"""Page of a soak: figures over the repetitions, and their slopes."""
+
+from motord.experiments.soak.plots import over_time
+from motord.experiments.soak.result import SoakResult
+from motord.experiments.subject import Recordings, facts
+from motord.report.html import Page
+
+HEADER = ("figure", "mean", "unit", "slope an hour", "drift")
+"""Of the table of slopes."""
+
+
+def report(found: SoakResult, recordings: Recordings) -> Page:
+    """Return the page of a soak."""
+    subject = recordings.subject
+    page = Page("Soak", f"{subject.motor.name} on bench {subject.bench}: {found.statement}.")
+    page.heading("Over the repetitions")
+    page.picture(
+        over_time(found),
+        "Each repetition's figures (dots: all points are there), those of the single set-points "
+        "(thin), and the fitted slope; dashed where it is no more than chance explains.",
+    )
+    page.heading("Slopes")
+    page.table(HEADER, rows(found, "\u00b1"), numbers=True)
+    page.paragraph(
+        "95 % intervals, by generalised least squares with residuals correlated from repetition to "
+        "repetition. A drift is claimed where chance alone would show one anywhere among these "
+        "figures in 5 % of soaks."
+    )
+    page.heading("About these figures")
+    page.table((), facts(subject, recordings.names))
+    return page
+
+
+def rows(found: SoakResult, sign: str) -> list[list[str]]:
+    """Return a row for each figure; sign: plus-minus."""
+    return [
+        [
+            one.name, f"{one.mean:.4g}", one.unit, one.in_words(sign),
+            "yes" if one.drifts else "no" if one.slope.p_value is not None else "?",
+        ]
+        for one in found.trends
+    ]  # fmt: skip

@@ -1,0 +1,127 @@
+"""What is found of a soak: its repetitions, and the trend of each figure over them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from motord.experiments.soak.trend import LEAST, Slope
+from motord.findings import Finding
+from motord.intervals import plus_minus
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """A repetition: hours since the first one; complete: whether all of its points are there."""
+
+    JSON: ClassVar = ("repetition", "run", "hours", "points", "complete")
+
+    repetition: int
+    run: str
+    hours: float
+    points: int
+    complete: bool
+
+
+@dataclass(frozen=True)
+class FigureTrend:
+    """A figure over the repetitions: hours (n,), values (n,), its slope an hour.
+
+    name: the figure's, with its unit as suffix, then the set-point that it is of, if of one;
+    drifts: the slope is no chance, that of all figures judged together.
+    """
+
+    JSON: ClassVar = {
+        "name": "name", "value": "slope.value", "unit": "slope_unit", "stderr": "slope.stderr",
+        "low": "low", "high": "high", "p_value": "slope.p_value",
+        "correlation": "slope.correlation", "drifts": "drifts", "figure_unit": "unit",
+        "hours": "hours", "values": "values",
+    }  # fmt: skip
+
+    name: str
+    unit: str
+    hours: np.ndarray
+    values: np.ndarray
+    slope: Slope
+    drifts: bool = False
+    of_point: bool = False
+
+    @property
+    def slope_unit(self) -> str:
+        """Unit of the slope."""
+        return f"{self.unit}/h"
+
+    @property
+    def low(self) -> float | None:
+        """Lower end of the slope's 95 % interval."""
+        half = self.slope.half_width
+        return None if half is None else self.slope.value - half
+
+    @property
+    def high(self) -> float | None:
+        """Upper end of the slope's 95 % interval."""
+        half = self.slope.half_width
+        return None if half is None else self.slope.value + half
+
+    @property
+    def mean(self) -> float:
+        """Mean of the values."""
+        return float(self.values.mean())
+
+    def in_words(self, sign: str = "+-") -> str:
+        """Return the slope with half of its interval, if that is known."""
+        half = self.slope.half_width
+        if half is None:
+            return f"{self.slope.value:.3g}"
+        return plus_minus(self.slope.value, half, sign)
+
+
+@dataclass(frozen=True)
+class SoakResult:
+    """The repetitions of a plan, and the trends of their figures."""
+
+    JSON: ClassVar = ("plan", "hours", "statement", "repetitions", "trends")
+
+    plan: str
+    repetitions: tuple[Repetition, ...]
+    trends: tuple[FigureTrend, ...]
+    left_out: tuple[Finding, ...] = ()
+
+    @property
+    def hours(self) -> float:
+        """Time from the first repetition to the last."""
+        return self.repetitions[-1].hours - self.repetitions[0].hours
+
+    @property
+    def statement(self) -> str:
+        """Whether there is a drift, in a sentence."""
+        count = len(self.repetitions)
+        of = f"{count} repetitions of {self.plan} in {self.hours:.3g} h"
+        judged = [one for one in self.trends if one.slope.p_value is not None]
+        drifts = [one for one in judged if one.drifts]
+        if not judged:
+            return f"{of}: too few to tell a drift from chance, {LEAST} are needed"
+        if not drifts:
+            return f"{of}: no drift in {len(judged)} figures beyond what chance explains"
+        named = ", ".join(one.name for one in drifts[:3])
+        more = f" and {len(drifts) - 3} more" if len(drifts) > 3 else ""
+        return f"{of}: {len(drifts)} of {len(judged)} figures drift: {named}{more}"
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Drifts, and points that are left out."""
+        return (*self._drifts(), *self.left_out)
+
+    def _drifts(self) -> Iterator[Finding]:
+        for one in self.trends:
+            if not one.drifts:
+                continue
+            yield Finding(
+                f"drift of {one.name}", one.slope.value, one.slope.half_width or 0.0,
+                one.slope_unit, "warning",
+                f"it changes by {one.in_words()} {one.slope_unit} over {self.hours:.3g} h, from "
+                f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
+                "compare it with the temperatures; let the bench warm up before, calibrate more "
+                "often, or look for what wears, slips or gets loose",
+            )  # fmt: skip

@@ -1,0 +1,28 @@
+"""`[plans.soak]`: which plan is repeated, for how long, and the rest between."""
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from motord.config import NonNegative, Positive, Section
+
+NAME = "soak"
+
+
+class SoakConfig(Section):
+    """`[plans.soak]`: a plan again and again, for the trend of what it shows."""
+
+    plan: str = "verify"
+    """The plan that is repeated."""
+    inner: dict[str, Any] = Field(default_factory=dict)
+    """Settings of that plan, over the bench's own."""
+    repeats: Annotated[int, Field(ge=0)] = 0
+    """Repetitions; 0: as many as hours allow."""
+    hours: NonNegative = 1.0
+    """With repeats = 0: time after which no further repetition begins."""
+    pause_s: NonNegative = 60.0
+    """Rest between two repetitions, the bench switched off."""
+    cool_below_C: NonNegative = 0.0
+    """Temperature of the inverter that the rest waits for; 0: it does not wait."""
+    cool_timeout_s: Positive = 3600.0
+    """Longest time that it waits, then the plan fails."""

@@ -1,0 +1,191 @@
+"""Recordings of a soak, made up: drifts that are in them are found, others are not claimed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.cli.analysis_command import app as analyse
+from motord.config import load, packaged
+from motord.experiments.plans import build
+from motord.experiments.soak.estimate import soak_trends
+from motord.experiments.subject import AnalysisError, Recordings
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
+from motord.results.query import query
+from motord.results.store import ResultsStore
+from motord.schema import TICK_DTYPE
+from motord.simulate import PlanSource, record_plan
+from tests.unit.experiments.test_cli import run
+
+SETTINGS = {
+    "plan": "verify", "repeats": 12, "pause_s": 300.0, "compensate": "off",
+    "inner": {"torques_Nm": [1.0, 2.0], "speeds_Hz": [1.0], "turns": 4},
+}  # fmt: skip
+HIGHPASS = "highpass_time_constant_s = 2.0"
+START_NS = 1_700_000_000_000_000_000
+TURN_TICKS = 64
+EVERY_NS = round(0.1 * 3.6e12)
+
+
+def captured(index: int, repetition: int, rng: np.random.Generator, drift_Nm: float) -> np.ndarray:
+    """Return four turns of a point: ripple of 0.1 Nm and more by and by, offset by and by."""
+    ticks = np.zeros(4 * TURN_TICKS + 2, TICK_DTYPE)
+    number = np.arange(ticks.size)
+    ticks["tick"] = repetition * 100_000 + (index % 2) * 1000 + number
+    ticks["t_ns"] = START_NS + repetition * EVERY_NS + (index % 2) * 10**9 + number * 10**6
+    ticks["angle_rad"] = (2 * np.pi * number / TURN_TICKS) % (2 * np.pi)
+    ticks["speed_rad_s"] = 2 * np.pi
+    ripple_Nm = np.sqrt(2) * (0.06 + drift_Nm * 0.1 * repetition + 0.0006 * rng.normal())
+    ticks["torque_Nm"] = 1.0 + index % 2 + 0.001 * rng.normal()
+    ticks["torque_Nm"] += ripple_Nm * np.sin(4 * ticks["angle_rad"])
+    ticks["temperature_C"] = 30 + 0.1 * rng.normal()
+    ticks["missed"] = 7
+    ticks["plan_point"] = index
+    return ticks
+
+
+def write(
+    path: Path, repetitions: range, drift_Nm: float = 0.0, seed: int = 1, last_points: int = 2,
+    shows_mean: bool = False,
+    **settings: object,
+) -> Path:  # fmt: skip
+    """Write a soak with these repetitions, the last one with fewer points."""
+    source, rng = PlanSource.of(), np.random.default_rng([seed, repetitions.start])
+    plan = build("soak", source.config, {**SETTINGS, **settings})
+    text = source.text.replace(HIGHPASS, "") if shows_mean else source.text
+    known = {"name": plan.name, "settings": plan.settings, "run_id": "one"}
+    with RunWriter(path, describe(source.config, text, plan=known)) as writer:
+        for repetition in repetitions:
+            for place in range(last_points if repetition == repetitions[-1] else 2):
+                index = 2 * repetition + place
+                ticks = captured(index, repetition, rng, drift_Nm)
+                first_ns, last_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
+                content = {"value": 40.0 + 20 * 0.1 * repetition + 0.1 * rng.normal()}
+                writer.channel(first_ns + 10**6, "winding_C", "degC", 5.0, content)
+                writer.ticks(ticks)
+                writer.operating_point(last_ns, {
+                    "index": index, "repetition": repetition + 1, "inner_index": place,
+                    "torque_Nm": 1.0 + place, "speed_Hz": 1.0, "compensate": 0,
+                    "tick_start": int(ticks["tick"][0]), "tick_end": int(ticks["tick"][-1]),
+                    "t_start_ns": first_ns, "t_end_ns": last_ns, "turns": 4.0, "quality": "ok",
+                })  # fmt: skip
+    return path
+
+
+def trends(*paths: Path) -> dict[str, object]:
+    return {one.name: one for one in soak_trends(Recordings.open(paths)).trends}
+
+
+@pytest.fixture(scope="module")
+def drifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("soak") / "soak.mcap", range(12), drift_Nm=0.006)
+
+
+def test_drifts_are_found_with_their_size_and_others_are_not_claimed(drifted: Path) -> None:
+    found = trends(drifted)
+    assert {name for name, one in found.items() if one.drifts} == {
+        "rms_error_percent", "winding_C", "rms_error_percent of point 1, 1 Nm, 1 Hz",
+        "rms_error_percent of point 2, 2 Nm, 1 Hz",
+    }  # fmt: skip
+    rms, winding = found["rms_error_percent"], found["winding_C"]
+    assert rms.low < 0.1 < rms.high  # 0.006 Nm/h of 6 Nm
+    assert rms.values[0] == pytest.approx(1.0, rel=0.05)
+    assert winding.low < 20.0 < winding.high
+    assert (winding.slope_unit, rms.slope_unit) == ("degC/h", "%/h")
+    assert found["missed_ticks"].values.tolist() == [0.0] * 12
+    np.testing.assert_allclose(rms.hours, 0.1 * np.arange(12), atol=1e-9)
+
+
+def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Path) -> None:
+    output, report, store = tmp_path / "s.json", tmp_path / "s.html", tmp_path / "store"
+    files = ("-o", output, "--report", report, "--store", store)
+    code, text, _ = run(analyse, "soak", drifted, *files)
+    assert code == 0
+    said = "12 repetitions of verify in 1.1 h: 4 of 6 figures drift: rms_error_percent, winding_C"
+    assert said in " ".join(text.split())
+    found = json.loads(output.read_text())
+    assert (found["schema"], found["plan"]) == ("motord.soak/1", "verify")
+    assert {one["name"] for one in found["findings"]} >= {"drift of winding_C"}
+    assert report.read_text().count("<svg") == 1
+    asked = "SELECT unit, low, high, plan, setting_plan, setting_inner_turns FROM results "
+    [row] = query(
+        ResultsStore(store).read().table, f"{asked} WHERE field = 'trends.winding_C'"
+    ).rows
+    assert row[0] == "degC/h"
+    assert row[1] < 20.0 < row[2]
+    assert row[3:] == ("soak", "verify", 4.0)
+
+
+def test_the_mean_torque_is_there_where_the_sensor_shows_it(tmp_path: Path) -> None:
+    found = trends(write(tmp_path / "soak.mcap", range(8), shows_mean=True))
+    mean = found["torque_mean_Nm of point 2, 2 Nm, 1 Hz"]
+    assert mean.mean == pytest.approx(2.0, abs=0.01)
+    assert (mean.drifts, mean.slope_unit) == (False, "Nm/h")
+
+
+def test_a_steady_soak_is_said_to_be_steady(tmp_path: Path) -> None:
+    path = write(tmp_path / "soak.mcap", range(12), seed=4)
+    found = trends(path)
+    assert {name for name, one in found.items() if one.drifts} == {"winding_C"}
+
+
+def test_a_soak_that_was_stopped_in_a_repetition_is_analysed_as_far_as_it_went(
+    tmp_path: Path,
+) -> None:
+    path = write(tmp_path / "soak.mcap", range(7), last_points=1)
+    result = soak_trends(Recordings.open([path]))
+    assert [one.complete for one in result.repetitions] == [True] * 6 + [False]
+    found = {one.name: one.values.size for one in result.trends}
+    assert found["rms_error_percent"] == found["winding_C"] == 6
+    assert found["rms_error_percent of point 1, 1 Nm, 1 Hz"] == 7
+    assert found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == 6
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_of_few_repetitions_nothing_is_claimed(tmp_path: Path, count: int) -> None:
+    result = soak_trends(Recordings.open([write(tmp_path / "s.mcap", range(count), 0.006)]))
+    assert "too few to tell a drift from chance, 6 are needed" in result.statement
+    assert result.findings == ()
+
+
+def test_several_files_are_one_soak_in_any_order(drifted: Path, tmp_path: Path) -> None:
+    parts = [
+        write(tmp_path / f"{span.start}.mcap", span, 0.006) for span in (range(6, 12), range(6))
+    ]
+    found = trends(*parts)["rms_error_percent"]
+    assert found.values.size == 12
+    assert found.low < 0.1 < found.high
+
+
+def test_what_is_no_soak_or_another_one_is_refused(drifted: Path, tmp_path: Path) -> None:
+    other = write(tmp_path / "o.mcap", range(2), inner={**SETTINGS["inner"], "turns": 5})
+    with pytest.raises(AnalysisError, match=r"o\.mcap: is of another soak than .*soak\.mcap"):
+        trends(drifted, other)
+    plain = tmp_path / "plain.mcap"
+    config = load()
+    with RunWriter(plain, describe(config, packaged("sim.toml").read_text())) as writer:
+        writer.ticks(captured(0, 0, np.random.default_rng(1), 0.0))
+    with pytest.raises(AnalysisError, match="names no plan; needed: soak"):
+        trends(plain)
+    unnumbered = tmp_path / "unnumbered.mcap"
+    with RunWriter(unnumbered, {**open_run(drifted).metadata}) as writer:
+        writer.ticks(captured(0, 0, np.random.default_rng(1), 0.0))
+        point = {"index": 0, "torque_Nm": 1.0, "speed_Hz": 1.0, "t_start_ns": 1, "tick_start": 1}
+        writer.operating_point(START_NS, point)
+    with pytest.raises(AnalysisError, match="no good operating point"):
+        trends(unnumbered)
+    with pytest.raises(AnalysisError, match="no good operating point"):
+        trends(write(tmp_path / "none.mcap", range(1), last_points=0))
+
+
+def test_a_soak_in_virtual_time_from_plan_to_trend(tmp_path: Path) -> None:
+    inner = {"speeds_Hz": [2.0], "turns": 2, "settle_s": 0.2}
+    settings = {"plan": "back-emf", "inner": inner, "repeats": 2, "pause_s": 1.0}
+    source, path = PlanSource.of(), tmp_path / "soak.mcap"
+    record_plan(source, build("soak", source.config, settings), path, 1)
+    result = soak_trends(Recordings.open([path]))
+    assert [(one.repetition, one.complete) for one in result.repetitions] == [(1, True), (2, True)]
+    assert result.plan == "back-emf"

@@ -1,0 +1,59 @@
+"""Slopes with intervals that hold for residuals of any correlation from one to the next."""
+
+import numpy as np
+import pytest
+
+from motord.experiments.soak.trend import LEAST, drifting, slope
+
+
+def wandering(rng, n: int, correlation: float) -> np.ndarray:
+    """Return residuals (n,) of which each remembers the one before."""
+    white = rng.normal(size=n)
+    values = np.empty(n)
+    values[0] = white[0] / np.sqrt(1 - correlation**2)
+    for place in range(1, n):
+        values[place] = correlation * values[place - 1] + white[place]
+    return values
+
+
+@pytest.mark.parametrize(("n", "correlation"), [(8, 0.0), (24, 0.0), (24, 0.6), (60, 0.7)])
+def test_the_interval_covers_the_slope(n, correlation):
+    rng, hours = np.random.default_rng([n, int(10 * correlation)]), 0.1 * np.arange(n)
+    found = [slope(hours, 5.0 + 3.0 * hours + wandering(rng, n, correlation)) for _ in range(100)]
+    covers = [abs(one.value - 3.0) <= one.half_width for one in found]
+    assert 90 <= sum(covers) <= 100
+
+
+def test_the_interval_is_not_wider_than_white_noise_asks_for_by_much():
+    rng, hours = np.random.default_rng(1), 0.1 * np.arange(60)
+    spread = 1 / np.sqrt(((hours - hours.mean()) ** 2).sum())
+    widths = [slope(hours, wandering(rng, 60, 0.0)).half_width for _ in range(30)]
+    assert 1.9 * spread < np.median(widths) < 2.6 * spread
+
+
+def test_without_a_drift_few_are_claimed_and_a_clear_one_is_found():
+    rng, hours = np.random.default_rng(2), 0.1 * np.arange(24)
+    claimed = found = 0
+    for _ in range(100):
+        steady = [slope(hours, wandering(rng, 24, 0.5)).p_value for _ in range(5)]
+        claimed += any(drifting(steady, 0.05))
+        drift = slope(hours, 4.0 * hours + wandering(rng, 24, 0.5)).p_value
+        found += drifting([*steady, drift], 0.05)[-1]
+    assert claimed <= 11
+    assert found >= 90
+
+
+def test_values_without_scatter_have_their_slope_and_no_more():
+    hours = np.arange(8.0)
+    still, straight = slope(hours, np.zeros(8)), slope(hours, 2.0 + 0.5 * hours)
+    assert (still.value, still.half_width, still.p_value) == (0.0, 0.0, 1.0)
+    assert (straight.value, straight.p_value) == (pytest.approx(0.5), 0.0)
+
+
+def test_of_too_few_values_no_interval_is_stated():
+    few = slope(np.arange(LEAST - 1.0), np.array([1.0, 2.0, 2.5, 4.0, 5.0]))
+    assert few.value == pytest.approx(1.0, rel=0.1)
+    assert (few.stderr, few.half_width, few.p_value) == (None, None, None)
+    assert drifting([None, 1e-9], 0.05) == [False, True]
+    assert drifting([0.03, 0.5, 0.9], 0.05) == [False] * 3
+    assert drifting([0.03, 0.01], 0.05) == [True, True]
