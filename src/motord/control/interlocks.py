@@ -40,7 +40,8 @@ def update_i2t(p: np.record, m: np.record, f: np.record, elapsed_s: float) -> No
 @jit
 def allowed_heat_s(p: np.record, derating: float) -> float:
     """Return the heat at which I2t trips, never more than i2t_time_s, whatever `derating` is."""
-    return p.i2t_time_s * (1.0 - min(derating, 1.0)) if derating > 0.0 else p.i2t_time_s
+    left = 1.0 - min(derating, 1.0) if derating > 0.0 else 1.0
+    return float(p.i2t_time_s * left)
 
 
 @jit

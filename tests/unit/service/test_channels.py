@@ -220,7 +220,7 @@ def test_the_hottest_winding_counts_and_one_that_is_broken_keeps_its_part():
 
 
 def test_the_report_of_an_i2t_trip_says_what_the_winding_took_away():
-    bench = warm("winding", i2t_current_A=1.0, i2t_time_s=0.2)
+    bench = warm("winding", i2t_current_A=3.0, i2t_time_s=0.2)
     take(bench, 100.0)
     bench.run_s(0.2)
     token = bench.enabled()
