@@ -33,7 +33,7 @@ class ChannelConfig(Section):
     role: Literal["winding", "magnet"] | None = None
     """What it is the temperature of, in degC: `"winding"` lets I2t allow less heat ([limits]
     i2t_derating_from_C); `"magnet"`, of one channel at most, goes with [motor]
-    back_emf_percent_per_K."""
+    back_emf_temperature_percent_per_K."""
     source: ChannelSource
     """Where it comes from."""
     rate_Hz: Annotated[float, Field(ge=0.001, le=CHANNEL_RATE_MAX_HZ)] = 1.0

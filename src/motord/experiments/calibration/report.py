@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from motord.calibration import Calibration, CramerRao
-from motord.experiments.calibration.estimate.calibrator import CalibratedRuns
+from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRuns
 from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.calibration.estimate.truth import recorded_truth
 from motord.experiments.calibration.plots import Labelled, budget, cogging

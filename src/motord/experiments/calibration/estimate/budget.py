@@ -9,6 +9,7 @@ counts little, and what they cannot separate counts in full.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     FIRST_COGGING,
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.uncertainty_budget import Contribution
 
 Limits = Callable[[float, BenchFile, int], np.ndarray]
@@ -150,16 +152,21 @@ def budget(
     fitted: JointFit,
     sensitivities: Sequence[EffectSensitivity],
     bench: BenchFile,
+    back_emf: ReferredBackEmf | None = None,
 ) -> tuple[Contribution, ...]:
     """Return what each source contributes: Type A first, then Type B as the bench file lists it.
 
-    result: its harmonics in the succession of the fit's parameters.
+    result: its harmonics in the succession of the fit's parameters. back_emf: where it was referred
+    to a temperature.
     """
     vector = _Linear.of(result, fitted)
     both_ways = any(one.name == "friction-ripple" for one in sensitivities)
     return (
         _of_the_data(result),
-        *(_contribution(source, vector.scaled(source, result, bench), bench) for source in SCALES),
+        *(
+            _contribution(source, vector.scaled(source, result, bench), bench)
+            for source in (*SCALES, *_of_temperature(back_emf))
+        ),
         *([] if both_ways else [_friction(bench)]),
         *(
             _contribution(source, vector.squares(source, sensitivities, bench), bench)
@@ -167,6 +174,22 @@ def budget(
             if source.field != "friction_ripple_percent" or both_ways
         ),
     )
+
+
+def _of_temperature(back_emf: ReferredBackEmf | None) -> tuple[Source, ...]:
+    """Return the sources of a back-EMF that was referred to a temperature: gains of it."""
+    if back_emf is None:
+        return ()
+    rows = (
+        ("temperature of the magnets", "magnet_temperature_K", "K", back_emf.by_sensor),
+        ("temperature coefficient of the back-EMF", "back_emf_temperature_percent", "% of it",
+         back_emf.by_coefficient),
+    )  # fmt: skip
+    return tuple(Source(*row[:3], (), partial(_gain, row[3])) for row in rows)
+
+
+def _gain(part: Callable[[float], float], limit: float, _: BenchFile, terms: int) -> np.ndarray:
+    return np.full(terms, part(limit))
 
 
 @dataclass(frozen=True)
@@ -201,7 +224,8 @@ class _Linear:
             shift[6] = result.delta_epsilon
         if source.field == "torque_gain_percent":
             shift[7:] -= [h.amplitude_Nm for h in result.harmonics]
-        return np.asarray((float(getattr(bench.accuracy, source.field)) / 100 * shift) ** 2 / 3)
+        limit = float(getattr(bench.accuracy, source.field))
+        return np.asarray((source.limits(limit, bench, 1) * shift) ** 2 / 3)
 
     def squares(
         self, source: Source, sensitivities: Sequence[EffectSensitivity], bench: BenchFile
