@@ -97,17 +97,19 @@ def referred(points: Iterable[PointData], run: Run, subject: Subject) -> Iterato
 def mean_over(
     times_ns: np.ndarray, values: np.ndarray, begin_ns: int, end_ns: int, timeout_ns: float
 ) -> float:
-    """Return the mean over a span of readings (n,), linear in between; nan where that is unknown.
+    """Return the mean of readings (n,) over a span, linear in between; nan where it is unknown.
 
-    It is unknown where for longer than `timeout_ns` there was no reading that is a number.
+    So it is where for longer than `timeout_ns` there was no reading that is a number.
     """
     known = np.isfinite(values)
     times_ns, values = times_ns[known], values[known]
     first = max(int(np.searchsorted(times_ns, begin_ns, side="right")) - 1, 0)
     inside = slice(first, int(np.searchsorted(times_ns, end_ns, side="right")))
     t_ns, value = times_ns[inside], values[inside]
-    edges_ns = np.concatenate([[min(begin_ns, *t_ns[:1])], t_ns, [end_ns]])
-    if not t_ns.size or np.diff(edges_ns).max() > timeout_ns:
+    if not t_ns.size:
+        return nan
+    edges_ns = np.concatenate([[min(begin_ns, t_ns[0])], t_ns, [end_ns]])
+    if np.diff(edges_ns).max() > timeout_ns:
         return nan
     at_s = 1e-9 * (np.unique(np.clip(edges_ns, begin_ns, None)) - begin_ns)
     means = np.interp(at_s, 1e-9 * (t_ns - begin_ns), value)

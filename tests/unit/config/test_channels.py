@@ -185,3 +185,11 @@ LIMITS_REFUSED = [
 def test_a_derating_that_cannot_be_is_refused(limits, channels, message) -> None:
     with pytest.raises(ValidationError, match=message):
         bench(*channels, limits=limits)
+
+
+@pytest.mark.parametrize("key", ["back_emf_temperature_percent_per_K", "back_emf_reference_C"])
+def test_a_temperature_coefficient_and_its_reference_go_together(key: str) -> None:
+    with pytest.raises(ValidationError, match="go together"):
+        bench(motor={key: -0.1})
+    both = {"back_emf_temperature_percent_per_K": -0.1, "back_emf_reference_C": 20.0}
+    assert bench(motor=both).motor.back_emf_reference_C == 20.0

@@ -39,11 +39,18 @@ def check_points(points: Sequence[TurnProducts], unknown: Sequence[str] = ()) ->
 
     unknown: points left out as the temperature of their magnets is not known.
     """
-    if unknown and not points:
+    try:
+        _check_separable(points)
+    except IdentifyError as error:
+        if not unknown:
+            raise
         raise IdentifyError(
-            f"{UNKNOWN} at any operating point ({', '.join(unknown)}): repair its channel, or take "
+            f"{error}. {', '.join(unknown)}: left out, as {UNKNOWN}; repair its channel, or take "
             "back_emf_temperature_percent_per_K out of [motor]"
-        )
+        ) from error
+
+
+def _check_separable(points: Sequence[TurnProducts]) -> None:
     if not points:
         raise IdentifyError(
             f"there is no good operating point of {MIN_TURNS} whole turns in the recording; "
