@@ -9,7 +9,6 @@ counts little, and what they cannot separate counts in full.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -156,8 +155,7 @@ def budget(
 ) -> tuple[Contribution, ...]:
     """Return what each source contributes: Type A first, then Type B as the bench file lists it.
 
-    result: its harmonics in the succession of the fit's parameters. back_emf: where it was referred
-    to a temperature.
+    result: its harmonics in the succession of the fit's parameters. back_emf: if it was referred.
     """
     vector = _Linear.of(result, fitted)
     both_ways = any(one.name == "friction-ripple" for one in sensitivities)
@@ -165,7 +163,7 @@ def budget(
         _of_the_data(result),
         *(
             _contribution(source, vector.scaled(source, result, bench), bench)
-            for source in (*SCALES, *_of_temperature(back_emf))
+            for source in (*SCALES, *(_of_temperature(back_emf) if back_emf else ()))
         ),
         *([] if both_ways else [_friction(bench)]),
         *(
@@ -176,20 +174,18 @@ def budget(
     )
 
 
-def _of_temperature(back_emf: ReferredBackEmf | None) -> tuple[Source, ...]:
+def _of_temperature(back_emf: ReferredBackEmf) -> tuple[Source, ...]:
     """Return the sources of a back-EMF that was referred to a temperature: gains of it."""
-    if back_emf is None:
-        return ()
-    rows = (
-        ("temperature of the magnets", "magnet_temperature_K", "K", back_emf.by_sensor),
-        ("temperature coefficient of the back-EMF", "back_emf_temperature_percent", "% of it",
-         back_emf.by_coefficient),
-    )  # fmt: skip
-    return tuple(Source(*row[:3], (), partial(_gain, row[3])) for row in rows)
 
+    def limits(part: Callable[[float], float]) -> Limits:
+        return lambda limit, _, terms: np.full(terms, part(limit))
 
-def _gain(part: Callable[[float], float], limit: float, _: BenchFile, terms: int) -> np.ndarray:
-    return np.full(terms, part(limit))
+    what, coefficient = "temperature of the magnets", "temperature coefficient of the back-EMF"
+    by_sensor, by_coefficient = limits(back_emf.by_sensor), limits(back_emf.by_coefficient)
+    return (
+        Source(what, "magnet_temperature_K", "K", (), by_sensor),
+        Source(coefficient, "back_emf_temperature_percent", "% of it", (), by_coefficient),
+    )
 
 
 @dataclass(frozen=True)
