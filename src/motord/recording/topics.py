@@ -108,6 +108,9 @@ OPERATING_POINTS = _json_topic(
         "speed_mean_Hz": _property("number", "mean speed, turns a second"),
         "quality": _property("string", "ok, or what is wrong with it"),
         "compensate": _property("integer", "what was compensated: 1 currents, 2 cogging"),
+        "temperatures": _property(
+            "object", "mean_C and change_K of channels with a role, by name; null where not known"
+        ),
         "take": _property(
             "integer", "which take of the point this is; of several the last good one counts"
         ),

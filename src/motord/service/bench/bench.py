@@ -269,7 +269,7 @@ class Bench:
             return
         self._updated_ns = now_ns
         ticks = np.concatenate(self._pending)
-        seen = self._watcher.take(ticks)
+        seen = self._watcher.take(ticks, self.channels.temperatures_C(now_ns))
         self._torque_error.update(ticks, seen)
         self._pending.clear()
         try:

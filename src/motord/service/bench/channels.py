@@ -176,6 +176,14 @@ class ChannelMonitor:
         usable = channel is not None and channel.status(now_ns) not in ("broken", "frozen")
         return channel.value if channel is not None and usable else None
 
+    def temperatures_C(self, now_ns: int) -> dict[str, float]:
+        """Return the temperatures of the motor, by channel with a role; nan of a broken one."""
+        return {
+            name: nan if channel.obstacle(now_ns) else channel.value
+            for name, channel in self._channels.items()
+            if channel.config.role is not None
+        }
+
     def _hold(self, channel: Channel, now_ns: int) -> None:
         if values := channel.trip(now_ns):
             self._held[channel.config.name] = values, now_ns + HELD_NS
