@@ -377,3 +377,27 @@ def test_a_process_that_says_nothing_for_too_long_is_ended():
     assert children.sent == [signal.SIGKILL]
     link._pipes._close()
     played.close()
+
+
+def test_operating_points_have_the_temperatures_of_the_motor_and_one_that_warms_is_poor():
+    bench = warm("winding", None, i2t_derating_from_C=None, i2t_derating_to_C=None)
+    settings = {"torques_Nm": [2.0], "speeds_Hz": [1.0], "turns": 2, "settle_s": 0.1,
+                "gain_steps": [], "temperature_change_K": 1.0}  # fmt: skip
+    take(bench, 20.0)
+    take(bench, 20.0, name="b")
+    bench.run_s(0.2)
+    token = bench.acquire()
+    bench.ask("plan/start", token=token, name="calibrate", settings=settings, detach=False)
+    raw_C = 20.0
+    while bench.bench.plans.active:
+        first = not bench.sink.points
+        raw_C += 1.0 if first else 0.0
+        take(bench, raw_C)
+        take(bench, 20.0, name="b")
+        bench.run_s(0.5, token)
+    warmed, *others = bench.sink.points
+    assert warmed["quality"].startswith("a moved by ")
+    assert warmed["temperatures"]["a"]["change_K"] > 1.0
+    assert set(warmed["temperatures"]) == {"a"}
+    assert [point["quality"] for point in others] == ["ok"] * len(others)
+    assert others[0]["temperatures"]["a"] == {"mean_C": raw_C, "change_K": 0.0}

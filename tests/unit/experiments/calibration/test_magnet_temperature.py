@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from motord.config import AccuracyConfig, load, packaged
+from motord.experiments.calibration.command import estimate
 from motord.experiments.calibration.estimate.calibrator import NOT_REFERRED, Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.calibration.report import report
 from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf, mean_over, referred
 from motord.experiments.plans import build
-from motord.experiments.subject import Subject
+from motord.experiments.subject import Recordings, Subject
 from motord.identification import IdentifyError
 from motord.recording.captures import captures
 from motord.recording.metadata import describe
@@ -62,7 +64,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Run:
         for point in run_plan(
             VirtualBench(config, truth, 6), build("calibrate", config, MESH), take
         ):
-            writer.operating_point(int(point["t_end_ns"]), point)
+            spans = {"temperatures": {"rotor_C": {"mean_C": 31.4, "change_K": 2.6}}}
+            last = {"temperatures": {"rotor_C": {"mean_C": None, "change_K": None}}}
+            more = last if "induced" in point else spans
+            writer.operating_point(int(point["t_end_ns"]), {**point, **more})
     return open_run(folder / "run.mcap")
 
 
@@ -211,3 +216,11 @@ def test_what_the_correction_adds_is_by_sensor_and_coefficient() -> None:
     )
     assert "magnets of 40.0 to 60.0 degC" in back_emf.in_words(accuracy)
     assert ReferredBackEmf.of(motor, (1.0, 1.0)) is None
+
+
+def test_the_report_has_the_temperatures_of_each_point(recorded: Run) -> None:
+    recordings = Recordings((recorded,))
+    text = report(estimate(recordings), recordings).html()
+    assert "<th>rotor_C: mean, change (K)</th>" in text
+    assert "<tr><td>2 Nm, 0.9 Hz</td><td>31.4, 2.6</td></tr>" in text
+    assert "<td>not known</td>" in text
