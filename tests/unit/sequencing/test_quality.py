@@ -101,6 +101,7 @@ def test_a_temperature_out_of_band_is_reported(temperature_C, band_C, good):
         (lambda t_s: 40.0 + t_s, 4.0, "ok"),
         (lambda t_s: 40.0 + t_s, 3.9, "winding_C moved by 4.0 K from 40.0 degC"),
         (lambda t_s: 60.0 - t_s, 3.9, "winding_C moved by 4.0 K from 56.0 degC"),
+        (lambda t_s: 40.0 if t_s < 1 else 42.0, 2.0, "ok"),
         (lambda t_s: 40.0 + t_s, None, "ok"),
         (lambda t_s: 20.0 if t_s < 0 else 40.0, 1.0, "ok"),  # before the capture it may move
         (lambda t_s: float("nan") if 1 < t_s < 1.1 else 40.0, 1.0,
