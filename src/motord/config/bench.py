@@ -204,6 +204,28 @@ def channels_fit_the_bench(config: Sections) -> Iterator[str]:
             )
 
 
+def derating_has_its_channel(config: Sections) -> Iterator[str]:
+    """A winding's temperature is there that I2t goes by, and its sensor's fault trips."""
+    if config.limits.i2t_derating_from_C is None:
+        return
+    windings = [
+        (number, channel)
+        for number, channel in enumerate(config.channels)
+        if channel.role == "winding"
+    ]
+    if not windings:
+        yield (
+            "[limits] i2t_derating_from_C: no channel measures the winding's temperature; give "
+            'one of [[channels]] role = "winding"'
+        )
+    for number, channel in windings:
+        if channel.trip_above is None:
+            yield (
+                f"{channel.place(number)} has no trip_above: [limits] i2t_derating_from_C goes by "
+                "it, and with a trip limit a broken sensor ends the current; set one"
+            )
+
+
 RULES: tuple[Callable[[Sections], Iterator[str]], ...] = (
     simulated_together,
     interlocks_keep_their_times,
@@ -213,6 +235,7 @@ RULES: tuple[Callable[[Sections], Iterator[str]], ...] = (
     drive_stops_without_the_daemon,
     dq_needs_a_star,
     channels_fit_the_bench,
+    derating_has_its_channel,
 )
 
 

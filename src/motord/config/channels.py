@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -30,6 +30,10 @@ class ChannelConfig(Section):
     """Its name in the state, in recordings and in tables, with its unit: `winding_C`."""
     unit: Annotated[str, Field(max_length=16)]
     """Its unit, as text."""
+    role: Literal["winding", "magnet"] | None = None
+    """What it is the temperature of, in degC: `"winding"` lets I2t allow less heat ([limits]
+    i2t_derating_from_C); `"magnet"`, of one channel at most, goes with [motor]
+    back_emf_temperature_percent_per_K."""
     source: ChannelSource
     """Where it comes from."""
     rate_Hz: Annotated[float, Field(ge=0.001, le=CHANNEL_RATE_MAX_HZ)] = 1.0
@@ -112,6 +116,8 @@ class ChannelConfig(Section):
     def _says_something(self) -> "ChannelConfig":
         if self.scale == 0.0:
             raise ValueError("scale = 0 makes the same value of everything")
+        if self.role is not None and self.unit != "degC":
+            raise ValueError(f'role = "{self.role}" is a temperature: unit = "degC"')
         if self.name in (field.name for field in TICK.fields):
             raise ValueError(f"name: {self.name} is a field of the tick; take another")
         return self
@@ -122,6 +128,9 @@ def _names_differ(channels: tuple[ChannelConfig, ...]) -> tuple[ChannelConfig, .
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"the name {twice[0]} is there twice")
+    magnets = [channel.name for channel in channels if channel.role == "magnet"]
+    if len(magnets) > 1:
+        raise ValueError(f'role = "magnet" is of one channel at most, not {" and ".join(magnets)}')
     return channels
 
 

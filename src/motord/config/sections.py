@@ -84,6 +84,11 @@ class LimitsConfig(Section):
     """Phase current that may flow for ever."""
     i2t_time_s: Positive = 10.0
     """1.41 times i2t_current_A may flow for so long, 2 times for a third of it."""
+    i2t_derating_from_C: Finite | None = None
+    """Above this temperature of the winding, the hottest channel with role = "winding", only a part
+    of i2t_time_s is allowed; left out: the temperature makes no difference."""
+    i2t_derating_to_C: Finite | None = None
+    """Down to nothing from this temperature on: then no more than i2t_current_A may flow."""
     trip_speed_rad_s: Positive = 20.0
     """A speed above it trips, of either sign; set-points end at 80 % of it."""
     trip_torque_Nm: Positive = 12.0
@@ -112,6 +117,17 @@ class LimitsConfig(Section):
     def ramp_down_Nm_per_s(self) -> float:
         """How fast the torque goes to zero on disable, or without a supervisor or commander."""
         return max(self.torque_rate_Nm_per_s, self.torque_Nm / RAMP_DOWN_MAX_S)
+
+    @model_validator(mode="after")
+    def _derating_rises(self) -> "LimitsConfig":
+        begins_C, ends_C = self.i2t_derating_from_C, self.i2t_derating_to_C
+        if (begins_C is None) != (ends_C is None):
+            raise ValueError("i2t_derating_from_C and i2t_derating_to_C go together")
+        if begins_C is not None and ends_C is not None and ends_C <= begins_C:
+            raise ValueError(
+                f"i2t_derating_to_C = {ends_C:g} must be above i2t_derating_from_C = {begins_C:g}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _trip_above_limit(self) -> "LimitsConfig":

@@ -69,8 +69,9 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.I2T,
-        "the currents heated the motor more than limits.i2t_current_A and i2t_time_s allow",
-        "limits.i2t_current_A, limits.i2t_time_s",
+        "the currents heated the motor more than limits.i2t_current_A and i2t_time_s allow, or "
+        "than the warm winding leaves of it",
+        "limits.i2t_current_A, limits.i2t_time_s, limits.i2t_derating_from_C",
     ),
     Interlock(
         Trip.ENCODER_STALE, "no new encoder sample came within bridge.stale_after_s",

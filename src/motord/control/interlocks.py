@@ -38,6 +38,13 @@ def update_i2t(p: np.record, m: np.record, f: np.record, elapsed_s: float) -> No
 
 
 @jit
+def allowed_heat_s(p: np.record, derating: float) -> float:
+    """Return the heat at which I2t trips, never more than i2t_time_s, whatever `derating` is."""
+    left = 1.0 - min(derating, 1.0) if derating > 0.0 else 1.0
+    return float(p.i2t_time_s * left)
+
+
+@jit
 def count_link_errors(m: np.record, link_errors: int, elapsed_s: float) -> None:
     """Let the level of link errors decay with a time constant of LINK_MEMORY_S and add new ones."""
     new = link_errors - m.link_errors
@@ -56,6 +63,7 @@ def conditions(
     supervisor_late: bool,
     brake_C: float,
     channels_beyond: int,
+    i2t_derating: float,
 ) -> int:
     """Return the bits of the conditions that are true of this tick, for however short a time.
 
@@ -79,7 +87,8 @@ def conditions(
     bits = _TRIP.OVER_CURRENT if largest_A > p.trip_current_A else 0
     bits |= _TRIP.OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
     bits |= _TRIP.OVER_TORQUE if abs(f.torque_Nm) > p.trip_torque_Nm else 0
-    bits |= _TRIP.I2T if max(m.heat_s[0], m.heat_s[1], m.heat_s[2]) > p.i2t_time_s else 0
+    hottest_s = max(m.heat_s[0], m.heat_s[1], m.heat_s[2])
+    bits |= _TRIP.I2T if hottest_s > allowed_heat_s(p, i2t_derating) else 0
     bits |= _TRIP.ENCODER_STALE if abs(bridge_age_s) > p.bridge_stale_s else 0
     bits |= _TRIP.ENCODER_IMPLAUSIBLE if stuck or lost else 0
     bits |= _TRIP.TORQUE_STALE if f.bridge_status & _BRIDGE.TORQUE_INVALID else 0

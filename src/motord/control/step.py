@@ -123,7 +123,14 @@ def _decide(
         request = s.request
     m.request_seq = s.request_seq
     conditions = interlocks.conditions(
-        p, m, f, missed, supervisor_late, s.brake_temperature_C, s.channels_beyond
+        p,
+        m,
+        f,
+        missed,
+        supervisor_late,
+        s.brake_temperature_C,
+        s.channels_beyond,
+        s.i2t_derating,
     )
     bits = interlocks.debounced(p, m, conditions, new, f.now_ns)
     interlocks.latch(m, bits)

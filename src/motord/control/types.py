@@ -42,6 +42,7 @@ SETPOINT = record_dtype(
         ("plan_point", "i4"),
         ("compensate", "u4"),  # schema.Compensate
         ("channels_beyond", "u4"),  # slow channels beyond a trip limit, or broken with one
+        ("i2t_derating", "f4"),  # part of i2t_time_s that a warm winding takes away, 0 to 1
         # errors to induce on purpose, zero for none (Poels 2008, ch. 4: sensitivity)
         ("induced_gain", "f4", (3,)),  # currents times 1 + this
         ("induced_offset_A", "f4", (3,)),  # added to the currents

@@ -43,11 +43,14 @@ class Subject:
     motor: MotorConfig
     sensor: TorqueSensorConfig
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
+    magnet_channel: str = ""
+    """The channel that a bench file has for the magnets' temperature; "": as each run says."""
 
     @classmethod
     def of_config(cls, config: Config) -> "Subject":
         """Return the subject of a bench."""
-        return cls(config.bench.name, config.motor, config.torque_sensor, config.accuracy)
+        channel = next((one.name for one in config.channels if one.role == "magnet"), "")
+        return cls(config.bench.name, config.motor, config.torque_sensor, config.accuracy, channel)
 
     @classmethod
     def of_file(cls, path: Path) -> "Subject":

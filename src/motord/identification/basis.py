@@ -13,7 +13,7 @@ the noise of the sensed currents, used as regressors, would pull alpha towards z
 measured torque.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,6 +47,12 @@ class Basis:
         cogging = np.column_stack(columns) if columns else np.zeros((motor.counts, 0))
         cogging *= np.repeat(cell_gain(np.array(orders), motor.counts), 2)
         return cls(orders, cell_means(motor.back_emf_table()), cogging)
+
+    def at(self, back_emf_factor: float) -> "Basis":
+        """Return the tables where the back-EMF is so many times as large."""
+        if back_emf_factor == 1.0:
+            return self
+        return replace(self, back_emf=self.back_emf * back_emf_factor)
 
     @property
     def command(self) -> slice:

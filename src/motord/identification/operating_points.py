@@ -32,7 +32,8 @@ class PointData:
     where the source has them. compensate: 0 without compensation (schema.Compensate). induced:
     errors that were put on the currents on purpose (sequencing.Induced), so that its ripple is not
     the motor's; empty without. turns_from_start: whole turns count from the first sample, not from
-    the encoder's zero.
+    the encoder's zero. back_emf_factor: back-EMF over that of the motor's reference temperature;
+    nan where it cannot be known.
     """
 
     torque_Nm: float
@@ -41,6 +42,7 @@ class PointData:
     compensate: int = 0
     induced: Mapping[str, Any] = field(default_factory=dict)
     turns_from_start: bool = False
+    back_emf_factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ class Samples:
     command_A: np.ndarray
     turns: tuple[tuple[int, int], ...]
     commanded: bool = True
+    back_emf_factor: float = 1.0
 
     @property
     def label(self) -> str:
@@ -162,6 +165,7 @@ def prepare(point: PointData, counts: int) -> Samples:
         command_A=i_A if command_A is None else command_A,
         turns=turns,
         commanded=command_A is not None,
+        back_emf_factor=point.back_emf_factor,
     )
 
 

@@ -110,6 +110,9 @@ OPERATING_POINTS = _json_topic(
         "compensate": _property("integer", "what was compensated: 1 currents, 2 cogging"),
         "repetition": _property("integer", "of a soak: which repetition, from 1"),
         "inner_index": _property("integer", "of a soak: number of the point in the inner plan"),
+        "temperatures": _property(
+            "object", "mean_C and change_K of channels with a role, by name; null where not known"
+        ),
         "take": _property(
             "integer", "which take of the point this is; of several the last good one counts"
         ),

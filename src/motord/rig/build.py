@@ -175,7 +175,8 @@ def _fill_departures(p: np.record, truth: RigTruth) -> None:
     )
     p.back_emf_drop_per_A = motor.back_emf_drop_per_A
     p.cogging_rise_per_A = motor.cogging_rise_per_A
-    p.loaded = motor.back_emf_drop_per_A != 0 or motor.cogging_rise_per_A != 0
+    p.back_emf_per_K = truth.thermal.back_emf_per_K
+    p.loaded = any((p.back_emf_drop_per_A, p.cogging_rise_per_A, p.back_emf_per_K))
     p.sensor_has_friction = truth.torque_sensor.sees_friction
     p.sensor_departs = bool(friction or crosstalk or p.sensor_has_friction)
     _fill_harmonics(p.friction_ripple, [(h.order, h.amplitude_Nm, h.phase_rad) for h in friction])

@@ -3,7 +3,8 @@
 Encoder: theta + sum_m e_m sin(m theta + phi_m) is read. Torque sensor: T (1 + sum_m c_m sin(m theta
 + phi_m)). Friction: the sum of its ripple's orders works against the motion. Back-EMF and cogging
 torque are scaled by 1 - drop i and 1 + rise i, with i the amplitude of balanced phase currents of
-the same heat. Current sensors: the sensor of phase p reads sum_q (delta_pq + x_pq) i*_q.
+the same heat; the back-EMF also by 1 + c (T - T_0) of the magnets. Current sensors: the sensor of
+phase p reads sum_q (delta_pq + x_pq) i*_q.
 """
 
 import math
@@ -25,11 +26,12 @@ def harmonic_sum(harmonics: np.record, angle_rad: float) -> float:
 
 @jit
 def scales_by_load(p: np.record, s: np.record) -> tuple[float, float]:
-    """Return the factors of back-EMF and cogging torque with the present currents."""
+    """Return the factors of back-EMF and cogging torque now: by currents, magnets' temperature."""
+    warm = 1.0 + p.back_emf_per_K * (s.magnet_C - p.ambient_C)
     i = s.i_A
     amplitude_A = math.sqrt((i[0] * i[0] + i[1] * i[1] + i[2] * i[2]) * (2.0 / 3.0))
     return (
-        max(1.0 - p.back_emf_drop_per_A * amplitude_A, 0.5),
+        max((1.0 - p.back_emf_drop_per_A * amplitude_A) * warm, 0.5),
         max(1.0 + p.cogging_rise_per_A * amplitude_A, 0.0),
     )
 

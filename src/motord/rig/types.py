@@ -72,8 +72,9 @@ RIG_PARAMETERS = record_dtype(
         ("wave_cos", "f8", (4 * MAX_ORDERS,)),  # [4 row + 0, 1, 2: phase; 3: cogging]
         ("wave_sin", "f8", (4 * MAX_ORDERS,)),
         # departures from the controller's model (`rig.departures`)
-        ("loaded", "i8"),  # back-EMF or cogging change with the current
+        ("loaded", "i8"),  # back-EMF or cogging change with current or temperature
         ("back_emf_drop_per_A", "f8"),
+        ("back_emf_per_K", "f8"),
         ("cogging_rise_per_A", "f8"),
         ("sensor_departs", "i8"),  # it is loaded with more than the stator's torque
         ("friction_ripple", HARMONICS),

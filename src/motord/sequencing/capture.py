@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
+from math import isnan
 from typing import Any, ParamSpec
 
 from motord.sequencing.demand import NOTHING_INDUCED, Demand, OperatingPoint
@@ -98,5 +99,19 @@ def account(
         "compensate": seen.demand.compensate,
         "quality": quality,
         **induced,
+        **_temperatures(seen),
         **particular,
     }
+
+
+def _temperatures(seen: Observation) -> dict[str, Any]:
+    """Return mean and change of each temperature of the motor, None where it is not known."""
+    spans = {
+        name: {"mean_C": _known(span.mean_C), "change_K": _known(span.change_K)}
+        for name, span in seen.point_temperatures_C.items()
+    }
+    return {"temperatures": spans} if spans else {}
+
+
+def _known(value: float) -> float | None:
+    return None if isnan(value) else round(value, 3)

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -67,6 +68,34 @@ class ChannelValue:
 
 
 @dataclass(frozen=True)
+class TemperatureSpan:
+    """A temperature of the motor (degC) since an operating point began; nan where it is unknown.
+
+    mean_C: of the values at the ends of `blocks` blocks of ticks.
+    """
+
+    mean_C: float
+    lowest_C: float
+    highest_C: float
+    blocks: int = 1
+
+    def with_value(self, value_C: float) -> "TemperatureSpan":
+        """Return the span with one more; nan once a value was none."""
+        blocks = self.blocks + 1
+        return TemperatureSpan(
+            self.mean_C + (value_C - self.mean_C) / blocks,
+            float(np.minimum(self.lowest_C, value_C)),
+            float(np.maximum(self.highest_C, value_C)),
+            blocks,
+        )
+
+    @property
+    def change_K(self) -> float:
+        """By how much it moved."""
+        return self.highest_C - self.lowest_C
+
+
+@dataclass(frozen=True)
 class Observation:
     """The bench at the end of a block of ticks."""
 
@@ -91,6 +120,7 @@ class Observation:
     point_slowest_Hz: float = 0.0  # of the means over whole turns since then
     point_fastest_Hz: float = 0.0
     temperature_C: float = float("nan")  # of the inverter
+    point_temperatures_C: Mapping[str, TemperatureSpan] = field(default_factory=dict)  # by channel
     demand: Demand = field(default_factory=Demand)  # in force meanwhile
     precision: Precision | None = None  # the newest that the plan's estimator gave
     channels: Mapping[str, ChannelValue] = field(default_factory=dict)  # slow ones, by name
@@ -115,9 +145,15 @@ class TickWatcher:
         self._point_speed_rad_s = 0.0
         self._point_counts = (0, 0)  # missed, link_errors at its first tick
         self._point_turn_speeds_Hz: tuple[float, float] | None = None
+        self._point_temperatures_C: dict[str, TemperatureSpan] = {}
 
-    def take(self, ticks: np.ndarray) -> Observation:
-        """Return what the block `ticks` (TICK_DTYPE, at least one) shows."""
+    def take(
+        self, ticks: np.ndarray, temperatures_C: Mapping[str, float] = MappingProxyType({})
+    ) -> Observation:
+        """Return what the block `ticks` (TICK_DTYPE, at least one) shows.
+
+        temperatures_C: those of the motor now, by channel; nan of one that is broken.
+        """
         angle_rad = ticks["angle_rad"].astype(float)
         if not self._started:
             self._angle_rad, self._started = float(angle_rad[0]), True
@@ -125,6 +161,12 @@ class TickWatcher:
         steps_rad -= 2 * np.pi * np.round(steps_rad / (2 * np.pi))
         turned_rad = self._turned_rad + np.cumsum(steps_rad)
         self._watch_point(ticks, turned_rad)
+        self._point_temperatures_C = {
+            name: span.with_value(value_C)
+            if (span := self._point_temperatures_C.get(name))
+            else TemperatureSpan(value_C, value_C, value_C)
+            for name, value_C in temperatures_C.items()
+        }
         self._angle_rad, self._turned_rad = float(angle_rad[-1]), float(turned_rad[-1])
         speed_sum_rad_s = float(ticks["speed_rad_s"].sum(dtype=float))
         self._point_ticks += ticks.size
@@ -154,6 +196,7 @@ class TickWatcher:
             point_slowest_Hz=slowest_Hz,
             point_fastest_Hz=fastest_Hz,
             temperature_C=float(last["temperature_C"]),
+            point_temperatures_C=self._point_temperatures_C,
         )
 
     def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> None:
@@ -166,6 +209,7 @@ class TickWatcher:
         self._point_turned_rad = float(turned_rad[first])
         self._point_ticks, self._point_speed_rad_s = 0, 0.0
         self._point_turn_speeds_Hz = None
+        self._point_temperatures_C = {}
         self._point_counts = (int(ticks["missed"][first]), int(ticks["link_errors"][first]))
 
     def _range_of_turn_speeds(self, speed_Hz: float) -> tuple[float, float]:

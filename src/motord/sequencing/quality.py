@@ -1,5 +1,8 @@
 """Quality of an operating point, from the observation at the end of its capture."""
 
+from collections.abc import Iterator
+from math import isnan
+
 from motord.config import DrivenConfig, MeshConfig
 from motord.sequencing.observation import Observation
 
@@ -26,8 +29,11 @@ def quality_at_speed(
     seen: Observation, speed_Hz: float, settings: MeshConfig | DrivenConfig
 ) -> str:
     """Return the `quality` of a capture at `speed_Hz`."""
-    fault = _speed_fault(seen, speed_Hz, settings.speed_tolerance)
-    return quality(seen, settings.temperature_C, fault)
+    faults = (
+        _speed_fault(seen, speed_Hz, settings.speed_tolerance),
+        *_warming(seen, settings.temperature_change_K),
+    )
+    return quality(seen, settings.temperature_C, "; ".join(filter(None, faults)))
 
 
 def _speed_fault(seen: Observation, speed_Hz: float, tolerance: float) -> str:
@@ -48,6 +54,17 @@ def _noise(seen: Observation) -> str:
     if seen.point_link_errors > ERRORS_PART * seen.point_ticks:
         return f"noisy: {seen.point_link_errors} frames lost or corrupt"
     return ""
+
+
+def _warming(seen: Observation, limit_K: float | None) -> Iterator[str]:
+    """Yield which temperatures of the motor moved further, or were not known all the time."""
+    for name, span in seen.point_temperatures_C.items():
+        if limit_K is None or span.change_K <= limit_K:
+            continue
+        if isnan(span.change_K):
+            yield f"{name} was not known all the time"
+        else:
+            yield f"{name} moved by {span.change_K:.1f} K from {span.lowest_C:.1f} degC"
 
 
 def _temperature_fault(seen: Observation, band_C: tuple[float, float] | None) -> str:

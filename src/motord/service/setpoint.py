@@ -37,6 +37,7 @@ class Setpoint:
         self.compensate = Compensate(0)
         self.brake_temperature_C = float("nan")
         self.channels_beyond = 0
+        self.i2t_derating = 0.0
         self.plan_point = -1
         self.induced = NOTHING_INDUCED
 
@@ -69,6 +70,7 @@ class Setpoint:
         s.brake = self.brake
         s.brake_temperature_C = self.brake_temperature_C
         s.channels_beyond = self.channels_beyond
+        s.i2t_derating = self.i2t_derating
         s.drive_rad_s = self.drive_Hz * RAD_PER_TURN
         s.plan_point = self.plan_point
         s.compensate = int(self.compensate)

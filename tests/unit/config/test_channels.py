@@ -40,6 +40,8 @@ REFUSED = [
     ({"valid_max": 1.0, "trip_above": 2.0}, "valid_max = 1 must be above trip_above = 2"),
     ({"valid_min": 1.0, "trip_below": 1.0}, "trip_below = 1 must be above valid_min"),
     ({"warn_below": 5.0, "warn_above": 4.0}, "warn_above = 4 must be above warn_below"),
+    ({"role": "winding", "unit": "K"}, 'role = "winding" is a temperature: unit = "degC"'),
+    ({"role": "oil"}, "'winding' or 'magnet'"),
     ({"source": {"driver": "modbus"}}, "address"),
     ({"source": {**MODBUS, "transport": "rtu"}}, 'transport = "rtu" needs serial_port'),
     ({"source": {**SERIAL, "pattern": "T=.*"}}, "needs a group around the number"),
@@ -159,3 +161,35 @@ def test_what_is_accepted_keeps_its_time(
     assert made.trips == (trip_above is not None)
     assert not made.trips or made.trip_s <= CHANNEL_TRIP_MAX_S
     assert ChannelConfig.model_validate(made.model_dump()) == made
+
+
+DERATED = {"i2t_derating_from_C": 80.0, "i2t_derating_to_C": 120.0}
+WINDING = {"role": "winding", "trip_above": 130.0}
+LIMITS_REFUSED = [
+    (DERATED, [channel()], 'no channel measures the winding.*role = "winding"'),
+    (DERATED, [channel(role="magnet", trip_above=1.0)], "no channel measures the winding"),
+    (DERATED, [channel(role="winding")], r'channels\[0\] "winding_C" has no trip_above'),
+    (
+        DERATED,
+        [channel(**WINDING), channel(name="b", role="winding", trip_below=1.0)],
+        r'channels\[1\] "b" has no trip_above',
+    ),
+    ({"i2t_derating_from_C": 80.0}, [channel(**WINDING)], "go together"),
+    ({"i2t_derating_to_C": 80.0}, [channel(**WINDING)], "go together"),
+    (DERATED | {"i2t_derating_to_C": 80.0}, [channel(**WINDING)], "= 80 must be above"),
+    ({}, [channel(role="magnet"), channel(name="b", role="magnet")], "winding_C and b"),
+]
+
+
+@pytest.mark.parametrize(("limits", "channels", "message"), LIMITS_REFUSED)
+def test_a_derating_that_cannot_be_is_refused(limits, channels, message) -> None:
+    with pytest.raises(ValidationError, match=message):
+        bench(*channels, limits=limits)
+
+
+@pytest.mark.parametrize("key", ["back_emf_temperature_percent_per_K", "back_emf_reference_C"])
+def test_a_temperature_coefficient_and_its_reference_go_together(key: str) -> None:
+    with pytest.raises(ValidationError, match="go together"):
+        bench(motor={key: -0.1})
+    both = {"back_emf_temperature_percent_per_K": -0.1, "back_emf_reference_C": 20.0}
+    assert bench(motor=both).motor.back_emf_reference_C == 20.0

@@ -40,7 +40,9 @@ from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[3]
 CONFIG = ROOT / "src/motord/config"
-READ_ELSEWHERE = {  # by alignment, design of a quick calibration, profiles and efficiency maps
+READ_ELSEWHERE = {  # by alignment, design of a quick calibration, profiles, efficiency maps, and
+    # where the back-EMF is referred to a temperature
+    *("back_emf_temperature_percent", "magnet_temperature_K"),
     *("encoder_error_rad", "torque_gain_percent", "current_gain_percent", "back_emf_percent"),
     *("torque_zero_Nm", "power_gain_percent", "power_zero_W"),
     *("friction_ripple_percent", "torque_crosstalk_percent", "saturation_percent"),

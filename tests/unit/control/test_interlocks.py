@@ -4,12 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from motord.config import Config
 from motord.control import interlocks, parameters
 from motord.control.interlock_table import INTERLOCKS
 from motord.control.interlocks import (
     LINK_MEMORY_S,
+    allowed_heat_s,
     conditions,
     count_link_errors,
     debounced,
@@ -64,15 +67,20 @@ class Watched:
         self.late = False
         self.brake_C = 40.0
         self.channels_beyond = 0
+        self.i2t_derating = 0.0
 
     def look(self) -> int:
         """Return the causes that hold now; a period passes, ages stay as they are."""
         for name in ("now_ns", "t_ns", "t_inverter_ns"):
             self.feedback[name] += PERIOD_NS
         bits = conditions(
-            self.p, self.m, self.f, self.missed, self.late, self.brake_C, self.channels_beyond
-        )
+            self.p, self.m, self.f, self.missed, self.late, self.brake_C, self.channels_beyond,
+            self.i2t_derating,
+        )  # fmt: skip
         return int(debounced(self.p, self.m, bits, self.new, self.f.now_ns))
+
+
+WATCHED = Watched()
 
 
 def currents(value: float):
@@ -115,9 +123,9 @@ def torque_off_set_point(apart_Nm: float, asked_Nm: float = 0.0):
     return depart
 
 
-def hot(number: int, heat_s: float):
+def hot(number: int, heat_s: float, derating: float = 0.0):
     def depart(w: Watched) -> None:
-        w.m.heat_s[number] = heat_s
+        w.m.heat_s[number], w.i2t_derating = heat_s, derating
 
     return depart
 
@@ -163,6 +171,11 @@ BEYOND = [
     (Trip.I2T, hot(0, 0.501)),
     (Trip.I2T, hot(1, 0.501)),
     (Trip.I2T, hot(2, 0.501)),
+    (Trip.I2T, hot(0, 0.201, 0.6)),
+    (Trip.I2T, hot(1, 1e-6, 1.0)),
+    (Trip.I2T, hot(2, 1e-6, 7.0)),
+    (Trip.I2T, hot(0, 0.501, -1.0)),
+    (Trip.I2T, hot(0, 0.501, math.nan)),
     (Trip.ENCODER_STALE, old("t_ns", STALE_NS + 1000)),
     (Trip.ENCODER_IMPLAUSIBLE, of_memory("implausible", 3)),
     (Trip.TORQUE_STALE, of_feedback("bridge_status", LINE | TORQUE_INVALID)),
@@ -204,6 +217,9 @@ WITHIN = [
     torque(12.0),
     torque(-12.0),
     hot(1, 0.5),
+    hot(1, 0.199, 0.6),
+    hot(1, 0.0, 1.0),
+    hot(1, 0.5, math.nan),
     old("t_ns", STALE_NS - 1000),
     old("t_inverter_ns", STALE_NS - 1000),
     old("t_ns", -STALE_NS + 1000),
@@ -389,6 +405,13 @@ def test_heat_is_bounded_and_a_reading_that_is_none_changes_nothing() -> None:
     for _ in range(1100):
         update_i2t(watched.p, watched.m, watched.f, 1e-3)
     assert watched.m.heat_s.tolist() == [0.0, 0.0, 0.0]
+
+
+@given(derating=st.floats(width=32))
+def test_no_derating_allows_more_heat_than_none_does(derating: float) -> None:
+    p = WATCHED.p
+    assert 0.0 <= allowed_heat_s(p, derating) <= p.i2t_time_s
+    assert allowed_heat_s(p, 0.0) == p.i2t_time_s
 
 
 @pytest.mark.kernel

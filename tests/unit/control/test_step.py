@@ -368,6 +368,19 @@ def test_i2t_trips_at_its_time() -> None:
     assert bench.tick["first_trip"][0] == Trip.I2T
 
 
+@pytest.mark.kernel
+@pytest.mark.parametrize(("derating", "ticks"), [(0.0, 300), (0.5, 150), (1.0, 1)])
+def test_i2t_trips_the_earlier_the_warmer_the_winding(derating: float, ticks: int) -> None:
+    bench = Bench(make_config(limits={"i2t_current_A": 10.0, "i2t_time_s": 0.3}))
+    bench.enable()
+    bench.setpoint["i2t_derating"] = derating
+    assert bench.run(5).state == State.ENABLED  # no current, no heat
+    bench.feedback["i_A"][0, 0] = 10.0 * math.sqrt(2)
+    count = next(n for n in range(1, 400) if bench.run().state == State.TRIPPED)
+    assert ticks <= count <= ticks + 2
+    assert bench.tick["first_trip"][0] == Trip.I2T
+
+
 def test_a_silent_supervisor_ramps_to_zero_then_trips() -> None:
     bench = Bench()
     bench.enable(torque_Nm=2.0)

@@ -6,6 +6,8 @@ import pytest
 from motord.config import MeshConfig
 from motord.schema import TICK_DTYPE
 from motord.sequencing import TickWatcher
+from motord.sequencing.capture import account
+from motord.sequencing.demand import OperatingPoint
 from motord.sequencing.quality import quality_at_speed
 from tests.unit.sequencing.test_executor import Runner
 
@@ -13,7 +15,9 @@ RATE_HZ = 1000
 LOOK = 20
 
 
-def captured(speeds_Hz, missed=0, link_errors=0, temperature_C=40.0, before=300):
+def captured(
+    speeds_Hz, missed=0, link_errors=0, temperature_C=40.0, before=300, winding_C=lambda t_s: None
+):
     """Return what is seen at the end of a capture at these speeds, tick by tick."""
     speeds_Hz = np.concatenate([np.full(2 * RATE_HZ, speeds_Hz[0]), speeds_Hz])
     ticks = np.zeros(speeds_Hz.size, TICK_DTYPE)
@@ -28,12 +32,16 @@ def captured(speeds_Hz, missed=0, link_errors=0, temperature_C=40.0, before=300)
         ticks[name] = before
         ticks[name][-LOOK:] += more
     watcher = TickWatcher()
-    seen = [watcher.take(ticks[first : first + LOOK]) for first in range(0, ticks.size, LOOK)]
-    return seen[-1]
+    seen = None
+    for first in range(0, ticks.size, LOOK):
+        now_C = winding_C(first / RATE_HZ - 2.0)  # from the beginning of the capture
+        temperatures_C = {} if now_C is None else {"winding_C": now_C, "magnet_C": 30.0}
+        seen = watcher.take(ticks[first : first + LOOK], temperatures_C)
+    return seen
 
 
-def quality(*arguments, band_C=None, **more):
-    mesh = MeshConfig(speed_tolerance=0.02, temperature_C=band_C)
+def quality(*arguments, band_C=None, change_K=None, **more):
+    mesh = MeshConfig(speed_tolerance=0.02, temperature_C=band_C, temperature_change_K=change_K)
     return quality_at_speed(captured(*arguments, **more), 1.0, mesh)
 
 
@@ -85,6 +93,39 @@ def test_frames_that_are_lost_make_it_noisy(errors, good):
 def test_a_temperature_out_of_band_is_reported(temperature_C, band_C, good):
     said = quality(steady(1.0), temperature_C=temperature_C, band_C=band_C)
     assert said == "ok" if good else "outside 40 to 50" in said
+
+
+@pytest.mark.parametrize(
+    ("winding_C", "change_K", "said"),
+    [
+        (lambda t_s: 40.0 + t_s, 4.0, "ok"),
+        (lambda t_s: 40.0 + t_s, 3.9, "winding_C moved by 4.0 K from 40.0 degC"),
+        (lambda t_s: 60.0 - t_s, 3.9, "winding_C moved by 4.0 K from 56.0 degC"),
+        (lambda t_s: 40.0 if t_s < 1 else 42.0, 2.0, "ok"),
+        (lambda t_s: 40.0 + t_s, None, "ok"),
+        (lambda t_s: 20.0 if t_s < 0 else 40.0, 1.0, "ok"),  # before the capture it may move
+        (lambda t_s: float("nan") if 1 < t_s < 1.1 else 40.0, 1.0,
+         "winding_C was not known all the time"),
+        (lambda t_s: float("nan"), None, "ok"),
+        (lambda t_s: None, 1.0, "ok"),  # no channel has a role
+    ],
+)  # fmt: skip
+def test_a_motor_that_warms_while_it_is_captured_is_reported(winding_C, change_K, said):
+    assert quality(steady(1.0), winding_C=winding_C, change_K=change_K) == said
+
+
+def test_a_point_is_recorded_with_its_temperatures():
+    point = OperatingPoint(3, 1.0, 1.0, 2)
+    plain = account(point, captured(steady(1.0)), "ok")
+    assert "temperatures" not in plain
+    warm = account(point, captured(steady(1.0), winding_C=lambda t_s: 40.0 + t_s), "ok")
+    assert warm.pop("temperatures") == {
+        "winding_C": {"mean_C": pytest.approx(42.0, abs=0.03), "change_K": 3.98},
+        "magnet_C": {"mean_C": 30.0, "change_K": 0.0},
+    }
+    assert warm == plain
+    broken = account(point, captured(steady(1.0), winding_C=lambda t_s: float("nan")), "ok")
+    assert broken["temperatures"]["winding_C"] == {"mean_C": None, "change_K": None}
 
 
 def test_all_that_is_wrong_is_reported():

@@ -7,13 +7,18 @@ import threading
 from queue import SimpleQueue
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from motord.api.errors import RpcError
 from motord.config import ChannelConfig, load
+from motord.config.sections import LimitsConfig
 from motord.hal.channel_source import ChannelReading
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.schema import State
-from motord.service.bench.channels import HELD_NS, NOTHING_YET, Channel
+from motord.service.bench.channels import HELD_NS, NOTHING_YET, Channel, i2t_derating
+from motord.service.bench.trip_report import DERATING
 from motord.service.channels import process
 from motord.service.channels.link import SILENT_NS, ChannelLink
 from motord.service.channels.protocol import ReadingMessage, ReadingsMessage
@@ -174,6 +179,86 @@ def test_a_channel_beyond_its_limit_trips_and_is_latched():
     assert bench.bench.state is State.TRIPPED
 
 
+DERATED = {"i2t_derating_from_C": 80.0, "i2t_derating_to_C": 120.0}
+
+
+def warm(*roles: str | None, **limits: float) -> VirtualService:
+    """A bench whose I2t goes by the channels a, b, c that measure the winding."""
+    about = {"unit": "degC", "source": {"driver": "simulated"}, "trip_above": 130.0}
+    limits = load().limits.model_copy(update=DERATED | limits)
+    return VirtualService(bench_config=load().model_copy(update={
+        "limits": limits,
+        "channels": tuple(
+            ChannelConfig.model_validate({"name": "abc"[n], "role": role, **about})
+            for n, role in enumerate(roles)
+        ),
+    }))  # fmt: skip
+
+
+def derating(bench) -> float:
+    bench.step(2)
+    assert bench.bench.setpoint.i2t_derating == bench.loop.setpoint["i2t_derating"][0]
+    return float(bench.loop.setpoint["i2t_derating"][0])
+
+
+@pytest.mark.parametrize(
+    ("raw_C", "part"), [(-300.0, 0.0), (80.0, 0.0), (90.0, 0.25), (120.0, 1.0), (129.0, 1.0)]
+)
+def test_a_warm_winding_takes_a_part_of_the_heat_that_i2t_allows(raw_C, part):
+    bench = warm("winding", None, "magnet")
+    take(bench, raw_C)
+    take(bench, 129.0, name="b")
+    take(bench, 129.0, name="c")
+    assert derating(bench) == part
+
+
+def test_the_hottest_winding_counts_and_one_that_is_broken_keeps_its_part():
+    bench = warm("winding", "winding")
+    assert derating(bench) == 0.0  # nothing read yet: trips by itself, as it has a limit
+    take(bench, 90.0)
+    take(bench, 110.0, name="b")
+    assert derating(bench) == 0.75
+    take(bench, math.nan, name="b")
+    assert derating(bench) == 0.75
+    for _ in range(6):  # b is silent, a goes on
+        take(bench, 85.0)
+        bench.run_s(0.5)
+    assert statuses(bench)["b"] == "broken"
+    assert derating(bench) == 0.75
+    take(bench, 70.0, name="b")
+    assert derating(bench) == 0.125
+
+
+def test_the_report_of_an_i2t_trip_says_what_the_winding_took_away():
+    bench = warm("winding", i2t_current_A=3.0, i2t_time_s=0.2)
+    take(bench, 100.0)
+    bench.run_s(0.2)
+    token = bench.enabled()
+    bench.ask("set", token=token, torque_Nm=2.0)
+    bench.run_s(1.0)
+    trip = bench.bench.monitor.trip
+    assert trip.first == ["I2T"]
+    value = trip.values[DERATING]
+    assert (value.value, value.limit) == (0.5, 1.0)
+
+
+@given(
+    begins_C=st.floats(allow_nan=False, allow_infinity=False),
+    over_K=st.floats(min_value=1e-300, max_value=1e300),
+    winding_C=st.floats(allow_nan=False, allow_infinity=False),
+)
+def test_every_derating_that_is_accepted_is_a_part(begins_C, over_K, winding_C):
+    table = {"i2t_derating_from_C": begins_C, "i2t_derating_to_C": begins_C + over_K}
+    try:
+        limits = LimitsConfig.model_validate(table)
+    except ValidationError:
+        return
+    part = i2t_derating(limits, winding_C)
+    assert 0.0 <= part <= 1.0
+    assert part == 0.0 or winding_C > begins_C
+    assert part == 1.0 or winding_C < begins_C + over_K
+
+
 def test_one_reading_beyond_the_limit_trips_even_if_the_next_came_with_it():
     bench = enabled(trip_above=100.0)
     take(bench, 101.0, 20.0)
@@ -319,3 +404,27 @@ def test_a_plan_that_heats_ends_with_the_sensor():
     view = bench.bench.plans.view
     assert (view.state, bench.bench.setpoint.torque_Nm) == ("failed", 0.0)
     assert view.message.startswith("winding_C has no valid value: no reading for")
+
+
+def test_operating_points_have_the_temperatures_of_the_motor_and_one_that_warms_is_poor():
+    bench = warm("winding", None, i2t_derating_from_C=None, i2t_derating_to_C=None)
+    settings = {"torques_Nm": [2.0], "speeds_Hz": [1.0], "turns": 2, "settle_s": 0.1,
+                "gain_steps": [], "temperature_change_K": 1.0}  # fmt: skip
+    take(bench, 20.0)
+    take(bench, 20.0, name="b")
+    bench.run_s(0.2)
+    token = bench.acquire()
+    bench.ask("plan/start", token=token, name="calibrate", settings=settings, detach=False)
+    raw_C = 20.0
+    while bench.bench.plans.active:
+        first = not bench.sink.points
+        raw_C += 1.0 if first else 0.0
+        take(bench, raw_C)
+        take(bench, 20.0, name="b")
+        bench.run_s(0.5, token)
+    warmed, *others = bench.sink.points
+    assert warmed["quality"].startswith("a moved by ")
+    assert warmed["temperatures"]["a"]["change_K"] > 1.0
+    assert set(warmed["temperatures"]) == {"a"}
+    assert [point["quality"] for point in others] == ["ok"] * len(others)
+    assert others[0]["temperatures"]["a"] == {"mean_C": raw_C, "change_K": 0.0}

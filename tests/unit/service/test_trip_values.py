@@ -1,5 +1,7 @@
 """The account of a trip: for every cause a value beyond its limit, and what to do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from motord.control import parameters
 from motord.schema import TICK_DTYPE, Request, State, Trip
 from motord.service.bench.recent_ticks import RecentTicks
 from motord.service.bench.tick_monitor import TickMonitor
-from motord.service.bench.trip_report import TripWindow, trip_values
+from motord.service.bench.trip_report import DERATING, TripWindow, trip_values
 from motord.service.host.events import EventLog
 from tests.campaigns.fault_bench import TORQUE_NM, Driver
 
@@ -41,6 +43,13 @@ def test_every_trip_has_a_value_a_limit_a_meaning_and_an_action():
         for value in values.values():
             assert np.isfinite([value["value"], value["limit"]]).all()
     assert all(TRIP_ACTION[trip] and TRIP_MEANING[trip] for trip in Trip)
+
+
+def test_only_a_trip_by_i2t_says_what_a_warm_winding_takes_away():
+    seen = replace(window(np.zeros(3, TICK_DTYPE)), i2t_derating=0.25)
+    with_derating = [trip for trip in Trip if DERATING in trip_values(int(trip), seen)]
+    assert with_derating == [Trip.I2T]
+    assert trip_values(Trip.I2T, seen)[DERATING] == {"value": 0.25, "limit": 1.0}
 
 
 FAULTS = [

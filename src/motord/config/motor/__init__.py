@@ -41,6 +41,12 @@ class MotorConfig(Section):
     """Phases joined in a star without neutral, or driven independently."""
     back_emf: BackEmf
     """Orders of phase a, over speed, or the name of a file that `motord analyse back-emf` wrote."""
+    back_emf_temperature_percent_per_K: Annotated[float, Field(ge=-1, le=1)] | None = None
+    """Temperature coefficient of the back-EMF, percent of it for each K: about -0.11 with NdFeB,
+    -0.2 with ferrite magnets. With a channel of role = "magnet" analyses refer the back-EMF to
+    back_emf_reference_C; left out: it is taken to be the same at all temperatures."""
+    back_emf_reference_C: Finite | None = None
+    """Temperature of the magnets at which the motor has the back-EMF that is given here."""
     encoder_offset_rad: Finite = 0.0
     """Angle of the rotor at count 0: angle = direction x count + offset."""
     encoder_direction: Literal[1, -1] = 1
@@ -58,6 +64,15 @@ class MotorConfig(Section):
                 )
             if not (np.abs(values).max(axis=0) > 0).all():
                 raise ValueError(f"{name}: the back-EMF table has a phase that is zero all over")
+        return self
+
+    @model_validator(mode="after")
+    def _coefficient_has_its_reference(self) -> "MotorConfig":
+        given = (self.back_emf_temperature_percent_per_K, self.back_emf_reference_C)
+        if (given[0] is None) != (given[1] is None):
+            raise ValueError(
+                "back_emf_temperature_percent_per_K and back_emf_reference_C go together"
+            )
         return self
 
     @property

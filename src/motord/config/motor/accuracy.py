@@ -25,6 +25,10 @@ class AccuracyConfig(Section):
     """Amplitude of the back-EMF's fundamental."""
     back_emf_harmonics_percent: Percent = 0.2
     """Each harmonic of the back-EMF, of its fundamental."""
+    back_emf_temperature_percent: Percent = 20.0
+    """Temperature coefficient of the back-EMF, of itself; counts where that is corrected."""
+    magnet_temperature_K: NonNegative = 3.0
+    """Temperature of the magnets, as a channel has it; counts where the back-EMF is corrected."""
     saturation_percent: Percent = 1.0
     """Torque, and cogging torque, at the rated current: change with the current."""
     current_gain_percent: Percent = 1.0

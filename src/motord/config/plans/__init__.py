@@ -35,6 +35,9 @@ class MeshConfig(Section):
     """How far the mean speed may be off, in parts."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
+    temperature_change_K: Positive | None = None
+    """How far a temperature of the motor (channels with a role) may move during a capture; else the
+    point is poor and taken again. None: any."""
 
 
 class CalibrateConfig(MeshConfig):
@@ -135,6 +138,9 @@ class DrivenConfig(Section):
     """Factor of each speed from which it is approached."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
+    temperature_change_K: Positive | None = None
+    """How far a temperature of the motor (channels with a role) may move during a capture; else the
+    point is poor and taken again. None: any."""
 
 
 class SensitivityConfig(Section):

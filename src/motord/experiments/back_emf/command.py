@@ -9,6 +9,7 @@ from motord.experiments.back_emf.report import report
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
+from motord.experiments.magnet_temperature import referred
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
@@ -17,8 +18,15 @@ from motord.report.text import TextTable
 
 def estimate(recordings: Recordings) -> MeasuredBackEmf:
     """Return the back-EMF over all driven points. Raises AnalysisError, IdentifyError."""
-    found = measure(driven_points(recordings.runs, VOLTAGES), recordings.subject.motor)
-    return replace(found, findings=(*found.findings, *points_left_out(recordings.runs)))
+    subject = recordings.subject
+    points = (
+        point
+        for run in recordings.runs
+        for point in referred(driven_points([run], VOLTAGES), run, subject)
+    )
+    found = measure(points, subject.motor)
+    notes = [found.referred.finding(subject.accuracy)] if found.referred else []
+    return replace(found, findings=(*found.findings, *notes, *points_left_out(recordings.runs)))
 
 
 def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:

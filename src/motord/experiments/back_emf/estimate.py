@@ -10,15 +10,18 @@ it turns the waves in proportion to the speed.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from math import isnan
 
 import numpy as np
 
 from motord.config import MotorConfig
 from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
 from motord.identification.harmonics import lines_at
+from motord.identification.left_out import LeftOut
 from motord.identification.operating_points import PointData
 from motord.identification.orders import resolved_order
 from motord.identification.resample import rising
@@ -64,8 +67,12 @@ class VoltageSamples:
 
 
 def voltage_samples(driven: Driven, delay_s: float) -> VoltageSamples:
-    """Return the voltages of the whole turns, with angle and speed `delay_s` before they say."""
+    """Return the voltages of the whole turns, with angle and speed `delay_s` before they say.
+
+    As they are with magnets of the reference temperature.
+    """
     u_V = np.column_stack([driven.ticks[name].astype(float) for name in VOLTAGES])
+    u_V /= driven.back_emf_factor
     at_s = driven.t_s
     if "i_age_ns" in (driven.ticks.dtype.names or ()):
         at_s = at_s - driven.ticks["i_age_ns"] * 1e-9
@@ -128,6 +135,8 @@ def fit_delay(samples: VoltageSamples, order: np.ndarray) -> tuple[float, float]
 def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     """Return the back-EMF from driven points. Raises IdentifyError."""
     driven, left_out = prepare(points, motor, VOLTAGES, "no phase voltages")
+    driven, unknown = _known(driven)
+    left_out += unknown
     speeds = [one.speed_Hz for one in driven]
     order = _electrical_orders(driven, motor)
     delay = None
@@ -139,8 +148,24 @@ def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     if others:
         order = np.array(sorted({*order.tolist(), *others}))
         fits = [fit_phases(one, order) for one in samples]
-    result = replace(_result(fits, order, delay, driven, motor), left_out=left_out)
+    back_emf = ReferredBackEmf.of(motor, (one.back_emf_factor for one in driven))
+    result = _result(fits, order, delay, driven, motor)
+    result = replace(result, left_out=left_out, referred=back_emf)
     return replace(result, findings=findings(result, driven))
+
+
+def _known(driven: list[Driven]) -> tuple[list[Driven], tuple[LeftOut, ...]]:
+    """Return those with magnets of a known temperature, if it is asked for, and the others."""
+    unknown = [one for one in driven if isnan(one.back_emf_factor)]
+    if len(unknown) == len(driven):
+        raise IdentifyError(
+            f"{UNKNOWN} in any of the runs: repair its channel, or take "
+            "back_emf_temperature_percent_per_K out of [motor]"
+        )
+    left_out = (
+        LeftOut(one.label, UNKNOWN, 0.0, float(one.t_s[-1]), float(one.t_s[-1])) for one in unknown
+    )
+    return [one for one in driven if not isnan(one.back_emf_factor)], tuple(left_out)
 
 
 def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:

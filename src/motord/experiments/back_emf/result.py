@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
+from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.left_out import LeftOut
@@ -38,7 +39,8 @@ class MeasuredBackEmf:
     the amplitude; kept (n,): part of the table, the others are noise. offset_V (3,); delay_s: by
     how much the voltages are older than the recording says, and its standard error, None where
     the speeds are too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each segment.
-    left_out: what of the points was not used; findings: what is questionable.
+    left_out: what of the points was not used; referred: where k was referred to one temperature of
+    the magnets; findings: what is questionable.
     """
 
     JSON: ClassVar[dict[str, str]] = {
@@ -63,6 +65,7 @@ class MeasuredBackEmf:
     speeds_Hz: tuple[float, ...]
     turns: tuple[int, ...]
     left_out: tuple[LeftOut, ...] = ()
+    referred: ReferredBackEmf | None = None
     findings: tuple[Finding, ...] = ()
 
     @property

@@ -9,7 +9,8 @@ import typer
 
 from motord.calibration import load
 from motord.experiments.analysis import Analysis
-from motord.experiments.calibration.estimate.calibrator import CalibratedRuns, Calibrator
+from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRuns
+from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor, plus_minus

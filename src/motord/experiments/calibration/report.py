@@ -1,16 +1,17 @@
 """The page of a calibration: torque ripple, gains, offsets and cogging torque."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from motord.calibration import Calibration, CramerRao
-from motord.experiments.calibration.estimate.calibrator import CalibratedRuns
+from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRuns
 from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.calibration.estimate.truth import recorded_truth
 from motord.experiments.calibration.plots import Labelled, budget, cogging
 from motord.experiments.ripple import report as ripple
 from motord.experiments.subject import Recordings, facts
+from motord.identification.operating_points import good_points
 from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
@@ -38,6 +39,7 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
         _budget(page, c.budget)
     if c.cramer_rao:
         _cramer_rao(page, c.cramer_rao)
+    _temperatures(page, recordings)
     page.heading("About these figures")
     if c.observable:
         page.points(c.observable)
@@ -48,6 +50,28 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     ]
     page.table((), [*facts(subject, recordings.names), *rows])
     return page
+
+
+def _temperatures(page: Page, recordings: Recordings) -> None:
+    """Add the motor's temperatures at each operating point, where there are any."""
+    points = [p for run in recordings.runs for p in good_points(run.operating_points())]
+    names = sorted({name for point in points for name in point.get("temperatures", ())})
+    if not names:
+        return
+    page.heading("Temperatures of the motor")
+    rows = [
+        [
+            f"{point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz",
+            *(_temperature(point.get("temperatures", {}).get(name, {})) for name in names),
+        ]
+        for point in points
+    ]
+    page.table(["operating point", *(f"{name}: mean, change (K)" for name in names)], rows)
+
+
+def _temperature(span: Mapping[str, float | None]) -> str:
+    mean_C, change_K = span.get("mean_C"), span.get("change_K")
+    return "not known" if mean_C is None or change_K is None else f"{mean_C:.1f}, {change_K:.1f}"
 
 
 def _budget(page: Page, contributions: Sequence[Contribution]) -> None:

@@ -33,6 +33,7 @@ class Driven:
     places in these n; motion: of all n. grid: points a turn of the angle, 0 if it has none;
     rounding_rad: RMS of the encoder's rounding; left_rad: RMS of what the smooth motion leaves of
     the measured angle, of that part which samples share with the next: noise has none.
+    back_emf_factor: that of the point.
     """
 
     label: str
@@ -45,6 +46,7 @@ class Driven:
     grid: int
     rounding_rad: float
     left_rad: float
+    back_emf_factor: float = 1.0
 
     @property
     def jerky(self) -> bool:
@@ -156,6 +158,7 @@ def _segment(
         grid=grid,
         rounding_rad=float(2 * np.pi / motor.counts / np.sqrt(12)),
         left_rad=float(np.sqrt(max(float(np.mean(left_rad[1:] * left_rad[:-1])), 0.0))),
+        back_emf_factor=point.back_emf_factor,
     )
     _check_no_current(driven, motor)
     return driven

@@ -224,6 +224,7 @@ class Bench:
     def _watch_channels(self, now_ns: int) -> None:
         self.channels.step(now_ns)
         self.setpoint.channels_beyond = len(self.channels.tripping)
+        self.setpoint.i2t_derating = self.monitor.i2t_derating = self.channels.i2t_derating
         if self.channels.tripping:  # else what tripped it is kept for the trip's report
             self.monitor.channels = self.channels.tripping
 
@@ -269,14 +270,12 @@ class Bench:
             return
         self._updated_ns = now_ns
         ticks = np.concatenate(self._pending)
-        seen = self._watcher.take(ticks)
+        seen = self._watcher.take(ticks, self.channels.temperatures_C(now_ns))
+        seen = replace(seen, channels=self.channels.seen(now_ns))
         self._torque_error.update(ticks, seen)
         self._pending.clear()
         try:
-            if self.plans.active:
-                self.plans.look(replace(seen, channels=self.channels.seen(now_ns)))
-            else:
-                self.manual.update(seen)
+            self.plans.look(seen) if self.plans.active else self.manual.update(seen)
         except Exception as error:  # of a plan or the servo: the bench itself goes on
             self.fault_stop("in an update of the plan or the servo", error)
 

@@ -9,6 +9,7 @@ from math import inf, isfinite, nan
 
 from motord.api.channel_messages import ChannelStatus, ChannelView
 from motord.config import ChannelConfig, Config
+from motord.config.sections import LimitsConfig
 from motord.hal.channel_source import ChannelReading
 from motord.sequencing.observation import ChannelValue
 from motord.service.bench.trip_report import ValuesAndLimits
@@ -127,7 +128,11 @@ class Channel:
 
 
 class ChannelMonitor:
-    """All channels of a bench. `tripping`: value and limit of those that trip it now."""
+    """All channels of a bench. `tripping`: value and limit of those that trip it now.
+
+    `i2t_derating`: the part of i2t_time_s that the hottest winding takes away, 0 to 1. A winding
+    that is broken keeps the part it had.
+    """
 
     def __init__(self, config: Config, events: EventLog) -> None:
         self._channels = {channel.name: Channel(channel) for channel in config.channels}
@@ -136,6 +141,9 @@ class ChannelMonitor:
         self._reported: dict[str, tuple[ChannelStatus, int]] = {}
         self._begun_ns: int | None = None
         self.tripping: ValuesAndLimits = {}
+        self._limits = config.limits
+        self._deratings: dict[str, float] = {}
+        self.i2t_derating = 0.0
 
     def take(self, reading: ChannelReading, now_ns: int) -> Channel | None:
         """Take a reading; return its channel if it is to be recorded.
@@ -155,6 +163,9 @@ class ChannelMonitor:
         for channel in self._channels.values():
             self._hold(channel, now_ns)
             self._report(channel, now_ns)
+            if channel.config.role == "winding" and not channel.obstacle(now_ns):
+                self._deratings[channel.config.name] = i2t_derating(self._limits, channel.value)
+        self.i2t_derating = max(self._deratings.values(), default=0.0)
         held = [values for values, until_ns in self._held.values() if now_ns <= until_ns]
         self.tripping = {what: pair for values in held for what, pair in values.items()}
 
@@ -177,6 +188,14 @@ class ChannelMonitor:
         usable = channel is not None and channel.status(now_ns) not in ("broken", "frozen")
         return channel.value if channel is not None and usable else None
 
+    def temperatures_C(self, now_ns: int) -> dict[str, float]:
+        """Return the temperatures of the motor, by channel with a role; nan of a broken one."""
+        return {
+            name: nan if channel.obstacle(now_ns) else channel.value
+            for name, channel in self._channels.items()
+            if channel.config.role is not None
+        }
+
     def _hold(self, channel: Channel, now_ns: int) -> None:
         if values := channel.trip(now_ns):
             self._held[channel.config.name] = values, now_ns + HELD_NS
@@ -193,6 +212,17 @@ class ChannelMonitor:
         self._events.emit(
             "channel", f"{name} is {status}, was {before}: {text}", channel=name, status=status
         )
+
+
+def i2t_derating(limits: LimitsConfig, winding_C: float) -> float:
+    """Return the part of i2t_time_s that a winding at this temperature takes away, 0 to 1.
+
+    (T - i2t_derating_from_C) / (i2t_derating_to_C - i2t_derating_from_C), so never less than none.
+    """
+    begins_C, ends_C = limits.i2t_derating_from_C, limits.i2t_derating_to_C
+    if begins_C is None or ends_C is None:
+        return 0.0
+    return min(max((winding_C - begins_C) / (ends_C - begins_C), 0.0), 1.0)
 
 
 def _beyond(value: float, low: float | None, high: float | None) -> bool:

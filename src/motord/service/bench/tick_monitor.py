@@ -47,6 +47,7 @@ class TickMonitor:
         """Of the trip that the bench is in."""
         self.channels: ValuesAndLimits = {}
         """Of the slow channels that trip the bench."""
+        self.i2t_derating = 0.0
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self.last: np.void | None = None
         self.read_ns = 0  # monotonic, when the newest tick was read
@@ -128,7 +129,10 @@ class TickMonitor:
 
     def _values(self, bits: int, row: int) -> ValuesAndLimits:
         """Return value and limit for each cause in `bits`, as of a row of the newest block."""
-        return trip_values(bits, replace(self._recent.until(row), channels=self.channels))
+        window = replace(
+            self._recent.until(row), channels=self.channels, i2t_derating=self.i2t_derating
+        )
+        return trip_values(bits, window)
 
     def _report_change(self, old: State, new: State, row: int, tick: np.void) -> None:
         where = {"tick": int(tick["tick"]), "from": old.name, "to": new.name}

@@ -17,6 +17,7 @@ from motord.schema import BridgeStatus, InverterStatus, State, Trip
 ValuesAndLimits = Mapping[str, Mapping[str, float]]
 """By quantity and unit: `value` and `limit`."""
 PHASES = "abc"
+DERATING = "part of i2t_time_s that the warm winding takes away"
 JUMP_TICKS = 10
 """Ticks before the trip in which the jump of an implausible encoder is looked for."""
 
@@ -26,13 +27,14 @@ class TripWindow:
     """The ticks up to the trip, shape (n,), the kernel's parameters, and the torque expected then.
 
     `expected_Nm`: what the torque sensor should show, after its high-pass; `channels`: the slow
-    channels that trip the bench.
+    channels that trip the bench; `i2t_derating`: the part of i2t_time_s that a warm winding takes.
     """
 
     ticks: np.ndarray
     expected_Nm: float
     parameters: np.record
     channels: ValuesAndLimits = field(default_factory=dict)
+    i2t_derating: float = 0.0
 
     @property
     def last(self) -> Any:
@@ -224,9 +226,11 @@ def _limit(trip: Trip, limit: str | Quantity, w: TripWindow) -> float:
 
 def trip_values(bits: int, w: TripWindow) -> ValuesAndLimits:
     """Return value and limit for each cause in `bits`, by the quantity's name and unit."""
-    values = {
+    values: dict[str, Mapping[str, float]] = {
         quantity: {"value": value(w), "limit": _limit(trip, limit, w)}
         for trip, (quantity, value, limit) in _QUANTITIES.items()
         if bits & trip
     }
+    if bits & Trip.I2T and w.i2t_derating > 0.0:
+        values[DERATING] = {"value": w.i2t_derating, "limit": 1.0}
     return {**values, **w.channels} if bits & Trip.CHANNEL else values

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motord.config import AccuracyConfig
 from motord.experiments.back_emf.estimate import _average, measure
+from motord.experiments.magnet_temperature import UNKNOWN
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
 from motord.identification.operating_points import PointData
@@ -142,3 +144,28 @@ def test_without_noise_the_lines_are_averaged_all_the_same() -> None:
     assert line == pytest.approx(np.full((1, 3), 1.0 - 0.5j), rel=1e-12)
     assert np.isfinite(stderr).all()
     assert stderr.max() < 1e-12
+
+
+def test_back_emf_is_that_of_the_reference_temperature(points: list[PointData]) -> None:
+    plain = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    keys = {"back_emf_temperature_percent_per_K": -0.1, "back_emf_reference_C": 20.0}
+    motor = plain.model_copy(update=keys)
+    before = measure(points, motor)
+    assert before.referred is None
+    warm = []
+    for point, factor in zip(points, (0.97, 0.95), strict=True):
+        ticks = point.ticks.copy()
+        for phase in "abc":
+            ticks[f"u_{phase}_V"] *= factor
+        warm.append(replace(point, ticks=ticks, back_emf_factor=factor))
+    found = measure(warm, motor)
+    assert found.fundamental == pytest.approx(before.fundamental, rel=1e-4)
+    assert found.referred is not None
+    finding = found.referred.finding(AccuracyConfig())
+    assert (finding.severity, finding.value) == ("note", pytest.approx(-4.0))
+    assert "from magnets of 50.0 to 70.0 degC" in finding.meaning
+    some = measure([warm[0], replace(warm[1], back_emf_factor=np.nan)], motor)
+    assert some.speeds_Hz == found.speeds_Hz[: len(some.speeds_Hz)]
+    assert [one.reason for one in some.left_out][-1] == UNKNOWN
+    with pytest.raises(IdentifyError, match="not known in any of the runs: repair its channel"):
+        measure([replace(one, back_emf_factor=np.nan) for one in points], motor)

@@ -135,7 +135,9 @@ def test_every_limit_is_one_source(
 def test_all_limits_have_a_source(independent: CalibrationResult) -> None:
     others = [one for one in independent.budget if one.type == "B"]
     of_efficiency_maps = {"torque_zero_Nm", "power_gain_percent", "power_zero_W"}
-    assert len(others) == len(AccuracyConfig.model_fields.keys() - of_efficiency_maps) == 13
+    of_temperature = {"magnet_temperature_K", "back_emf_temperature_percent"}
+    limits = AccuracyConfig.model_fields.keys() - of_efficiency_maps - of_temperature
+    assert len(others) == len(limits) == 13
     assert by_source(independent)["common gain of the current sensors"].alpha == (0.0, 0.0, 0.0)
 
 

@@ -22,6 +22,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     FIRST_COGGING,
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.uncertainty_budget import Contribution
 
 Limits = Callable[[float, BenchFile, int], np.ndarray]
@@ -150,22 +151,40 @@ def budget(
     fitted: JointFit,
     sensitivities: Sequence[EffectSensitivity],
     bench: BenchFile,
+    back_emf: ReferredBackEmf | None = None,
 ) -> tuple[Contribution, ...]:
     """Return what each source contributes: Type A first, then Type B as the bench file lists it.
 
-    result: its harmonics in the succession of the fit's parameters.
+    result: its harmonics in the succession of the fit's parameters. back_emf: if it was referred.
     """
     vector = _Linear.of(result, fitted)
     both_ways = any(one.name == "friction-ripple" for one in sensitivities)
     return (
         _of_the_data(result),
-        *(_contribution(source, vector.scaled(source, result, bench), bench) for source in SCALES),
+        *(
+            _contribution(source, vector.scaled(source, result, bench), bench)
+            for source in (*SCALES, *(_of_temperature(back_emf) if back_emf else ()))
+        ),
         *([] if both_ways else [_friction(bench)]),
         *(
             _contribution(source, vector.squares(source, sensitivities, bench), bench)
             for source in SOURCES
             if source.field != "friction_ripple_percent" or both_ways
         ),
+    )
+
+
+def _of_temperature(back_emf: ReferredBackEmf) -> tuple[Source, ...]:
+    """Return the sources of a back-EMF that was referred to a temperature: gains of it."""
+
+    def limits(part: Callable[[float], float]) -> Limits:
+        return lambda limit, _, terms: np.full(terms, part(limit))
+
+    what, coefficient = "temperature of the magnets", "temperature coefficient of the back-EMF"
+    by_sensor, by_coefficient = limits(back_emf.by_sensor), limits(back_emf.by_coefficient)
+    return (
+        Source(what, "magnet_temperature_K", "K", (), by_sensor),
+        Source(coefficient, "back_emf_temperature_percent", "% of it", (), by_coefficient),
     )
 
 
@@ -201,7 +220,8 @@ class _Linear:
             shift[6] = result.delta_epsilon
         if source.field == "torque_gain_percent":
             shift[7:] -= [h.amplitude_Nm for h in result.harmonics]
-        return np.asarray((float(getattr(bench.accuracy, source.field)) / 100 * shift) ** 2 / 3)
+        limit = float(getattr(bench.accuracy, source.field))
+        return np.asarray((source.limits(limit, bench, 1) * shift) ** 2 / 3)
 
     def squares(
         self, source: Source, sensitivities: Sequence[EffectSensitivity], bench: BenchFile

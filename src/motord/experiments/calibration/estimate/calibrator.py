@@ -1,9 +1,9 @@
 """From operating points to a calibration, one point at a time, by either estimator."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from math import isnan
 
-from motord.calibration import Calibration
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
@@ -34,8 +34,8 @@ from motord.experiments.calibration.estimate.more_orders.search import FIRST_ORD
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
+from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf, referred
 from motord.experiments.subject import PhaseProgress, Subject
-from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
 from motord.identification.operating_points import (
@@ -56,6 +56,7 @@ from motord.identification.zero_sequence import is_missing
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 
+NOT_REFERRED = "back-EMF: not referred to one temperature of the magnets by this estimator"
 READING = "reading"
 """Phase of the progress; followed by why, where the recordings are read again."""
 
@@ -94,6 +95,8 @@ class Calibrator:
         self._points: list[TurnProducts] = []
         self._bare: list[Samples] = []  # samples without the zero sequence of their currents
         self._short: list[str] = []  # points of too few whole turns
+        self._unknown: list[str] = []  # points with magnets of a temperature that is not known
+        self._factors: list[float] = []  # back-EMF over that at the reference temperature
         self._residual = ResidualEstimator(motor, self._orders)
         self._ripples: list[PointRipple] = []
 
@@ -111,7 +114,7 @@ class Calibrator:
         all_runs = list(runs)
 
         def read() -> Iterator[PointData]:
-            return (point for run in all_runs for point in captures(run))
+            return (point for run in all_runs for point in referred(captures(run), run, subject))
 
         calibrator = cls(subject.motor, subject.sensor, read, subject.accuracy, progress)
         points = sum(len(good_points(run.operating_points())) for run in all_runs)
@@ -121,11 +124,13 @@ class Calibrator:
         return calibrator
 
     def add(self, point: PointData) -> None:
-        """Take an operating point, or leave it out if it is too short. Raises IdentifyError."""
+        """Take an operating point, or leave it out if it is too short, or its magnets' temperature
+        is asked for and not known. Raises IdentifyError."""
         samples = self._samples(point)
-        if len(samples.turns) < MIN_TURNS:
-            self._short.append(samples.label)
+        if not _usable(samples):
+            (self._unknown if isnan(samples.back_emf_factor) else self._short).append(samples.label)
             return
+        self._factors.append(samples.back_emf_factor)
         self._points.append(accumulate(samples, self._basis, self._sensor))
         if self._motor.connection == "star" and is_missing(samples):
             self._bare.append(samples)
@@ -140,7 +145,8 @@ class Calibrator:
 
     def joint(self) -> CalibrationResult:
         """Return the result of the joint estimator. Raises IdentifyError."""
-        check_points(self._points)
+        check_points(self._points, self._unknown)
+        back_emf = ReferredBackEmf.of(self._motor, self._factors)
         orders = self._sampled_orders()
         first, regression = self._fitted(self._points, self._basis, len(orders))
         rated_A = self._motor.rated_current_A()
@@ -154,6 +160,7 @@ class Calibrator:
         agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
         notes = [] if agreement is None else [agreement.in_words()]
         notes += self._left_out(orders)
+        notes += [] if back_emf is None else [back_emf.in_words(self._bench.accuracy)]
         left = residual.explained()
         result = with_lack_of_fit(
             result_of(
@@ -174,7 +181,7 @@ class Calibrator:
         return replace(
             result,
             harmonics=tuple(sorted(result.harmonics, key=lambda one: one.order)),
-            budget=budget(result, fitted, left.sensitivities, self._bench),
+            budget=budget(result, fitted, left.sensitivities, self._bench, back_emf),
             cramer_rao=cramer_rao(
                 result, fitted, residual, left, agreement, self._motor, self._sensor
             ),
@@ -186,7 +193,7 @@ class Calibrator:
         torques_Nm: set-points whose ripple counts. Fast, for a calibration that is under way:
         departures of the bench are not looked for.
         """
-        check_points(self._points)
+        check_points(self._points, self._unknown)
         fitted = self._fitted(self._points, self._basis, len(self._sampled_orders()))
         return half_widths.of_fit(*fitted, self._motor, torques_Nm)
 
@@ -203,7 +210,7 @@ class Calibrator:
             basis = Basis.of(self._motor, (*known, *added))
             phase, points = f"{READING} again for {in_a_row(added)}", []
             for samples in map(self._samples, self._again()):
-                if len(samples.turns) < MIN_TURNS:
+                if not _usable(samples):
                     continue
                 points.append(accumulate(samples, basis, self._sensor))
                 self._progress(phase, len(points) / len(self._points))
@@ -222,6 +229,8 @@ class Calibrator:
                 f"left out, as they have fewer than {MIN_TURNS} whole turns: "
                 f"{', '.join(self._short)} (set turns to 3 or more)"
             )
+        if self._unknown:
+            notes.append(f"left out, as {UNKNOWN}: {', '.join(self._unknown)}")
         if self._bare:
             notes.append(
                 "zero sequence (common part) of the currents: not recorded (currents along d and "
@@ -265,7 +274,10 @@ class Calibrator:
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""
-        return self._residual.solve(self._ripples)
+        result = self._residual.solve(self._ripples)
+        if ReferredBackEmf.of(self._motor, self._factors) is None:
+            return result
+        return replace(result, observable=(*result.observable, NOT_REFERRED))
 
     def _sampled_orders(self) -> tuple[int, ...]:
         """Return the cogging orders that every operating point samples."""
@@ -279,22 +291,5 @@ class Calibrator:
         return tuple(order for order in self._orders if order <= highest)
 
 
-@dataclass(frozen=True)
-class CalibratedRuns:
-    """A calibration, the result that it was made of, and one to compare with, if it was named."""
-
-    calibrator: Calibrator
-    result: CalibrationResult
-    calibration: Calibration
-    other: Calibration | None = None
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Where the data depart from the model."""
-        return self.calibration.findings or ()
-
-    def both(self) -> tuple[CalibrationResult, CalibrationResult]:
-        """Return the result and that of the other estimator. Raises IdentifyError."""
-        return self.result, self.calibrator.result(
-            "residual" if self.result.method == "joint" else "joint"
-        )
+def _usable(samples: Samples) -> bool:
+    return len(samples.turns) >= MIN_TURNS and not isnan(samples.back_emf_factor)

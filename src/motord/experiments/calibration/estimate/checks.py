@@ -7,6 +7,7 @@ import numpy as np
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import ALPHA
 from motord.experiments.calibration.estimate.turn_products import TurnProducts
+from motord.experiments.magnet_temperature import UNKNOWN
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor
 
@@ -33,8 +34,23 @@ COMMON_GAIN_RANGE = (0.5, 2.0)
 """Products of torque sensor's and current sensors' gain errors that there can be."""
 
 
-def check_points(points: Sequence[TurnProducts]) -> None:
-    """Raise IdentifyError if the points cannot separate alpha, beta and cogging."""
+def check_points(points: Sequence[TurnProducts], unknown: Sequence[str] = ()) -> None:
+    """Raise IdentifyError if the points cannot separate alpha, beta and cogging.
+
+    unknown: points left out as the temperature of their magnets is not known.
+    """
+    try:
+        _check_separable(points)
+    except IdentifyError as error:
+        if not unknown:
+            raise
+        raise IdentifyError(
+            f"{error}. {', '.join(unknown)}: left out, as {UNKNOWN}; repair its channel, or take "
+            "back_emf_temperature_percent_per_K out of [motor]"
+        ) from error
+
+
+def _check_separable(points: Sequence[TurnProducts]) -> None:
     if not points:
         raise IdentifyError(
             f"there is no good operating point of {MIN_TURNS} whole turns in the recording; "

@@ -73,6 +73,7 @@ class TurnProducts:
 
 def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> TurnProducts:
     """Return the products of the whole turns of an operating point."""
+    basis = basis.at(samples.back_emf_factor)
     band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
