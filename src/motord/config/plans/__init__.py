@@ -36,8 +36,7 @@ class MeshConfig(Section):
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
     temperature_change_K: Positive | None = None
-    """How far a temperature of the motor (channels with a role) may move during a capture; else the
-    point is poor and taken again. None: any."""
+    """Largest change of a temperature of the motor in a capture; beyond it the point is poor."""
 
 
 class CalibrateConfig(MeshConfig):
@@ -139,8 +138,7 @@ class DrivenConfig(Section):
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
     temperature_change_K: Positive | None = None
-    """How far a temperature of the motor (channels with a role) may move during a capture; else the
-    point is poor and taken again. None: any."""
+    """Largest change of a temperature of the motor in a capture; beyond it the point is poor."""
 
 
 class SensitivityConfig(Section):

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from motord.experiments.soak.trend import LEAST, Slope
+from motord.experiments.soak.trend import LEAST, DriftSlope
 from motord.findings import Finding
 from motord.intervals import plus_minus
 
@@ -43,7 +43,7 @@ class FigureTrend:
     unit: str
     hours: np.ndarray
     values: np.ndarray
-    slope: Slope
+    slope: DriftSlope
     drifts: bool = False
     of_point: bool = False
 

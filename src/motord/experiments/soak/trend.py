@@ -23,7 +23,7 @@ CORRELATIONS = np.linspace(0.0, 0.98, 50)
 
 
 @dataclass(frozen=True)
-class Slope:
+class DriftSlope:
     """Slope with its standard error, half of its 95 % interval, and p-value of no drift at all.
 
     None but for the slope of too few values. correlation: of one residual with the next.
@@ -36,15 +36,15 @@ class Slope:
     correlation: float | None = None
 
 
-def slope(t: np.ndarray, y: np.ndarray) -> Slope:
+def slope(t: np.ndarray, y: np.ndarray) -> DriftSlope:
     """Return the slope of y (n,) over t (n,), n >= 2, t rising."""
     t, y = t - t.mean(), y - y.mean()
     plain = float(t @ y / (t @ t))
     n = y.size
     if n < LEAST:
-        return Slope(plain)
+        return DriftSlope(plain)
     if np.abs(y - plain * t).max() <= 1e-12 * max(np.abs(y).max(), 1e-300):
-        return Slope(plain, 0.0, 0.0, 1.0 if plain == 0 else 0.0, 0.0)
+        return DriftSlope(plain, 0.0, 0.0, 1.0 if plain == 0 else 0.0, 0.0)
     found = np.array([_given(rho, t, y) for rho in CORRELATIONS])
     weights = np.exp(found[:, 0] - found[:, 0].max())
     weights /= weights.sum()
@@ -52,7 +52,7 @@ def slope(t: np.ndarray, y: np.ndarray) -> Slope:
     stderr = sqrt(weights @ (found[:, 2] + (found[:, 1] - value) ** 2))
     p_value = 2 * float(stdtr(n - 2, -abs(value) / stderr if stderr else -inf))
     half_width = coverage_factor(n - 2) * stderr
-    return Slope(value, stderr, half_width, p_value, float(weights @ CORRELATIONS))
+    return DriftSlope(value, stderr, half_width, p_value, float(weights @ CORRELATIONS))
 
 
 def _given(rho: float, t: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:

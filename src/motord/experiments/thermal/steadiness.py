@@ -27,7 +27,7 @@ NOT_ALL = 0.95
 
 
 @dataclass(frozen=True)
-class Slope:
+class TemperatureSlope:
     """A slope, K/min, with half of its 95 % interval."""
 
     K_per_min: float
@@ -38,7 +38,7 @@ class Slope:
         return abs(self.K_per_min) + self.half_K_per_min <= limit_K_per_min
 
 
-def slope_of(t_s: np.ndarray, value_C: np.ndarray) -> Slope:
+def slope_of(t_s: np.ndarray, value_C: np.ndarray) -> TemperatureSlope:
     """Return the slope of readings (n,), LEAST_READINGS or more."""
     number, centred_s = t_s.size, t_s - t_s.mean()
     spread_s2 = float(centred_s @ centred_s)
@@ -49,7 +49,7 @@ def slope_of(t_s: np.ndarray, value_C: np.ndarray) -> Slope:
     rho = min(max(rho + (1 + 3 * max(rho, 0.0)) / number, 0.0), CORRELATION_MAX)
     variance = square / (number - 2) / spread_s2 * (1 + rho) / (1 - rho)
     freedom = max(number * (1 - rho) / (1 + rho) - 2, 1.0)
-    return Slope(60 * rate, 60 * coverage_factor(freedom) * float(np.sqrt(variance)))
+    return TemperatureSlope(60 * rate, 60 * coverage_factor(freedom) * float(np.sqrt(variance)))
 
 
 @dataclass
@@ -57,7 +57,7 @@ class ChannelWindow:
     """The readings of a channel over the last `window_s`. slope: None until they span it."""
 
     window_s: float
-    slope: Slope | None = None
+    slope: TemperatureSlope | None = None
     newest: float = float("nan")
     changed: bool = False
     _readings: deque[tuple[float, float]] = field(default_factory=deque)
@@ -80,7 +80,7 @@ class ChannelWindow:
         """Return whether the slope is known, and below a limit with its interval."""
         return self.slope is not None and self.slope.within(limit_K_per_min)
 
-    def _slope(self) -> Slope | None:
+    def _slope(self) -> TemperatureSlope | None:
         spanned_s = self._readings[-1][0] - self._readings[0][0]
         if len(self._readings) < LEAST_READINGS or spanned_s < NOT_ALL * self.window_s:
             return None
