@@ -84,10 +84,10 @@ class LimitsConfig(Section):
     """Phase current that may flow for ever."""
     i2t_time_s: Positive = 10.0
     """1.41 times i2t_current_A may flow for so long, 2 times for a third of it."""
-    i2t_derating_from_C: Finite | None = None
+    i2t_derating_from_C: Annotated[float, Field(ge=-273, le=1000)] | None = None
     """Above this temperature of the winding, the hottest channel with role = "winding", only a part
     of i2t_time_s is allowed; left out: the temperature makes no difference."""
-    i2t_derating_to_C: Finite | None = None
+    i2t_derating_to_C: Annotated[float, Field(ge=-273, le=1000)] | None = None
     """Down to nothing from this temperature on: then no more than i2t_current_A may flow."""
     trip_speed_rad_s: Positive = 20.0
     """A speed above it trips, of either sign; set-points end at 80 % of it."""

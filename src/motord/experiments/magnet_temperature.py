@@ -14,10 +14,13 @@ from math import nan, sqrt
 import numpy as np
 
 from motord.config import AccuracyConfig, MotorConfig
-from motord.experiments.subject import Subject
+from motord.experiments.subject import AnalysisError, Subject
 from motord.findings import Finding
 from motord.identification.operating_points import PointData
 from motord.recording.reader import Run
+
+FACTOR_RANGE = 0.5
+"""Magnets do not change by more."""
 
 UNKNOWN = "the temperature of the magnets is not known"
 
@@ -91,7 +94,14 @@ def referred(points: Iterable[PointData], run: Run, subject: Subject) -> Iterato
             continue
         begin_ns, end_ns = point.ticks["t_ns"][[0, -1]]
         magnet_C = mean_over(times_ns, values_C, int(begin_ns), int(end_ns), timeout_ns)
-        yield replace(point, back_emf_factor=1.0 + per_K * (magnet_C - reference_C))
+        factor = 1.0 + per_K * (magnet_C - reference_C)
+        if abs(factor - 1.0) > FACTOR_RANGE:
+            raise AnalysisError(
+                f"{run.path}: magnets of {magnet_C:.0f} degC ({channel}) would have {factor:.2f} "
+                f"of the back-EMF at {reference_C:g} degC: look at the channel's unit and scale, "
+                "and at [motor] back_emf_temperature_percent_per_K"
+            )
+        yield replace(point, back_emf_factor=factor)
 
 
 def mean_over(

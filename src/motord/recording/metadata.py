@@ -21,7 +21,7 @@ def describe(
     """Return the metadata of a run on the bench of `config`, whose file says `config_text`."""
     return {
         "bench": config.bench.name,
-        "motor": config.motor.model_dump(mode="json"),
+        "motor": config.motor.model_dump(mode="json", exclude_none=True),
         "plan": plan or {},
         "versions": {name: version(name) for name in PACKAGES},
         "config": config_text,

@@ -58,6 +58,8 @@ def _noise(seen: Observation) -> str:
 
 def _warming(seen: Observation, limit_K: float | None) -> Iterator[str]:
     """Yield which temperatures of the motor moved further, or were not known all the time."""
+    if limit_K is not None and not seen.point_temperatures_C:
+        yield "temperature_change_K is set, and no channel has a role: no temperature is known"
     for name, span in seen.point_temperatures_C.items():
         if limit_K is None or span.change_K <= limit_K:
             continue

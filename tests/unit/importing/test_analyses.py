@@ -48,7 +48,7 @@ OTHERS = [(12, 10, 1000), (36, 12, 2001), (18, 24, 4096), (9, 8, 20_000)]
 def motor_toml(of: MotorConfig, sensor: TorqueSensorConfig) -> str:
     """Return a motor file."""
     text = "[motor]\n"
-    for key, value in of.model_dump(mode="json", exclude={"back_emf"}).items():
+    for key, value in of.model_dump(mode="json", exclude={"back_emf"}, exclude_none=True).items():
         text += f"{key} = {json.dumps(value)}\n"
     lines = [
         ", ".join(f"{key} = {value}" for key, value in harmonic.model_dump().items())

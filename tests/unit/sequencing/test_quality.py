@@ -107,7 +107,9 @@ def test_a_temperature_out_of_band_is_reported(temperature_C, band_C, good):
         (lambda t_s: float("nan") if 1 < t_s < 1.1 else 40.0, 1.0,
          "winding_C was not known all the time"),
         (lambda t_s: float("nan"), None, "ok"),
-        (lambda t_s: None, 1.0, "ok"),  # no channel has a role
+        (lambda t_s: None, None, "ok"),
+        (lambda t_s: None, 1.0,
+         "temperature_change_K is set, and no channel has a role: no temperature is known"),
     ],
 )  # fmt: skip
 def test_a_motor_that_warms_while_it_is_captured_is_reported(winding_C, change_K, said):

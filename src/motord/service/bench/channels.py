@@ -189,12 +189,13 @@ class ChannelMonitor:
         return channel.value if channel is not None and usable else None
 
     def temperatures_C(self, now_ns: int) -> dict[str, float]:
-        """Return the temperatures of the motor, by channel with a role; nan of a broken one."""
-        return {
-            name: nan if channel.obstacle(now_ns) else channel.value
+        """Return the temperatures of the motor, by channel with a role; nan where unknown."""
+        values = {
+            name: self.value(name, now_ns)
             for name, channel in self._channels.items()
             if channel.config.role is not None
         }
+        return {name: nan if value is None else value for name, value in values.items()}
 
     def _hold(self, channel: Channel, now_ns: int) -> None:
         if values := channel.trip(now_ns):

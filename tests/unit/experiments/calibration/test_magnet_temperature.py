@@ -172,6 +172,16 @@ def test_points_without_a_temperature_are_left_out_and_named(recorded: Run) -> N
     assert note.startswith("left out, as the temperature of the magnets is not known: 5 Nm")
 
 
+def test_a_temperature_that_no_magnet_survives_is_refused(recorded: Run) -> None:
+    class Wrong(Run):
+        def channel(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+            times_ns, values = super().channel(name)
+            return times_ns, values + 273.15
+
+    with pytest.raises(AnalysisError, match=r"magnets of 29. degC \(rotor_C\) would have -0.3"):
+        factors(Wrong(recorded.path), subject_of(recorded, with_keys=True))
+
+
 def test_a_recording_without_any_temperature_is_refused(recorded: Run) -> None:
     broken = Silenced(recorded.path)
     calibrator = Calibrator.of_runs([broken], subject_of(recorded, with_keys=True))

@@ -101,7 +101,7 @@ def test_a_bench_file_says_what_the_springs_really_are(swings: Path, tmp_path: P
 
 
 def test_a_motor_file_leaves_the_springs_as_recorded(steps: Path, tmp_path: Path) -> None:
-    motor = load().motor.model_dump(mode="json")
+    motor = load().motor.model_dump(mode="json", exclude_none=True)
     lines = [f"{k} = {json.dumps(v)}" for k, v in motor.items() if k != "back_emf"]
     lines += ["back_emf = [{order = 1, amplitude_V_s_per_rad = 0.206}]"]
     sensor = "[torque_sensor]\nhighpass_time_constant_s = 2.0\n"

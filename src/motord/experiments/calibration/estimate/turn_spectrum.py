@@ -5,6 +5,7 @@ the samples are gone. Noise is what differs between the groups.
 """
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
@@ -129,7 +130,7 @@ def lines_of(visits: np.ndarray, sums: np.ndarray, rounds: int = 6) -> np.ndarra
     weight = np.fft.irfft(visits[: grid // 2 + 1], grid) / samples * grid
     step = min(1.0, 1.9 / float(weight.max()))
     lines = sums / samples
-    for _ in range(rounds):
+    for _ in range(ceil(rounds / step)):
         seen = np.fft.rfft(weight[:, None] * np.fft.irfft(lines, grid, axis=0), axis=0)
         lines = lines + step * (sums / samples - seen[: highest + 1])
     return np.asarray(2 * lines[1:])

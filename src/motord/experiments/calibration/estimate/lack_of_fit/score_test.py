@@ -168,7 +168,7 @@ def cluster_variance(
     doubt = float((variance**2 / (counts[several] - 1)).sum())
     seen = float(variance.sum())
     whole = seen * float(white.sum() / white[several].sum())
-    return max(whole, 1e-300), seen**2 / max(doubt, 1e-300)
+    return max(whole, 1e-300), max(seen**2 / max(doubt, 1e-300), 1.0)
 
 
 def _gain(s: np.ndarray, whole: np.ndarray, b: np.ndarray) -> Gain:

@@ -144,7 +144,7 @@ def _chance(problem: Weighted, effect: np.ndarray, size: np.ndarray, gain: float
     along = effect.conj() @ size
     white = (np.abs(along) ** 2).sum(axis=1)
     variance, freedom = cluster_variance(problem.groups, 2 * along, white)
-    by_turns = 2 * stats.t.sf(gain / variance**0.5, freedom) if variance else 0.0
+    by_turns = stats.f.sf(gain**2 / variance / terms, terms, freedom) if variance else 0.0
     return float(max(by_noise, by_scatter, by_turns))
 
 
