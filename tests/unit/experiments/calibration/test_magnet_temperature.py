@@ -13,7 +13,7 @@ from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.report import report
 from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf, mean_over, referred
 from motord.experiments.plans import build
-from motord.experiments.subject import Recordings, Subject
+from motord.experiments.subject import AnalysisError, Recordings, Subject
 from motord.identification import IdentifyError
 from motord.recording.captures import captures
 from motord.recording.metadata import describe
