@@ -1,7 +1,9 @@
 """A plan: its operating points, and the motion that takes them."""
 
+import hashlib
+import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -40,6 +42,16 @@ class Plan:
         """An estimate of the whole time (s); asked for with every look at a plan under way."""
         return self.ends_s + sum(map(self.point_s, self.points))
 
+    @cached_property
+    def points_digest(self) -> str:
+        """A digest of its points."""
+        return digest([asdict(point) for point in self.points])
+
     def part(self, points: tuple[OperatingPoint, ...]) -> "Plan":
         """Return the same experiment for `points` alone; they keep their numbers."""
         return replace(self, points=points)
+
+
+def digest(content: object) -> str:
+    """Return a digest of content that JSON can hold."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]

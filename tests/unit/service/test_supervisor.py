@@ -363,7 +363,7 @@ def test_the_recording_of_a_plan_has_the_serial_number_it_was_started_with(tmp_p
     token = played.ask("lease/acquire", holder="anna")["token"]
     played.ask("plan/start", token=token, name="calibrate", serial="47/1")
     [start] = played.recorders[0].received("start")
-    motor = played.config.motor.model_dump(mode="json")
+    motor = played.config.motor.model_dump(mode="json", exclude_none=True)
     assert start["metadata"]["motor"] == {**motor, "serial": "47/1"}
     assert played.supervisor.bench.plans.view.serial == "47/1"
     played.close()

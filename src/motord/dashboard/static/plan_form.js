@@ -93,6 +93,7 @@ export class PlanForm {
     /** @type {Field[]} */
     this._fields = [];
     this._checked = "";
+    this._adding = false;
     byId("plan-choice").addEventListener("change", () => this._choose());
     byId("plan-fields").addEventListener("input", () => this._changed());
     byId("plan-form").addEventListener("submit", (/** @type {SubmitEvent} */ event) => {
@@ -189,17 +190,22 @@ export class PlanForm {
   _add() {
     const [name, settings] = JSON.parse(this._checked);
     const on_failure = byId("plan-on-failure").value;
-    const retries = on_failure === "retry" ? { retries: byId("plan-retries").valueAsNumber } : {};
+    const retries = on_failure === "retry" ? { retries: byId("plan-retries").valueAsNumber || 1 } : {};
     const plan = { name, settings, notes: byId("plan-notes").value, on_failure, ...retries, ...this._ifGiven() };
+    this._adding = true; // a double click adds it once
+    this._buttons();
     this._socket.call("queue/add", { plans: [plan] }).then(({ added }) => {
       this._messages.say("info", `${name} is number ${added.join(", ")} of the queue`);
-    }, this._messages.failure(`add ${name}`));
+    }, this._messages.failure(`add ${name}`)).finally(() => {
+      this._adding = false;
+      this._buttons();
+    });
   }
 
   _buttons() {
     const active = ["running", "pausing", "paused", "ending"].includes(this._bench.plan?.state) ? "A plan is under way." : "";
     byId("plan-queue").hidden = !this._bench.state?.queue;
-    allow(byId("plan-add"), this._bench.leaseObstacle || (this._checked ? "" : "Check it first."));
+    allow(byId("plan-add"), this._bench.leaseObstacle || (this._adding ? "It is being added." : "") || (this._checked ? "" : "Check it first."));
     allow(byId("plan-check"), this._bench.link.status === "open" ? "" : "No connection.");
     allow(byId("plan-start"), this._bench.leaseObstacle || active || (this._checked ? "" : "Check it first."));
     setText(byId("plan-start-why"), byId("plan-start").disabled ? byId("plan-start").title : "");

@@ -20,8 +20,8 @@ export class PlanQueue {
     this._button("stop", () => this._stop());
     byId("queue-items").addEventListener("click", (/** @type {MouseEvent} */ event) => {
       const button = /** @type {HTMLElement} */ (event.target).closest("button");
-      // the second click of a double click may be on the row that came in the place of the first
-      if (button && event.detail < 2) this._edit(Number(button.dataset.item), button.dataset.does ?? "");
+      // the second click of a double click may be on the row that came in the place of a removed one
+      if (button && (event.detail < 2 || button.dataset.does !== "remove")) this._edit(Number(button.dataset.item), button.dataset.does ?? "");
     });
     bench.on("queue", () => this._showItems());
     for (const kind of /** @type {const} */ (["state", "lease", "link", "connection"])) bench.on(kind, () => this._show());
@@ -43,10 +43,9 @@ export class PlanQueue {
 
   /** Pause first: of a plan that is aborted the next one must not begin. */
   async _stop() {
-    const { running } = this._bench.state?.queue ?? {};
     try {
-      await this._socket.call("queue/pause");
-      if (running !== null) await this._socket.call("plan/abort");
+      const { items } = await this._socket.call("queue/pause");
+      if (items.some((/** @type {Item} */ item) => item.state === "running")) await this._socket.call("plan/abort");
     } catch (error) {
       this._messages.failure("queue stop")(/** @type {Error} */ (error));
     }

@@ -5,10 +5,8 @@ its recordings hold: a point that was noted in the journal may have died with th
 that was recorded may have missed the journal.
 """
 
-import hashlib
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from motord.api.errors import RpcError
@@ -18,6 +16,7 @@ from motord.experiments.plans import build as build_plan
 from motord.recorder.launch import RecorderLink
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final
+from motord.sequencing.plan import digest
 from motord.service.host.events import EventLog
 from motord.service.plans import mesh
 from motord.service.plans.journal import PlanLog, PlanNote
@@ -35,16 +34,7 @@ PARTS = ("motor", "inverter", "bridge", "torque_sensor", "brake", "drive", "limi
 def bench_parts(config: Config) -> dict[str, str]:
     """Return a digest of each part of the bench that matters to a plan."""
     parts = {name: getattr(config, name).model_dump(mode="json") for name in PARTS}
-    return {name: _digest(part) for name, part in {**parts, "loop": config.loop.rate_Hz}.items()}
-
-
-def points_digest(plan: Plan) -> str:
-    """Return a digest of a plan's points."""
-    return _digest([asdict(point) for point in plan.points])
-
-
-def _digest(content: object) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return {name: digest(part) for name, part in {**parts, "loop": config.loop.rate_Hz}.items()}
 
 
 def _mesh_of(log: PlanLog, plan: Plan, taken: set[int]) -> MeshView:
@@ -122,7 +112,7 @@ class Resumption:
                 name=plan.name,
                 settings=plan.settings,
                 points=len(plan.points),
-                points_digest=points_digest(plan),
+                points_digest=plan.points_digest,
                 bench_parts=self._parts,
                 calibration=self._calibration_id(),
                 started_by=view.started_by,
@@ -267,7 +257,7 @@ class Resumption:
             plan = build_plan(note.name, self._config, note.settings)
         except PlanError as error:
             raise RpcError("refused", f"{what}: {error}; discard it") from None
-        if points_digest(plan) != note.points_digest:
+        if plan.points_digest != note.points_digest:
             raise RpcError(
                 "refused", f"{what}: this version of motord makes other points of it; discard it"
             )

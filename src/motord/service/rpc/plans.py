@@ -125,6 +125,7 @@ class PlanControl:
             plan = build_plan(name, self._bench.config, settings)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
+        _ = plan.seconds, plan.points_digest  # kept by it: of many points they take long
         file = self._checked_before(plan) if check else None
         if file is None:
             return PreparedPlan(plan, stops)
@@ -258,22 +259,31 @@ def same_serial(bench: Bench, serial: str) -> None:
 _POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")
 
 
+def estimate_s_of(bench: Bench, prepared: PreparedPlan) -> float:
+    """Return how long a plan will take.
+
+    Raises RpcError if the bench has not the devices, or not the calibration, that it needs.
+    """
+    plans = [one for one in (prepared.check, prepared.plan) if one is not None]
+    for one in plans:
+        plan_devices(bench, one)
+    seconds = sum(one.seconds for one in plans)
+    if not math.isfinite(seconds):
+        raise RpcError("invalid", f"{prepared.plan.name}: would not end with these settings")
+    return round(seconds, 1)
+
+
 def outline_of(bench: Bench, prepared: PreparedPlan) -> PlanOutline:
     """Return what a plan will do: points, estimated time, settings.
 
     Raises RpcError if the bench has not the devices, or not the calibration, that it needs.
     """
-    plan, check = prepared.plan, prepared.check
-    for one in filter(None, (plan, check)):
-        plan_devices(bench, one)
-    check_s = check.seconds if check is not None else 0.0
-    checked = f"the calibration is checked first, about {check_s:.0f} s" if check else ""
-    if not math.isfinite(plan.seconds):
-        raise RpcError("invalid", f"{plan.name}: would not end with these settings")
+    plan, check, estimate_s = prepared.plan, prepared.check, estimate_s_of(bench, prepared)
+    checked = f"the calibration is checked first, about {check.seconds:.0f} s" if check else ""
     return PlanOutline(
         plan=plan.name,
         points=[{name: getattr(point, name) for name in _POINT_FIELDS} for point in plan.points],
-        estimate_s=round(check_s + plan.seconds, 1),
+        estimate_s=estimate_s,
         settings=plan.settings,
         outlook="; ".join(filter(None, (checked, plan.outlook))),
     )

@@ -15,7 +15,7 @@ from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.runner import QueueRunner
 from motord.service.queue.waits import valueless
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
-from motord.service.rpc.plans import PlanControl, PreparedPlan, outline_of, same_serial
+from motord.service.rpc.plans import PlanControl, PreparedPlan, estimate_s_of, same_serial
 from motord.service.rpc.preconditions import loop_up, no_trip
 
 DISK_S = 10.0
@@ -80,7 +80,7 @@ class QueueOperation:
         for n, (plan, prepared) in enumerate(zip(request.plans, context.prepared, strict=True), 1):
             try:
                 same_serial(self._bench, plan.serial or "")
-                estimates.append((plan, outline_of(self._bench, prepared).estimate_s))
+                estimates.append((plan, estimate_s_of(self._bench, prepared)))
                 self._check_channels(plan)
             except RpcError as error:
                 raise _of_plan(n, plan, error) from None

@@ -14,7 +14,6 @@ from motord.schema import State
 from motord.sequencing import Demand, Executor, Observation, PlanError
 from motord.sequencing.executor import PlanState
 from motord.sequencing.observation import ChannelValue
-from motord.service.plans.resume import points_digest
 
 BENCH = packaged("../../../config/thermal.toml")
 LOOK_S = 0.5
@@ -89,7 +88,7 @@ def test_the_dry_run_says_what_it_costs(config: Config) -> None:
 def test_it_is_made_again_from_its_own_settings(config: Config) -> None:
     plan = build("thermal", config)
     again = build("thermal", config, plan.settings)
-    assert (points_digest(again), again.settings) == (points_digest(plan), plan.settings)
+    assert (again.points_digest, again.settings) == (plan.points_digest, plan.settings)
 
 
 class Bench:
