@@ -116,3 +116,8 @@ def test_a_channel_of_the_same_name_goes_first(tmp_path):
 def test_columns_of_the_plan_alone_are_no_table_of_ticks(run, tmp_path):
     with pytest.raises(RecordError, match="a column of each tick besides plan, setting_turns"):
         export(run, tmp_path / "run.csv", ["plan", "setting_turns"])
+
+
+def test_a_mistyped_setting_gets_the_names_of_all(run, tmp_path):
+    with pytest.raises(RecordError, match="no column setting_turn; of its plan: plan, setting_"):
+        export(run, tmp_path / "run.csv", ["tick", "setting_turn"])

@@ -28,9 +28,9 @@ def command_for(identity: Path | None) -> Callable[[BenchEntry], str]:
     """Return what gives the command that opens the own page of a bench."""
 
     def command(entry: BenchEntry) -> str:
-        words = ["motord", "dashboard", "--port", "0", "--bench", entry.bench]
-        words += ["--connect", entry.endpoint] if entry.endpoint else []
-        return shlex.join(words + (["--identity", str(identity)] if identity else []))
+        command = ["motord", "dashboard", "--port", "0", "--bench", entry.bench]
+        command += ["--connect", entry.endpoint] if entry.endpoint else []
+        return shlex.join(command + (["--identity", str(identity)] if identity else []))
 
     return command
 

@@ -131,8 +131,8 @@ export class PlanQueue {
 
   /** @param {Item} item @param {string} what @param {string} sign @param {string} words */
   _edits(item, what, sign, words) {
-    const fixed = item.state === "running" ? "It is under way." : "";
-    const end = what !== "remove" && place(this._items, item.id, what === "up" ? -1 : 1) === null ? "It is at that end." : "";
+    const fixed = item.state === "running" ? "This plan is running." : "";
+    const end = what !== "remove" && place(this._items, item.id, what === "up" ? -1 : 1) === null ? "It is first or last already." : "";
     return element("button", {
       type: "button", id: `queue-${what}-${item.id}`, "data-item": item.id, "data-does": what, "data-why": fixed || end,
       "data-title": words, "aria-label": `${words}: ${item.id} ${item.plan.name}`, disabled: true,

@@ -12,7 +12,7 @@ from motord.recording.export.parquet_file import write_parquet
 from motord.recording.export.slow_channels import tick_table
 from motord.recording.export.table import ExportedTable
 from motord.recording.file_names import part_of, require_free
-from motord.recording.plan_columns import plan_columns
+from motord.recording.plan_columns import PREFIX, plan_columns
 from motord.recording.reader import Run
 from motord.schema import TRUTH
 
@@ -44,6 +44,12 @@ def export(
     if wanted is not None:
         plan = {name: plan[name] for name in wanted if name in plan}
         wanted = tuple(name for name in wanted if name not in plan)
+        settings = [name for name in wanted if name.startswith(PREFIX) and name not in taken]
+        if settings:
+            known = ", ".join(plan_columns(run.metadata)) or "none"
+            raise RecordError(
+                f"{run.path}: no {', '.join(settings)}; settings of its plan: {known}"
+            )
         if not wanted:
             raise RecordError(f"choose a column of each tick besides {', '.join(plan)}")
     record = TRUTH
