@@ -119,5 +119,5 @@ def test_columns_of_the_plan_alone_are_no_table_of_ticks(run, tmp_path):
 
 
 def test_a_mistyped_setting_gets_the_names_of_all(run, tmp_path):
-    with pytest.raises(RecordError, match="no column setting_turn; of its plan: plan, setting_"):
+    with pytest.raises(RecordError, match="no setting_turn; settings of its plan: plan, setting_"):
         export(run, tmp_path / "run.csv", ["tick", "setting_turn"])
