@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from motord.experiments.soak.trend import LEAST, DriftSlope
+from motord.experiments.soak.trend import CORRELATION_MAX, LEAST, DriftSlope
 from motord.findings import Finding
 from motord.intervals import plus_minus
 
@@ -110,8 +110,8 @@ class SoakResult:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Drifts, and points that are left out."""
-        return (*self._drifts(), *self.left_out)
+        """Drifts, a correlation that is too high for their intervals, and points left out."""
+        return (*self._drifts(), *self._correlated(), *self.left_out)
 
     def _drifts(self) -> Iterator[Finding]:
         for one in self.trends:
@@ -124,4 +124,15 @@ class SoakResult:
                 f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
                 "compare it with the temperatures; let the bench warm up before, calibrate more "
                 "often, or look for what wears, slips or gets loose",
+            )  # fmt: skip
+
+    def _correlated(self) -> Iterator[Finding]:
+        known = [c for one in self.trends if (c := one.slope.correlation) is not None]
+        typical = float(np.median(known)) if known else 0.0
+        if typical > CORRELATION_MAX:
+            yield Finding(
+                "correlation of successive repetitions", typical, CORRELATION_MAX, "1", "note",
+                "figures wander slowly over the repetitions: intervals of slopes may be too narrow, "
+                "and a drift may be claimed that is none",
+                "repeat for longer, with more rest between the repetitions",
             )  # fmt: skip
