@@ -36,7 +36,7 @@ class FigureTrend:
         "name": "name", "value": "slope.value", "unit": "slope_unit", "stderr": "slope.stderr",
         "low": "low", "high": "high", "p_value": "slope.p_value",
         "correlation": "slope.correlation", "drifts": "drifts", "figure_unit": "unit",
-        "hours": "hours", "values": "values",
+        "time_series": "time_series",
     }  # fmt: skip
 
     name: str
@@ -46,6 +46,11 @@ class FigureTrend:
     slope: DriftSlope
     drifts: bool = False
     of_point: bool = False
+
+    @property
+    def time_series(self) -> dict[str, np.ndarray]:
+        """The values over hours."""
+        return {"hours": self.hours, "values": self.values}
 
     @property
     def slope_unit(self) -> str:
