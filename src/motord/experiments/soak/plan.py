@@ -12,6 +12,7 @@ from math import isfinite
 from typing import Any
 
 from motord.config import Config
+from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.experiments.soak.settings import NAME, SoakConfig
 from motord.schema import TICK_DTYPE
@@ -74,7 +75,7 @@ def _inner(own: SoakConfig, config: Config, compensate: Mapping[str, Any]) -> Pl
     if own.plan == NAME:
         raise PlanError(f"{NAME}: setting plan: a {NAME} does not repeat a {NAME}")
     try:
-        inner = build(own.plan, config, {**own.inner, **compensate})
+        inner = build(own.plan, config, {**_lists(own), **compensate})
     except PlanError as error:
         raise PlanError(f"{NAME}: inner plan {own.plan}: {error}") from None
     if inner.estimator:
@@ -85,6 +86,17 @@ def _inner(own: SoakConfig, config: Config, compensate: Mapping[str, Any]) -> Pl
     if not isfinite(inner.seconds):
         raise PlanError(f"{NAME}: inner plan {own.plan}: would not end with these settings")
     return inner
+
+
+def _lists(own: SoakConfig) -> dict[str, Any]:
+    """Return the inner settings; one value for a list is a list of one, as `--set` has it."""
+    kind = plan_kinds().get(own.plan)
+    defaults = kind.settings.model_dump() if kind else {}
+    lists = {key for key, value in defaults.items() if isinstance(value, tuple)}
+    return {
+        key: [value] if key in lists and not isinstance(value, list | tuple) else value
+        for key, value in own.inner.items()
+    }
 
 
 def _fitting(own: SoakConfig, inner: Plan) -> int:

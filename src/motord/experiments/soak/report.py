@@ -28,7 +28,7 @@ def report(found: SoakResult, recordings: Recordings) -> Page:
     page.paragraph(
         "95 % intervals, by generalised least squares with residuals correlated from repetition to "
         "repetition. Drifts are judged for all figures together: where there is none, one is "
-        f"claimed in 5 % of soaks at most, up to a correlation of {CORRELATION_MAX:g}."
+        f"claimed in about 5 % of soaks at most, up to a correlation of {CORRELATION_MAX:g}."
     )
     page.heading("About these figures")
     page.table((), facts(subject, recordings.names))

@@ -137,7 +137,7 @@ class SoakResult:
         if typical > CORRELATION_MAX:
             yield Finding(
                 "correlation of successive repetitions", typical, CORRELATION_MAX, "1", "note",
-                "figures wander slowly over the repetitions: intervals of slopes may be too narrow, "
-                "and a drift may be claimed that is none",
+                "figures wander slowly over the repetitions: intervals of slopes may be too "
+                "narrow, and a drift may be claimed that is none",
                 "repeat for longer, with more rest between the repetitions",
             )  # fmt: skip

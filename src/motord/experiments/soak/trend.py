@@ -2,10 +2,10 @@
 
     y = a + b t + e,   e[i] = rho e[i - 1] + w[i],   w white
 
-For each rho of a grid a and b by generalised least squares (Prais and Winsten 1954), weighted by the
-restricted likelihood of rho (Harville 1974) times a prior, so that rho's own uncertainty is in the
-variance: that within, and that of the slopes between. Degrees of freedom: n - 2. The p-value is that
-of the mixture of t distributions over rho, whose tails are wider than those of one t.
+For each rho of a grid a and b by generalised least squares (Prais and Winsten 1954), weighted by
+the restricted likelihood of rho (Harville 1974) times a prior, so that rho's own uncertainty is in
+the variance: that within, and that of the slopes between. Degrees of freedom: n - 2. The p-value is
+that of the mixture of t distributions over rho, whose tails are wider than those of one t.
 """
 
 from dataclasses import dataclass
@@ -92,9 +92,7 @@ def drifting(p_values: "list[float | None]", false_alarms: float) -> list[bool]:
 
     One without a finite p-value is none, and does not count among the others.
     """
-    known = sorted(
-        (p, place) for place, p in enumerate(p_values) if p is not None and isfinite(p)
-    )
+    known = sorted((p, place) for place, p in enumerate(p_values) if p is not None and isfinite(p))
     significant = [False] * len(p_values)
     for rank, (p, place) in enumerate(known):
         if p > false_alarms / (len(known) - rank):

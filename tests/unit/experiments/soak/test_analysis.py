@@ -104,7 +104,9 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
     files = ("-o", output, "--report", report, "--store", store)
     code, text, _ = run(analyse, "soak", drifted, *files)
     assert code == 0
-    statement = "12 repetitions of verify in 1.1 h: 4 of 6 figures drift: rms_error_percent, winding_C"
+    statement = (
+        "12 repetitions of verify in 1.1 h: 4 of 6 figures drift: rms_error_percent, winding_C"
+    )
     assert statement in " ".join(text.split())
     found = json.loads(output.read_text())
     assert (found["schema"], found["plan"]) == ("motord.soak/1", "verify")

@@ -177,3 +177,10 @@ def test_the_same_plan_comes_of_its_own_settings_and_crosses_processes():
     again = build("soak", make_config(), plan.settings)
     assert (again.points, again.settings) == (plan.points, plan.settings)
     assert pickle.loads(pickle.dumps(plan)).points == plan.points
+
+
+def test_one_value_for_a_list_of_the_inner_plan_is_a_list_of_one():
+    inner = {"torques_Nm": 1.0, "speeds_Hz": [0.5], "turns": 4}
+    plan = build("soak", make_config(), {**SOAK, "inner": inner})
+    assert plan.settings["inner"]["torques_Nm"] == [1.0]
+    assert len(plan.points) == 3
