@@ -132,7 +132,8 @@ class SoakResult:
             )  # fmt: skip
 
     def _correlated(self) -> Iterator[Finding]:
-        known = [c for one in self.trends if (c := one.slope.correlation) is not None]
+        slopes = (one.slope for one in self.trends)
+        known = [one.correlation for one in slopes if one.stderr and one.correlation is not None]
         typical = float(np.median(known)) if known else 0.0
         if typical > CORRELATION_MAX:
             yield Finding(
