@@ -153,7 +153,7 @@ class _Job:
         builder = PointBuilder(
             self.survey.segments,
             split.min_turns if split else 1,
-            self.motor_file.torque_sensor.highpass_time_constant_s == 0,
+            self.motor_file.torque_sensor.passes_mean,
             motor.rated_torque_Nm,
         )
         for rows in usable_rows(self.column_map, self.column_map.fields, problems):

@@ -17,9 +17,12 @@ from motord.intervals import coverage_factor
 from motord.results.field_names import label_elements, number_elements
 
 NOT_RESULTS = frozenset(
-    {"motor", "told", "left_out", "unreached", "learned", "degrees_of_freedom", "freedom"}
+    {
+        *("motor", "told", "left_out", "unreached", "learned", "degrees_of_freedom", "freedom"),
+        *("repetitions", "time_series"),
+    }
 )
-"""Keys of what an analysis was given, did not use, or states of its errors."""
+"""Keys of what an analysis was given, did not use, or states of its errors, and of curves."""
 
 UNIT_STATED = ("value", "limit", "detectable", "bound")
 """Keys whose unit is the one that the object states in `unit`."""

@@ -431,9 +431,28 @@ def test_settings_become_json_values():
     assert parse_settings(given, {"inner": {}}) == {
         "inner": {"turns": 12, "torques_Nm": [1, 2]}, "plan": "verify",
     }  # fmt: skip
-    for wrong in (["=3"], ["inner=3", "inner.turns=12"]):
-        with pytest.raises(typer.BadParameter):
-            parse_settings(wrong, {})
+
+
+def test_entries_of_a_table_are_set_over_those_of_the_bench():
+    defaults = {"inner": {"turns": 6, "torques_Nm": [1.0]}, "hours": 1.0}
+    assert parse_settings(["inner.turns=12"], defaults) == {
+        "inner": {"turns": 12, "torques_Nm": [1.0]}
+    }
+    assert defaults["inner"]["turns"] == 6
+    for given in (["inner={}", "inner.turns=12"], ["inner.turns=12", "inner={}"]):
+        assert parse_settings(given, defaults) == {"inner": {"turns": 12}}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ["=3"], [".turns=12"], ["inner.=12"], ["inner..turns=12"], ["turns"], ["hours.x=1"],
+        ["inner=3", "inner.turns=12"], ["inner.turns=12", "inner=3"],
+    ],
+)  # fmt: skip
+def test_what_is_no_setting_is_refused(wrong):
+    with pytest.raises(typer.BadParameter):
+        parse_settings(wrong, {"inner": {}, "hours": 1.0})
 
 
 def test_check_names_what_is_wrong(tmp_path, monkeypatch):

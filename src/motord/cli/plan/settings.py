@@ -22,24 +22,31 @@ def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]
 def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, Any]:
     """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair.
 
-    KEY.NAME=VALUE is an entry of a setting that is a table.
+    KEY.NAME=VALUE is an entry of a setting that is a table, over the entries of KEY=VALUE, wherever
+    that stands, else over those of the `defaults`.
     """
     settings: dict[str, Any] = {}
-    for pair in given:
-        key, equals, text = pair.partition("=")
-        if not equals or not key:
-            raise typer.BadParameter(f"--set {pair}: expected KEY=VALUE")
-        value = value_of(text)
-        if isinstance(defaults.get(key), list) and not isinstance(value, list):
-            value = [value]
+    pairs = [_pair(one) for one in given]
+    for key, value in pairs:
+        if "." not in key:
+            many = isinstance(defaults.get(key), list) and not isinstance(value, list)
+            settings[key] = [value] if many else value
+    for key, value in pairs:
         table, dot, name = key.partition(".")
         if not dot:
-            settings[key] = value
-        elif isinstance(entries := settings.setdefault(table, {}), dict):
-            entries[name] = value
-        else:
-            raise typer.BadParameter(f"--set {pair}: {table} is a value already")
+            continue
+        entries = settings.get(table, defaults.get(table, {}))
+        if not isinstance(entries, Mapping):
+            raise typer.BadParameter(f"--set {key}: {table} is no table")
+        settings[table] = {**entries, name: value}
     return settings
+
+
+def _pair(text: str) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not all(key.split(".")):
+        raise typer.BadParameter(f"--set {text}: expected KEY=VALUE or KEY.NAME=VALUE")
+    return key, value_of(value)
 
 
 def value_of(text: str) -> Any:

@@ -138,6 +138,11 @@ class TorqueSensorConfig(Section):
     gain_Nm_per_V: Positive = 1.0
     """Gain of sensor and amplifier."""
 
+    @property
+    def passes_mean(self) -> bool:
+        """False for a sensor, piezoelectric for instance, that cannot measure a steady torque."""
+        return self.highpass_time_constant_s == 0.0
+
 
 class MotorFile(Section):
     """A file with the motor and, if wanted, the torque sensor of recordings made elsewhere."""

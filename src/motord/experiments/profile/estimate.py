@@ -93,7 +93,7 @@ def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileT
 def _scale_uncertainty(subject: Subject, calibration: Calibration | None) -> float | None:
     """Return the standard uncertainty of the torque's scale, in parts (Type B); None: unknown."""
     accuracy = subject.accuracy
-    if subject.sensor.highpass_time_constant_s == 0:
+    if subject.sensor.passes_mean:
         return accuracy.torque_gain_percent / 100 / sqrt(3)
     if calibration is None:
         return None

@@ -9,13 +9,16 @@ from motord.experiments.points_left_out import points_left_out
 from motord.experiments.soak.result import FigureTrend, Repetition, SoakResult
 from motord.experiments.soak.settings import NAME
 from motord.experiments.soak.trend import drifting, slope
-from motord.experiments.subject import AnalysisError, Recordings, check_plan
+from motord.experiments.subject import AnalysisError, Recordings, Subject, check_plan
 from motord.identification.operating_points import good_points
 from motord.identification.point_ripple import rms_error_percent
 from motord.intervals import LEVEL
 from motord.recording.reader import Run, bounds_of
 
 COLUMNS = ("t_ns", "plan_point", "angle_rad", "speed_rad_s", "torque_Nm", "missed", "temperature_C")
+
+OWN_FIGURES = ("rms_error_percent", "torque_mean_Nm", "inverter_temperature_C", "missed_ticks")
+"""Figures of the ticks; a channel of such a name has "channel" before it."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +42,9 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     """Return the trends. Raises AnalysisError, ConfigError, RecordError."""
     runs, subject = recordings.runs, recordings.subject
     plan = _plan_of(runs)
-    shows_mean = subject.sensor.highpass_time_constant_s == 0.0
     points: dict[tuple[int, int], PointFigures] = {}
     for run in sorted(runs, key=_began_ns):
-        for one in _points(run, subject.motor.rated_torque_Nm, shows_mean=shows_mean):
+        for one in _points(run, subject):
             points[one.repetition, one.place] = one
     if not points:
         files = ", ".join(str(run.path) for run in runs)
@@ -53,8 +55,8 @@ def soak_trends(recordings: Recordings) -> SoakResult:
         *_of_repetitions(repetitions, points.values(), units),
         *_of_points(repetitions, points.values()),
     ]
-    sure = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
-    judged = tuple(replace(one, drifts=drifts) for one, drifts in zip(trends, sure, strict=True))
+    drifts = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
+    judged = tuple(replace(one, drifts=its) for one, its in zip(trends, drifts, strict=True))
     return SoakResult(plan, tuple(repetitions.values()), judged, points_left_out(runs))
 
 
@@ -80,14 +82,17 @@ def _began_ns(run: Run) -> int:
     return min((int(point["t_start_ns"]) for point in run.operating_points()), default=0)
 
 
-def _points(run: Run, rated_torque_Nm: float, *, shows_mean: bool) -> Iterable[PointFigures]:
-    """Yield the good points of a recording with their figures, in time order."""
-    known = [name for name in COLUMNS if name in run.columns]
+def _points(run: Run, subject: Subject) -> Iterable[PointFigures]:
+    """Yield the good points of a recording with their figures. Raises AnalysisError."""
+    if missing := [name for name in COLUMNS if name not in run.columns]:
+        raise AnalysisError(
+            f"{run.path}: ticks have no {', '.join(missing)}; record the {NAME} with this version"
+        )
     channels = {name: run.channel(name) for name in run.channels()}
     numbered = [one for one in run.operating_points() if {"repetition", "inner_index"} <= {*one}]
     for point in good_points(numbered):
         place = int(point["inner_index"])
-        ticks = run.ticks(known, **bounds_of(point))
+        ticks = run.ticks(COLUMNS, **bounds_of(point))
         ticks = ticks[ticks["plan_point"] == int(point["index"])]
         if not ticks.size:
             continue
@@ -99,29 +104,29 @@ def _points(run: Run, rated_torque_Nm: float, *, shows_mean: bool) -> Iterable[P
             label=f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz",
             t_ns=sum(span_ns) / 2,
             missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
-            figures=_figures(ticks, rated_torque_Nm, shows_mean=shows_mean),
+            figures=_figures(ticks, subject),
             channels={name: _mean_within(*one, *span_ns) for name, one in channels.items()},
         )
 
 
-def _figures(ticks: np.ndarray, rated_torque_Nm: float, *, shows_mean: bool) -> dict[str, float]:
+def _figures(ticks: np.ndarray, subject: Subject) -> dict[str, float]:
     """Return the figures of a capture's ticks; nan where there is none.
 
     The RMS error is Poels 2008, eq. (4.16), of each whole turn about its mean, noise included.
     """
-    torque_Nm = ticks["torque_Nm"].astype(float)
+    torque_Nm, rated_Nm = ticks["torque_Nm"].astype(float), subject.motor.rated_torque_Nm
     weights = np.abs(ticks["speed_rad_s"].astype(float))
     turned = np.unwrap(ticks["angle_rad"].astype(float)) / (2 * np.pi)
     turn = np.abs(turned - turned[0]).astype(int)
     squares = [
-        rms_error_percent(torque_Nm[turn == one], rated_torque_Nm, weights[turn == one]) ** 2
+        rms_error_percent(torque_Nm[turn == one], rated_Nm, weights[turn == one]) ** 2
         for one in range(turn[-1])
         if weights[turn == one].sum() > 0
     ]
     mean_Nm = float(np.average(torque_Nm, weights=weights if weights.any() else None))
     return {
         "rms_error_percent": float(np.sqrt(np.mean(squares))) if squares else np.nan,
-        "torque_mean_Nm": mean_Nm if shows_mean else np.nan,
+        "torque_mean_Nm": mean_Nm if subject.sensor.passes_mean else np.nan,
         "inverter_temperature_C": float(ticks["temperature_C"].astype(float).mean()),
     }
 
@@ -176,7 +181,8 @@ def _of_repetitions(
             key: [value for one in group if np.isfinite(value := one.channels.get(name, np.nan))]
             for key, group in groups.items()
         }
-        found += trend(name, unit, {key: float(np.mean(one)) for key, one in read.items() if one})
+        means_read = {key: float(np.mean(one)) for key, one in read.items() if one}
+        found += trend(f"channel {name}" if name in OWN_FIGURES else name, unit, means_read)
     missed = {key: sum(one.missed for one in group) for key, group in groups.items()}
     return found + trend("missed_ticks", "ticks", missed)
 

@@ -12,6 +12,7 @@ from math import isfinite
 from typing import Any
 
 from motord.config import Config
+from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.experiments.soak.settings import NAME, SoakConfig
 from motord.schema import TICK_DTYPE
@@ -74,7 +75,7 @@ def _inner(own: SoakConfig, config: Config, compensate: Mapping[str, Any]) -> Pl
     if own.plan == NAME:
         raise PlanError(f"{NAME}: setting plan: a {NAME} does not repeat a {NAME}")
     try:
-        inner = build(own.plan, config, {**own.inner, **compensate})
+        inner = build(own.plan, config, {**_lists(own), **compensate})
     except PlanError as error:
         raise PlanError(f"{NAME}: inner plan {own.plan}: {error}") from None
     if inner.estimator:
@@ -85,6 +86,17 @@ def _inner(own: SoakConfig, config: Config, compensate: Mapping[str, Any]) -> Pl
     if not isfinite(inner.seconds):
         raise PlanError(f"{NAME}: inner plan {own.plan}: would not end with these settings")
     return inner
+
+
+def _lists(own: SoakConfig) -> dict[str, Any]:
+    """Return the inner settings; one value for a list is a list of one, as `--set` has it."""
+    kind = plan_kinds().get(own.plan)
+    defaults = kind.settings.model_dump() if kind else {}
+    lists = {key for key, value in defaults.items() if isinstance(value, tuple)}
+    return {
+        key: [value] if key in lists and not isinstance(value, list | tuple) else value
+        for key, value in own.inner.items()
+    }
 
 
 def _fitting(own: SoakConfig, inner: Plan) -> int:
@@ -98,12 +110,12 @@ def _fitting(own: SoakConfig, inner: Plan) -> int:
 def _outlook(config: Config, own: SoakConfig, inner: Plan, plan: Plan) -> str:
     """Return number and length of the repetitions, and what they cost."""
     gigabytes = plan.seconds * config.loop.rate_Hz * TICK_DTYPE.itemsize * 1e-9
-    said = (
+    text = (
         f"{len(plan.points) // len(inner.points)} repetitions of {inner.name}, {len(inner.points)} "
         f"points and about {inner.seconds:.0f} s each, {own.pause_s:g} s between: "
         f"{plan.seconds / 3600:.2g} h; its recording takes up to {gigabytes:.2g} GB"
     )
-    return "; ".join(filter(None, (said, inner.outlook)))
+    return "; ".join(filter(None, (text, inner.outlook)))
 
 
 def point_s(own: SoakConfig, inner: Plan, point: OperatingPoint) -> float:
@@ -149,36 +161,36 @@ def repetition(motion: Motion[Any], number: int, size: int) -> Motion[None]:
     """Carry out the motion of the inner plan as repetition `number`, its points renumbered."""
     first, prefix = number * size, f"repetition {number + 1}: "
 
-    def outer(asked: Demand | Capture | None) -> Demand | Capture | None:
-        if isinstance(asked, Demand):
-            point = asked.plan_point
+    def renumbered(step: Demand | Capture | None) -> Demand | Capture | None:
+        if isinstance(step, Demand):
+            point = step.plan_point
             index = point if point < 0 else first + point
-            return replace(asked, plan_point=index, label=prefix + asked.label)
-        if asked is None:
+            return replace(step, plan_point=index, label=prefix + step.label)
+        if step is None:
             return None
-        place = int(asked["index"])
-        return {**asked, "index": first + place, "repetition": number + 1, "inner_index": place}
+        place = int(step["index"])
+        return {**step, "index": first + place, "repetition": number + 1, "inner_index": place}
 
-    def own_point(point: int) -> int:
+    def inner_point(point: int) -> int:
         return point - first if first <= point < first + size else -1
 
-    def within_it(seen: Observation) -> Observation:
+    def inner_observation(seen: Observation) -> Observation:
         demand = replace(
             seen.demand,
-            plan_point=own_point(seen.demand.plan_point),
+            plan_point=inner_point(seen.demand.plan_point),
             label=seen.demand.label.removeprefix(prefix),
         )
-        return replace(seen, plan_point=own_point(seen.plan_point), demand=demand)
+        return replace(seen, plan_point=inner_point(seen.plan_point), demand=demand)
 
     try:
-        asked = next(motion)
+        step = next(motion)
         while True:
             try:
-                seen = yield outer(asked)
+                seen = yield renumbered(step)
             except Restarted as again:
-                asked = motion.throw(again)
+                step = motion.throw(again)
             else:
-                asked = motion.send(within_it(seen))
+                step = motion.send(inner_observation(seen))
     except StopIteration:
         return
     except MotionFailed as failed:

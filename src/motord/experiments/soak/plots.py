@@ -12,7 +12,7 @@ PANELS_MAX = 8
 
 
 def over_time(found: SoakResult) -> Figure:
-    """Return the figures of the repetitions over time, one below the other."""
+    """Return the figures of the repetitions over time, of one or more, one below the other."""
     whole = [one for one in found.trends if not one.of_point][:PANELS_MAX]
     shown = whole or [one for one in found.trends if one.of_point][:PANELS_MAX]
     with drawing():

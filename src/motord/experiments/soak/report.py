@@ -2,6 +2,7 @@
 
 from motord.experiments.soak.plots import over_time
 from motord.experiments.soak.result import SoakResult
+from motord.experiments.soak.trend import CORRELATION_MAX
 from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
@@ -14,17 +15,20 @@ def report(found: SoakResult, recordings: Recordings) -> Page:
     subject = recordings.subject
     page = Page("Soak", f"{subject.motor.name} on bench {subject.bench}: {found.statement}.")
     page.heading("Over the repetitions")
-    page.picture(
-        over_time(found),
-        "Each repetition's figures (dots: all points are there), those of the single set-points "
-        "(thin), and the fitted slope; dashed where it is no more than chance explains.",
-    )
+    if not found.trends:
+        page.paragraph("No figure has two values: slopes need two repetitions.")
+    else:
+        page.picture(
+            over_time(found),
+            "Each repetition's figures (dots: all points are there), those of the single "
+            "set-points (thin), and the fitted slope; dashed where chance explains it.",
+        )
     page.heading("Slopes")
     page.table(HEADER, rows(found, "\u00b1"), numbers=True)
     page.paragraph(
         "95 % intervals, by generalised least squares with residuals correlated from repetition to "
-        "repetition. A drift is claimed where chance alone would show one anywhere among these "
-        "figures in 5 % of soaks."
+        "repetition. Drifts are judged for all figures together: where there is none, one is "
+        f"claimed in about 5 % of soaks at most, up to a correlation of {CORRELATION_MAX:g}."
     )
     page.heading("About these figures")
     page.table((), facts(subject, recordings.names))

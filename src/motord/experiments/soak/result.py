@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from motord.experiments.soak.trend import LEAST, DriftSlope
+from motord.experiments.soak.trend import CORRELATION_MAX, LEAST, DriftSlope
 from motord.findings import Finding
 from motord.intervals import plus_minus
 
@@ -36,7 +36,7 @@ class FigureTrend:
         "name": "name", "value": "slope.value", "unit": "slope_unit", "stderr": "slope.stderr",
         "low": "low", "high": "high", "p_value": "slope.p_value",
         "correlation": "slope.correlation", "drifts": "drifts", "figure_unit": "unit",
-        "hours": "hours", "values": "values",
+        "time_series": "time_series",
     }  # fmt: skip
 
     name: str
@@ -46,6 +46,11 @@ class FigureTrend:
     slope: DriftSlope
     drifts: bool = False
     of_point: bool = False
+
+    @property
+    def time_series(self) -> dict[str, np.ndarray]:
+        """The values over hours."""
+        return {"hours": self.hours, "values": self.values}
 
     @property
     def slope_unit(self) -> str:
@@ -110,8 +115,8 @@ class SoakResult:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Drifts, and points that are left out."""
-        return (*self._drifts(), *self.left_out)
+        """Drifts, a correlation that is too high for their intervals, and points left out."""
+        return (*self._drifts(), *self._correlated(), *self.left_out)
 
     def _drifts(self) -> Iterator[Finding]:
         for one in self.trends:
@@ -124,4 +129,16 @@ class SoakResult:
                 f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
                 "compare it with the temperatures; let the bench warm up before, calibrate more "
                 "often, or look for what wears, slips or gets loose",
+            )  # fmt: skip
+
+    def _correlated(self) -> Iterator[Finding]:
+        slopes = (one.slope for one in self.trends)
+        known = [one.correlation for one in slopes if one.stderr and one.correlation is not None]
+        typical = float(np.median(known)) if known else 0.0
+        if typical > CORRELATION_MAX:
+            yield Finding(
+                "correlation of successive repetitions", typical, CORRELATION_MAX, "1", "note",
+                "figures wander slowly over the repetitions: intervals of slopes may be too "
+                "narrow, and a drift may be claimed that is none",
+                "repeat for longer, with more rest between the repetitions",
             )  # fmt: skip

@@ -4,9 +4,12 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from motord.config import NonNegative, Positive, Section
+from motord.config import NonNegative, Section
 
 NAME = "soak"
+
+YEAR_H, DAY_S = 8760, 86_400
+"""Longest soak, and longest rest."""
 
 
 class SoakConfig(Section):
@@ -18,11 +21,11 @@ class SoakConfig(Section):
     """Settings of that plan, over the bench's own."""
     repeats: Annotated[int, Field(ge=0)] = 0
     """Repetitions; 0: as many as hours allow."""
-    hours: NonNegative = 1.0
+    hours: Annotated[float, Field(ge=0, le=YEAR_H)] = 1.0
     """With repeats = 0: time after which no further repetition begins."""
-    pause_s: NonNegative = 60.0
+    pause_s: Annotated[float, Field(ge=0, le=DAY_S)] = 60.0
     """Rest between two repetitions, the bench switched off."""
     cool_below_C: NonNegative = 0.0
     """Temperature of the inverter that the rest waits for; 0: it does not wait."""
-    cool_timeout_s: Positive = 3600.0
+    cool_timeout_s: Annotated[float, Field(gt=0, le=DAY_S)] = 3600.0
     """Longest time that it waits, then the plan fails."""

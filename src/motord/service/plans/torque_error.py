@@ -31,7 +31,7 @@ class TorqueError:
     def __init__(self, config: Config) -> None:
         self._decay = float(parameters.build(config)[0][0].torque_decay)
         self._rated_Nm = config.motor.rated_torque_Nm
-        self._passes_mean = config.torque_sensor.highpass_time_constant_s == 0.0
+        self._passes_mean = config.torque_sensor.passes_mean
         self._set_Nm = self._expected_Nm = 0.0
         self._tick: int | None = None
         self._capture = (-1, 0)  # point, first tick

@@ -49,7 +49,7 @@ def captured(index: int, repetition: int, rng: np.random.Generator, drift_Nm: fl
 
 def write(
     path: Path, repetitions: range, drift_Nm: float = 0.0, seed: int = 1, last_points: int = 2,
-    shows_mean: bool = False,
+    shows_mean: bool = False, channel: str = "winding_C",
     **settings: object,
 ) -> Path:  # fmt: skip
     """Write a soak with these repetitions, the last one with fewer points."""
@@ -64,7 +64,7 @@ def write(
                 ticks = captured(index, repetition, rng, drift_Nm)
                 first_ns, last_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
                 content = {"value": 40.0 + 20 * 0.1 * repetition + 0.1 * rng.normal()}
-                writer.channel(first_ns + 10**6, "winding_C", "degC", 5.0, content)
+                writer.channel(first_ns + 10**6, channel, "degC", 5.0, content)
                 writer.ticks(ticks)
                 writer.operating_point(last_ns, {
                     "index": index, "repetition": repetition + 1, "inner_index": place,
@@ -104,19 +104,25 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
     files = ("-o", output, "--report", report, "--store", store)
     code, text, _ = run(analyse, "soak", drifted, *files)
     assert code == 0
-    said = "12 repetitions of verify in 1.1 h: 4 of 6 figures drift: rms_error_percent, winding_C"
-    assert said in " ".join(text.split())
+    statement = (
+        "12 repetitions of verify in 1.1 h: 4 of 6 figures drift: rms_error_percent, winding_C"
+    )
+    assert statement in " ".join(text.split())
     found = json.loads(output.read_text())
     assert (found["schema"], found["plan"]) == ("motord.soak/1", "verify")
     assert {one["name"] for one in found["findings"]} >= {"drift of winding_C"}
     assert report.read_text().count("<svg") == 1
-    asked = "SELECT unit, low, high, plan, setting_plan, setting_inner_turns FROM results "
+    select = "SELECT unit, low, high, plan, setting_plan, setting_inner_turns FROM results "
     [row] = query(
-        ResultsStore(store).read().table, f"{asked} WHERE field = 'trends.winding_C'"
+        ResultsStore(store).read().table, f"{select} WHERE field = 'trends.winding_C'"
     ).rows
     assert row[0] == "degC/h"
     assert row[1] < 20.0 < row[2]
     assert row[3:] == ("soak", "verify", 4.0)
+    stored = query(ResultsStore(store).read().table, "SELECT field FROM results").rows
+    assert not [one for [one] in stored if "hours." in one or "values." in one]
+    assert len(next(iter(found["trends"]))["time_series"]["values"]) == 12
+    assert "hours" in [one for [one] in stored]
 
 
 def test_the_mean_torque_is_there_where_the_sensor_shows_it(tmp_path: Path) -> None:
@@ -189,3 +195,26 @@ def test_a_soak_in_virtual_time_from_plan_to_trend(tmp_path: Path) -> None:
     result = soak_trends(Recordings.open([path]))
     assert [(one.repetition, one.complete) for one in result.repetitions] == [(1, True), (2, True)]
     assert result.plan == "back-emf"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_of_a_soak_that_hardly_began_there_is_a_page(tmp_path: Path, count: int) -> None:
+    path, report = write(tmp_path / "soak.mcap", range(count)), tmp_path / "s.html"
+    code, _, errors = run(analyse, "soak", path, "--report", report)
+    assert (code, errors) == (0, "")
+    assert report.read_text().count("<svg") == count - 1
+    assert ("No figure has two values" in report.read_text()) == (count == 1)
+
+
+def test_a_channel_called_like_a_figure_of_the_ticks_has_a_name_of_its_own(tmp_path: Path) -> None:
+    path = write(tmp_path / "soak.mcap", range(7), channel="missed_ticks")
+    names = [one.name for one in soak_trends(Recordings.open([path])).trends]
+    assert names.count("missed_ticks") == names.count("channel missed_ticks") == 1
+
+
+def test_ticks_without_a_column_are_refused_with_what_to_do(
+    drifted: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motord.experiments.soak.estimate.COLUMNS", ("t_ns", "gone"))
+    with pytest.raises(AnalysisError, match=r"soak\.mcap: ticks have no gone; record the soak"):
+        trends(drifted)

@@ -158,7 +158,10 @@ def test_the_rest_waits_for_the_inverter_to_cool_down_and_not_for_ever(monkeypat
         ({"repeats": -1}, "soak: setting repeats: "),
         ({"repeats": 0, "hours": 0.0}, "soak: set repeats or hours"),
         ({"repeats": 10**9}, "more than 10000 points; set repeats"),
-        ({"repeats": 0, "hours": 1e6}, "more than 10000 points; set repeats"),
+        ({"repeats": 0, "hours": 8760.0}, "more than 10000 points; set repeats"),
+        ({"repeats": 0, "hours": 1e308}, "soak: setting hours: "),
+        ({"pause_s": 1e308}, "soak: setting pause_s: "),
+        ({"cool_timeout_s": 1e308}, "soak: setting cool_timeout_s: "),
         ({"plan": "calibrate", "inner": {"time_limit_s": 300.0, "beta_A": 0.05}},
          "soak: inner plan calibrate: it ends early by what it finds"),
     ],
@@ -174,3 +177,10 @@ def test_the_same_plan_comes_of_its_own_settings_and_crosses_processes():
     again = build("soak", make_config(), plan.settings)
     assert (again.points, again.settings) == (plan.points, plan.settings)
     assert pickle.loads(pickle.dumps(plan)).points == plan.points
+
+
+def test_one_value_for_a_list_of_the_inner_plan_is_a_list_of_one():
+    inner = {"torques_Nm": 1.0, "speeds_Hz": [0.5], "turns": 4}
+    plan = build("soak", make_config(), {**SOAK, "inner": inner})
+    assert plan.settings["inner"]["torques_Nm"] == [1.0]
+    assert len(plan.points) == 3

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.soak.trend import LEAST, drifting, slope
 
 
@@ -37,7 +38,7 @@ def test_without_a_drift_few_are_claimed_and_a_clear_one_is_found():
     for _ in range(100):
         steady = [slope(hours, wandering(rng, 24, 0.5)).p_value for _ in range(5)]
         claimed += any(drifting(steady, 0.05))
-        drift = slope(hours, 4.0 * hours + wandering(rng, 24, 0.5)).p_value
+        drift = slope(hours, 6.0 * hours + wandering(rng, 24, 0.5)).p_value
         found += drifting([*steady, drift], 0.05)[-1]
     assert claimed <= 11
     assert found >= 90
@@ -57,3 +58,45 @@ def test_of_too_few_values_no_interval_is_stated():
     assert drifting([None, 1e-9], 0.05) == [False, True]
     assert drifting([0.03, 0.5, 0.9], 0.05) == [False] * 3
     assert drifting([0.03, 0.01], 0.05) == [True, True]
+
+
+@pytest.mark.parametrize("level", [22.1, -1e-9, 3e12])
+def test_constant_values_have_no_slope_and_hide_no_drift_of_others(level):
+    for n in range(6, 51):
+        hours = 0.1 * np.arange(n)
+        still = slope(hours, np.full(n, level))
+        assert (still.value, still.half_width, still.p_value) == (0.0, 0.0, 1.0)
+    drift = slope(hours, 40.0 * hours + wandering(np.random.default_rng(3), n, 0.3))
+    assert drifting([still.p_value, drift.p_value], 0.05) == [False, True]
+    assert slope(np.arange(3.0), np.full(3, level)).value == 0.0
+
+
+def test_what_is_not_finite_is_no_drift_and_hides_none():
+    assert drifting([float("nan"), 1e-9, 0.9], 0.05) == [False, True, False]
+
+
+def test_a_slope_is_the_same_in_any_unit():
+    rng, hours = np.random.default_rng(5), 0.1 * np.arange(12)
+    values = 3.0 * hours + wandering(rng, 12, 0.4)
+    one, small = slope(hours, values), slope(hours, 1e-200 * values)
+    assert small.half_width == pytest.approx(1e-200 * one.half_width)
+    assert small.p_value == pytest.approx(one.p_value)
+
+
+@pytest.mark.parametrize("n", [8, 10, 20])
+def test_of_strongly_correlated_repetitions_few_soaks_claim_a_drift(n):
+    rng, at = np.random.default_rng(n), np.linspace(0.0, 1.0, n)
+    claimed = [
+        any(drifting([slope(at, wandering(rng, n, 0.8)).p_value for _ in range(12)], 0.05))
+        for _ in range(100)
+    ]
+    assert sum(claimed) <= 10  # 5, and 2.5 standard deviations
+
+
+@pytest.mark.parametrize(("correlation", "noted"), [(0.5, 0), (0.95, 1)])
+def test_a_correlation_beyond_what_intervals_hold_for_is_a_finding(correlation, noted):
+    rng, hours = np.random.default_rng(6), 0.1 * np.arange(50)
+    series = [wandering(rng, 50, correlation) for _ in range(5)] + 6 * [np.full(50, 22.1)]
+    trends = [FigureTrend(str(k), "%", hours, y, slope(hours, y)) for k, y in enumerate(series)]
+    found = SoakResult("verify", (), tuple(trends)).findings
+    assert [one.limit for one in found] == [0.8] * noted

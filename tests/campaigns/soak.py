@@ -1,0 +1,71 @@
+"""Trends of a soak on series of known slope: `python -m tests.campaigns.soak`.
+
+Soaks of 12 figures, residuals correlated by rho from one repetition to the next. For each rho and
+number of repetitions: share of 95 % intervals that hold the slope, share of soaks without a drift
+that claim one, share of the drifts of 10 standard deviations of a figure that are found, and of
+the soaks that note a correlation beyond what is kept. Exits with 1 if coverage or false drifts are
+not kept up to CORRELATION_MAX.
+"""
+
+import sys
+
+import numpy as np
+
+from motord.experiments.soak.trend import CORRELATION_MAX, DriftSlope, drifting, slope
+from tests.campaigns import seeds
+
+SOAKS, FIGURES = 400, 12
+REPETITIONS, CORRELATIONS = (6, 8, 10, 20, 50), (0.0, 0.5, 0.8, 0.9, 0.95)
+FALSE_DRIFTS, COVERED = 0.05, 0.94
+SLACK = 2.5
+"""Standard deviations of a share over the trials."""
+DRIFT = 10.0
+
+
+def residuals(rng: np.random.Generator, n: int, correlation: float) -> np.ndarray:
+    """Return residuals (n,) with a standard deviation of 1, each correlated with the one before."""
+    values = rng.normal(size=n)
+    for place in range(1, n):
+        values[place] *= np.sqrt(1 - correlation**2)
+        values[place] += correlation * values[place - 1]
+    return values
+
+
+def claimed(slopes: list[DriftSlope]) -> list[bool]:
+    """Return which of the figures of a soak are said to drift."""
+    return drifting([one.p_value for one in slopes], FALSE_DRIFTS)
+
+
+def trial(n: int, correlation: float, seed: int) -> tuple[float, float, float, float]:
+    """Return the shares of a soak: covered, false drift, drift found, correlation noted."""
+    rng = np.random.default_rng([seed, n, round(100 * correlation)])
+    at = np.linspace(0.0, 1.0, n)
+    steady = [slope(at, residuals(rng, n, correlation)) for _ in range(FIGURES)]
+    drift = slope(at, DRIFT * at + residuals(rng, n, correlation))
+    return (
+        float(np.mean([abs(one.value) <= (one.half_width or 0.0) for one in steady])),
+        float(any(claimed(steady))),
+        float(claimed([drift, *steady[1:]])[0]),
+        float(np.median([one.correlation or 0.0 for one in steady]) > CORRELATION_MAX),
+    )
+
+
+def main() -> int:
+    """Print the shares; return 1 if those up to CORRELATION_MAX are not kept."""
+    failed = 0
+    most = FALSE_DRIFTS + SLACK * np.sqrt(FALSE_DRIFTS * (1 - FALSE_DRIFTS) / SOAKS)
+    least = COVERED - SLACK * np.sqrt(COVERED * (1 - COVERED) / (SOAKS * FIGURES))
+    print("repetitions   rho  covered  false drifts  found  noted")
+    for n in REPETITIONS:
+        for correlation in CORRELATIONS:
+            trials = [trial(n, correlation, seed) for seed in seeds.several(SOAKS)]
+            covered, false, found, noted = np.mean(trials, axis=0)
+            kept = covered >= least and false <= most
+            failed += not kept and correlation <= CORRELATION_MAX
+            shares = f"{covered:8.1%} {false:13.1%} {found:6.0%} {noted:6.0%}"
+            print(f"{n:11} {correlation:5.2f} {shares}{'' if kept else '  not kept'}", flush=True)
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
