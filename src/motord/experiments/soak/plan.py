@@ -29,8 +29,8 @@ from motord.sequencing.motions import (
 )
 from motord.sequencing.settings import chosen
 
-POINTS_MAX = 10_000
-"""Points of all repetitions: each is shown, published and kept in the journal."""
+POINTS_MAX = 3000
+"""Points of all repetitions: each is shown and kept in the journal, in the supervisor's time."""
 
 
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:
