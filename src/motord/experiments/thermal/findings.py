@@ -56,6 +56,7 @@ def findings(
     fit, shortest_s = found.fit, min(one.time_constant_s for one in found.time_constants)
     return (
         *_frozen(frozen),
+        *_constant(readings),
         *_invalid(readings),
         *_runaway(found),
         *_not_steady(found),
@@ -90,6 +91,18 @@ def _frozen(frozen: dict[str, float]) -> Iterator[Finding]:
             "left out",
             "see the sensor and its device; frozen_after_s of [[channels]] shows it at once",
         )  # fmt: skip
+
+
+def _constant(readings: Iterable[Readings]) -> Iterator[Finding]:
+    """Yield a finding for each channel that gave one number all the time."""
+    for each in readings:
+        if np.nanmax(each.value_C) == np.nanmin(each.value_C):
+            yield Finding(
+                "channel-frozen", float(np.ptp(each.t_s)), 0.0, "s", "serious",
+                f"{each.channel} gave the very same number all the time: its node counts as one "
+                "that never gets warm, and all constants are wrong",
+                "see the sensor and its device, or leave this channel out of [plans.thermal]",
+            )  # fmt: skip
 
 
 def _invalid(readings: Iterable[Readings]) -> Iterator[Finding]:

@@ -112,6 +112,14 @@ def test_a_channel_that_freezes_is_named_and_its_readings_are_left_out(
     assert found.time_constants[0].time_constant_s == pytest.approx(slowest, rel=0.02)
 
 
+def test_a_channel_that_never_moves_is_named() -> None:
+    whole = course(2)
+    found = measure(changed(whole, "housing", np.full(1600, 22.5)), COPPER)
+    [frozen] = [one for one in found.findings if one.name == "channel-frozen"]
+    assert (frozen.severity, frozen.value) == ("serious", pytest.approx(4797.0))
+    assert "housing_C gave the very same number all the time" in frozen.meaning
+
+
 def test_a_frozen_channel_is_found_among_invalid_readings() -> None:
     whole = course(1, every_s=0.4)
     value_C = whole.readings["winding"].value_C.copy()
