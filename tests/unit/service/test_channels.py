@@ -122,7 +122,7 @@ def test_a_plan_sees_value_and_time_or_why_there_is_none():
     assert channel(math.nan).seen(0).obstacle.startswith("its reading is not a number")
     assert "no reading for 3.5 s" in channel(20.0).seen(round(3.5 * S)).obstacle
     still = channel(20.0, 20.0, 20.0, 20.0, 20.0, frozen_after_s=4.0)
-    assert still.seen(4 * S).obstacle == "frozen at 20 degC"
+    assert (still.status(4 * S), still.seen(4 * S).obstacle) == ("frozen", "")
     assert channel().seen(0).obstacle == NOTHING_YET
 
 

@@ -44,7 +44,7 @@ def measure(course: ThermalCourse, copper: CopperResistance) -> ThermalConstants
     if frozen:
         found = fit(replace(found.course, readings=readings), copper)
     constants = constants_of(found)
-    return replace(constants, findings=findings(constants, frozen))
+    return replace(constants, findings=findings(constants, frozen, course.readings.values()))
 
 
 def _report(found: ThermalConstants, recordings: Recordings) -> "Page":

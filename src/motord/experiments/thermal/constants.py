@@ -43,8 +43,10 @@ def constants_of(fit: ThermalFit) -> ThermalConstants:
         nodes=course.nodes,
         channels=tuple(each.channel for each in course.readings.values()),
         time_constants=(*_time_constants(fit, "cooling", 0.0), *_heating_constants(fit)),
-        resistance=ConstantEstimate(*(_positive(total, stderr, uncertainty) if known else ())),
-        rise=ConstantEstimate(*_positive(total * ohm, stderr * ohm, 0.0)),
+        resistance=ConstantEstimate(
+            *(_positive(total, stderr, uncertainty, fit.freedom) if known else ())
+        ),
+        rise=ConstantEstimate(*_positive(total * ohm, stderr * ohm, 0.0, fit.freedom)),
         resistances=_resistances(fit) if known else (),
         capacities=_capacities(fit) if known else (),
         steady=_steady(fit, end_C),
@@ -63,10 +65,13 @@ def constants_of(fit: ThermalFit) -> ThermalConstants:
     return replace(found, notes=tuple(_notes(found)))
 
 
-def _positive(value: float, stderr: float, relative: float) -> Interval:
-    """Return the interval of the logarithm; relative: further standard uncertainty, in parts."""
+def _positive(value: float, stderr: float, relative: float, freedom: int) -> Interval:
+    """Return the interval of the logarithm; relative: further standard uncertainty, in parts.
+
+    freedom: degrees of freedom of stderr.
+    """
     in_parts = hypot(stderr / value, relative)
-    factor = exp(min(coverage_factor() * in_parts, 50.0))
+    factor = exp(min(coverage_factor(freedom) * in_parts, 50.0))
     return float(value), float(value * in_parts), float(value / factor), float(value * factor)
 
 
@@ -75,7 +80,7 @@ def _time_constants(
 ) -> tuple[TimeConstant, ...]:
     found, stderr = fit.of(lambda one: 1.0 / one.network.rates_per_s(feedback_W_per_K))
     return tuple(
-        TimeConstant(phase, number, *_positive(*pair, 0.0))
+        TimeConstant(phase, number, *_positive(*pair, 0.0, fit.freedom))
         for number, pair in enumerate(zip(found, stderr, strict=True), start=1)
     )
 
@@ -92,7 +97,7 @@ def _resistances(fit: ThermalFit) -> tuple[ThermalResistance, ...]:
     return tuple(
         ThermalResistance(
             f"{one} - {other}",
-            *_positive(value, error, fit.copper.heat_uncertainty),
+            *_positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
             separated=bool(error < SEPARATED * value),
         )
         for (one, other), value, error in zip(fit.network.links, found, stderr, strict=True)
@@ -104,7 +109,7 @@ def _capacities(fit: ThermalFit) -> tuple[HeatCapacity, ...]:
     return tuple(
         HeatCapacity(
             node,
-            *_positive(value, error, fit.copper.heat_uncertainty),
+            *_positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
             separated=bool(error < SEPARATED * value),
         )
         for node, value, error in zip(fit.course.nodes, found, stderr, strict=True)
@@ -135,7 +140,7 @@ def _steady(fit: ThermalFit, end_C: np.ndarray) -> tuple[SteadyTemperature, ...]
             for channel, end in zip(channels, end_C, strict=True)
         )
     found, stderr = fit.of(steady_C)
-    half = coverage_factor() * stderr
+    half = coverage_factor(fit.freedom) * stderr
     rise_K = np.maximum(np.abs(found - fit.ambient_C), 1e-9)
     missing = np.abs(found - end_C) / rise_K
     return tuple(
@@ -151,41 +156,41 @@ def _steady(fit: ThermalFit, end_C: np.ndarray) -> tuple[SteadyTemperature, ...]
 
 def _notes(found: ThermalConstants) -> list[str]:
     """Return what is worth knowing of the result, in sentences."""
-    said = []
+    notes = []
     if found.heat_W is None:
-        said.append(
+        notes.append(
             "the winding's resistance is not known, so neither is the heat: time constants only; "
             "name resistance_ohm in [plans.thermal] of a bench file with -c"
         )
     else:
-        said.append(
+        notes.append(
             "the heat is the copper loss of the measured currents alone: iron loss and friction "
             "that heat the motor, too, make resistances look larger"
         )
     if not found.ambient_measured:
-        said.append(
+        notes.append(
             f"the ambient is fitted as constant, {found.ambient_C:.2f} degC +- "
-            f"{coverage_factor() * found.ambient_stderr_C:.2f} K; "
+            f"{coverage_factor(found.fit.freedom) * found.ambient_stderr_C:.2f} K; "
             "name ambient_channel to measure it"
         )
     if found.nodes[0] != "winding":
-        said.append(
+        notes.append(
             f"the winding is not measured: its resistance is taken at the temperature of the "
             f"{found.nodes[0]}, and the heat enters there"
         )
-    said += [
+    notes += [
         f"{one.channel}: {one.end_C:.1f} degC at the end of the heat-up, its steady temperature "
         f"{one.steady_C:.1f} degC is extrapolated"
         for one in found.steady
         if one.steady_C is not None and one.extrapolated
     ]
     if lost := [*unseparated(found.resistances), *unseparated(found.capacities)]:
-        said.append(
+        notes.append(
             f"not separated by these data (standard error above {100 * SEPARATED:.0f} %): "
             f"{', '.join(lost)}; their sums over all paths are still known"
         )
     if len(found.nodes) < 3:
-        said.append(
+        notes.append(
             f"nodes: {', '.join(found.nodes)}; what is not measured counts to its neighbours"
         )
-    return said
+    return notes

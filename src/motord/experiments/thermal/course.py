@@ -15,13 +15,20 @@ class Readings:
     value_C: np.ndarray
 
     def thinned(self, most: int) -> "Readings":
-        """Return means of successive readings, `most` at most."""
+        """Return means of successive readings, `most` at most, each of the valid ones."""
         each = -(-self.t_s.size // most)
         if each <= 1:
             return self
         number = self.t_s.size // each
         t_s, value_C = (v[: number * each].reshape(number, each) for v in (self.t_s, self.value_C))
-        return replace(self, t_s=t_s.mean(axis=1), value_C=value_C.mean(axis=1))
+        known = np.isfinite(value_C)
+        counted = np.where(known.any(axis=1, keepdims=True), known, True)
+        mean_s = np.average(t_s, axis=1, weights=counted)
+        return replace(
+            self,
+            t_s=mean_s,
+            value_C=np.average(np.where(counted, value_C, 0.0), axis=1, weights=counted),
+        )
 
     def at(self, t_s: np.ndarray) -> np.ndarray:
         """Return the temperature at times, straight between valid readings."""

@@ -23,6 +23,13 @@ PASSES = 3
 LEAST_READINGS = 30
 """Valid readings of a channel that are needed."""
 
+LEAST_FREEDOM = 30
+"""Valid readings of all channels that are needed beyond the number of parameters."""
+
+UNDETERMINED = 1e-9
+"""Least effect of a combination of parameters, in parts of that of the best determined one: those
+that have none get a large standard error, not none."""
+
 LEAST_RISE_K = 1.0
 """Rise of the first node below which nothing is found."""
 
@@ -35,12 +42,15 @@ FLOOR = 1e-3
 
 @dataclass(frozen=True)
 class ThermalFit:
-    """A fit: parameters (p,), covariance (p, p), noise and residuals of each channel, in order."""
+    """A fit: parameters (p,) and noise of each channel, in order.
+
+    root (p, p): that of the covariance of the parameters, root @ root.T. freedom: degrees of.
+    """
 
     course: ThermalCourse
     copper: CopperResistance
     parameters: np.ndarray
-    covariance: np.ndarray
+    root: np.ndarray
     noises: tuple[Autoregression, ...]
     freedom: int
 
@@ -92,28 +102,42 @@ class ThermalFit:
         def at(parameters: np.ndarray) -> np.ndarray:
             return derived(replace(self, parameters=parameters))
 
-        jacobian = _jacobian(at, self.parameters)
-        variances = np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
-        return at(self.parameters), np.sqrt(np.maximum(variances, 0.0))
+        return at(self.parameters), np.linalg.norm(
+            _jacobian(at, self.parameters) @ self.root, axis=1
+        )
 
 
 def fit(course: ThermalCourse, copper: CopperResistance) -> ThermalFit:
     """Return the fit of a course. Raises IdentifyError for too little of it."""
-    _check(course)
     thin = {node: each.thinned(READINGS_MAX) for node, each in course.readings.items()}
     course = replace(course, readings=thin)
+    _check(course)
     parameters = _start(course, copper)
-    noises = tuple(Autoregression.white(1.0) for _ in course.readings)
-    for _ in range(PASSES + 1):
-        errors = _errors_of(course, copper, noises)
-        found = least_squares(errors, parameters, x_scale="jac", method="trf")
-        parameters = found.x
-        freedom = found.fun.size - parameters.size
-        square = float(found.fun @ found.fun) / freedom
-        covariance = square * np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-14, hermitian=True)
-        fitted = ThermalFit(course, copper, parameters, covariance, noises, freedom)
-        noises = _noises(fitted)
+    freedom = _freedom(course, parameters.size)
+    noises = tuple(
+        Autoregression.white(np.isfinite(each.value_C), 1.0) for each in course.readings.values()
+    )
+    fitted = _fitted(course, copper, parameters, noises, freedom)
+    for _ in range(PASSES):
+        fitted = _fitted(course, copper, fitted.parameters, _noises(fitted), freedom)
     return fitted
+
+
+def _fitted(
+    course: ThermalCourse,
+    copper: CopperResistance,
+    begin: np.ndarray,
+    noises: tuple[Autoregression, ...],
+    freedom: int,
+) -> ThermalFit:
+    """Return the least squares of residuals that are whitened by `noises`."""
+    found = least_squares(
+        lambda x: _errors(course, copper, x, noises), begin, x_scale="jac", method="trf"
+    )
+    _, effects, directions = np.linalg.svd(found.jac, full_matrices=False)
+    effects = np.maximum(effects, UNDETERMINED * effects[0])
+    root = directions.T / effects * np.sqrt(float(found.fun @ found.fun) / freedom)
+    return ThermalFit(course, copper, found.x, root, noises, freedom)
 
 
 def _noises(fitted: ThermalFit) -> tuple[Autoregression, ...]:
@@ -121,10 +145,9 @@ def _noises(fitted: ThermalFit) -> tuple[Autoregression, ...]:
     course, copper = fitted.course, fitted.copper
     sizes = np.cumsum([each.t_s.size for each in course.readings.values()])[:-1]
     jacobian = _jacobian(lambda x: np.concatenate(modelled(course, copper, x)), fitted.parameters)
-    root = np.linalg.cholesky(fitted.covariance + 1e-18 * np.eye(fitted.parameters.size))
-    taken = np.split(jacobian @ root, sizes)
+    roots = np.split(jacobian @ fitted.root, sizes)
     return tuple(
-        Autoregression.of(left, part) for left, part in zip(fitted.residuals_K, taken, strict=True)
+        Autoregression.of(left, root) for left, root in zip(fitted.residuals_K, roots, strict=True)
     )
 
 
@@ -173,6 +196,19 @@ def _check(course: ThermalCourse) -> None:
         )
 
 
+def _freedom(course: ThermalCourse, parameters: int) -> int:
+    """Return the degrees of freedom. Raises IdentifyError for too few."""
+    valid = sum(int(np.isfinite(each.value_C).sum()) for each in course.readings.values())
+    if valid - parameters < LEAST_FREEDOM:
+        names = ", ".join(each.channel for each in course.readings.values())
+        raise IdentifyError(
+            f"{names}: {valid} valid readings for {parameters} parameters, "
+            f"{parameters + LEAST_FREEDOM} needed; raise rate_Hz of their [[channels]], see their "
+            "wiring if many are invalid, or heat longer"
+        )
+    return valid - parameters
+
+
 def _residuals(
     course: ThermalCourse, copper: CopperResistance, parameters: np.ndarray
 ) -> list[np.ndarray]:
@@ -181,11 +217,11 @@ def _residuals(
     return [each.value_C - one for each, one in zip(readings, found, strict=True)]
 
 
-def whiten(noises: tuple[Autoregression, ...], columns: list[np.ndarray]) -> list[np.ndarray]:
-    """Return columns (n_i,) of each channel whitened."""
-    return [
-        noise.whitened(each[:, None])[:, 0] for noise, each in zip(noises, columns, strict=True)
-    ]
+def whiten(noises: tuple[Autoregression, ...], columns: list[np.ndarray]) -> np.ndarray:
+    """Return columns (n_i,) of each channel whitened (n,), at valid readings."""
+    return np.concatenate(
+        [noise.whitened(each) for noise, each in zip(noises, columns, strict=True)]
+    )
 
 
 def _errors(
@@ -194,15 +230,8 @@ def _errors(
     parameters: np.ndarray,
     noises: tuple[Autoregression, ...],
 ) -> np.ndarray:
-    """Return the whitened residuals of all channels (n,), those that there are."""
-    every = np.concatenate(whiten(noises, _residuals(course, copper, parameters)))
-    return np.asarray(every[np.isfinite(every)])
-
-
-def _errors_of(
-    course: ThermalCourse, copper: CopperResistance, noises: tuple[Autoregression, ...]
-) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda parameters: _errors(course, copper, parameters, noises)
+    """Return the whitened residuals of all valid readings (n,)."""
+    return whiten(noises, _residuals(course, copper, parameters))
 
 
 def _jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ Drift of the ambient and lag of a sensor are score tests: a column is added to t
 the fit, and what it takes is compared with its standard error.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -39,16 +39,25 @@ FROZEN_READINGS = 20
 FROZEN_K = 0.1
 """What the temperature must have moved meanwhile, at least; and by 5 times noise and resolution."""
 
+SAME_K = 1e-9
+"""Difference of two means of the very same number, by rounding."""
+
 SLOW_PART = 0.25
 """Part of the shortest time constant that readings may be apart."""
 
 
-def findings(found: ThermalConstants, frozen: dict[str, float]) -> tuple[Finding, ...]:
-    """Return what is questionable; frozen: channels and the seconds for which they were."""
+def findings(
+    found: ThermalConstants, frozen: dict[str, float], readings: Iterable[Readings]
+) -> tuple[Finding, ...]:
+    """Return what is questionable.
+
+    frozen: channels and the seconds for which they were; readings: of each channel, as recorded.
+    """
     fit, shortest_s = found.fit, min(one.time_constant_s for one in found.time_constants)
     return (
         *_frozen(frozen),
-        *_invalid(fit),
+        *_constant(readings),
+        *_invalid(readings),
         *_runaway(found),
         *_not_steady(found),
         *_misfit(fit),
@@ -60,17 +69,17 @@ def findings(found: ThermalConstants, frozen: dict[str, float]) -> tuple[Finding
 
 def frozen_spans(readings: Readings, fitted_C: np.ndarray) -> list[slice]:
     """Return where a channel gave the very same number while the temperature moved."""
-    value_C = readings.value_C
-    edges = np.flatnonzero(np.concatenate([[True], value_C[1:] != value_C[:-1], [True]]))
-    steps = np.abs(np.diff(value_C))
-    moved = steps[np.isfinite(steps) & (steps > 0)]
-    resolution_K = float(np.median(moved)) if moved.size else 0.0
-    limit_K = max(FROZEN_K, 5 * resolution_K)
-    spans = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+    valid = np.flatnonzero(np.isfinite(readings.value_C))
+    steps = np.abs(np.diff(readings.value_C[valid]))
+    steps = np.where(steps > SAME_K, steps, 0.0)
+    edges = np.concatenate([[0], 1 + np.flatnonzero(steps), [valid.size]])
+    moved = steps[steps > 0]
+    limit_K = max(FROZEN_K, 5 * float(np.median(moved)) if moved.size else 0.0)
+    spans = [slice(int(valid[a]), int(valid[b - 1]) + 1) for a, b in pairwise(edges)]
     return [
         span
-        for span in spans
-        if span.stop - span.start >= FROZEN_READINGS and np.ptp(fitted_C[span]) > limit_K
+        for span, number in zip(spans, np.diff(edges), strict=True)
+        if number >= FROZEN_READINGS and np.ptp(fitted_C[span]) > limit_K
     ]
 
 
@@ -84,8 +93,20 @@ def _frozen(frozen: dict[str, float]) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _invalid(fit: ThermalFit) -> Iterator[Finding]:
-    for each in fit.course.readings.values():
+def _constant(readings: Iterable[Readings]) -> Iterator[Finding]:
+    """Yield a finding for each channel that gave one number all the time."""
+    for each in readings:
+        if np.nanmax(each.value_C) == np.nanmin(each.value_C):
+            yield Finding(
+                "channel-frozen", float(np.ptp(each.t_s)), 0.0, "s", "serious",
+                f"{each.channel} gave the very same number all the time: its node counts as one "
+                "that never gets warm, and all constants are wrong",
+                "see the sensor and its device, or leave this channel out of [plans.thermal]",
+            )  # fmt: skip
+
+
+def _invalid(readings: Iterable[Readings]) -> Iterator[Finding]:
+    for each in readings:
         percent = 100 * float(np.mean(~np.isfinite(each.value_C)))
         if percent > INVALID_PERCENT:
             yield Finding(
@@ -153,9 +174,11 @@ def _misfit(fit: ThermalFit) -> Iterator[Finding]:
 
 def _score(fit: ThermalFit, columns: list[np.ndarray]) -> tuple[float, float]:
     """Return how much of further columns (n_i,) the residuals have, and its standard error."""
-    column = np.concatenate(whiten(fit.noises, columns))
-    known = np.isfinite(np.concatenate(whiten(fit.noises, list(fit.residuals_K))))
-    column, residual, jacobian = column[known], fit.whitened_residual, fit.whitened_jacobian
+    column, residual, jacobian = (
+        whiten(fit.noises, columns),
+        fit.whitened_residual,
+        fit.whitened_jacobian,
+    )
     column = column - jacobian @ np.linalg.lstsq(jacobian, column, rcond=None)[0]
     square = float(column @ column)
     if not square > 0:

@@ -4,14 +4,17 @@
 
 Coefficients by Yule and Walker, their number by the information criterion of Akaike (1974). What
 the fit has taken of the noise is put back: cov(residual) = cov(e) - J cov(fit) J'.
-Least squares of whitened residuals (Cochrane and Orcutt 1949, for p lags) have standard errors that
-hold for any noise that such an autoregression describes.
+Each valid reading is predicted from the p valid ones before it, as far away as they are: without a
+gap by the coefficients themselves, at the beginning from fewer (Vecchia 1988): a missing reading
+costs only itself. Least squares of residuals that are whitened so (Cochrane and Orcutt 1949, for p
+lags) have standard errors that hold for any noise that such an autoregression describes.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
 
 ORDER_MAX = 30
 """Largest number of coefficients."""
@@ -19,66 +22,90 @@ ORDER_MAX = 30
 TINY_K = 1e-6
 """Noise below which a channel counts as having none."""
 
+LEAST_PART = 1e-12
+"""Least part of its variance that predictions leave of noise."""
+
 
 @dataclass(frozen=True)
 class Autoregression:
-    """Predictions from the 0, 1, ..., p readings before: coefficients of each (k,), and its error.
+    """Predictions of the valid readings (v,) of a channel, each from p before it at most.
 
-    Readings at the beginning have fewer before them; without them the temperatures at the beginning
-    would hardly be known.
+    valid: their places among all readings. before (v, p): places of those that each is predicted
+    from; coefficients (v, p): 0 where there is none; scale (v,): standard errors, K.
     """
 
-    predictions: tuple[tuple[np.ndarray, float], ...]
+    valid: np.ndarray
+    before: np.ndarray
+    coefficients: np.ndarray
+    scale: np.ndarray
 
     @classmethod
-    def white(cls, scale: float) -> "Autoregression":
-        """Return white noise."""
-        return cls(((np.zeros(0), scale),))
+    def white(cls, known: np.ndarray, scale: float) -> "Autoregression":
+        """Return white noise; known (n,): which readings are valid."""
+        valid = np.flatnonzero(known)
+        none = np.zeros((valid.size, 0))
+        return cls(valid, none.astype(int), none, np.full(valid.size, scale))
 
     @classmethod
-    def of(cls, residual: np.ndarray, taken: np.ndarray) -> "Autoregression":
+    def of(cls, residual: np.ndarray, root: np.ndarray) -> "Autoregression":
         """Return what describes a residual (n,), nan where there is none.
 
-        taken (n, p): root of the covariance of the fit, taken @ taken.T.
+        root (n, p): that of the covariance of the fit, root @ root.T.
         """
         known = np.isfinite(residual)
-        number = int(known.sum())
-        columns = np.where(known[:, None], np.column_stack([residual, taken]), 0.0)
-        covariance = np.array(
-            [
-                np.vdot(columns[lag:], columns[: known.size - lag]) / number
-                for lag in range(min(ORDER_MAX, number // 10) + 1)
-            ]
-        )
+        covariance = _covariance(np.column_stack([residual, root]), known)
         if covariance[0] < TINY_K**2:
-            return cls.white(TINY_K)
-        found = [_prediction(covariance, order) for order in range(covariance.size)]
-        scores = [2 * number * np.log(scale) + 2 * a.size for a, scale in found]
-        return cls(tuple(found[: int(np.argmin(scores)) + 1]))
+            return cls.white(known, TINY_K)
+        return cls._predicting(np.flatnonzero(known), *_extended(covariance, known))
 
-    @property
-    def coefficients(self) -> np.ndarray:
-        """Coefficients a (p,)."""
-        return self.predictions[-1][0]
+    @classmethod
+    def _predicting(cls, valid: np.ndarray, covariance: np.ndarray, order: int) -> "Autoregression":
+        """Return the best linear predictions by the covariance (n,) of each lag."""
+        number = np.arange(valid.size)[:, None] - 1 - np.arange(order)
+        there, before = number >= 0, valid[np.maximum(number, 0)]
+        both = there[:, :, None] & there[:, None, :]
+        matrix = np.where(both, covariance[np.abs(before[:, :, None] - before[:, None, :])], 0.0)
+        matrix += (~there * covariance[0])[:, :, None] * np.eye(order)
+        wanted = np.where(there, covariance[valid[:, None] - before], 0.0)
+        coefficients = np.linalg.solve(matrix, wanted[:, :, None])[:, :, 0]
+        left = covariance[0] - np.einsum("vp,vp->v", coefficients, wanted)
+        scale = np.sqrt(np.maximum(left, LEAST_PART * covariance[0]))
+        return cls(valid, before, coefficients, scale)
 
-    def whitened(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns (n, m) whitened (n, m); nan after every gap."""
-        found = np.empty_like(columns)
-        for row, (coefficients, scale) in enumerate(self.predictions):
-            before = columns[:row][::-1]
-            found[row] = (columns[row] - coefficients @ before) / scale
-        order, scale = row, self.predictions[-1][1]
-        rest = columns[order:].copy()
-        for lag, coefficient in enumerate(self.coefficients, start=1):
-            rest -= coefficient * columns[order - lag : columns.shape[0] - lag]
-        found[order:] = rest / scale
-        return found
+    def whitened(self, column: np.ndarray) -> np.ndarray:
+        """Return the valid ones (v,) of a column (n,), whitened."""
+        predicted = np.einsum("vp,vp->v", self.coefficients, column[self.before])
+        return np.asarray((column[self.valid] - predicted) / self.scale)
 
 
-def _prediction(covariance: np.ndarray, order: int) -> tuple[np.ndarray, float]:
-    """Return the coefficients (order,) of the best prediction, and its error."""
-    if not order:
-        return np.zeros(0), float(np.sqrt(covariance[0]))
-    wanted = covariance[1 : order + 1]
-    a = solve_toeplitz(covariance[:order], wanted)
-    return a, float(np.sqrt(max(covariance[0] - a @ wanted, 1e-12 * covariance[0])))
+def _covariance(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return the covariance of each lag, of pairs that are both valid, as without gaps."""
+    columns, size = np.where(known[:, None], columns, 0.0), known.size
+    found = []
+    for lag in range(min(ORDER_MAX, int(known.sum()) // 10) + 1):
+        pairs = int(np.sum(known[lag:] & known[: size - lag]))
+        if not pairs:
+            break
+        mean = np.vdot(columns[lag:], columns[: size - lag]) / pairs
+        found.append(mean * (1 - lag / size))
+    return np.array(found)
+
+
+def _extended(covariance: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return the covariance of every lag (n,) by the best autoregression, and its order."""
+    best, a = np.inf, np.zeros(0)
+    for order in range(covariance.size):
+        wanted = covariance[1 : order + 1]
+        trial = solve_toeplitz(covariance[:order], wanted) if order else np.zeros(0)
+        left = (covariance[0] - trial @ wanted) / covariance[0]
+        if not LEAST_PART < left <= 1.0:
+            break  # of scattered pairs it need not be the covariance of anything
+        score = float(known.sum() * np.log(left) + 2 * order)
+        if score < best:
+            best, a = score, trial
+    # r_k = sum_j a_j r_(k-j): an impulse response that begins with what is known
+    start = covariance[: max(a.size, 1)]
+    fed = np.zeros(known.size)
+    filtered = np.concatenate([[1.0], -a])
+    fed[: start.size] = np.convolve(start, filtered)[: start.size]
+    return np.asarray(lfilter([1.0], filtered, fed)), a.size

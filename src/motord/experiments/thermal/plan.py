@@ -37,8 +37,6 @@ SPEED_OFF = 0.5
 LOCKED_HZ = 0.05
 """Speed below which a rotor counts as locked."""
 
-CELSIUS = ("degc", "\u00b0c", "c", "celsius")
-
 
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     """Return the plan of `[plans.thermal]` with `settings`. Raises PlanError."""
@@ -82,10 +80,10 @@ def _check_channels(config: Config, own: ThermalConfig) -> None:
                 f'{NAME}: {setting} = "{name}": the bench file has no such entry of [[channels]]; '
                 f"it has {', '.join(known) or 'none'}; add it there, or name another"
             )
-        if channel.unit.strip().lower() not in CELSIUS:
+        if channel.unit != "degC":
             raise PlanError(
                 f'{NAME}: {setting} = "{name}": [[channels]] says that it is in '
-                f'"{channel.unit}"; temperatures are needed in degC'
+                f'"{channel.unit}"; a temperature has unit = "degC"'
             )
         _check_limit(channel, own, setting)
 
@@ -147,13 +145,13 @@ def heat_and_cool(
     points: tuple[OperatingPoint, ...], own: ThermalConfig, brake: BrakeConfig
 ) -> Motion[str]:
     """Hold the current, then none; return how both ended."""
-    said = []
+    ends = []
     for point in points:
         take = partial(_heat, brake=brake) if point.index == HEATING else _cool
-        taken = yield from retaken_if_poor(take, point, own)
-        said.append(f"{point.aim}: {taken['ended_by']}")
+        captured = yield from retaken_if_poor(take, point, own)
+        ends.append(f"{point.aim}: {captured['ended_by']}")
     yield from ramp_down()
-    return "; ".join(said)
+    return "; ".join(ends)
 
 
 @restartable

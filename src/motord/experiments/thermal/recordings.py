@@ -31,11 +31,11 @@ def thermal_course(recordings: Recordings) -> tuple[ThermalCourse, CopperResista
 
     Of several heat-ups the last counts. Raises AnalysisError, ConfigError, RecordError.
     """
-    runs = sorted(recordings.runs, key=lambda run: int(next(run.blocks(["t_ns"]))["t_ns"][0]))
-    for run in runs:
+    for run in recordings.runs:
         check_plan(run, NAME)
         if missing := [name for name in ("t_ns", *CURRENTS) if name not in run.columns]:
             raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
+    runs = sorted(recordings.runs, key=_first_ns)
     own = plan_settings(recordings, NAME, ThermalConfig)
     heating, cooling = _points(runs)
     begin_ns = int(heating["t_start_ns"])
@@ -88,6 +88,15 @@ def _points(runs: Sequence[Run]) -> tuple[dict[str, Any], dict[str, Any] | None]
         if int(point["index"]) == 1 and int(point["t_start_ns"]) >= int(heatings[-1]["t_end_ns"])
     ]
     return heatings[-1], after[0] if after else None
+
+
+def _first_ns(run: Run) -> int:
+    for block in run.blocks(["t_ns"]):
+        return int(block["t_ns"][0])
+    raise AnalysisError(
+        f"{run.path}: no ticks in it: the loop did not run; leave this recording out, or heat up "
+        "again"
+    )
 
 
 def _last_ns(run: Run) -> int:

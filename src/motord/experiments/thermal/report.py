@@ -42,7 +42,7 @@ def fill(page: Page, found: ThermalConstants) -> None:
 
 def rows(found: ThermalConstants) -> list[list[str]]:
     """Return the constants as rows under HEADER."""
-    said = [
+    table = [
         _row(
             f"time constant {one.number}, {one.phase}", one.time_constant_s,
             one.time_constant_low_s, one.time_constant_high_s, "s",
@@ -50,34 +50,34 @@ def rows(found: ThermalConstants) -> list[list[str]]:
         for one in found.time_constants
     ]  # fmt: skip
     if found.resistance.value is not None:
-        said.append(
+        table.append(
             _row(
                 f"{found.nodes[0]} to ambient, all paths", found.resistance.value,
                 found.resistance.low, found.resistance.high, "K/W",
             )
         )  # fmt: skip
     else:
-        said.append(
+        table.append(
             _row(
                 f"{found.nodes[0]} above ambient for each A\u00b2", found.rise.value,
                 found.rise.low, found.rise.high, "K/A\u00b2",
             )
         )  # fmt: skip
-    said += [
+    table += [
         _row(
             one.between, one.resistance_K_per_W, one.resistance_low_K_per_W,
             one.resistance_high_K_per_W, "K/W" if one.separated else "K/W, not separated",
         )
         for one in found.resistances
     ]  # fmt: skip
-    said += [
+    table += [
         _row(
             one.node, one.capacity_J_per_K, one.capacity_low_J_per_K, one.capacity_high_J_per_K,
             "J/K" if one.separated else "J/K, not separated",
         )
         for one in found.capacities
     ]  # fmt: skip
-    return said
+    return table
 
 
 def steady_rows(found: ThermalConstants) -> list[list[str]]:
@@ -102,7 +102,7 @@ def _row(
 
 def _facts(found: ThermalConstants) -> list[tuple[str, str]]:
     how = "measured" if found.ambient_measured else "fitted"
-    half_K = coverage_factor() * found.ambient_stderr_C
+    half_K = coverage_factor(found.fit.freedom) * found.ambient_stderr_C
     ambient = f"{found.ambient_C:.2f} \u00b0C, {how}"
     heat = "" if found.heat_W is None else f", {found.heat_W:.4g} W of copper loss at its end"
     return [

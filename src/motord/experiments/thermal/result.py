@@ -32,7 +32,10 @@ class TimeConstant:
 
 @dataclass(frozen=True)
 class ThermalResistance:
-    """A thermal resistance with its 95 % interval; separated: False if the data do not tell it."""
+    """A thermal resistance with its 95 % interval.
+
+    separated: False if the data do not determine it.
+    """
 
     between: str
     resistance_K_per_W: float

@@ -8,6 +8,10 @@ from motord.config import Finite, NonNegative, Positive, Section
 
 NAME = "thermal"
 
+LONGEST_S = 7 * 86400.0
+"""Longest time of a heat-up or a cooling."""
+
+Duration = Annotated[float, Field(gt=0, le=LONGEST_S)]
 ChannelName = Annotated[str, Field(max_length=48)]
 
 
@@ -38,9 +42,9 @@ class ThermalConfig(Section):
     """Slope below which a temperature is steady: its size and half of its 95 % interval."""
     steady_window_s: Positive = 300.0
     """Time over which the slope is taken."""
-    heating_max_s: Positive = 7200.0
+    heating_max_s: Duration = 7200.0
     """Longest time of the heat-up."""
-    cooling_max_s: Positive = 7200.0
+    cooling_max_s: Duration = 7200.0
     """Longest time of the cooling."""
     resistance_ohm: NonNegative = 0.0
     """Resistance of a phase at resistance_C; 0: not known, then no K/W is found."""

@@ -56,7 +56,7 @@ class TemperatureWatch:
     def ended_by(self, passed_s: float, heating: bool) -> str:
         """Return what ends the heat-up or the cooling after `passed_s`, "" for nothing yet.
 
-        Raises MotionFailed for a temperature that has not moved at all while it is heated.
+        Raises MotionFailed for a temperature that stands still while it is heated.
         """
         self._seen_s = passed_s
         own, nodes = self._own, [self._windows[name] for name in self._own.nodes.values()]
@@ -89,7 +89,13 @@ class TemperatureWatch:
             if passed_s > 2 * self._own.steady_window_s and not window.changed:
                 raise MotionFailed(
                     f"{name} gives the same {window.newest:g} degC since the heat-up began: is the "
-                    "sensor on this motor, is it frozen? frozen_after_s of [[channels]] finds that"
+                    "sensor on this motor, is it frozen? see the sensor and its device"
+                )
+            if window.may_be_frozen(self._own.steady_K_per_min):
+                raise MotionFailed(
+                    f"{name} gives the same {window.newest:g} degC for {window.still_s:.0f} s, "
+                    f"right after it moved by {window.moved_K:+.2g} K: is it frozen? see the "
+                    "sensor and its device, then start again"
                 )
 
     def _show(self, passed_s: float) -> None:

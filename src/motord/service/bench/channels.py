@@ -104,11 +104,8 @@ class Channel:
         )
 
     def seen(self, now_ns: int) -> ChannelValue:
-        """Return the channel as a plan sees it; one that is frozen has no valid value."""
-        obstacle = self.obstacle(now_ns)
-        if not obstacle and self.status(now_ns) == "frozen":
-            obstacle = f"frozen at {self.value:g} {self.config.unit}".strip()
-        return ChannelValue((self._read_ns or 0) * 1e-9, self.value, obstacle)
+        """Return the channel as a plan sees it; one that is frozen may be a steady one."""
+        return ChannelValue((self._read_ns or 0) * 1e-9, self.value, self.obstacle(now_ns))
 
     def trip(self, now_ns: int) -> ValuesAndLimits:
         """Return value and limit if it trips the bench now, by what they are; else nothing."""

@@ -44,14 +44,15 @@ def course(
     noise_K: float = 0.05,
     drift_K: float = 0.0,
     correlation: float = 0.9,
+    every_s: float = 3.0,
 ) -> ThermalCourse:
-    """Return a course: 550 A^2, readings every 3 s, half of their noise correlated."""
+    """Return a course: 550 A^2, half of the readings' noise correlated from one to the next."""
     rng, network = np.random.default_rng(seed), NETWORKS[nodes]
     steps = int((heating_s + cooling_s) / STEP_S)
     squares_A2 = np.where(STEP_S * np.arange(steps) < heating_s, 550.0, 0.0)
     ambient_C = AMBIENT_C + np.linspace(0.0, drift_K, steps)
     true_C = temperatures(network, squares_A2, ambient_C)
-    t_s = np.arange(0.4, heating_s + cooling_s, 3.0)
+    t_s = np.arange(0.4, heating_s + cooling_s, every_s)
     ends_s = STEP_S * np.arange(steps + 1)
     readings = {
         node: Readings(

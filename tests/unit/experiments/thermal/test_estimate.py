@@ -112,6 +112,24 @@ def test_a_channel_that_freezes_is_named_and_its_readings_are_left_out(
     assert found.time_constants[0].time_constant_s == pytest.approx(slowest, rel=0.02)
 
 
+def test_a_channel_that_never_moves_is_named() -> None:
+    whole = course(2)
+    found = measure(changed(whole, "housing", np.full(1600, 22.5)), COPPER)
+    [frozen] = [one for one in found.findings if one.name == "channel-frozen"]
+    assert (frozen.severity, frozen.value) == ("serious", pytest.approx(4797.0))
+    assert "housing_C gave the very same number all the time" in frozen.meaning
+
+
+def test_a_frozen_channel_is_found_among_invalid_readings() -> None:
+    whole = course(1, every_s=0.4)
+    value_C = whole.readings["winding"].value_C.copy()
+    value_C[500:1500] = value_C[500]
+    found = measure(scattered(changed(whole, "winding", value_C), 0.3), COPPER)
+    [frozen] = [one for one in found.findings if one.name == "channel-frozen"]
+    assert frozen.value == pytest.approx(0.4 * 1000, rel=0.02)
+    assert found.time_constants[0].time_constant_s == pytest.approx(250.0, rel=0.02)
+
+
 def test_a_coarse_channel_is_not_frozen() -> None:
     whole = course(2, noise_K=0.01)
     value_C = np.round(whole.readings["housing"].value_C, 1)
@@ -142,6 +160,47 @@ def test_readings_that_are_missing_are_counted_and_do_not_matter(two: ThermalCon
     assert found.resistance.value == pytest.approx(two.resistance.value, rel=0.005)
 
 
+def scattered(whole: ThermalCourse, part: float) -> ThermalCourse:
+    """Return a course of which this part of the winding's readings is invalid."""
+    value_C = whole.readings["winding"].value_C.copy()
+    value_C[np.random.default_rng(7).random(value_C.size) < part] = np.nan
+    return changed(whole, "winding", value_C)
+
+
+@pytest.mark.parametrize("part", [0.02, 0.3])
+@pytest.mark.parametrize("number", [2400, 80_000])
+def test_invalid_readings_cost_no_more_than_themselves(number: int, part: float) -> None:
+    whole = course(1, every_s=4800.0 / number)
+    found = measure(scattered(whole, part), COPPER)
+    true_s, cooling = 1 / NETWORKS[1].rates_per_s()[0], found.time_constants[0]
+    assert abs(cooling.time_constant_s - true_s) < 3 * cooling.time_constant_stderr_s
+    known = measure(whole, COPPER).time_constants[0]
+    ratio = cooling.time_constant_stderr_s / known.time_constant_stderr_s
+    assert ratio == pytest.approx(1.0, abs=0.25)
+    assert ("readings-invalid" in names(found)) == (part > 0.05)
+
+
+def test_too_few_readings_for_the_parameters_are_refused() -> None:
+    whole = course(1, every_s=100.0)
+    value_C = whole.readings["winding"].value_C.copy()
+    value_C[20:35] = np.nan
+    with pytest.raises(IdentifyError, match="winding_C: 33 valid readings for 4 parameters, 34"):
+        measure(changed(whole, "winding", value_C), COPPER)
+
+
+def test_intervals_are_those_of_the_degrees_of_freedom() -> None:
+    found = measure(course(1, every_s=135.0), COPPER)
+    assert found.fit.freedom == 32
+    one = found.time_constants[0]
+    in_parts = np.log(one.time_constant_high_s / one.time_constant_s)
+    student = in_parts * one.time_constant_s / one.time_constant_stderr_s
+    assert student == pytest.approx(2.037, abs=0.001)
+    [steady] = found.steady
+    assert (steady.steady_high_C - steady.steady_C) / steady.steady_stderr_C == pytest.approx(
+        2.037, abs=0.001
+    )
+
+
 @pytest.mark.parametrize(
     ("value_C", "why"),
     [(np.full(1600, np.nan), "0 valid readings"), (np.full(1600, 25.0), "rose by 0 K")],
@@ -162,7 +221,6 @@ def test_correlated_noise_widens_the_intervals() -> None:
 def test_noise_is_described_as_what_it_is() -> None:
     made = noise(np.random.default_rng(3), 8000, 1.0, 0.9)
     found = Autoregression.of(made, np.zeros((8000, 1)))
-    left = found.whitened(made[:, None])[:, 0]
-    left = left[np.isfinite(left)]
+    left = found.whitened(made)
     assert np.std(left) == pytest.approx(1.0, rel=0.03)
     assert abs(np.corrcoef(left[1:], left[:-1])[0, 1]) < 0.03

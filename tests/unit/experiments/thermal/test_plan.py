@@ -9,7 +9,7 @@ import pytest
 
 from motord.config import Config, load, packaged
 from motord.experiments.plans import build
-from motord.experiments.thermal.steadiness import slope_of
+from motord.experiments.thermal.steadiness import ChannelWindow, slope_of
 from motord.schema import State
 from motord.sequencing import Demand, Executor, Observation, PlanError
 from motord.sequencing.executor import PlanState
@@ -39,6 +39,8 @@ def with_channel(config: Config, **changes: object) -> Config:
         ({"winding_channel": "", "magnet_channel": "", "housing_channel": ""}, "name a channel"),
         ({"ambient_channel": "winding_C"}, "a channel is named twice"),
         ({"temperature_max_C": 130.0}, 'not below trip_above = 130 of [[channels]] "winding_C"'),
+        ({"heating_max_s": 604_801.0}, "heating_max_s"),
+        ({"cooling_max_s": 1e12}, "cooling_max_s"),
         ({"steady_window_s": 600.0}, "shorter than heating_max_s"),
         ({"torque_Nm": 6.5}, "above [limits] torque_Nm"),
         ({"speed_Hz": 0.5}, "the brake holds at most"),
@@ -59,9 +61,10 @@ def test_more_current_than_may_flow_for_long_is_refused(config: Config) -> None:
         build("thermal", config.model_copy(update={"limits": limits}))
 
 
-def test_a_channel_that_is_no_temperature_is_refused(config: Config) -> None:
-    with pytest.raises(PlanError, match='says that it is in "bar"'):
-        build("thermal", with_channel(config, unit="bar"))
+@pytest.mark.parametrize("unit", ["bar", "C", "degc"])
+def test_a_channel_that_is_not_in_degC_is_refused(config: Config, unit: str) -> None:
+    with pytest.raises(PlanError, match=f'says that it is in "{unit}"; .* unit = "degC"'):
+        build("thermal", with_channel(config, unit=unit))
 
 
 def test_a_bench_without_channels_is_refused() -> None:
@@ -154,7 +157,7 @@ def test_time_and_temperature_end_a_heat_up(config: Config) -> None:
     assert hot.executor.points[0]["temperatures_C"]["winding_C"] == pytest.approx(60.0, abs=1.0)
 
 
-@pytest.mark.parametrize("why", ["no reading for 3.2 s", "frozen at 44 degC", "not a number"])
+@pytest.mark.parametrize("why", ["no reading for 3.2 s", "not a number"])
 def test_a_channel_without_a_value_ends_the_heat_up(config: Config, why: str) -> None:
     bench = heated(config)
     bench.read = lambda _: ChannelValue(bench.t_s, float("nan"), why)
@@ -188,6 +191,61 @@ def test_a_channel_that_never_moves_ends_the_heat_up(config: Config) -> None:
     message = bench.finish().executor.message
     assert "winding_C gives the same 25 degC since the heat-up began" in message
     assert bench.t_s < 70.0
+
+
+def test_a_channel_that_freezes_in_the_heat_up_ends_it(config: Config) -> None:
+    bench = Bench(config)
+    bench.until(lambda: bench.winding_C > 60.0)
+    at_s = bench.t_s
+    bench.read = lambda _: ChannelValue(bench.t_s, 60.0)
+    message = bench.finish().executor.message
+    assert message.startswith("winding_C gives the same 60 degC for 28 s, right after it moved by")
+    assert "is it frozen?" in message
+    assert bench.t_s - at_s < 31.0
+
+
+def rounded(bench: Bench, resolution_K: float) -> None:
+    """Have a bench read by steps."""
+    bench.read = lambda value: ChannelValue(bench.t_s, resolution_K * round(value / resolution_K))
+
+
+@pytest.mark.parametrize("resolution_K", [0.01, 0.03, 0.1, 0.2])
+def test_a_coarse_channel_is_steady_when_it_is_and_not_before(
+    config: Config, resolution_K: float
+) -> None:
+    bench = Bench(config)
+    rounded(bench, resolution_K)
+    bench.until(lambda: len(bench.executor.points) == 1)
+    missing_K = 85.0 - bench.winding_C
+    assert 60.0 * missing_K / 40.0 < 0.5  # the slope itself, K/min
+    assert bench.finish().ends == ["steady", "steady"]
+
+
+def test_a_channel_that_is_too_coarse_is_not_steady(config: Config) -> None:
+    bench = Bench(config)
+    rounded(bench, 1.0)
+    assert bench.finish().ends == ["time limit", "time limit"]
+
+
+def test_a_channel_that_freezes_in_the_cooling_is_not_steady(config: Config) -> None:
+    bench = Bench(config)
+    bench.until(lambda: len(bench.executor.points) == 1)
+    bench.until(lambda: bench.winding_C < 50.0)
+    bench.read = lambda _: ChannelValue(bench.t_s, 50.0)
+    assert bench.finish().ends == ["steady", "time limit"]
+
+
+@pytest.mark.parametrize("time_constant_s", [5.0, 10.0, 20.0, 40.0, 100.0, 300.0])
+@pytest.mark.parametrize("resolution_K", [0.01, 0.1, 1.0])
+def test_a_temperature_that_settles_is_not_suspected(
+    time_constant_s: float, resolution_K: float
+) -> None:
+    window = ChannelWindow(30.0)
+    for t_s in np.arange(0.0, 15 * time_constant_s + 100.0, 0.5):
+        value_C = 80.0 - 60.0 * exp(-t_s / time_constant_s)
+        step_C = resolution_K * round(value_C / resolution_K)
+        window.take(ChannelValue(t_s, step_C))
+        assert not window.may_be_frozen(0.5), (t_s, value_C, window.moved_K)
 
 
 def test_a_channel_that_is_not_read_is_named(config: Config) -> None:

@@ -91,15 +91,22 @@ def test_another_bench_file_names_other_channels(recorded: Path, tmp_path: Path)
 
 
 def copied(
-    recorded: Path, path: Path, *, points: int = 2, channels: bool = True, gap: bool = False
+    recorded: Path,
+    path: Path,
+    *,
+    points: int = 2,
+    channels: bool = True,
+    gap: bool = False,
+    ticks: bool = True,
 ) -> Path:
     """Return a recording of the same, with less in it."""
     run = open_run(recorded)
-    ticks = run.ticks()
+    table = run.ticks()
     if gap:
-        ticks = ticks[(np.arange(ticks.size) < 1500) | (np.arange(ticks.size) > 4200)]
+        table = table[(np.arange(table.size) < 1500) | (np.arange(table.size) > 4200)]
     with RunWriter(path, run.metadata) as writer:
-        writer.ticks(np.asarray(ticks))
+        if ticks:
+            writer.ticks(np.asarray(table))
         for name, about in run.channels().items() if channels else ():
             for t_ns, value in zip(*run.channel(name), strict=True):
                 content = {"value": value, "raw": value, "status": "ok"}
@@ -114,6 +121,7 @@ def copied(
     [
         ({"points": 0}, "no heat-up was ended in it"),
         ({"channels": False}, 'has no channel "winding_C" (winding_channel of [plans.thermal])'),
+        ({"ticks": False}, "no ticks in it"),
         ({"gap": True}, "no currents for 5.4 s"),
     ],
 )
