@@ -13,7 +13,7 @@ def coverage_factor(freedom: float | None = None) -> float:
 
 def t_quantile(probability: float, freedom: float) -> float:
     """Return the quantile of Student's t, of one degree of freedom at least."""
-    from scipy.special import stdtrit  # 0.3 s of each start of client and daemon, which seldom ask
+    from scipy.special import stdtrit  # 0.2 s, of each start of a client, too
 
     return float(stdtrit(max(freedom, 1.0), probability))
 

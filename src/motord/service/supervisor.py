@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
+from motord.intervals import coverage_factor
 from motord.schema import Request
 from motord.schema import State as DriveState
 from motord.service.bench.bench import Bench
@@ -65,6 +66,7 @@ class Supervisor:
         """Start the child processes; `take_down` ends them."""
         self.children.start_all(self.clock_ns())
         self.loop.start(self.clock_ns())
+        coverage_factor()  # loads SciPy, 0.2 s, while the loop starts: not in a step later on
 
     def step(self) -> None:
         """Do everything that is due now."""

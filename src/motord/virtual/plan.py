@@ -44,6 +44,7 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
     while not executor.finished:
         blocks.append(bench.run(setpoint, look))
         seen = estimation.seen(watcher.take(blocks[-1][0]), blocks[-1][0], executor.points)
+        channels = channels or newest(bench.config.channels, blocks[0][1], at_once=True)
         channels.update(newest(bench.config.channels, blocks[-1][1]))
         before, demand = demand, executor.advance(replace(seen, channels=dict(channels)))
         _put(setpoint, before, demand)

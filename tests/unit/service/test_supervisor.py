@@ -677,3 +677,12 @@ def test_a_calibration_is_not_tracked_unless_that_is_enabled(played):
     put_in_force(played.supervisor.publisher.calibrations, calibration())
     played.step(20)
     assert (played.trackers, played.state()["tracking"]) == ([], None)
+
+
+def test_what_is_slow_to_load_is_loaded_while_the_loop_starts(tmp_path, monkeypatch):
+    loaded = []
+    monkeypatch.setattr("motord.service.supervisor.coverage_factor", lambda: loaded.append(1))
+    played = PlayedDaemon(tmp_path, monkeypatch)
+    played.up()
+    assert loaded == [1]
+    played.close()

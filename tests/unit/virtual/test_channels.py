@@ -52,6 +52,13 @@ def test_a_plan_sees_the_newest_temperature_and_no_power() -> None:
     assert [value for _, one, value in readings if one is power] == pytest.approx([5.0] * 4)
 
 
+def test_a_plan_begins_with_a_temperature_however_seldom_it_is_read() -> None:
+    slow = channel("housing_C", rate_Hz=0.01, timeout_s=200.0, scale=2.0, offset=1.0)
+    assert not newest([slow], truth(1100)[1:])
+    [seen] = newest([slow], truth(1100)[1:], at_once=True).values()
+    assert (seen.t_s, seen.value) == (0.001, pytest.approx(41.002))
+
+
 def test_other_channels_are_not_simulated() -> None:
     other = ChannelConfig.model_validate(
         {

@@ -23,6 +23,9 @@ LEAST_READINGS = 8
 LOOKS = 50
 """How often in a window the slope is taken anew."""
 
+READINGS_KEPT = 500
+"""Readings of a window that its slope is of, however fast a channel is: they take a millisecond."""
+
 NOT_ALL = 0.95
 """Part of the window that readings must span."""
 
@@ -81,24 +84,28 @@ class ChannelWindow:
     changed_s: float = 0.0
     moved_K: float = 0.0
     _resolution_K: float = float("inf")
+    _newest_s: float = -float("inf")
     _readings: deque[tuple[float, float]] = field(default_factory=deque)
     _due_s: float = -float("inf")
 
     @property
     def still_s(self) -> float:
         """Time for which the newest number is read."""
-        return self._readings[-1][0] - self.changed_s if self._readings else 0.0
+        return self._newest_s - self.changed_s if self._readings else 0.0
 
     def take(self, reading: ChannelValue) -> None:
         """Take the newest reading; one that was taken before changes nothing."""
-        if self._readings and reading.t_s <= self._readings[-1][0]:
+        if reading.t_s <= self._newest_s:
             return
+        self._newest_s = reading.t_s
         if reading.value != self.newest:
             if self._readings:
                 self.changed = True
                 self._resolution_K = min(self._resolution_K, abs(reading.value - self.newest))
             self.changed_s, self.moved_K = reading.t_s, 0.0
         self.newest = reading.value
+        if self._readings and reading.t_s < self._readings[-1][0] + self.window_s / READINGS_KEPT:
+            return
         self._readings.append((reading.t_s, reading.value))
         while reading.t_s - self._readings[0][0] > 2 * self.window_s:
             self._readings.popleft()

@@ -9,7 +9,7 @@ import pytest
 
 from motord.config import Config, load, packaged
 from motord.experiments.plans import build
-from motord.experiments.thermal.steadiness import ChannelWindow, slope_of
+from motord.experiments.thermal.steadiness import READINGS_KEPT, ChannelWindow, slope_of
 from motord.schema import State
 from motord.sequencing import Demand, Executor, Observation, PlanError
 from motord.sequencing.executor import PlanState
@@ -293,3 +293,19 @@ def test_the_slope_has_an_interval_that_holds_for_correlated_noise() -> None:
         slope = slope_of(t_s, 0.01 * t_s + 0.1 * noise)
         held += abs(slope.K_per_min - 0.6) < slope.half_K_per_min
     assert 0.88 * 200 < held < 0.99 * 200
+
+
+def test_a_fast_channel_costs_a_look_no_more_than_a_slow_one() -> None:
+    rng = np.random.default_rng(4)
+    slow, fast = ChannelWindow(60.0), ChannelWindow(60.0)
+    for number in range(60_000):
+        t_s = number / 500
+        value_C = 40.0 + 0.01 * t_s + 0.05 * rng.normal()
+        fast.take(ChannelValue(t_s, value_C))
+        if number % 60 == 0:
+            slow.take(ChannelValue(t_s, value_C))
+    assert len(fast._readings) <= 2 * READINGS_KEPT + 2
+    assert fast.slope is not None
+    assert slow.slope is not None
+    assert fast.slope.K_per_min == pytest.approx(0.6, abs=0.05)
+    assert 0.5 < fast.slope.half_K_per_min / slow.slope.half_K_per_min < 2
