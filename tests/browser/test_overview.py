@@ -1,9 +1,5 @@
 """The page of all benches: who comes, trips, falls silent and goes."""
 
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import pytest
 from playwright.sync_api import expect
 
@@ -19,7 +15,7 @@ from tests.browser.chromium import PATH, PHONE
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import AppServer
 from tests.browser.test_page import AXE, findings
-from tests.support.played_benches import PlayedBench, played
+from tests.support.played_benches import played, publishing
 
 pytestmark = [
     pytest.mark.system,
@@ -27,24 +23,6 @@ pytestmark = [
 ]
 
 HOSTILE = "<script>alert(1)</script>"
-
-
-@contextmanager
-def publishing(bench: PlayedBench, **state: object) -> Iterator[None]:
-    """Publish a state ten times a second."""
-    over = threading.Event()
-
-    def publish() -> None:
-        while not over.wait(0.1):
-            bench.publish(**state)
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def test_benches_come_trip_fall_silent_and_vanish(visit: Watched):

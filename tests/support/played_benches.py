@@ -1,5 +1,6 @@
 """Daemons of benches as far as others see them on Zenoh: state, token; and routers between them."""
 
+import threading
 from contextlib import ExitStack, contextmanager, suppress
 
 import zenoh
@@ -104,6 +105,25 @@ def played(*names, **how):
             stack.callback(bench.close)
             benches.append(bench)
         yield benches
+
+
+@contextmanager
+def publishing(*benches, **changes):
+    """Let benches publish their states again and again, as daemons do."""
+    over = threading.Event()
+
+    def publish():
+        while not over.wait(0.05):
+            for bench in benches:
+                bench.publish(**changes)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 import json
 import threading
-from contextlib import contextmanager
 
 import pytest
 from typer.testing import CliRunner
@@ -10,7 +9,7 @@ from typer.testing import CliRunner
 from motord.api.messages import RecordingView
 from motord.cli import app
 from motord.cli.bench import overview
-from tests.support.played_benches import endpoint, played, router
+from tests.support.played_benches import endpoint, played, publishing, router
 from tests.unit.archive.test_faults import recordings
 
 
@@ -19,25 +18,6 @@ def motord(*words, code=0):
     assert isinstance(done.exception, SystemExit | None), repr(done.exception)
     assert done.exit_code == code, done.output
     return done
-
-
-@contextmanager
-def publishing(*benches, **changes):
-    """Publish their states again and again, as daemons do."""
-    over = threading.Event()
-
-    def publish():
-        while not over.wait(0.05):
-            for bench in benches:
-                bench.publish(**changes)
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def test_a_line_for_each_bench_and_one_that_hangs_comes_last():

@@ -23,11 +23,14 @@ def run(
     serve: Serve,
     arguments: Sequence[str] | None = None,
     schedule: Callable[[int | None], None] = scheduling.step_back,
+    *,
+    blocking: bool = True,
 ) -> int:
     """Run `serve`, by default when nobody else needs the processor; return the exit code.
 
     `arguments`: --config FILE --dir RUNDIR, those of the command line by default. `schedule`: sets
-    the process' priority, given the loop's processor.
+    the process' priority, given the loop's processor. `blocking`: whether a report waits for a
+    supervisor that does not read; else `serve` has to flush the writer.
     """
     parser = argparse.ArgumentParser(prog=f"motord {name}")
     parser.add_argument("--config", type=Path, required=True, help="the bench")
@@ -40,7 +43,7 @@ def run(
         schedule(config.loop.cpu)
         out = os.dup(sys.stdout.fileno())
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what else is printed is no report
-        os.set_blocking(out, False)
+        os.set_blocking(out, blocking)
         serve(config, RunDir.at(options.dir), LineWriter(out, LINE_MAX_BYTES))
     except (CalibrationError, ConfigError, SharedFileError) as error:
         sys.stderr.write(f"motord {name}: {error}\n")
