@@ -1,5 +1,6 @@
 """The folder of a results store: a local one, written by renaming; another one by its URL."""
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
@@ -46,7 +47,8 @@ class LocalFolder:
 
     def names(self) -> list[str]:
         """Return the names in it."""
-        return [path.name for path in self.path.iterdir()]
+        with os.scandir(self.path) as entries:
+            return [entry.name for entry in entries]
 
     def read(self, names: Sequence[str]) -> Iterator[bytes | OSError]:
         """Yield content, or why it cannot be read, of each file."""
