@@ -6,7 +6,6 @@ Its parameters from the truth; springs and hand over one substep, compiled.
 import math
 
 import numpy as np
-from scipy.optimize import brentq
 
 from motord.jit import jit
 from motord.rig.noise import gaussian
@@ -27,6 +26,7 @@ def inertia_with_springs(rigid_kg_m2: float, springs: tuple[SpringTruth, ...]) -
     delay_s = np.sqrt(np.array([s.mass_kg for s in springs]) / stiffness_N_per_m)
     if not delay_s.any():
         return rigid_kg_m2
+    from scipy.optimize import brentq  # for heavy springs alone: its import takes 0.3 s
 
     def surplus_Nm(w_rad_s: float) -> float:
         x = np.maximum(w_rad_s * delay_s, 1e-9)
