@@ -25,6 +25,7 @@ class RecentTicks:
         )
         self._parameters: np.record = parameters.build(config)[0][0]
         self._blocks: deque[np.ndarray] = deque()
+        self._count = 0  # of the ticks in the blocks
         self._expected_Nm = self._set_Nm = 0.0  # at the end of the block before the newest
         self._tick: int | None = None  # the last of that block
 
@@ -36,9 +37,9 @@ class RecentTicks:
             self._set_Nm = float(newest["torque_set_Nm"][-1])
             self._tick = int(newest["tick"][-1])
         self._blocks.append(block)
-        kept = sum(map(len, self._blocks))
-        while len(self._blocks) > 1 and kept - len(self._blocks[0]) > self._kept:
-            kept -= len(self._blocks.popleft())
+        self._count += len(block)
+        while self._count - len(self._blocks[0]) > self._kept:
+            self._count -= len(self._blocks.popleft())
 
     def last_second(self, name: str) -> np.ndarray:
         """Return a field of the ticks of the last second, shape (n,)."""
@@ -53,6 +54,7 @@ class RecentTicks:
     def forget(self) -> None:
         """Start anew."""
         self._blocks.clear()
+        self._count = 0
         self._expected_Nm, self._set_Nm, self._tick = 0.0, 0.0, None
 
     def until(self, row: int) -> TripWindow:
