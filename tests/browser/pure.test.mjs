@@ -17,7 +17,7 @@ const { grid, shade } = await load("mesh.js");
 const { barLength, quantities } = await load("precision.js");
 const { largest } = await load("turns.js");
 const { Marks } = await load("marks.js");
-const { attemptsText, place, policyText, settingsText, timeText, waitText, whole } = await load("queue_items.js");
+const { attemptsText, place, policyText, settingsText, timeText, waitText, waitsOf, whole } = await load("queue_items.js");
 const overview = await load("bench_texts.js");
 const { traceOf } = await load("signals.js");
 const { Socket } = await load("socket.js");
@@ -426,4 +426,16 @@ test("of two attempts to connect at the same time one socket is left", async (t)
   made[0].onmessage({ data: encode({ kind: "plan" }).buffer });
   clearTimeout(socket._timer);
   assert.deepEqual(kinds, ["state"]);
+});
+
+test("waits of the queue as they are entered", () => {
+  assert.deepEqual(waitsOf(" "), []);
+  assert.deepEqual(waitsOf("until 06:00;  winding_C below \u22125.5 ; humidity above 0"), [
+    { until: "06:00" }, { channel: "winding_C", below: -5.5 }, { channel: "humidity", above: 0 },
+  ]);
+  assert.deepEqual(waitsOf("until 06:00; a below 1;", 90), [{ until: "06:00", limit_s: 90 }, { channel: "a", below: 1, limit_s: 90 }]);
+  for (const wrong of ["06:00", "winding below", "winding below x", "winding < 40", "until", "a below 1 until 06:00"]) {
+    assert.throws(() => waitsOf(`until 06:00; ${wrong}`), (/** @type {Error} */ error) => error.message.startsWith(`"${wrong}" is no wait: `));
+  }
+  for (const one of waitsOf("until 06:00; winding_C below 40", 60)) assert.deepEqual(waitsOf(waitText(one).replace(/,.*/, ""), 60), [one]);
 });

@@ -147,6 +147,11 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     page.fill("#plan-serial", HOSTILE)
     expect(page.locator("#plan-add")).to_be_disabled()
     page.click("#plan-check")
+    page.fill("#plan-wait", "winding below")
+    page.click("#plan-add")
+    shows(page, "#messages", '"winding below" is no wait')
+    page.fill("#plan-wait", "until 06:00; winding below 40")
+    page.fill("#plan-wait-limit", "90")
     for number in "12":
         page.click("#plan-add")
         shows(page, "#queue-items", f"{number} calibrate")
@@ -171,7 +176,12 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     page.dblclick("#queue-remove-1")
     shows(page, "#queue-state", "empty")
     assert names(server).count("queue/remove") == 1
-    assert names(server).count("queue/add") == 2
+    added = [given for name, given in server.stand_in.requests if name == "queue/add"]
+    expected = [
+        {"until": "06:00", "limit_s": 5400},
+        {"channel": "winding", "below": 40, "limit_s": 5400},
+    ]
+    assert [one["plans"][0]["wait"] for one in added] == [expected, expected]
     waits(page, "() => document.activeElement.id === 'queue'")
 
 

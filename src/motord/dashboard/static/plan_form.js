@@ -2,6 +2,7 @@
 
 import { allow, byId, element, setText } from "./dom.js";
 import { duration, nameAndUnit } from "./format.js";
+import { waitsOf } from "./queue_items.js";
 
 /**
  * A setting of a plan, as `plan/list` describes it (docs/api.md, "Forms of plans").
@@ -189,9 +190,17 @@ export class PlanForm {
   /** The check stays good: the next motor may want the same plan. */
   _add() {
     const [name, settings] = JSON.parse(this._checked);
+    const limit_min = byId("plan-wait-limit").valueAsNumber;
+    let wait;
+    try {
+      wait = waitsOf(byId("plan-wait").value, Number.isNaN(limit_min) ? null : 60 * limit_min);
+    } catch (error) {
+      this._messages.failure(`add ${name}`)(/** @type {Error} */ (error));
+      return;
+    }
     const on_failure = byId("plan-on-failure").value;
     const retries = on_failure === "retry" ? { retries: byId("plan-retries").valueAsNumber || 1 } : {};
-    const plan = { name, settings, notes: byId("plan-notes").value, on_failure, ...retries, ...this._ifGiven() };
+    const plan = { name, settings, notes: byId("plan-notes").value, on_failure, ...retries, wait, ...this._ifGiven() };
     this._adding = true; // a double click adds it once
     this._buttons();
     this._socket.call("queue/add", { plans: [plan] }).then(({ added }) => {

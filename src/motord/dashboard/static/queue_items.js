@@ -39,6 +39,22 @@ export function waitText({ channel, below = null, above, until = null, limit_s =
   return condition + (limit_s !== null ? `, at most ${duration(limit_s)}` : "");
 }
 
+/**
+ * Waits as they are entered: `until 06:00; winding_C below 40`, each at most `limit_s`. The daemon checks channels and times.
+ * @param {string} text @param {number | null} limit_s @returns {Wait[]} @throws {Error} says what is wrong
+ */
+export function waitsOf(text, limit_s = null) {
+  const limit = limit_s === null ? {} : { limit_s };
+  return text.split(";").map((one) => one.trim()).filter(Boolean).map((one) => {
+    const [, until] = /^until\s+(\S+)$/.exec(one) ?? [];
+    if (until !== undefined) return { until, ...limit };
+    const [, channel, side, value] = /^(\S+)\s+(below|above)\s+(\S+)$/.exec(one) ?? [];
+    const bound = Number(value?.replaceAll("\u2212", "-"));
+    if (channel === undefined || !Number.isFinite(bound)) throw new Error(`"${one}" is no wait: until HH:MM, CHANNEL below VALUE or CHANNEL above VALUE`);
+    return { channel, [side === "below" ? "below" : "above"]: bound, ...limit };
+  });
+}
+
 /** What the queue does if the plan fails. @param {Plan} plan */
 export function policyText({ on_failure, retries }) {
   if (on_failure === "retry") return `if it fails: again, at most ${retries === 1 ? "once" : `${retries} times`}`;
