@@ -117,12 +117,12 @@ class ResultsStore:
     def _find(self, result: StoredResult) -> str | None:
         """Return the file of a result that is there and can be read. Raises OSError."""
         parquet()
-        analysis, content = result.analysis_digest, result.content_digest
+        analysis, figures = result.analysis_digest, result.content_digest
         try:
-            near = [one for one in self._names() if analysis in one or content in one]
+            near = [one for one in self._names() if analysis in one or figures in one]
         except FileNotFoundError:  # of an object store, in which nothing has been put yet
             return None
-        same = [one for one in near if _is_of(one, analysis, "" if result.version else content)]
+        same = [one for one in near if _is_of(one, analysis, "" if result.version else figures)]
         for name, content in zip(same, self.folder.read(same), strict=True):
             if isinstance(content, OSError):
                 if not isinstance(content, FileNotFoundError | IsADirectoryError | PermissionError):
@@ -137,7 +137,7 @@ class ResultsStore:
         return ResultsError(f"{self.folder}: cannot {what}: {error.strerror}")
 
 
-def _is_of(name: str, analysis: str, content: str) -> bool:
+def _is_of(name: str, analysis: str, figures: str) -> bool:
     """Return whether a file is named as one of the same analysis, or of the same figures."""
     found = ["", "", *Path(name).stem.split("-")][-2:]
-    return found[0] == analysis or found[1] == content
+    return found[0] == analysis or found[1] == figures
