@@ -109,7 +109,8 @@ class Channel:
 
     def seen(self, now_ns: int) -> ChannelValue:
         """Return the channel as a plan sees it."""
-        return ChannelValue((self._read_ns or 0) * 1e-9, self.value, self.obstacle(now_ns))
+        t_s, of_motor = (self._read_ns or 0) * 1e-9, self.config.role is not None
+        return ChannelValue(t_s, self.value, self.obstacle(now_ns), of_motor)
 
     def trip(self, now_ns: int) -> ValuesAndLimits:
         """Return value and limit if it trips the bench now, by what they are; else nothing."""
@@ -189,14 +190,6 @@ class ChannelMonitor:
         if channel is None or channel.status(now_ns) in ("broken", "frozen"):
             return None
         return channel.value
-
-    def temperatures_C(self, now_ns: int) -> dict[str, float]:
-        """Return the temperatures of the motor, by channel with a role; nan where unknown."""
-        return {
-            name: nan if channel.obstacle(now_ns) else channel.value
-            for name, channel in self._channels.items()
-            if channel.config.role is not None
-        }
 
     def _hold(self, channel: Channel, now_ns: int) -> None:
         if values := channel.trip(now_ns):
