@@ -4,7 +4,7 @@ import csv
 from collections.abc import Iterator
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -15,9 +15,6 @@ from motord.experiments.torque_speed.recordings import efficiency_map
 from motord.experiments.torque_speed.result import EfficiencyMap
 from motord.recording.plan_columns import as_text
 from motord.report.text import TextTable
-
-if TYPE_CHECKING:
-    from motord.report.html import Page
 
 
 def estimate(
@@ -51,12 +48,6 @@ def as_csv(found: EfficiencyMap) -> str:
     return text.getvalue()
 
 
-def _report(found: EfficiencyMap, recordings: Recordings) -> "Page":
-    from motord.experiments.torque_speed.report import report
-
-    return report(found, recordings)
-
-
 def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
     from motord.experiments.torque_speed.report import HEADER, row
 
@@ -76,7 +67,6 @@ def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.torque-speed/1", "name", "serial", "rated_torque_Nm"),
-    report=_report,
     text=_text,
     details="The DC power is a channel of the recording, named in [plans.torque-speed]; what is "
     "known of its accuracy and of the torque sensor's is in [accuracy].",
