@@ -1,8 +1,8 @@
 """Figures of a result with unit and interval, from its JSON, whichever experiment it is of."""
 
-import numpy as np
 from pkgutil import resolve_name
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
