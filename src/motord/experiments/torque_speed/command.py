@@ -1,8 +1,6 @@
 """`motord analyse torque-speed`: losses and efficiency over torque and speed."""
 
-import csv
 from collections.abc import Iterator
-from io import StringIO
 from pathlib import Path
 from typing import Annotated
 
@@ -36,16 +34,14 @@ def as_csv(found: EfficiencyMap) -> str:
 
     Columns are those of the JSON, without the budgets, then the plan's and its settings.
     """
+    from motord.recording.export.csv_lines import csv_lines
+
     rows = [
         {**encode(one), **{name: as_text(value) for name, value in one.plan.items()}}
         for one in found.points
     ]
     names = dict.fromkeys(name for row in rows for name in row if name != "budget")
-    text = StringIO()
-    writer = csv.DictWriter(text, list(names), extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_lines([[*names], *([row.get(name) for name in names] for row in rows)])
 
 
 def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
