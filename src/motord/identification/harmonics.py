@@ -20,7 +20,7 @@ DAMPED_ROUNDS = 5
 SOLVED = 1e-5
 """Residual of a round's equations, in parts of their right side; the next round takes it up."""
 
-NOTHING = float(np.finfo(float).tiny)
+TINY = float(np.finfo(float).tiny)
 """Divisor for what is solved already, while others are not."""
 
 
@@ -69,10 +69,10 @@ def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> n
         if (square <= SOLVED**2 * first).all():
             break
         moved = product(along)
-        step = square / np.maximum((along.conj() * moved).real @ twice, NOTHING)
+        step = square / np.maximum((along.conj() * moved).real @ twice, TINY)
         x, rest = x + step * along, rest - step * moved
         before, square = square, np.abs(rest) ** 2 @ twice
-        along = rest + square / np.maximum(before, NOTHING) * along
+        along = rest + square / np.maximum(before, TINY) * along
     return x
 
 
