@@ -37,5 +37,5 @@ class FigureKind:
 def with_ends(name: str, summary: str, rows: str = "", by: tuple[str, ...] = ()) -> FigureKind:
     """Return the kind of a figure `x_Nm` that has `x_low_Nm` and `x_high_Nm` in the same row."""
     x, suffix = split_unit(name)
-    low, high = f"{x}_low_{suffix}", f"{x}_high_{suffix}"
+    low, high = ("_".join(filter(None, (x, end, suffix))) for end in ("low", "high"))
     return FigureKind(name, unit_of(name), summary, name, low=low, high=high, rows=rows, by=by)
