@@ -1,5 +1,6 @@
 """Findings: where data depart from the model of a result, and what that usually means."""
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -31,3 +32,9 @@ class Finding:
     def in_words(self) -> str:
         """Return the finding as one line of text."""
         return f"{self.severity}: {self.figure()}: {self.meaning}; {self.action}"
+
+
+def listed(texts: Sequence[str], most: int = 4, between: str = "; ") -> str:
+    """Return texts as one; of many the first, and how many more there are."""
+    more = f" and {len(texts) - most} more" if len(texts) > most else ""
+    return between.join(texts[:most]) + more

@@ -10,6 +10,7 @@ from motord.api.published_message import PublishedMessage
 from motord.api.queue_messages import QueueView
 from motord.api.tracking_messages import TrackingView
 from motord.api.trip_messages import TripReport, TripView
+from motord.config.motor import SensorHighpass
 from motord.sequencing.settings import Compensation
 
 
@@ -42,16 +43,11 @@ class TickView(PublishedMessage):
     """Measured: RMS about its mean over the last second."""
 
 
-class TorqueSensorView(PublishedMessage):
+class TorqueSensorView(SensorHighpass, PublishedMessage):
     """High-pass of the torque sensor; 0 s passes the mean."""
 
     highpass_time_constant_s: float = 0.0
     """0: the mean passes."""
-
-    @property
-    def passes_mean(self) -> bool:
-        """False for a sensor, piezoelectric for instance, that cannot measure a steady torque."""
-        return self.highpass_time_constant_s == 0.0
 
 
 class SetpointView(PublishedMessage):

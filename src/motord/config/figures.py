@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from motord.config.unit_suffixes import split_unit, unit_of
+
 
 @dataclass(frozen=True)
 class FigureKind:
@@ -30,3 +32,10 @@ class FigureKind:
     rows: str = ""
     by: tuple[str, ...] = ()
     combine: Literal["", "spread", "mean"] = ""
+
+
+def with_ends(name: str, summary: str, rows: str = "", by: tuple[str, ...] = ()) -> FigureKind:
+    """Return the kind of a figure `x_Nm` that has `x_low_Nm` and `x_high_Nm` in the same row."""
+    x, suffix = split_unit(name)
+    low, high = ("_".join(filter(None, (x, end, suffix))) for end in ("low", "high"))
+    return FigureKind(name, unit_of(name), summary, name, low=low, high=high, rows=rows, by=by)

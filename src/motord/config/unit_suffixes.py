@@ -7,6 +7,7 @@ UNITS = {
     "Nm": "Nm", "mNm": "mNm", "Nm_per_rad": "Nm/rad", "Nm_s_per_rad": "Nm s/rad",
     "Nm_per_V": "Nm/V", "V_s_per_rad": "V s/rad",
     "m": "m", "kg": "kg", "kg_m2": "kg m2", "N_per_m": "N/m",
+    "K": "K", "K_per_W": "K/W", "J_per_K": "J/K", "K_per_min": "K/min",
     "percent": "%", "points": "encoder points", "counts": "counts",
 }  # fmt: skip
 """Unit by suffix; the longest counts."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from operator import attrgetter
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -42,14 +43,18 @@ def encode(value: Any) -> Any:
 
 
 def json_of(schema: str, *motor: str) -> Callable[[Any, "Recordings"], dict[str, Any]]:
-    """Return what makes the JSON of a result, after what it is of; motor: fields of `[motor]`."""
+    """Return what makes the JSON of a result, after what it is of.
+
+    motor: fields of `[motor]`; without, the motor's name alone.
+    """
 
     def json(result: Any, recordings: "Recordings") -> dict[str, Any]:
         subject = recordings.subject
+        fields = {name: getattr(subject.motor, name) for name in motor}
         return {
             "schema": schema,
             "bench": subject.bench,
-            "motor": {name: getattr(subject.motor, name) for name in motor},
+            "motor": fields or subject.motor.name,
             "runs": recordings.names,
             **encode(result),
         }
@@ -63,8 +68,9 @@ class Analysis(Generic[Result]):
 
     estimate: `Recordings` to result; its further parameters, annotated for typer, are the command's
     own options, but for `command`, the name by which it was called. json: the result as `--json`
-    prints it; report: its page; text: what the terminal shows. save: writes what `-o` asks for,
-    by default the JSON, with `indent`. details: more of the command's help. outputs: options that
+    prints it; text: what the terminal shows. report: its page, by default made by `report` of the
+    module `report` of the estimate's package. save: writes what `-o` asks for, by default the JSON,
+    with `indent`. details: more of the command's help. outputs: options that
     name files to write, which are no settings of the analysis.
 
     Where the data depart from the model the result says so in its `findings`, a field or property.
@@ -73,8 +79,8 @@ class Analysis(Generic[Result]):
 
     estimate: Callable[..., Result]
     json: Callable[[Result, "Recordings"], dict[str, Any]]
-    report: Callable[[Result, "Recordings"], "Page"]
     text: Callable[[Result, "Recordings"], "Iterable[str | TextTable]"]
+    report: Callable[[Result, "Recordings"], "Page"] | None = None
     save: Callable[[Result, Path], None] | None = None
     indent: int | None = 1
     details: str = ""
@@ -87,7 +93,9 @@ class Analysis(Generic[Result]):
 
     def page(self, result: Result, recordings: "Recordings") -> "Page":
         """Return the result's page, with its findings."""
-        page = self.report(result, recordings)
+        package = self.estimate.__module__.rpartition(".")[0]
+        report = self.report or resolve_name(f"{package}.report:report")
+        page: Page = report(result, recordings)
         page.findings(findings_of(result))
         return page
 

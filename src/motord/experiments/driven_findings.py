@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.identification.left_out import PART, LeftOut
 
 LEFT_OUT_SHARE = 0.1
@@ -27,7 +27,6 @@ def left_out_lines(left_out: Sequence[LeftOut]) -> Iterator[str]:
     """Yield what was left out, a line for each reason."""
     for reason in sorted({one.reason for one in left_out}):
         spans = [one for one in left_out if one.reason == reason]
-        where = "; ".join(f"{one.begin_s:.1f}-{one.end_s:.1f} s" for one in spans[:4])
-        more = f" and {len(spans) - 4} more" if len(spans) > 4 else ""
+        where = listed([f"{one.begin_s:.1f}-{one.end_s:.1f} s" for one in spans])
         seconds = sum(one.duration_s for one in spans)
-        yield f"left out, {reason}: {seconds:.1f} s ({where}{more})"
+        yield f"left out, {reason}: {seconds:.1f} s ({where})"

@@ -2,12 +2,9 @@
 
 from collections.abc import Iterable, Iterator
 
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.identification.operating_points import GOOD, good_points
 from motord.recording.reader import Run
-
-LISTED = 5
-"""Points that are listed one by one."""
 
 
 def points_left_out(runs: Iterable[Run]) -> tuple[Finding, ...]:
@@ -15,11 +12,10 @@ def points_left_out(runs: Iterable[Run]) -> tuple[Finding, ...]:
     said = [sentence for run in runs for sentence in _poor(run)]
     if not said:
         return ()
-    more = f" and {len(said) - LISTED} more" if len(said) > LISTED else ""
     return (
         Finding(
             "points-left-out", len(said), 0, "points", "warning",
-            f"left out, as they are not of good quality: {'; '.join(said[:LISTED])}{more}",
+            f"left out, as they are not of good quality: {listed(said, 5)}",
             "take these points again",
         ),
     )  # fmt: skip

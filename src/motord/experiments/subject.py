@@ -143,6 +143,16 @@ def check_plan(run: Run, *needed: str, hint: str = "") -> None:
         )
 
 
+def check_applied(run: Run, calibration_id: str) -> None:
+    """Raise AnalysisError if another calibration, or none, was in force during a run."""
+    applied = str(run.metadata.get("calibration", ""))
+    if applied != calibration_id:
+        raise AnalysisError(
+            f"{run.path}: was taken with calibration {applied or 'none'}, not with "
+            f"{calibration_id}; name the calibration that was in force with --calibration"
+        )
+
+
 def plan_settings(recordings: Recordings, plan: str, section: type[Settings]) -> Settings:
     """Return `[plans.PLAN]` of the bench file that was named, else the settings as recorded.
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motord.findings import listed
 from motord.importing.mapping import Column
 from motord.importing.problems import Problems
 from motord.recording.errors import RecordError
@@ -144,8 +145,7 @@ def suggestion(name: str, names: Sequence[str]) -> str:
     near = difflib.get_close_matches(name.casefold(), list(folded), 3, 0.4)
     if near:
         return "; did you mean " + " or ".join(repr(folded[n]) for n in near) + "?"
-    listed = [known for known in names if known]
-    if not listed:
+    named = [repr(known) for known in names if known]
+    if not named:
         return "; the columns have no names, give their positions: 1 for the first"
-    more = f" and {len(listed) - 20} more" if len(listed) > 20 else ""
-    return "; it has " + ", ".join(map(repr, listed[:20])) + more
+    return f"; it has {listed(named, 20, ', ')}"

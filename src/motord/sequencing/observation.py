@@ -59,12 +59,13 @@ class Precision:
 class ChannelValue:
     """The newest reading of a slow channel: t_s, when it was read, by a clock of the channels.
 
-    obstacle: why there is no valid value, "" if there is one.
+    obstacle: why there is no valid value, "" if there is one; of_motor: a temperature of the motor.
     """
 
     t_s: float
     value: float
     obstacle: str = ""
+    of_motor: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,14 +75,14 @@ class TemperatureSpan:
     mean_C: of the values at the ends of `blocks` blocks of ticks.
     """
 
-    mean_C: float
-    lowest_C: float
-    highest_C: float
-    blocks: int = 1
+    mean_C: float = 0.0
+    lowest_C: float = float("inf")
+    highest_C: float = -float("inf")
+    blocks: int = 0
 
-    def with_value(self, value_C: float) -> "TemperatureSpan":
-        """Return the span with one more; nan once a value was none."""
-        blocks = self.blocks + 1
+    def with_reading(self, reading: ChannelValue) -> "TemperatureSpan":
+        """Return the span with one more; nan once there was no valid value."""
+        blocks, value_C = self.blocks + 1, float("nan") if reading.obstacle else reading.value
         return TemperatureSpan(
             self.mean_C + (value_C - self.mean_C) / blocks,
             float(np.minimum(self.lowest_C, value_C)),
@@ -148,12 +149,9 @@ class TickWatcher:
         self._point_temperatures_C: dict[str, TemperatureSpan] = {}
 
     def take(
-        self, ticks: np.ndarray, temperatures_C: Mapping[str, float] = MappingProxyType({})
+        self, ticks: np.ndarray, channels: Mapping[str, ChannelValue] = MappingProxyType({})
     ) -> Observation:
-        """Return what the block `ticks` (TICK_DTYPE, at least one) shows.
-
-        temperatures_C: those of the motor now, by channel; nan of one that is broken.
-        """
+        """Return what the block `ticks` (TICK_DTYPE, at least one) and slow channels show."""
         angle_rad = ticks["angle_rad"].astype(float)
         if not self._started:
             self._angle_rad, self._started = float(angle_rad[0]), True
@@ -162,10 +160,9 @@ class TickWatcher:
         turned_rad = self._turned_rad + np.cumsum(steps_rad)
         self._watch_point(ticks, turned_rad)
         self._point_temperatures_C = {
-            name: span.with_value(value_C)
-            if (span := self._point_temperatures_C.get(name))
-            else TemperatureSpan(value_C, value_C, value_C)
-            for name, value_C in temperatures_C.items()
+            name: self._point_temperatures_C.get(name, TemperatureSpan()).with_reading(one)
+            for name, one in channels.items()
+            if one.of_motor
         }
         self._angle_rad, self._turned_rad = float(angle_rad[-1]), float(turned_rad[-1])
         speed_sum_rad_s = float(ticks["speed_rad_s"].sum(dtype=float))
@@ -197,6 +194,7 @@ class TickWatcher:
             point_fastest_Hz=fastest_Hz,
             temperature_C=float(last["temperature_C"]),
             point_temperatures_C=self._point_temperatures_C,
+            channels=channels,
         )
 
     def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> None:

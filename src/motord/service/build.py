@@ -198,7 +198,7 @@ def channel_value(bench: Bench) -> ChannelValue:
 
     def value_of(name: str) -> float | None:
         if name not in TICK_TEMPERATURES:
-            return bench.channels.value(name, time.monotonic_ns())
+            return bench.channels.value_to_wait_for(name, time.monotonic_ns())
         tick = bench.monitor.tick_view()
         return None if tick is None else getattr(tick, name)
 

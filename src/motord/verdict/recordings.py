@@ -1,6 +1,5 @@
 """The recordings that a verdict rests on: what they are of, their digests, their analyses."""
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from motord.experiments.subject import (
 )
 from motord.recording.damage import utc
 from motord.recording.reader import Run, open_run
+from motord.results.stored_result import file_digest
 from motord.verdict.motor_type import MotorType, analysis_of
 from motord.verdict.serial import note_of
 
@@ -107,7 +107,7 @@ def _digests(paths: Sequence[Path]) -> Iterator[str]:
     """Yield the SHA-256 of each file. Raises AnalysisError if two have the same content."""
     seen: dict[str, Path] = {}
     for path in paths:
-        digest = sha256_of(path)
+        digest = file_digest(path)
         if digest in seen:
             raise AnalysisError(
                 f"{path}: is the same recording as {seen[digest]}; counted twice it would seem "
@@ -115,12 +115,6 @@ def _digests(paths: Sequence[Path]) -> Iterator[str]:
             )
         seen[digest] = path
         yield digest
-
-
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file. Raises OSError."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _used(run: Run, digest: str) -> UsedRecording:

@@ -37,14 +37,15 @@ def newest(
         for one in channels
         if isinstance(one.source, SimulatedSource) and one.source.quantity != "dc_power_W"
     ]
-    if at_once:
-        t_s, first = float(truth["t_ns"][0]) * 1e-9, truth[0]
-        return {
-            one.name: ChannelValue(t_s, one.scale * float(first[quantity]) + one.offset)
-            for one, quantity in thermometers
-        }
-    readings = channel_readings([one for one, _ in thermometers], truth)
-    return {channel.name: ChannelValue(t_ns * 1e-9, value) for t_ns, channel, value in readings}
+    first = [
+        (int(truth["t_ns"][0]), one, one.scale * float(truth[quantity][0]) + one.offset)
+        for one, quantity in thermometers
+    ]
+    readings = first if at_once else channel_readings([one for one, _ in thermometers], truth)
+    return {
+        channel.name: ChannelValue(t_ns * 1e-9, value, of_motor=channel.role is not None)
+        for t_ns, channel, value in readings
+    }
 
 
 def _powers(channel: ChannelConfig, _: str, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

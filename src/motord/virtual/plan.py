@@ -43,10 +43,11 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
     channels: dict[str, ChannelValue] = {}
     while not executor.finished:
         blocks.append(bench.run(setpoint, look))
-        seen = estimation.seen(watcher.take(blocks[-1][0]), blocks[-1][0], executor.points)
+        ticks, truth = blocks[-1]
         channels = channels or newest(bench.config.channels, blocks[0][1], at_once=True)
-        channels.update(newest(bench.config.channels, blocks[-1][1]))
-        before, demand = demand, executor.advance(replace(seen, channels=dict(channels)))
+        channels = channels | newest(bench.config.channels, truth)
+        seen = estimation.seen(watcher.take(ticks, channels), ticks, executor.points)
+        before, demand = demand, executor.advance(seen)
         _put(setpoint, before, demand)
         if len(blocks) == LOOKS_PASSED_ON or executor.finished:
             on_block(*map(np.concatenate, zip(*blocks, strict=True)))

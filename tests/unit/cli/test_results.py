@@ -247,6 +247,10 @@ def test_files_that_are_no_results_are_named_and_the_rest_is_added(folder):
     assert len(list((folder / "store").iterdir())) == 1
 
 
+def test_csv_has_no_formula_from_names():
+    assert as_csv(("a", "=b"), [("@x", -1.0)]) == "a,'=b\n'@x,-1.0"
+
+
 CELLS = st.none() | st.floats() | st.integers() | st.text(max_size=5) | st.booleans()
 
 

@@ -1,6 +1,7 @@
 """Recordings as tables."""
 
 import csv
+import io
 import json
 import sys
 
@@ -12,6 +13,7 @@ from scipy.io import loadmat
 
 from motord.recording.errors import RecordError
 from motord.recording.export import csv_text, export, matlab, mdf, parquet_file
+from motord.recording.export.csv_lines import csv_lines
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from tests.unit.recording.runs import METADATA, tick_block, truth_block, write_run
@@ -39,6 +41,36 @@ def test_csv_reads_back_bit_for_bit(run, tmp_path, monkeypatch, arrow):
         finite = expected[name] == expected[name]
         np.testing.assert_array_equal(column, expected[name])
         assert column[finite].tobytes() == expected[name][finite].tobytes()
+
+
+@pytest.mark.parametrize(
+    "text", ["=1+1", "+a", "-a", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "＝1", "-"]
+)
+def test_text_that_is_a_formula_to_a_spreadsheet_gets_an_apostrophe(text):
+    line = csv_lines([[text, f"a{text}"]])
+    assert next(csv.reader(io.StringIO(line, newline=""))) == [
+        one.replace("\r", "\n") for one in (f"'{text}", f"a{text}")
+    ]
+
+
+def test_numbers_are_no_formulas():
+    cells = [-1.5, "-1.5", "+3", "-inf", -2, True, None, "", "'=", "a-b"]
+    assert csv_lines([cells]) == "-1.5,-1.5,+3,-inf,-2,True,,,'=,a-b\n"
+
+
+def test_csv_has_no_formula_from_names_or_settings(tmp_path):
+    settings = {"file": "=HYPERLINK(1)", "speed_Hz": -2.0}
+    with RunWriter(
+        tmp_path / "run.mcap", METADATA | {"plan": {"name": "@x", "settings": settings}}
+    ) as writer:
+        writer.ticks(tick_block(3))
+    export(
+        open_run(tmp_path / "run.mcap"),
+        tmp_path / "run.csv",
+        ("tick", "plan", "setting_file", "setting_speed_Hz"),
+    )
+    lines = (tmp_path / "run.csv").read_text().splitlines()
+    assert lines[1] == "0,'@x,'=HYPERLINK(1),-2"
 
 
 def test_csv_has_the_columns_chosen_in_their_order(run, tmp_path):

@@ -1,5 +1,7 @@
 """Figures of a result with unit and interval, from its JSON, whichever experiment it is of."""
 
+from pkgutil import resolve_name
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -49,6 +51,11 @@ def interval(value, stderr, factor=MANY):
         (
             {"coulomb_Nm": 3.0, "coulomb_low_Nm": 2.0, "coulomb_high_Nm": 5.0},
             [ResultFigure("coulomb_Nm", "Nm", 3.0, None, 2.0, 5.0)],
+        ),
+        (
+            {"resistance_K_per_W": 3.0, "resistance_low_K_per_W": 2.0,
+             "resistance_high_K_per_W": 5.0},
+            [ResultFigure("resistance_K_per_W", "K/W", 3.0, None, 2.0, 5.0)],
         ),
         (
             {"order": 4, "amplitude_Nm": 1.0, "phase_rad": 2.0, "stderr_Nm": 0.25,
@@ -156,6 +163,13 @@ def test_results_of_other_experiments():
     assert found["slope.slope_percent"][0] == 0.1
     assert found["point.rms_percent"][0] == 0.05
     assert found["point.raw_percent"] == (None, None, None)
+
+
+def test_every_analysis_has_its_page():
+    for kind in analysis_kinds().values():
+        analysis, (command, _) = resolve_name(kind.command), kind.command.split(":")
+        assert analysis.estimate.__module__ == command
+        assert analysis.report or resolve_name(command.replace(".command", ".report:report"))
 
 
 def test_every_analysis_names_the_schema_of_its_json():

@@ -1,5 +1,7 @@
 """What makes an operating point a poor one, judged from ticks."""
 
+from math import isnan
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from motord.schema import TICK_DTYPE
 from motord.sequencing import TickWatcher
 from motord.sequencing.capture import account
 from motord.sequencing.demand import OperatingPoint
+from motord.sequencing.observation import ChannelValue
 from motord.sequencing.quality import quality_at_speed
 from tests.unit.sequencing.test_executor import Runner
 
@@ -35,8 +38,12 @@ def captured(
     seen = None
     for first in range(0, ticks.size, LOOK):
         now_C = winding_C(first / RATE_HZ - 2.0)  # from the beginning of the capture
-        temperatures_C = {} if now_C is None else {"winding_C": now_C, "magnet_C": 30.0}
-        seen = watcher.take(ticks[first : first + LOOK], temperatures_C)
+        read_C = {} if now_C is None else {"winding_C": now_C, "magnet_C": 30.0}
+        channels = {
+            name: ChannelValue(first / RATE_HZ, value_C, "open" * isnan(value_C), of_motor=True)
+            for name, value_C in read_C.items()
+        }
+        seen = watcher.take(ticks[first : first + LOOK], channels)
     return seen
 
 

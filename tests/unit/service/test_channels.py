@@ -184,7 +184,8 @@ DERATED = {"i2t_derating_from_C": 80.0, "i2t_derating_to_C": 120.0}
 
 def warm(*roles: str | None, **limits: float) -> VirtualService:
     """A bench whose I2t goes by the channels a, b, c that measure the winding."""
-    about = {"unit": "degC", "source": {"driver": "simulated"}, "trip_above": 130.0}
+    about = {"unit": "degC", "source": {"driver": "simulated"}, "trip_above": 130.0,
+             "frozen_after_s": 2.0}  # fmt: skip
     limits = load().limits.model_copy(update=DERATED | limits)
     return VirtualService(bench_config=load().model_copy(update={
         "limits": limits,
@@ -227,6 +228,19 @@ def test_the_hottest_winding_counts_and_one_that_is_broken_keeps_its_part():
     assert derating(bench) == 0.75
     take(bench, 70.0, name="b")
     assert derating(bench) == 0.125
+
+
+def test_a_frozen_winding_counts_and_has_a_value_but_for_waits_of_the_queue():
+    bench = warm("winding")
+    keep(bench, 1.0, 90.0)
+    assert bench.bench.channels.value_to_wait_for("a", bench.now_ns) == 90.0
+    keep(bench, 2.0, 90.0)
+    assert statuses(bench) == {"a": "frozen"}
+    assert derating(bench) == 0.25
+    seen = bench.bench.channels.seen(bench.now_ns)["a"]
+    assert (seen.value, seen.obstacle) == (90.0, "")
+    assert bench.bench.channels.value_to_wait_for("a", bench.now_ns) is None
+    assert bench.bench.channels.value_to_wait_for("b", bench.now_ns) is None
 
 
 def test_the_report_of_an_i2t_trip_says_what_the_winding_took_away():
@@ -426,5 +440,6 @@ def test_operating_points_have_the_temperatures_of_the_motor_and_one_that_warms_
     assert warmed["quality"].startswith("a moved by ")
     assert warmed["temperatures"]["a"]["change_K"] > 1.0
     assert set(warmed["temperatures"]) == {"a"}
+    assert statuses(bench)["a"] == "frozen"  # a steady one
     assert [point["quality"] for point in others] == ["ok"] * len(others)
     assert others[0]["temperatures"]["a"] == {"mean_C": raw_C, "change_K": 0.0}

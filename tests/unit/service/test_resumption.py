@@ -8,7 +8,7 @@ import pytest
 
 from motord.api.errors import RpcError
 from motord.api.requests import PLAN_RESUME, parse
-from motord.config import load
+from motord.config import ChannelConfig, Config, load
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.recording.file_names import part_of
@@ -19,7 +19,7 @@ from motord.service.plans import resume
 from motord.service.plans.journal import JournalSegment
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.recorded_points import recorded
-from motord.service.plans.resume import bench_parts
+from motord.service.plans.resume import MAY_CHANGE, bench_parts
 from motord.service.rpc.dispatcher import Call
 from tests.unit.recording.runs import METADATA, START_NS, tick_block
 from tests.unit.service.virtual_service import VirtualService
@@ -201,6 +201,11 @@ def test_on_another_bench_it_does_not_go_on_and_the_change_is_named(days):
     assert "[limits] of the bench file changed" in message
     faster = days.daemon(loop={"rate_Hz": 2000})
     assert "[loop]" in refused(faster, "plan/resume", token=faster.acquire())
+    sensor = ChannelConfig.model_validate(
+        {"name": "winding_C", "unit": "degC", "source": {"driver": "simulated"}}
+    )
+    measured = days.daemon(bench_config=load().model_copy(update={"channels": (sensor,)}))
+    assert "[channels]" in refused(measured, "plan/resume", token=measured.acquire())
 
 
 def test_what_does_not_matter_to_a_plan_may_change(days):
@@ -306,9 +311,21 @@ def test_every_plan_is_made_again_from_its_own_settings(name):
     assert again.settings == plan.settings
 
 
+def test_a_journal_of_a_version_that_had_a_part_less_goes_on(days):
+    interrupted(days)
+    content = days.path.read_text()
+    part = '"channels":"' + bench_parts(load())["channels"] + '"'
+    assert part in content
+    days.path.write_text(content.replace(part, '"of_a_later_one":"x"'))
+    service = days.daemon()
+    service.ask("plan/resume", token=service.acquire())
+
+
 def test_the_parts_of_a_bench_are_distinguished():
     bench = load()
     parts = bench_parts(bench)
+    assert not parts.keys() & MAY_CHANGE
+    assert parts.keys() | MAY_CHANGE == Config.model_fields.keys()
     warmer = bench.limits.model_copy(update={"trip_temperature_C": 91.0})
     other = bench_parts(bench.model_copy(update={"limits": warmer}))
     assert [name for name in parts if parts[name] != other[name]] == ["limits"]

@@ -371,7 +371,7 @@ def test_one_that_is_stopped_is_ended_with_an_event(linked):
     linked.step()
     assert played.code == -signal.SIGKILL
     [said] = linked.messages("process")
-    assert said == "tracker has reported nothing for 300 s; it is ended"
+    assert said == "tracker has sent nothing for 300 s; it is ended"
     assert linked.step(0.5) == [("killed by SIGKILL", 0.1)]
     assert len(linked.started) == 2
 

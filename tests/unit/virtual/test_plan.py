@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.config import load
+from motord.config import ChannelConfig, load
 from motord.experiments.plans import build
 from motord.schema import State
 from motord.virtual import VirtualBench
@@ -14,8 +14,8 @@ SMALL = {
 }  # fmt: skip
 
 
-def record(seed: int = 1, settings=None):
-    config = load()
+def record(seed: int = 1, settings=None, channels=()):
+    config = load().model_copy(update={"channels": channels})
     bench = VirtualBench(config, seed=seed)
     ticks, truth = [], []
 
@@ -45,6 +45,20 @@ def test_points_are_captured_at_torque_and_speed() -> None:
     assert (ticks["plan_point"][:100] == -1).all()
     assert ticks["missed"].max() == 0
     assert (np.diff(ticks["tick"].astype(np.int64)) == 1).all()
+
+
+def test_points_have_the_temperatures_of_the_motor() -> None:
+    source = {"driver": "simulated", "quantity": "winding_C"}
+    channels = tuple(
+        ChannelConfig.model_validate({"name": name, "unit": "degC", "role": role, "source": source})
+        for name, role in (("winding_C", "winding"), ("other_C", None))
+    )
+    [point] = record(
+        settings={**SMALL, "speeds_Hz": [1.0], "temperature_change_K": 5.0}, channels=channels
+    )[0]
+    assert point["quality"] == "ok"
+    assert list(point["temperatures"]) == ["winding_C"]
+    assert point["temperatures"]["winding_C"]["mean_C"] == pytest.approx(25.0, abs=1.0)
 
 
 def test_the_same_seed_gives_the_same_bits() -> None:

@@ -94,9 +94,10 @@ class MotorTests:
         from importlib.metadata import version
 
         from motord.client.holder import user_and_host
+        from motord.results.stored_result import file_digest
         from motord.verdict.certificate import Certificate
         from motord.verdict.judgement import judge
-        from motord.verdict.recordings import analyse, sha256_of
+        from motord.verdict.recordings import analyse
 
         def keep(*found: Any) -> None:
             results.append(found)
@@ -106,7 +107,7 @@ class MotorTests:
         return Certificate(
             motor_type=kind,
             type_file=str(self.motor_type),
-            type_sha256=sha256_of(self.motor_type),
+            type_sha256=file_digest(self.motor_type),
             serial=serial,
             operator=self.operator or user_and_host(),
             time=datetime.now(UTC),

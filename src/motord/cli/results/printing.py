@@ -1,7 +1,5 @@
 """Rows of values as aligned text, CSV or JSON."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Sequence
 from datetime import datetime
@@ -27,11 +25,10 @@ def aligned(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Iterator[s
 
 def as_csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return the rows as CSV with a heading, without the last line's end."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_csv_cell(value) for value in row] for row in rows)
-    return text.getvalue().removesuffix("\n")
+    from motord.recording.export.csv_lines import csv_lines
+
+    cells = ([_csv_cell(value) for value in row] for row in rows)
+    return csv_lines([columns, *cells]).removesuffix("\n")
 
 
 def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[dict[str, Any]]:

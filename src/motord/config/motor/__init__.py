@@ -126,7 +126,18 @@ def back_emf_waves(
     return waves
 
 
-class TorqueSensorConfig(Section):
+class SensorHighpass:
+    """What has the high-pass of a torque sensor."""
+
+    highpass_time_constant_s: float
+
+    @property
+    def passes_mean(self) -> bool:
+        """False for a sensor, piezoelectric for instance, that cannot measure a steady torque."""
+        return self.highpass_time_constant_s == 0.0
+
+
+class TorqueSensorConfig(SensorHighpass, Section):
     """`[torque_sensor]`: the sensor's data sheet; a high-pass of 0 s passes the mean."""
 
     highpass_time_constant_s: NonNegative = 0.0
@@ -137,11 +148,6 @@ class TorqueSensorConfig(Section):
     """Damping ratio of that resonance."""
     gain_Nm_per_V: Positive = 1.0
     """Gain of sensor and amplifier."""
-
-    @property
-    def passes_mean(self) -> bool:
-        """False for a sensor, piezoelectric for instance, that cannot measure a steady torque."""
-        return self.highpass_time_constant_s == 0.0
 
 
 class MotorFile(Section):

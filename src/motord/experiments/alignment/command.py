@@ -11,7 +11,6 @@ from motord.atomic_write import write_whole
 from motord.config import read_toml
 from motord.config.text.editing import with_table, with_values
 from motord.experiments.alignment.estimate import align
-from motord.experiments.alignment.report import report
 from motord.experiments.alignment.rests import REQUIRED
 from motord.experiments.alignment.result import Alignment
 from motord.experiments.analysis import Analysis, json_of
@@ -87,7 +86,6 @@ def _text(result: Alignment, _: Recordings) -> Iterator[str]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.align/1", "name", "serial", "pole_pairs", "counts"),
-    report=report,
     text=_text,
     outputs=("write",),
 )

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.back_emf.estimate import VOLTAGES, measure
-from motord.experiments.back_emf.report import report
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
@@ -55,7 +54,6 @@ def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.back-emf/1", "name", "serial", "pole_pairs", "counts"),
-    report=report,
     text=_text,
     indent=None,
 )

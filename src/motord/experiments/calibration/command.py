@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -16,9 +16,6 @@ from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor, plus_minus
 from motord.report.text import TextTable
 from motord.uncertainty_budget import QUANTITIES, Contribution, totals
-
-if TYPE_CHECKING:
-    from motord.report.html import Page
 
 
 def estimate(
@@ -38,12 +35,6 @@ def estimate(
     result = calibrator.result(method)
     made = result.to_calibration(recordings.subject.motor, datetime.now(UTC), recordings.names)
     return CalibratedRuns(calibrator, result, made, other)
-
-
-def _report(found: CalibratedRuns, recordings: Recordings) -> "Page":
-    from motord.experiments.calibration.report import report
-
-    return report(found, recordings)
 
 
 def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
@@ -111,7 +102,6 @@ def _most_of(sources: Sequence[Contribution], value: Callable[[Contribution], fl
 ANALYSIS = Analysis(
     estimate,
     json=lambda found, _: found.calibration.to_json(),
-    report=_report,
     text=_text,
     save=lambda found, path: found.calibration.save(path),
 )

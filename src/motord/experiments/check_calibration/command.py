@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,9 +12,6 @@ from motord.experiments.check_calibration.estimate import check_runs
 from motord.experiments.check_calibration.result import NEEDED_PERCENT, CalibrationCheck
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
-
-if TYPE_CHECKING:
-    from motord.report.html import Page
 
 
 def estimate(
@@ -35,12 +32,6 @@ def estimate(
     return check_runs(recordings, load(calibration), ripple_percent)
 
 
-def _report(found: CalibrationCheck, recordings: Recordings) -> "Page":
-    from motord.experiments.check_calibration.report import report
-
-    return report(found, recordings)
-
-
 def _text(found: CalibrationCheck, _: Recordings) -> Iterator[str | TextTable]:
     yield found.sentence
     yield TextTable(
@@ -56,7 +47,6 @@ def _text(found: CalibrationCheck, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.calibration-check/1", "name", "serial"),
-    report=_report,
     text=_text,
     details="The verdict is valid, drifted or undecided. A change counts as drift beyond its "
     "limit, which chance alone passes in 0.5 % of checks, over all changes together.",

@@ -23,11 +23,10 @@ from motord.experiments.check_calibration.result import (
 )
 from motord.experiments.check_calibration.shift import ParameterShift, parameter_shift
 from motord.experiments.points_left_out import points_left_out
-from motord.experiments.subject import AnalysisError, Recordings, Subject
+from motord.experiments.subject import Recordings, Subject, check_applied
 from motord.identification.operating_points import PointData
 from motord.intervals import t_quantile
 from motord.recording.captures import captures
-from motord.recording.reader import Run
 
 COMPARED = ("gain", "offset")
 """Families of three phases, each against the two others."""
@@ -41,20 +40,11 @@ def check_runs(
     Raises AnalysisError, CalibrationError, IdentifyError.
     """
     for run in recordings.runs:
-        _check_applied(run, calibration)
+        check_applied(run, calibration.id)
     subject = recordings.subject
     points = (point for run in recordings.runs for point in captures(run))
     found = check(points, subject, calibration, needed_percent)
     return replace(found, more_findings=points_left_out(recordings.runs))
-
-
-def _check_applied(run: Run, calibration: Calibration) -> None:
-    applied = str(run.metadata.get("calibration", ""))
-    if applied != calibration.id:
-        raise AnalysisError(
-            f"{run.path}: was taken with calibration {applied or 'none'}, not with "
-            f"{calibration.id}; name the calibration that was in force with --calibration"
-        )
 
 
 def check(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.intervals import coverage_factor, plus_minus
 
 FALSE_ALARMS = 0.005
@@ -124,8 +124,7 @@ class CalibrationCheck:
             return None
         return Finding(
             "not-tested", len(self.unseen), 0, "quantities", "warning",
-            f"these turns do not show {self.unseen[0]}"
-            + (f" and {len(self.unseen) - 1} more" if len(self.unseen) > 1 else ""),
+            f"these turns do not show {listed(self.unseen, 1)}",
             "take the turns by `motord plan start check-calibration`, in both directions",
         )  # fmt: skip
 

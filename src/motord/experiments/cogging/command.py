@@ -11,7 +11,6 @@ from motord.calibration import load
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.cogging.at_speed import REQUIRED
 from motord.experiments.cogging.estimate import compare, measure
-from motord.experiments.cogging.report import report
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
@@ -72,6 +71,5 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.cogging/1", "name", "serial", "slots", "poles", "counts"),
-    report=report,
     text=_text,
 )

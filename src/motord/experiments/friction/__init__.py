@@ -1,7 +1,7 @@
 """Friction torque over speed, from coast-downs of the free rotor."""
 
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
-from motord.config.figures import FigureKind
+from motord.config.figures import with_ends
 from motord.experiments.friction.settings import FrictionConfig
 
 EXPERIMENT = Experiment(
@@ -19,23 +19,15 @@ EXPERIMENT = Experiment(
             "Find Coulomb, viscous and Stribeck friction from coast-downs of the free rotor.",
             command="motord.experiments.friction.command:ANALYSIS",
             figures=(
-                FigureKind(
+                with_ends(
                     "coulomb_Nm",
-                    "Nm",
                     "Coulomb friction of each direction",
-                    value="coulomb_Nm",
-                    low="coulomb_low_Nm",
-                    high="coulomb_high_Nm",
                     rows="directions",
                     by=("direction",),
                 ),
-                FigureKind(
+                with_ends(
                     "viscous_Nm_s_per_rad",
-                    "Nm s/rad",
                     "viscous friction of each direction",
-                    value="viscous_Nm_s_per_rad",
-                    low="viscous_low_Nm_s_per_rad",
-                    high="viscous_high_Nm_s_per_rad",
                     rows="directions",
                     by=("direction",),
                 ),

@@ -9,7 +9,7 @@ import typer
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.recordings import coast_downs, inertia_of
-from motord.experiments.friction.report import part_rows, report
+from motord.experiments.friction.report import part_rows
 from motord.experiments.friction.result import Friction
 from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.experiments.subject import Recordings, check_plan, plan_settings
@@ -45,7 +45,6 @@ def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.friction/1", "name", "serial", "slots", "pole_pairs", "counts"),
-    report=report,
     text=_text,
     details="The moment of inertia is that of --inertia FILE, else of inertia_kg_m2 in "
     "[plans.friction]: of the bench file of -c, or as recorded.",

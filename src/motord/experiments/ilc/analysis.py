@@ -23,7 +23,7 @@ from motord.experiments.ilc.estimate import (
 from motord.experiments.ilc.order_list import Unreached, reach_in_words, to_learn, unreached
 from motord.experiments.ilc.seen import SeenRipple, seen_by
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
-from motord.experiments.subject import AnalysisError, Subject
+from motord.experiments.subject import AnalysisError, Subject, check_applied
 from motord.findings import Finding
 from motord.identification.operating_points import PointData, Samples, prepare
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
@@ -118,12 +118,7 @@ def learn_from_runs(
     taken with another calibration, IdentifyError for points that tell too little.
     """
     for run in runs:
-        applied = str(run.metadata.get("calibration", ""))
-        if applied != calibration.id:
-            raise AnalysisError(
-                f"{run.path}: was taken with calibration {applied or 'none'}, not with "
-                f"{calibration.id}; name the calibration that was in force with --calibration"
-            )
+        check_applied(run, calibration.id)
     if learning.hold is None and runs:
         learning = replace(learning, hold=recorded_hold(runs[0]))
     points = (point for run in runs for point in captures(run))

@@ -36,9 +36,10 @@ class Acceleration:
     None of a step alone.
     """
 
+    experiment = "inertia-acceleration"
     JSON = (
-        "inertia_kg_m2", "uncertainty_kg_m2", "freedom", "interval_95_kg_m2", "commanded_kg_m2",
-        "plain_kg_m2", "budget", "steps",
+        "experiment", "inertia_kg_m2", "uncertainty_kg_m2", "freedom", "interval_95_kg_m2",
+        "commanded_kg_m2", "plain_kg_m2", "budget", "steps",
     )  # fmt: skip
 
     inertia_kg_m2: float

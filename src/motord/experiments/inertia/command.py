@@ -3,18 +3,17 @@
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
 from motord.calibration import load as load_calibration
 from motord.config import AccelerationConfig, OscillationConfig
-from motord.experiments.analysis import Analysis, encode
+from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.inertia.acceleration import Acceleration, accelerate
 from motord.experiments.inertia.oscillation import Oscillation, combine
 from motord.experiments.inertia.releases import Release, find_releases, read_release, waves_of
-from motord.experiments.inertia.report import report
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import REQUIRED
 from motord.experiments.subject import (
@@ -32,8 +31,7 @@ from motord.intervals import plus_minus
 from motord.recording.reader import Run
 from motord.report.text import TextTable
 
-OSCILLATION = "inertia-oscillation"
-ACCELERATION = "inertia-acceleration"
+EXPERIMENTS = (Oscillation.experiment, Acceleration.experiment)
 
 RELEASE = ("t_ns", "encoder_count")
 """Columns of the ticks of a release."""
@@ -48,7 +46,7 @@ def experiment_of(runs: Sequence[Run], named: str | None = None) -> str:
     if named is not None and names == {""}:
         return named
     for run in runs:
-        check_plan(run, OSCILLATION, ACCELERATION, hint=", or --experiment to say which it is")
+        check_plan(run, *EXPERIMENTS, hint=", or --experiment to say which it is")
     if len(names) > 1:
         raise AnalysisError("recordings of both experiments for the inertia; analyse them apart")
     if not names:
@@ -123,32 +121,20 @@ def estimate(
     found = experiment_of(runs, experiment or named)
     if named not in (None, found):
         raise AnalysisError(f"these are recordings of {found}: motord analyse {found} RUN...")
-    if found == ACCELERATION:
-        pushed = plan_settings(recordings, ACCELERATION, AccelerationConfig)
+    if found == Acceleration.experiment:
+        pushed = plan_settings(recordings, Acceleration.experiment, AccelerationConfig)
         return acceleration(runs, subject, pushed)
-    swung = plan_settings(recordings, OSCILLATION, OscillationConfig)
+    swung = plan_settings(recordings, Oscillation.experiment, OscillationConfig)
     cogging_Nm = np.array(load_calibration(calibration).tau_cog_Nm) if calibration else None
     return oscillation(runs, subject, swung, cogging_Nm)
-
-
-def _json(found: Oscillation | Acceleration, recordings: Recordings) -> dict[str, Any]:
-    return {
-        "schema": "motord.inertia/1",
-        "experiment": OSCILLATION if isinstance(found, Oscillation) else ACCELERATION,
-        "bench": recordings.subject.bench,
-        "motor": recordings.subject.motor.name,
-        "runs": recordings.names,
-        **encode(found),
-    }
 
 
 def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | TextTable]:
     value = found.inertia_kg_m2
     half = found.half_width_kg_m2
-    oscillated = isinstance(found, Oscillation)
     yield (
         f"J = {plus_minus(1e3 * value, 1e3 * half)} e-3 kg m2 (95 %; {100 * half / value:.2g} %), "
-        f"{OSCILLATION if oscillated else ACCELERATION}"
+        + found.experiment
     )
     if isinstance(found, Oscillation):
         sources = [(one.source, one.uncertainty) for one in found.budget.shares]
@@ -175,8 +161,7 @@ def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | Te
 
 ANALYSIS = Analysis(
     estimate,
-    json=_json,
-    report=report,
+    json=json_of("motord.inertia/1"),
     text=_text,
     details="-c FILE: a bench file also says what bar and springs are, instead of the recording.",
 )

@@ -55,7 +55,9 @@ class Oscillation:
     of the set-up would bring. disturbed: releases that were left out, as they fit worse.
     """
 
+    experiment = "inertia-oscillation"
     JSON: ClassVar[dict[str, str]] = {
+        "experiment": "experiment",
         "inertia_kg_m2": "inertia_kg_m2",
         "uncertainty_kg_m2": "uncertainty_kg_m2",
         "interval_95_kg_m2": "budget.interval_kg_m2",

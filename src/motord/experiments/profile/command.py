@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,9 +12,6 @@ from motord.experiments.profile.estimate import measure
 from motord.experiments.profile.result import ProfileTracking
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
-
-if TYPE_CHECKING:
-    from motord.report.html import Page
 
 
 def estimate(
@@ -31,12 +28,6 @@ def estimate(
     return measure(recordings, applied)
 
 
-def _report(found: ProfileTracking, recordings: Recordings) -> "Page":
-    from motord.experiments.profile.report import report
-
-    return report(found, recordings)
-
-
 def _text(found: ProfileTracking, _: Recordings) -> Iterator[str | TextTable]:
     from motord.experiments.profile.report import HEADER, cycle_rows, mean_rows
 
@@ -50,6 +41,5 @@ def _text(found: ProfileTracking, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.profile/1", "name", "serial", "rated_torque_Nm"),
-    report=_report,
     text=_text,
 )

@@ -2,20 +2,17 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from motord.calibration import RmsErrors, RmsPoint, by_magnitude, load
-from motord.experiments.analysis import Analysis, encode
+from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
 from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.text import TextTable
-
-if TYPE_CHECKING:
-    from motord.report.html import Page
 
 
 def estimate(
@@ -41,12 +38,6 @@ def estimate(
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: no good operating point in there")
     return MeshRipple(measured, shares, (*findings(measured), *points_left_out(runs)))
-
-
-def _report(found: MeshRipple, recordings: Recordings) -> "Page":
-    from motord.experiments.ripple.report import report
-
-    return report(found, recordings)
 
 
 def _text(found: MeshRipple, _: Recordings) -> Iterator[str | TextTable]:
@@ -89,14 +80,4 @@ def _cell(point: RmsPoint | None) -> str:
     return " > ".join(f"{value:.2f}" for value in values if value is not None)
 
 
-def _json(found: MeshRipple, recordings: Recordings) -> dict[str, Any]:
-    return {
-        "schema": "motord.verification/1",
-        "bench": recordings.subject.bench,
-        "motor": recordings.subject.motor.name,
-        "runs": recordings.names,
-        **encode(found),
-    }
-
-
-ANALYSIS = Analysis(estimate, json=_json, report=_report, text=_text)
+ANALYSIS = Analysis(estimate, json=json_of("motord.verification/1"), text=_text)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from math import hypot
 
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.identification.point_ripple import PointRipple
 
 SURE = 3.0
@@ -20,8 +20,8 @@ def _one_turn(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
     if alone:
         yield Finding(
             "one-turn", 1, 2, "turns", "warning",
-            f"{_listed(alone)}: one whole turn does not show its noise, which is part of the RMS "
-            "error then; how far that is off is not known from one turn",
+            f"{listed([one.label for one in alone])}: one whole turn does not show its noise, "
+            "which is part of the RMS error then; how far that is off is not known from one turn",
             "take more turns at each point",
         )  # fmt: skip
 
@@ -41,13 +41,7 @@ def _worse(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
         worst, limit, _ = max(grown, key=lambda each: each[0])
         yield Finding(
             "rougher-with-compensation", worst, limit, "% of rated", "serious",
-            f"{_listed([one for *_, one in grown])}: the torque is rougher with compensation than "
-            "without: the calibration is not of this motor, bench or encoder zero",
+            f"{listed([one.label for *_, one in grown])}: the torque is rougher with compensation "
+            "than without: the calibration is not of this motor, bench or encoder zero",
             "check which calibration is in force; align and calibrate again",
         )  # fmt: skip
-
-
-def _listed(ripples: Sequence[PointRipple], most: int = 4) -> str:
-    labels = [one.label for one in ripples]
-    more = f" and {len(labels) - most} more" if len(labels) > most else ""
-    return "; ".join(labels[:most]) + more

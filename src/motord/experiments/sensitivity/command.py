@@ -10,7 +10,7 @@ import typer
 from motord.calibration import load
 from motord.experiments.analysis import Analysis, encode
 from motord.experiments.sensitivity.estimate import DEFAULT_TORQUE_Nm, sensitivity, theory_alone
-from motord.experiments.sensitivity.report import report, slope_rows
+from motord.experiments.sensitivity.report import slope_rows
 from motord.experiments.sensitivity.result import Again, Sensitivity
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.intervals import plus_minus
@@ -99,7 +99,6 @@ def _again(again: Again) -> TextTable:
 ANALYSIS = Analysis(
     estimate,
     json=lambda result, _: {"schema": "motord.sensitivity/1", **encode(result)},
-    report=report,
     text=_text,
     needs_recordings=False,
 )

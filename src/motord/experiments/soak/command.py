@@ -1,7 +1,6 @@
 """`motord analyse soak`: which figures drift over the repetitions of a plan."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.soak.estimate import soak_trends
@@ -9,19 +8,10 @@ from motord.experiments.soak.result import SoakResult
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
 
-if TYPE_CHECKING:
-    from motord.report.html import Page
-
 
 def estimate(recordings: Recordings) -> SoakResult:
     """Return the trends. Raises AnalysisError, ConfigError, RecordError."""
     return soak_trends(recordings)
-
-
-def _report(found: SoakResult, recordings: Recordings) -> "Page":
-    from motord.experiments.soak.report import report
-
-    return report(found, recordings)
 
 
 def _text(found: SoakResult, _: Recordings) -> Iterator[str | TextTable]:
@@ -34,7 +24,6 @@ def _text(found: SoakResult, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.soak/1", "name", "serial", "rated_torque_Nm"),
-    report=_report,
     text=_text,
     details="Name all files of the soak. Intervals hold for repetitions that resemble those next "
     "to them, and all figures are judged together.",

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.experiments.soak.trend import CORRELATION_MAX, LEAST, DriftSlope
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.intervals import plus_minus
 
 
@@ -109,9 +109,8 @@ class SoakResult:
             return f"{of}: too few to tell a drift from chance, {LEAST} are needed"
         if not drifts:
             return f"{of}: no drift in {len(judged)} figures beyond what chance explains"
-        named = ", ".join(one.name for one in drifts[:3])
-        more = f" and {len(drifts) - 3} more" if len(drifts) > 3 else ""
-        return f"{of}: {len(drifts)} of {len(judged)} figures drift: {named}{more}"
+        named = listed([one.name for one in drifts], 3, ", ")
+        return f"{of}: {len(drifts)} of {len(judged)} figures drift: {named}"
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -6,6 +6,7 @@ For each rho of a grid a and b by generalised least squares (Prais and Winsten 1
 the restricted likelihood of rho (Harville 1974) times a prior, so that rho's own uncertainty is in
 the variance: that within, and that of the slopes between. Degrees of freedom: n - 2. The p-value is
 that of the mixture of t distributions over rho, whose tails are wider than those of one t.
+Not that of `thermal.steadiness`, which takes rho as known: of 8 values at 0.5 it claims 14 % wrong.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +14,6 @@ from motord.experiments.thermal.findings import findings, frozen_spans
 from motord.experiments.thermal.recordings import thermal_course
 from motord.experiments.thermal.result import ThermalConstants
 from motord.report.text import TextTable
-
-if TYPE_CHECKING:
-    from motord.report.html import Page
 
 
 def estimate(recordings: Recordings) -> ThermalConstants:
@@ -47,12 +43,6 @@ def measure(course: ThermalCourse, copper: CopperResistance) -> ThermalConstants
     return replace(constants, findings=findings(constants, frozen, course.readings.values()))
 
 
-def _report(found: ThermalConstants, recordings: Recordings) -> "Page":
-    from motord.experiments.thermal.report import report
-
-    return report(found, recordings)
-
-
 def _text(found: ThermalConstants, _: Recordings) -> Iterator[str | TextTable]:
     from motord.experiments.thermal.report import HEADER, STEADY_HEADER, rows, steady_rows
 
@@ -65,7 +55,6 @@ def _text(found: ThermalConstants, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.thermal/1", "name", "serial", "rated_torque_Nm"),
-    report=_report,
     text=_text,
     details="Channels and the winding's resistance are those of [plans.thermal]: of the bench file "
     "of -c, or as recorded. Without a resistance there are time constants only.",

@@ -4,6 +4,7 @@ A straight line is fitted to the readings of the last window. Its residuals may 
 (first-order autoregression rho, also by a line that is bent), so the slope's variance is that of
 white noise times (1 + rho) / (1 - rho). The resolution q of the readings adds q^2 / 12 of variance
 for each run of the very same number, which has one rounding error throughout.
+Not that of `soak.trend`, which knows no rounding and takes 40 times as long for 500 readings.
 """
 
 from collections import deque

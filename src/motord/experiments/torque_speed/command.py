@@ -1,10 +1,8 @@
 """`motord analyse torque-speed`: losses and efficiency over torque and speed."""
 
-import csv
 from collections.abc import Iterator
-from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -15,9 +13,6 @@ from motord.experiments.torque_speed.recordings import efficiency_map
 from motord.experiments.torque_speed.result import EfficiencyMap
 from motord.recording.plan_columns import as_text
 from motord.report.text import TextTable
-
-if TYPE_CHECKING:
-    from motord.report.html import Page
 
 
 def estimate(
@@ -39,22 +34,14 @@ def as_csv(found: EfficiencyMap) -> str:
 
     Columns are those of the JSON, without the budgets, then the plan's and its settings.
     """
+    from motord.recording.export.csv_lines import csv_lines
+
     rows = [
         {**encode(one), **{name: as_text(value) for name, value in one.plan.items()}}
         for one in found.points
     ]
     names = dict.fromkeys(name for row in rows for name in row if name != "budget")
-    text = StringIO()
-    writer = csv.DictWriter(text, list(names), extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def _report(found: EfficiencyMap, recordings: Recordings) -> "Page":
-    from motord.experiments.torque_speed.report import report
-
-    return report(found, recordings)
+    return csv_lines([[*names], *([row.get(name) for name in names] for row in rows)])
 
 
 def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
@@ -76,7 +63,6 @@ def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
 ANALYSIS = Analysis(
     estimate,
     json=json_of("motord.torque-speed/1", "name", "serial", "rated_torque_Nm"),
-    report=_report,
     text=_text,
     details="The DC power is a channel of the recording, named in [plans.torque-speed]; what is "
     "known of its accuracy and of the torque sensor's is in [accuracy].",

@@ -6,7 +6,7 @@ from math import pi
 from motord.config import AccuracyConfig
 from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.result import OperatingPower
-from motord.findings import Finding
+from motord.findings import Finding, listed
 
 SURE = 3.0
 """Standard errors of the drift beyond which it is not by chance."""
@@ -48,7 +48,7 @@ def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:
         worst = min(below, key=lambda one: one.loss.high or 0.0)
         yield Finding(
             "negative-losses", worst.loss.value or 0.0, 0.0, "W", "serious",
-            f"{listed(below)}: more power comes out than goes in: sign or gain of torque or power "
+            f"{_labels(below)}: more power comes out than goes in: sign or gain of torque or power "
             "reading is wrong, or the reading is not of the inverter's supply",
             "check the sign of the torque and of the power, their gains, and the analyser's wiring",
         )  # fmt: skip
@@ -60,7 +60,7 @@ def _in_step(points: Sequence[OperatingPower]) -> Iterator[Finding]:
     if stuck:
         yield Finding(
             "readings-in-step", max(one.in_step for one in stuck), IN_STEP, "", "serious",
-            f"{listed(stuck)}: the power is read in step with the rotor, at the same electrical "
+            f"{_labels(stuck)}: the power is read in step with the rotor, at the same electrical "
             "angles in each turn: its ripple is taken for its mean",
             "take other speeds, or let the analyser average from one reading to the next",
         )  # fmt: skip
@@ -83,9 +83,9 @@ def _between_ticks(points: Sequence[OperatingPower], subject: Subject) -> Iterat
         worst, _ = max(parts, key=lambda each: each[0])
         yield Finding(
             "torque-between-ticks", 100 * worst, 100 * BETWEEN_TICKS, "%", "warning",
-            f"{listed([one for _, one in parts])}: a drive that holds its phase currents from tick "
-            "to tick makes another torque in between, which a sensor without a low-pass does not "
-            "show in the ticks",
+            f"{_labels([one for _, one in parts])}: a drive that holds its phase currents from "
+            "tick to tick makes another torque in between, which a sensor without a low-pass does "
+            "not show in the ticks",
             "set the sensor's filter below half of the loop's rate and state it as [torque_sensor] "
             "resonance_Hz, or raise [loop] rate_Hz",
         )  # fmt: skip
@@ -102,7 +102,7 @@ def _drifting(points: Sequence[OperatingPower]) -> Iterator[Finding]:
         worst, limit, _ = max(moving, key=lambda each: each[0] - each[1])
         yield Finding(
             "losses-drift", worst, limit, "W", "warning",
-            f"{listed([one for *_, one in moving])}: the losses change within the capture: motor "
+            f"{_labels([one for *_, one in moving])}: the losses change within the capture: motor "
             "and inverter are not at a steady temperature, the figures are those of the means",
             "raise settle_s, or run the motor warm before the plan",
         )  # fmt: skip
@@ -115,7 +115,7 @@ def _slow(points: Sequence[OperatingPower]) -> Iterator[Finding]:
         worst, limit, _ = max(slow, key=lambda each: each[0] - each[1])
         yield Finding(
             "slow-readings", worst, limit, "W", "note",
-            f"{listed([one for *_, one in slow])}: that the power is read slowly makes most of "
+            f"{_labels([one for *_, one in slow])}: that the power is read slowly makes most of "
             "its uncertainty; it is in the intervals",
             "raise rate_Hz of the channel, or turns; choose speeds that are not in step with it",
         )  # fmt: skip
@@ -132,7 +132,5 @@ def _assumed(accuracy: AccuracyConfig) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def listed(points: Sequence[OperatingPower], most: int = 4) -> str:
-    """Return the points as text, of many the first."""
-    more = f" and {len(points) - most} more" if len(points) > most else ""
-    return "; ".join(one.label for one in points[:most]) + more
+def _labels(points: Sequence[OperatingPower]) -> str:
+    return listed([one.label for one in points])

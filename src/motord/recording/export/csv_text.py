@@ -1,12 +1,11 @@
 """Tables as CSV: numbers as text that reads back as the same numbers."""
 
-import csv
-import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from motord.recording.export.csv_lines import csv_lines
 from motord.recording.export.table import ExportedTable
 from motord.recording.plan_columns import as_text
 from motord.wire.ticks.blocks import Block
@@ -21,20 +20,14 @@ _PRINTF = {"f4": "%.9g", "f8": "%.17g"} | dict.fromkeys(("i4", "i8", "u4", "u8")
 def write_csv(path: Path, table: ExportedTable) -> int:
     """Write a table and return its number of rows."""
     text, count = _csv_text(table.dtype), 0
-    end = _line([*map(as_text, table.plan.values())])
+    end = csv_lines([[*map(as_text, table.plan.values())]]).encode()
     with path.open("wb") as file:
-        file.write(_line([*table.names, *table.plan]))
+        file.write(csv_lines([[*table.names, *table.plan]]).encode())
         for block in table.gathered(CSV_ROWS):
             rows = text(block)
             file.write(rows.replace(b"\n", b"," + end) if table.plan else rows)
             count += len(block)
     return count
-
-
-def _line(cells: Sequence[str]) -> bytes:
-    line = io.StringIO()
-    csv.writer(line, lineterminator="\n").writerow(cells)
-    return line.getvalue().encode()
 
 
 def _csv_text(dtype: np.dtype[np.void]) -> Callable[[Block], bytes]:

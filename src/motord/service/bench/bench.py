@@ -5,7 +5,6 @@ and progress go out. The handlers in `service.rpc` carry out requests on it.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -270,8 +269,7 @@ class Bench:
             return
         self._updated_ns = now_ns
         ticks = np.concatenate(self._pending)
-        seen = self._watcher.take(ticks, self.channels.temperatures_C(now_ns))
-        seen = replace(seen, channels=self.channels.seen(now_ns))
+        seen = self._watcher.take(ticks, self.channels.seen(now_ns))
         self._torque_error.update(ticks, seen)
         self._pending.clear()
         try:

@@ -3,6 +3,10 @@
 Pure: readings and the time come in; views, events and trips go out. A reading that does not come
 ages here, by the supervisor's clock, so it makes no difference what holds it up: a source, its
 driver, or the process that reads.
+
+A channel that is frozen has its value, as a steady temperature stands still, too: it is shown,
+recorded, seen by plans and counted in the derating. Only a wait of the queue does not go by it, as
+that would start a motor with nobody there.
 """
 
 from math import inf, isfinite, nan
@@ -104,8 +108,9 @@ class Channel:
         )
 
     def seen(self, now_ns: int) -> ChannelValue:
-        """Return the channel as a plan sees it; one that is frozen may be a steady one."""
-        return ChannelValue((self._read_ns or 0) * 1e-9, self.value, self.obstacle(now_ns))
+        """Return the channel as a plan sees it."""
+        t_s, of_motor = (self._read_ns or 0) * 1e-9, self.config.role is not None
+        return ChannelValue(t_s, self.value, self.obstacle(now_ns), of_motor)
 
     def trip(self, now_ns: int) -> ValuesAndLimits:
         """Return value and limit if it trips the bench now, by what they are; else nothing."""
@@ -179,20 +184,12 @@ class ChannelMonitor:
         """Return all channels as a plan sees them, by name."""
         return {name: channel.seen(now_ns) for name, channel in self._channels.items()}
 
-    def value(self, name: str, now_ns: int) -> float | None:
+    def value_to_wait_for(self, name: str, now_ns: int) -> float | None:
         """Return the value of a channel; None of one that is broken or frozen, or not there."""
         channel = self._channels.get(name)
-        usable = channel is not None and channel.status(now_ns) not in ("broken", "frozen")
-        return channel.value if channel is not None and usable else None
-
-    def temperatures_C(self, now_ns: int) -> dict[str, float]:
-        """Return the temperatures of the motor, by channel with a role; nan where unknown."""
-        values = {
-            name: self.value(name, now_ns)
-            for name, channel in self._channels.items()
-            if channel.config.role is not None
-        }
-        return {name: nan if value is None else value for name, value in values.items()}
+        if channel is None or channel.status(now_ns) in ("broken", "frozen"):
+            return None
+        return channel.value
 
     def _hold(self, channel: Channel, now_ns: int) -> None:
         if values := channel.trip(now_ns):

@@ -1,6 +1,5 @@
 """The supervisor's end of the process that reads the slow channels. No call waits for it."""
 
-import signal
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,7 +14,6 @@ CHANNELS = "channels"
 SILENT_NS = 10_000_000_000
 """Without a message for so long the process is ended, and started again: it was stopped, or a
 driver in it holds the interpreter."""
-SILENT = f"channels has sent nothing for {SILENT_NS / 1e9:g} s; it is ended"
 
 
 class ChannelLink:
@@ -32,29 +30,20 @@ class ChannelLink:
         record: Callable[[ChannelConfig, int, Mapping[str, Any]], None],
     ) -> None:
         self._monitor = monitor
-        self._children = children
-        self._events = events
         self._record = record
         self._pipes = ChildPipes(CHANNELS, ReadingsMessage, children, events)
-        self._received_ns = 0
 
     def step(self, now_ns: int) -> None:
         """Take the readings that have come. `now_ns` is monotonic."""
-        if self._pipes.opened():
-            self._received_ns = now_ns
+        self._pipes.opened()
         for message in self._pipes.messages(now_ns):
-            self._received_ns = now_ns
             for one in message.readings:
                 reading = one.reading(now_ns)
                 if (channel := self._monitor.take(reading, now_ns)) is not None:
                     content = channel.content(now_ns)
                     self._record(channel.config, now_ns - reading.t_ns, content)
-        if self._pipes.closed():
-            return
-        if now_ns - self._received_ns > SILENT_NS and self._children.process(CHANNELS) is not None:
-            self._received_ns = now_ns
-            self._events.emit("process", SILENT, process=CHANNELS)
-            self._children.signal(CHANNELS, signal.SIGKILL)
+        if not self._pipes.closed():
+            self._pipes.end_if_silent(now_ns, SILENT_NS)
 
     def stop(self) -> None:
         """End the process."""

@@ -1,5 +1,6 @@
 """The supervisor's end of the pipes to a child process that the bench can do without."""
 
+import signal
 from collections.abc import Mapping
 from typing import Any, Generic
 
@@ -20,9 +21,11 @@ class ChildPipes(Generic[M]):
         self._name = name
         self._model = model
         self._children = children
+        self._events = events
         self._faults = ChildFaults(name, children, events)
         self._process: Any = None
         self._pipes: PipedChild[M] | None = None
+        self._received_ns: int | None = None
 
     def opened(self) -> bool:
         """Open the pipes to a process that has none yet; return whether there is one."""
@@ -30,6 +33,7 @@ class ChildPipes(Generic[M]):
         if self._pipes is not None or process is None:
             return False
         self._process, self._pipes = process, PipedChild(process, self._model)
+        self._received_ns = None
         return True
 
     def closed(self) -> bool:
@@ -49,8 +53,20 @@ class ChildPipes(Generic[M]):
         if self._pipes is None:
             return []
         found = self._pipes.reports(now_ns)
+        if found or self._received_ns is None:
+            self._received_ns = now_ns
         self._faults.step(self._pipes.received, now_ns, self._pipes.commands.dropped)
         return found
+
+    def end_if_silent(self, now_ns: int, silent_ns: int) -> None:
+        """End a process that has sent nothing for so long: it was stopped, or hangs."""
+        if self._pipes is None or self._received_ns is None:
+            return
+        if now_ns - self._received_ns > silent_ns:
+            self._received_ns = now_ns
+            text = f"{self._name} has sent nothing for {silent_ns / 1e9:g} s; it is ended"
+            self._events.emit("process", text, process=self._name)
+            self._children.signal(self._name, signal.SIGKILL)
 
     def kill(self) -> None:
         """End the process, if there is one; it is not started again."""

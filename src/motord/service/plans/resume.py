@@ -27,14 +27,14 @@ from motord.service.recording.control import RecordingControl
 UNSURE = "the recorder died meanwhile, and a point may be missing in the recording"
 ADVICE = "motord plan resume takes the rest, motord plan discard forgets it"
 
-PARTS = ("motor", "inverter", "bridge", "torque_sensor", "brake", "drive", "limits")
-"""Parts of a bench file that a plan must not find changed, besides the loop's rate."""
+MAY_CHANGE = {"bench", "accuracy", "recording", "calibration", "tracking", "zenoh", "plans"}
+"""Parts of a bench file that a plan may find changed, besides all of the loop but its rate."""
 
 
 def bench_parts(config: Config) -> dict[str, str]:
     """Return a digest of each part of the bench that matters to a plan."""
-    parts = {name: getattr(config, name).model_dump(mode="json") for name in PARTS}
-    return {name: digest(part) for name, part in {**parts, "loop": config.loop.rate_Hz}.items()}
+    parts = config.model_dump(mode="json", exclude=MAY_CHANGE) | {"loop": config.loop.rate_Hz}
+    return {name: digest(part) for name, part in parts.items()}
 
 
 def _mesh_of(log: PlanLog, plan: Plan, taken: set[int]) -> MeshView:
@@ -239,7 +239,7 @@ class Resumption:
         """Return the whole plan as it was. Raises RpcError if it would not be the same."""
         what = f"{note.name} cannot be resumed"
         before, now = note.bench_parts, self._parts
-        changed = [f"[{name}]" for name in now if now[name] != before.get(name)]
+        changed = [f"[{name}]" for name in now if now[name] != before.get(name, now[name])]
         if changed:
             raise RpcError(
                 "refused",

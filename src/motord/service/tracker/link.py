@@ -1,6 +1,5 @@
 """The supervisor's end of the tracker process, which lasts as long as a calibration is in force."""
 
-import signal
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import suppress
@@ -26,7 +25,6 @@ NOT_WRITTEN = (
 SHUTTING_DOWN = "the daemon is shutting down"
 NO_TURNS = "no turns yet at a steady set-point with this calibration applied"
 ENDED = "the tracker process has ended; the next one begins anew"
-SILENT = f"tracker has reported nothing for {SILENT_NS / 1e9:g} s; it is ended"
 
 
 class TrackerLink:
@@ -44,7 +42,6 @@ class TrackerLink:
     ) -> None:
         self._store = store
         self._children = children
-        self._events = events
         self._implementation = implementation
         self._pipes = ChildPipes(TRACKER, TrackerReport, children, events)
         self._departures = Departures(events)
@@ -55,7 +52,6 @@ class TrackerLink:
         self._followed = ""
         self._running = self._stopped = False
         self._failure = ""
-        self._received_ns = 0
         self.view: TrackingView | None = None
 
     def step(self, now_ns: int) -> None:
@@ -63,7 +59,7 @@ class TrackerLink:
         if (self._store.current_id(), self._store.file()) != (self._followed, self._file):
             self._follow_calibration(now_ns)
         if self._pipes.opened():
-            self._running, self._failure, self._received_ns = True, "", now_ns
+            self._running, self._failure = True, ""
             about = {"tracker": self._implementation, "calibration": str(self._file)}
             self._pipes.send({"do": "start", **about})
         for answer in self._asked():
@@ -72,10 +68,8 @@ class TrackerLink:
             self._take(report, now_ns)
         if self._pipes.closed():
             self._ended(self._failure or ENDED)
-        elif self._running and now_ns - self._received_ns > SILENT_NS:
-            self._received_ns = now_ns
-            self._events.emit("process", SILENT, process=TRACKER)
-            self._children.signal(TRACKER, signal.SIGKILL)
+        else:
+            self._pipes.end_if_silent(now_ns, SILENT_NS)
 
     def adopt(self, timeout_s: float) -> AdoptedReport:
         """Have the tracker write `RunDir.adopted`; for another thread. Raises TimeoutError."""
@@ -115,7 +109,6 @@ class TrackerLink:
             self._show_nothing(NOT_WRITTEN)
 
     def _take(self, report: TrackerReport, now_ns: int) -> None:
-        self._received_ns = now_ns
         self._failure = report.obstacle
         if report.adopted is not None and report.adopted.number == self._number:
             self._reply(report.adopted.obstacle)

@@ -21,7 +21,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     BETA,
     FIRST_COGGING,
 )
-from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.calibration.estimate.result import CalibrationResult, triple
 from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.uncertainty_budget import Contribution
 
@@ -242,8 +242,8 @@ def _of_the_data(result: CalibrationResult) -> Contribution:
         source="scatter of the data",
         type="A",
         basis="data",
-        alpha=_triple(result.alpha_stderr),
-        beta_A=_triple(result.beta_stderr_A),
+        alpha=triple(result.alpha_stderr),
+        beta_A=triple(result.beta_stderr_A),
         delta_epsilon=result.delta_epsilon_stderr or 0.0,
         cogging_Nm=max((h.stderr_Nm or 0.0 for h in result.harmonics), default=0.0),
         degrees_of_freedom=_fewest(result),
@@ -286,13 +286,8 @@ def _contribution(source: Source, squares: np.ndarray, bench: BenchFile) -> Cont
         basis="stated" if stated else "assumed",
         limit=float(getattr(bench.accuracy, source.field)),
         unit=source.unit,
-        alpha=_triple(u[:3]),
-        beta_A=_triple(u[3:6]),
+        alpha=triple(u[:3]),
+        beta_A=triple(u[3:6]),
         delta_epsilon=float(u[6]),
         cogging_Nm=float(u[7:].max(initial=0.0)),
     )
-
-
-def _triple(values: np.ndarray) -> tuple[float, float, float]:
-    a, b, c = values.tolist()
-    return a, b, c

@@ -134,10 +134,10 @@ class CalibrationResult(Estimate):
             motor=CalibratedMotor.of(motor),
             method=self.method,
             runs=tuple(runs),
-            alpha=_triple(self.alpha),
-            alpha_stderr=_triple(self.alpha_stderr),
-            beta_A=_triple(self.beta_A),
-            beta_stderr_A=_triple(self.beta_stderr_A),
+            alpha=triple(self.alpha),
+            alpha_stderr=triple(self.alpha_stderr),
+            beta_A=triple(self.beta_A),
+            beta_stderr_A=triple(self.beta_stderr_A),
             degrees_of_freedom=self.degrees_of_freedom,
             delta_epsilon=self.delta_epsilon,
             delta_epsilon_source=", ".join(runs) if measured else "assumed",
@@ -159,6 +159,7 @@ def _half_widths(
     return None if stderr is None else np.array(half_widths(stderr.tolist(), freedom))
 
 
-def _triple(values: np.ndarray) -> tuple[float, float, float]:
+def triple(values: np.ndarray) -> tuple[float, float, float]:
+    """Return the values of phases a, b, c."""
     a, b, c = values.tolist()
     return a, b, c
