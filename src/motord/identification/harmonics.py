@@ -20,9 +20,6 @@ DAMPED_ROUNDS = 5
 SOLVED = 1e-5
 """Residual of a round's equations, in parts of their right side; the next round takes it up."""
 
-TINY = float(np.finfo(float).tiny)
-"""Divisor for what is solved already, while others are not."""
-
 
 def lines_at(count: np.ndarray, values: np.ndarray, counts: int, highest: int) -> np.ndarray:
     """Return complex amplitudes of orders 0 to `highest` of values (n,) at counts (n,).
@@ -35,13 +32,13 @@ def lines_at(count: np.ndarray, values: np.ndarray, counts: int, highest: int) -
 
 
 def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
-    """Return lines (..., h + 1) of orders 0 to h by damped least squares over all samples.
+    """Return lines (h + 1,) of orders 0 to h by damped least squares over all samples.
 
-    visits (2 h + 1,): transform of the samples at each angle; sums (..., h + 1): that of the sums
-    of their values. With unevenly visited angles the normal matrix is Toeplitz, the spectrum of the
+    visits (2 h + 1,): transform of the samples at each angle; sums (h + 1,): that of the sums of
+    their values. With unevenly visited angles the normal matrix is Toeplitz, the spectrum of the
     visits: multiplied by transforms, solved by conjugate gradients (Hansen 1998, chapters 5 and 6).
     """
-    highest, samples = sums.shape[-1] - 1, visits[0].real
+    highest, samples = sums.size - 1, visits[0].real
     damping = DAMPING * (np.arange(highest + 1) * SAMPLES_PER_ORDER / samples) ** 2
     grid = 1 << (4 * highest + 2).bit_length()
     weight = np.fft.irfft(visits, grid) * (grid / samples)
@@ -50,29 +47,29 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
         return np.asarray(seen(lines) + damping * lines)
 
     def seen(lines: np.ndarray) -> np.ndarray:
-        return np.asarray(np.fft.rfft(weight * np.fft.irfft(lines, grid))[..., : highest + 1])
+        return np.asarray(np.fft.rfft(weight * np.fft.irfft(lines, grid))[: highest + 1])
 
     wanted = sums / samples
     lines: np.ndarray = np.zeros_like(wanted)
     for _ in range(DAMPED_ROUNDS):
         lines = lines + _solved(damped, wanted - seen(lines))
-    lines[..., 1:] *= 2
+    lines[1:] *= 2
     return lines
 
 
 def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
     """Solve product(x) = right by conjugate gradients; orders but 0 count twice, as -h and h."""
-    twice = np.r_[1.0, np.full(right.shape[-1] - 1, 2.0)][:, None]
+    twice = np.r_[1.0, np.full(right.size - 1, 2.0)]
     x, rest, along = np.zeros_like(right), right, right
-    square = first = np.abs(rest) ** 2 @ twice
-    for _ in range(2 * right.shape[-1]):
-        if (square <= SOLVED**2 * first).all():
+    square = first = twice @ np.abs(rest) ** 2
+    for _ in range(2 * right.size):
+        if square <= SOLVED**2 * first:
             break
         moved = product(along)
-        step = square / np.maximum((along.conj() * moved).real @ twice, TINY)
+        step = square / (twice @ (along.conj() * moved).real)
         x, rest = x + step * along, rest - step * moved
-        before, square = square, np.abs(rest) ** 2 @ twice
-        along = rest + square / np.maximum(before, TINY) * along
+        before, square = square, twice @ np.abs(rest) ** 2
+        along = rest + square / before * along
     return x
 
 

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from motord.identification.harmonics import (
     harmonics_table,
     lines_at,
-    lines_of_sums,
     over_one_turn,
     synthesis,
 )
@@ -78,17 +77,6 @@ def test_what_a_gap_leaves_open_is_small(gap: int) -> None:
     share = gap / samples
     assert np.abs(found[48]) == pytest.approx(0.33, rel=2 * share + 0.02)
     assert np.abs(found - lines).max() < 0.02 + 2 * share
-
-
-def test_several_values_at_once_have_the_lines_of_each() -> None:
-    rng = np.random.default_rng(4)
-    samples, values = rng.integers(1, 20, 256), rng.normal(size=(3, 256))
-    values[1] = 0.0
-    visits = np.fft.fft(samples)[np.arange(41) % 256]
-    sums = np.fft.rfft(values * samples)[:, :21]
-    each = [lines_of_sums(visits, one) for one in sums]
-    assert np.allclose(lines_of_sums(visits, sums), each, atol=1e-9)
-    assert not each[1].any()
 
 
 def test_gaps_are_filled_round_the_zero_point() -> None:

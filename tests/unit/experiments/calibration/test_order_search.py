@@ -19,7 +19,7 @@ from motord.experiments.calibration.estimate.more_orders.result import (
 from motord.experiments.calibration.estimate.more_orders.search import Search, levels, search
 from motord.experiments.calibration.estimate.more_orders.trial import tried
 from motord.experiments.calibration.estimate.result import CalibrationResult
-from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS
+from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, lines_of
 from motord.experiments.plans import build
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
@@ -161,6 +161,21 @@ def test_significance_counts_how_many_orders_there_are() -> None:
     assert significant([harmonic(48, 9.0, freedom=2.0)]) == ()
     assert undecided([harmonic(48, 9.0, freedom=2.0), harmonic(96, 1.0, freedom=2.0)]) == (48,)
     assert undecided([harmonic(48, 9.0)]) == ()
+
+
+@pytest.mark.parametrize(("density", "rounds", "error"), [(2.0, 12, 1e-6), (25.0, 200, 1e-3)])
+def test_lines_of_uneven_visits_are_those_of_the_columns(
+    density: float, rounds: int, error: float
+) -> None:
+    rng = np.random.default_rng(2)
+    angle_rad = 2 * np.pi * np.arange(256) / 256
+    samples = 10 + density * np.cos(3 * angle_rad) ** 3
+    samples = np.maximum(samples, 1.0)
+    values = rng.normal(size=(2, 9)) @ np.cos(np.outer(np.arange(9), angle_rad))
+    sums = np.fft.rfft(values * samples, axis=1)[:, :21].T
+    visits = np.fft.fft(samples)[np.arange(41) % 256]
+    wanted = np.fft.rfft(values, axis=1)[:, 1:21].T * 2 / 256
+    assert np.allclose(lines_of(visits, sums, rounds=rounds), wanted, atol=error)
 
 
 def test_an_order_that_is_hinted_at_widens_the_offsets() -> None:

@@ -5,6 +5,7 @@ the samples are gone. Noise is what differs between the groups.
 """
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
@@ -115,6 +116,24 @@ class TurnSpectrum:
                 for visits, right in zip(self.visits, sums, strict=True)
             ]
         )
+
+
+def lines_of(visits: np.ndarray, sums: np.ndarray, rounds: int = 6) -> np.ndarray:
+    """Return lines (h, q) of orders 1 to h of q columns' sums (h + 1, q), complex.
+
+    visits (2 h + 1,): transform of the number of samples. Where these are spread evenly, up to a
+    few percent, the normal equations are nearly diagonal: each round leaves so much of the error
+    (Landweber's iteration, with a step at which it converges where some angle has many samples).
+    """
+    highest, samples = len(sums) - 1, visits[0].real
+    grid = 1 << (4 * highest + 2).bit_length()
+    weight = np.fft.irfft(visits[: grid // 2 + 1], grid) / samples * grid
+    step = min(1.0, 1.9 / float(weight.max()))
+    lines = sums / samples
+    for _ in range(ceil(rounds / step)):
+        seen = np.fft.rfft(weight[:, None] * np.fft.irfft(lines, grid, axis=0), axis=0)
+        lines = lines + step * (sums / samples - seen[: highest + 1])
+    return np.asarray(2 * lines[1:])
 
 
 def smooth_noise(squares: np.ndarray) -> np.ndarray:

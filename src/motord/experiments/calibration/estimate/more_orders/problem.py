@@ -7,7 +7,7 @@ import numpy as np
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
-from motord.identification.harmonics import lines_of_sums
+from motord.experiments.calibration.estimate.turn_spectrum import lines_of
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Weighted:
         lines = []
         for point in points:
             visits, sums = point.spectrum.visits.sum(axis=0), point.spectrum.sums.sum(axis=0)
-            lines.append(lines_of_sums(visits, (sums[:, :-1] @ derivative).T)[:, 1 : highest + 1].T)
+            lines.append(lines_of(visits, sums[:, :-1] @ derivative)[:highest])
         waves = np.array([point.spectrum.waves(counts)[:highest] for point in points])
         rest_Nm = fit.rest_Nm - fit.caused_Nm
         scatter = _scatter(rest_Nm / fit.noise_Nm, waves / fit.noise_Nm)
