@@ -5,15 +5,16 @@ with 1 if a bound is not kept. `tests/unit/experiments/friction` asks the same o
 """
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from motord.experiments.friction.coast_down import CoastDown
 from motord.virtual import processors
 from tests.campaigns import seeds
-from tests.unit.experiments.friction.coasting import Rotor, coast_downs, friction
+from tests.unit.experiments.friction.coasting import Rotor, friction, of_seeds
 
 SEEDS = 400
 COVERED_MIN = 0.90
@@ -41,9 +42,13 @@ class Coverage:
         return min(shares) >= COVERED_MIN and max(shares) <= most and abs(self.bias) < BIAS_MAX
 
 
-def trial(rotor: Rotor, seed: int) -> tuple[bool, bool, float]:
+def recordings(rotor: Rotor, several: Iterable[int]) -> Iterator[list[CoastDown]]:
+    """Yield the coast-downs of each seed's trial."""
+    return of_seeds(several, rotor, 8, longest_step=5)
+
+
+def trial(rotor: Rotor, coasts: list[CoastDown]) -> tuple[bool, bool, float]:
     """Return whether the intervals hold Coulomb and viscous friction, and the former's error."""
-    coasts = coast_downs(np.random.default_rng(seed), rotor, 8, longest_step=5)
     (one,) = friction(coasts).directions
     return (
         one.coulomb_low_Nm < rotor.coulomb_Nm < one.coulomb_high_Nm,
@@ -63,7 +68,8 @@ def main(count: int = SEEDS) -> int:
     failed = False
     with processors() as pool:
         for name, (rotor, most) in ROTORS.items():
-            found = coverage(pool.map(partial(trial, rotor), seeds.several(count), chunksize=4))
+            taken = recordings(rotor, seeds.several(count))
+            found = coverage(pool.map(partial(trial, rotor), taken, chunksize=4))
             kept = found.kept(most)
             failed |= not kept
             print(

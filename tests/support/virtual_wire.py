@@ -44,11 +44,11 @@ class World:
     def __init__(self, config: Config) -> None:
         self.now_ns = START_NS
         self.emulator = Emulator(config, load_truth(config.bench.rig))
-        self._rows: list[np.ndarray] = []
+        self._rows, self._steps = np.zeros(1024, TRUTH_DTYPE), 0
 
     @property
     def truth(self) -> np.ndarray:
-        return np.concatenate(self._rows)
+        return self._rows[: self._steps].copy()
 
     def advance(self, to_ns: int) -> None:
         """Let time pass for the devices."""
@@ -57,12 +57,14 @@ class World:
             self._step()
 
     def _step(self) -> None:
-        devices, row = self.emulator, np.zeros(1, TRUTH_DTYPE)
+        devices = self.emulator
         devices.bench.wake(self.now_ns)
         devices._listen(self.now_ns)
         devices._produce(self.now_ns)
-        devices.bench.fill_truth(self.now_ns, row[0])
-        self._rows.append(row)
+        if self._steps == self._rows.size:
+            self._rows = np.append(self._rows, np.zeros_like(self._rows))
+        devices.bench.fill_truth(self.now_ns, self._rows[self._steps])
+        self._steps += 1
 
 
 class LastingPacer(Pacer):

@@ -52,26 +52,25 @@ class Bench:
         self.feedback["inverter_status"] = InverterStatus.READY
         self.feedback["bridge_status"] = BridgeStatus.ENABLE_LINE
         self.number = 0
+        self._counts = self.config.motor.counts
 
     def count_at(self, angle_rad: float) -> int:
-        counts = self.config.motor.counts
-        return round(angle_rad / (2 * np.pi) * counts) % counts
+        return round(angle_rad / (2 * np.pi) * self._counts) % self._counts
 
     def run(self, ticks: int = 1, healthy: bool = True, supervised: bool = True) -> np.record:
+        f, t = self.feedback[0], self.tick[0]  # f["x"] takes a tenth of the time of f.x
         for _ in range(ticks):
             self.now_ns += self.period_ns
             self.angle_rad += self.speed_rad_s * self.period_ns * 1e-9
-            f = self.feedback[0]
-            f.now_ns = self.now_ns
+            f["now_ns"] = self.now_ns
             if healthy:
                 count = self.count_at(self.angle_rad)
-                f.t_ns = f.t_inverter_ns = self.now_ns
-                f.encoder_gray = count ^ (count >> 1)
+                f["t_ns"] = f["t_inverter_ns"] = self.now_ns
+                f["encoder_gray"] = count ^ (count >> 1)
             if supervised:
                 self.setpoint["heartbeat_ns"] = self.now_ns
             self.number += 1
-            t = self.tick[0]
-            t.tick, t["flags"] = self.number, 0
+            t["tick"], t["flags"] = self.number, 0
             step(
                 self.parameters,
                 self.back_emf,
@@ -83,7 +82,7 @@ class Bench:
                 self.command,
                 self.tick,
             )
-        return self.tick[0]
+        return t
 
     def ask(self, request: Request) -> None:
         self.setpoint["request"] = request

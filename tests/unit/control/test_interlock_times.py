@@ -91,20 +91,19 @@ class Spaced(Bench):
             dt_s = (t_ns - begun_ns) * 1e-9
             turned = angle_rad + speed_rad_s * dt_s + self.acceleration_rad_s2 * dt_s**2 / 2
             count = self.count_at(turned)
-            f.encoder_gray = count ^ (count >> 1)
+            f["encoder_gray"] = count ^ (count >> 1)
             self.gap_s[EvidenceSource.BRIDGE] = max(
-                self.gap_s[EvidenceSource.BRIDGE], (t_ns - f.t_ns) * 1e-9
+                self.gap_s[EvidenceSource.BRIDGE], (t_ns - f["t_ns"]) * 1e-9
             )
-            f.t_ns = t_ns
+            f["t_ns"] = t_ns
         self.speed_rad_s += self.acceleration_rad_s2 * period_s
         self.angle_rad += (self.speed_rad_s + speed_rad_s) / 2 * period_s
         if not self.inverter_silent and self.arrives(EvidenceSource.INVERTER):
             now_ns = begun_ns + self.period_ns
-            gap_s = (now_ns - f.t_inverter_ns) * 1e-9
+            gap_s = (now_ns - f["t_inverter_ns"]) * 1e-9
             self.gap_s[EvidenceSource.INVERTER] = max(self.gap_s[EvidenceSource.INVERTER], gap_s)
-            f.t_inverter_ns = now_ns
-            f.i_A[:] = self.command["i_A"][0]
-        f.torque_Nm = self.memory["torque_set_Nm"][0]
+            f["t_inverter_ns"], f["i_A"] = now_ns, self.command["i_A"][0]
+        f["torque_Nm"] = self.memory["torque_set_Nm"][0]
         for depart in self.wrong:
             depart(self)
         self.angle_rad -= self.speed_rad_s * period_s  # `run` turns it on
@@ -173,7 +172,7 @@ def _silence_of_inverter(b: Spaced) -> None:
 def _accelerate_to_the_limit(b: Spaced) -> None:
     b.acceleration_rad_s2 = ACCELERATION_RAD_S2
     while b.speed_rad_s < b.config.limits.trip_speed_rad_s:
-        assert b.tick_once().state == State.ENABLED
+        assert b.tick_once()["state"] == State.ENABLED
 
 
 def _heat(b: Spaced) -> None:
@@ -251,8 +250,8 @@ def time_to_trip_s(bench: Spaced, trip: Trip, most_s: float) -> float:
     bench.wrong = [] if cause.wrong is None else [cause.wrong]
     while (passed_s := (bench.now_ns - begun_ns) * 1e-9) <= most_s:
         tick = bench.tick_once(supervised=trip is not Trip.SUPERVISOR_STALE)
-        if tick.state == State.TRIPPED:
-            assert Trip(int(tick.first_trip)) is trip
+        if tick["state"] == State.TRIPPED:
+            assert Trip(int(tick["first_trip"])) is trip
             assert not bench.currents_A().any()
             assert bench.command["enable"][0] == 0
             return (bench.now_ns - begun_ns) * 1e-9

@@ -7,6 +7,8 @@ of any tick was measured an age before it, constant or anew in every tick.
 import math
 from bisect import bisect_right
 from collections.abc import Callable
+from copy import copy, deepcopy
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,6 +24,8 @@ TORQUE_NM = 6.0  # 19 A
 DELAY_S, LAG_S = 0.8e-3, 0.2e-3
 RATES_HZ = (100, 333, 1000, 3000, 10_000)
 IMPLAUSIBLE = int(Trip.CURRENT_IMPLAUSIBLE)
+THIRD = np.exp(2j * np.pi / 3 * np.arange(3))
+ENABLED, TRIPPED = int(State.ENABLED), int(State.TRIPPED)
 AGES = {
     "fresh": lambda _draw: 0.0,
     "late": lambda _draw: 0.6,
@@ -57,6 +61,11 @@ class CurrentLoops:
         rest = math.exp(-passed_ns / self._lag_ns) if self._lag_ns else 0.0
         return to_A + (from_A - to_A) * rest
 
+    def __deepcopy__(self, _memo: object) -> "CurrentLoops":
+        other = copy(self)  # what the lists have in them does not change
+        other._begun_ns, other._from_to_A = self._begun_ns.copy(), self._from_to_A.copy()
+        return other
+
 
 class TurningLoops:
     """Those of a drive that takes d and q: between commands their currents turn with the rotor."""
@@ -78,8 +87,7 @@ class TurningLoops:
 
 def turned_A(i_A: np.ndarray, electrical_rad: float) -> np.ndarray:
     """Return phase currents of sum 0 further on in their turn, by their phasor."""
-    third = np.exp(2j * np.pi / 3 * np.arange(3))
-    return (2 / 3 * (i_A @ third) * np.exp(1j * electrical_rad) / third).real
+    return (2 / 3 * (i_A @ THIRD) * np.exp(1j * electrical_rad) / THIRD).real
 
 
 class LateBench(Bench):
@@ -132,20 +140,21 @@ class LateBench(Bench):
     def tick_once(self) -> np.record:
         now_ns = self.now_ns + self.period_ns
         f = self.feedback[0]
-        f.t_inverter_ns = now_ns - round(self.age(self.draw) * self.stale_s * 1e9)
-        i_A = self.loops.at(int(f.t_inverter_ns))
-        if self.wrong is not None and f.t_inverter_ns >= self.wrong_from_ns:
+        measured_ns = now_ns - round(self.age(self.draw) * self.stale_s * 1e9)
+        i_A = self.loops.at(measured_ns)
+        if self.wrong is not None and measured_ns >= self.wrong_from_ns:
             i_A = self.wrong(i_A)
-        f.i_A[:] = i_A
+        f["t_inverter_ns"], f["i_A"] = measured_ns, i_A
         return self.run(healthy=False)
 
     def run(self, ticks: int = 1, healthy: bool = True, supervised: bool = True) -> np.record:
+        f = self.feedback[0]
         for _ in range(ticks):
-            now_ns, f = self.now_ns + self.period_ns, self.feedback[0]
+            now_ns = self.now_ns + self.period_ns
             count = self.count_at(self.angle_rad + self.speed_rad_s * self.period_ns * 1e-9)
-            f.encoder_gray, f.t_ns = count ^ (count >> 1), now_ns
+            f["encoder_gray"], f["t_ns"] = count ^ (count >> 1), now_ns
             if healthy:
-                f.t_inverter_ns, f.i_A = now_ns, self.loops.at(now_ns)
+                f["t_inverter_ns"], f["i_A"] = now_ns, self.loops.at(now_ns)
             super().run(1, False, supervised)
             self.loops.command(now_ns, self.currents_A())
         return self.tick[0]
@@ -157,18 +166,19 @@ class LateBench(Bench):
 
     def seconds(self, duration_s: float) -> None:
         """Run; nothing may trip, and no feedback may be found implausible even for a moment."""
+        held = self.memory["conditions_held"]
         for _ in range(round(duration_s * self.config.loop.rate_Hz)):
             tick = self.tick_once()
-            assert tick.state == State.ENABLED, Trip(int(tick.trip_bits))
-            assert not self.memory["conditions_held"][0] & IMPLAUSIBLE
+            assert tick["state"] == ENABLED, Trip(int(tick["trip_bits"]))
+            assert not held[0] & IMPLAUSIBLE
 
     def time_to_trip_s(self, wrong: Wrong, most_s: float = 0.5) -> float:
         """Return the time from when feedback was first measured wrong until the trip."""
         self.wrong, self.wrong_from_ns = wrong, self.now_ns
         while (passed_s := (self.now_ns - self.wrong_from_ns) * 1e-9) <= most_s:
             tick = self.tick_once()
-            if tick.state == State.TRIPPED:
-                assert Trip(int(tick.first_trip)) is Trip.CURRENT_IMPLAUSIBLE
+            if tick["state"] == TRIPPED:
+                assert Trip(int(tick["first_trip"])) is Trip.CURRENT_IMPLAUSIBLE
                 return (self.now_ns - self.wrong_from_ns) * 1e-9
         raise AssertionError(f"no trip within {passed_s:g} s")
 
@@ -259,13 +269,20 @@ def _exchanged(i_A: np.ndarray) -> list[int]:
     return order
 
 
+@cache
+def with_torque(rate_Hz: int, age: str, speed_rad_s: float) -> LateBench:
+    """Return a bench whose currents follow a torque: to copy, not to run on."""
+    bench = LateBench(rate_Hz, AGES[age], speed_rad_s)
+    bench.setpoint["torque_Nm"] = TORQUE_NM
+    bench.seconds(2 * bench.stale_s + 0.01)
+    return bench
+
+
 @pytest.mark.parametrize("wrong", WRONG)
 @pytest.mark.parametrize("age", AGES)
 @pytest.mark.parametrize("rate_Hz", RATES_HZ)
 def test_wrong_currents_trip_in_time_however_late(rate_Hz, age, wrong) -> None:
-    bench = LateBench(rate_Hz, AGES[age], 0.5)
-    bench.setpoint["torque_Nm"] = TORQUE_NM
-    bench.seconds(2 * bench.stale_s + 0.01)
+    bench = deepcopy(with_torque(rate_Hz, age, 0.5))
     took_s = bench.time_to_trip_s(WRONG[wrong](bench.currents_A()))
     lasts_s = INTERLOCK[Trip.CURRENT_IMPLAUSIBLE].lasts_s(bench.config)
     assert lasts_s <= took_s <= bench.stated_s
@@ -275,9 +292,7 @@ def test_wrong_currents_trip_in_time_however_late(rate_Hz, age, wrong) -> None:
 @pytest.mark.parametrize("age", AGES)
 @pytest.mark.parametrize("rate_Hz", RATES_HZ)
 def test_an_offset_trips_in_time_at_speed_however_late(rate_Hz, age, phase) -> None:
-    bench = LateBench(rate_Hz, AGES[age], 12.0)
-    bench.setpoint["torque_Nm"] = TORQUE_NM
-    bench.seconds(2 * bench.stale_s + 0.01)
+    bench = deepcopy(with_torque(rate_Hz, age, 12.0))
     assert bench.time_to_trip_s(offset(phase, 15.0)) <= bench.stated_s
 
 

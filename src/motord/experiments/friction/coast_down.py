@@ -99,16 +99,17 @@ class CoastDown:
                 columns.append(integral(self.t_s, means, self.direction * wave(order * angle_rad)))
         return np.column_stack(columns)
 
-    def stribeck(self, speed_rad_s: np.ndarray, at_rad_s: float) -> np.ndarray:
-        """Return the columns (n, 2) of S/J and, over S, of w_s; speed (n,) of the rotor."""
+    def stribeck(self, speed_rad_s: np.ndarray, at_rad_s: float, scale: float = 0.0) -> np.ndarray:
+        """Return the column (n, 1) of S/J; speed (n,) of the rotor.
+
+        With `scale` (S/J) the columns (n, 2): that of w_s, too.
+        """
         ratio = (speed_rad_s / at_rad_s) ** 2
-        falling = np.exp(-ratio)
-        return np.column_stack(
-            [
-                -integral(self.t_s, integral(self.t_s, shape))
-                for shape in (falling, falling * 2 * ratio / at_rad_s)
-            ]
-        )
+        shapes = [np.exp(-ratio)]
+        if scale:
+            shapes.append(scale * shapes[0] * 2 * ratio / at_rad_s)
+        twice = [-integral(self.t_s, integral(self.t_s, shape)) for shape in shapes]
+        return np.column_stack(twice)
 
 
 def once(t_s: np.ndarray, means: np.ndarray) -> np.ndarray:

@@ -67,7 +67,7 @@ class CoastDownFit:
         values = np.concatenate([one.projected(one.q_rad) for one in coasts])
         columns = np.concatenate([one.projected(one.twice(order, q)) for one, q in pairs])
         if at_rad_s:
-            parts = [one.stribeck(np.gradient(q, one.t_s), at_rad_s)[:, :1] for one, q in pairs]
+            parts = [one.stribeck(np.gradient(q, one.t_s), at_rad_s) for one, q in pairs]
             more = [one.projected(part) for one, part in zip(coasts, parts, strict=True)]
             columns = np.hstack([columns, np.concatenate(more)])
         cluster = np.repeat(np.arange(len(coasts)), [one.t_s.size for one in coasts])
@@ -117,11 +117,10 @@ class CoastDownFit:
         """Fit a Stribeck part of w_s `at_rad_s`, too; with `scale` (S/J) w_s is free around it."""
         more = np.concatenate(
             [
-                one.projected(one.stribeck(speed, at_rad_s))
+                one.projected(one.stribeck(speed, at_rad_s, scale))
                 for one, speed in zip(self.coasts, speeds_rad_s, strict=True)
             ]
         )
-        more = more * [1.0, scale] if scale else more[:, :1]
         return _cluster_robust(np.hstack([self.columns, more]), self.cluster, self.values)
 
     def best_stribeck(self, speeds_rad_s: Sequence[np.ndarray], tried: np.ndarray) -> float:

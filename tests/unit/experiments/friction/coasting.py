@@ -1,6 +1,8 @@
 """Coast-downs of a rotor whose friction is known: integrated finely, read by an encoder."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -10,6 +12,8 @@ from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.result import Friction, Inertia
 
 STEP_S = 1e-3
+START_RAD_S, STOP_RAD_S = 12.0, 4.5
+COUNTS = 4096
 INERTIA = Inertia(0.0105, 0.0, "test")
 MOTOR: MotorConfig = load().motor
 
@@ -61,22 +65,43 @@ def coast_downs(
     number: int,
     *,
     direction: int = 1,
-    start_rad_s: float = 12.0,
-    stop_rad_s: float = 4.5,
+    start_rad_s: float = START_RAD_S,
+    stop_rad_s: float = STOP_RAD_S,
     longest_step: int = 1,
-    counts: int = 4096,
 ) -> list[CoastDown]:
     """Return coast-downs with rounded angles and, with longest_step, samples left out."""
-    begin = rng.uniform(0, 2 * np.pi, number)
-    speed = direction * start_rad_s * rng.uniform(0.95, 1.05, number)
-    found = []
-    for index, path in enumerate(paths(rotor, begin, speed, stop_rad_s)):
-        kept = np.cumsum(rng.integers(1, longest_step + 1, path.size))
-        kept = kept[kept < path.size]
-        angle_rad = np.round(path[kept] * counts / (2 * np.pi)) * (2 * np.pi / counts)
-        t_ns = np.round(kept * STEP_S * 1e9).astype(np.int64) + 10**18
-        found.append(CoastDown.of("run", index, t_ns, angle_rad % (2 * np.pi), counts))
-    return found
+    begun = _begun(rng, number, direction * start_rad_s)
+    return [
+        _read(rng, index, path, longest_step)
+        for index, path in enumerate(paths(rotor, *begun, stop_rad_s))
+    ]
+
+
+def of_seeds(
+    seeds: Iterable[int], rotor: Rotor, number: int, longest_step: int
+) -> Iterator[list[CoastDown]]:
+    """Yield the `coast_downs` of each seed; those of all are integrated at the same time."""
+    draws = [np.random.default_rng(seed) for seed in seeds]
+    begun = np.hstack([_begun(rng, number, START_RAD_S) for rng in draws])
+    every = iter(paths(rotor, *begun, STOP_RAD_S))
+    for rng in draws:
+        some = enumerate(islice(every, number))
+        yield [_read(rng, index, path, longest_step) for index, path in some]
+
+
+def _begun(rng: np.random.Generator, number: int, speed_rad_s: float) -> np.ndarray:
+    """Return angles and speeds (2, number) that coast-downs begin with."""
+    angle_rad = rng.uniform(0, 2 * np.pi, number)
+    return np.array([angle_rad, speed_rad_s * rng.uniform(0.95, 1.05, number)])
+
+
+def _read(rng: np.random.Generator, index: int, path: np.ndarray, longest_step: int) -> CoastDown:
+    """Return a path as an encoder of `COUNTS` reads it."""
+    kept = np.cumsum(rng.integers(1, longest_step + 1, path.size))
+    kept = kept[kept < path.size]
+    angle_rad = np.round(path[kept] * COUNTS / (2 * np.pi)) * (2 * np.pi / COUNTS)
+    t_ns = np.round(kept * STEP_S * 1e9).astype(np.int64) + 10**18
+    return CoastDown.of("run", index, t_ns, angle_rad % (2 * np.pi), COUNTS)
 
 
 def friction(coasts: list[CoastDown], inertia: Inertia = INERTIA) -> Friction:

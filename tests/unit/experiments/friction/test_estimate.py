@@ -10,7 +10,7 @@ from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor
-from tests.campaigns.friction import ROTORS, coverage, trial
+from tests.campaigns.friction import ROTORS, coverage, recordings, trial
 from tests.unit.experiments.friction.coasting import INERTIA, Rotor, coast_downs, friction
 
 STRIBECK = Rotor(stribeck_Nm=0.02, cogging=((16, 0.002, 0.0),))
@@ -29,7 +29,7 @@ def both_hold(one: DirectionalFriction, rotor: Rotor) -> bool:
 @pytest.mark.parametrize(("name", "seeds"), [("no cogging torque", 80), ("cogging torque", 24)])
 def test_intervals_hold_the_truth_as_often_as_they_say(name: str, seeds: int) -> None:
     rotor, most = ROTORS[name]
-    found = coverage(trial(rotor, seed) for seed in range(seeds))
+    found = coverage(trial(rotor, coasts) for coasts in recordings(rotor, range(seeds)))
     assert found.kept(most), found
 
 

@@ -26,14 +26,28 @@ def temperatures(
     ambient_C: np.ndarray,
 ) -> np.ndarray:
     """Return the temperatures (k + 1, n); the loss follows that of the first node, step by step."""
+    keep, heated, around = one_step(network)
     now, found = np.full(len(network.nodes), ambient_C[0]), []
     for square_A2, around_C in zip(squares_A2, ambient_C, strict=True):
         found.append(now)
-        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (now[:1] - 25.0))
-        half = network.temperatures_C(now, heat_W, np.array([around_C]), STEP_S)[-1]
-        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (0.5 * (now[:1] + half[:1]) - 25.0))
-        now = network.temperatures_C(now, heat_W, np.array([around_C]), STEP_S)[-1]
+        alone = keep @ now + around * around_C
+        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (now[0] - 25.0))
+        half = alone + heated * heat_W
+        heat_W = 0.1 * square_A2 * (1 + 0.00393 * (0.5 * (now[0] + half[0]) - 25.0))
+        now = alone + heated * heat_W
     return np.array([*found, now])
+
+
+def one_step(network: LumpedNetwork) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what a step of the network, which is linear, makes of 1 K of each node (n, n), 1 W
+    and 1 K around it (n,)."""
+
+    def after(begin_C: np.ndarray, heat_W: float = 0.0, around_C: float = 0.0) -> np.ndarray:
+        inputs = np.array([heat_W]), np.array([around_C])
+        return network.temperatures_C(begin_C, *inputs, STEP_S)[-1]
+
+    eye, none = np.eye(len(network.nodes)), np.zeros(len(network.nodes))
+    return np.column_stack([after(one) for one in eye]), after(none, 1.0), after(none, 0.0, 1.0)
 
 
 def course(

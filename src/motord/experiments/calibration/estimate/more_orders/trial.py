@@ -103,13 +103,16 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
             order, 0.0, 1.0, 0.0, float("nan"), False, offset_A, no, offset_stderr_A, False
         )
     part, terms = vectors[:, seen], int(seen.sum())
-    effect = -problem.columns @ (inverse @ cross.T)
-    effect[:, place] += pair
-    effect = effect @ part  # (points, h, terms)
     size = (part.T @ score) / values[seen]
     gain = float((part.T @ score) @ size)
     bic = gain - terms * float(np.log(problem.turns))
-    p_value = _chance(problem, effect, size, gain) if bic > 0 else 1.0
+    p_value, predicts = 1.0, False
+    if bic > 0:  # few orders
+        effect = _effect(problem, order, inverse @ cross.T) @ part
+        p_value = _chance(problem, effect, size, gain)
+        predicts = p_value < FALSE_SHARE and _predicts(
+            problem, effect, problem.rest - problem.columns @ step
+        )
     return OrderTrial(
         order=order,
         gain=gain,
@@ -120,9 +123,15 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
         offset_A_per_Nm=offset_A,
         offset_shift_A=-moves_A @ part @ size,
         offset_stderr_A=offset_stderr_A,
-        predicts=p_value < FALSE_SHARE
-        and _predicts(problem, effect, problem.rest - problem.columns @ step),
+        predicts=predicts,
     )
+
+
+def _effect(problem: Weighted, order: int, others: np.ndarray) -> np.ndarray:
+    """Return what an order's pair does (points, h, 2) less what `others` (p, 2) take of it."""
+    effect = -problem.columns @ others
+    effect[:, order - 1] += problem.pair(order)
+    return np.asarray(effect)
 
 
 def _chance(problem: Weighted, effect: np.ndarray, size: np.ndarray, gain: float) -> float:
