@@ -100,7 +100,8 @@ def copied(
         for point in whole.operating_points():
             writer.operating_point(int(point["t_end_ns"]), point)
         for t_ns, value in zip(*whole.channel("dc_power_W"), strict=True) if channel else ():
-            writer.channel(int(t_ns), "dc_power_W", "W", 3.0, {"value": round(value / 14.0, decimals)})
+            content = {"value": round(value / 14.0, decimals)}
+            writer.channel(int(t_ns), "dc_power_W", "W", 3.0, content)
     return path
 
 
