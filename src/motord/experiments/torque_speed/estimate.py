@@ -37,7 +37,13 @@ READINGS_PER_BLOCK = 2
 LEAST_INPUT = 5.0
 """Input power, in halves of its 95 % interval, below which efficiency is not stated."""
 
-SOURCES = ("torque sensor, gain", "torque sensor, zero", "power reading, gain", "power, zero")
+SOURCES = (
+    "torque sensor, gain",
+    "torque sensor, zero",
+    "power reading, gain",
+    "power, zero",
+    "power reading, resolution",
+)
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,7 @@ class PowerBlocks:
     turns: int
     readings: int
     sampling_W: float
+    rounding_W: float
     in_step: float
 
     @classmethod
@@ -108,6 +115,7 @@ class PowerBlocks:
             turns=each * (edges.size - 1),
             readings=int(np.count_nonzero((inside.t_s >= edges_s[0]) & (inside.t_s < edges_s[-1]))),
             sampling_W=sampling_error_W(turns, inside, edges_s),
+            rounding_W=inside.rounding_W,
             in_step=0.0 if series.means else turns.in_step(inside.t_s, pole_pairs),
         )
 
@@ -181,6 +189,7 @@ class _Budget:
                 a.torque_zero_Nm * abs(of_mechanical * found.speed_rad_s),
                 a.power_gain * abs(of_electrical * self.electrical_W),
                 a.power_zero_W * abs(of_electrical),
+                found.rounding_W * abs(of_electrical),
             ),
             sampling=found.sampling_W * abs(of_electrical),
             scatter=scatter_of(

@@ -6,10 +6,12 @@ from math import pi
 from motord.config import AccuracyConfig
 from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.result import OperatingPower
+from motord.experiments.torque_speed.uncertainty import freedom_of
 from motord.findings import Finding, listed
+from motord.intervals import t_quantile
 
-SURE = 3.0
-"""Standard errors of the drift beyond which it is not by chance."""
+SURE = 0.995
+"""Probability that chance does not make as large a drift, of its sign."""
 
 DRIFT_PART = 0.03
 """Part of the losses that they may drift within a capture."""
@@ -95,7 +97,8 @@ def _drifting(points: Sequence[OperatingPower]) -> Iterator[Finding]:
     moving = [
         (abs(one.loss_drift_W), DRIFT_PART * abs(one.loss.value or 0.0), one)
         for one in points
-        if abs(one.loss_drift_W) > SURE * one.loss_drift_stderr_W
+        if abs(one.loss_drift_W)
+        > t_quantile(SURE, freedom_of(one.blocks)) * one.loss_drift_stderr_W
     ]
     moving = [each for each in moving if each[0] > each[1]]
     if moving:

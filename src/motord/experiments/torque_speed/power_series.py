@@ -4,7 +4,7 @@ Between two readings the power is the later one, where each is the mean since th
 they are instants, it goes straight from one to the next. Its integral gives means over any window.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,14 +14,25 @@ from motord.identification import IdentifyError
 GAP_PERIODS = 2.5
 """Time without a reading, in periods, from which on readings are missing."""
 
+SPREAD_STEPS = 0.6
+"""Standard deviation of readings, in steps of their resolution, from which on their rounding errors
+average out; readings of but two neighbouring values have at most half a step."""
+
+SAME = 1e-9
+"""Difference of two readings, in parts of the largest, that is of the arithmetic."""
+
 
 @dataclass(frozen=True)
 class PowerSeries:
-    """Times t_s (n,), rising, and powers (n,) W; means: each is the mean since the one before."""
+    """Times t_s (n,), rising, and powers (n,) W; means: each is the mean since the one before.
+
+    resolution_W: step in which they come, 0 if it is not known.
+    """
 
     t_s: np.ndarray
     power_W: np.ndarray
     means: bool
+    resolution_W: float = 0.0
 
     def __post_init__(self) -> None:
         if self.t_s.size < 2:
@@ -43,6 +54,12 @@ class PowerSeries:
     def missing(self) -> bool:
         """Whether readings are missing."""
         return self.longest_s > GAP_PERIODS * self.period_s
+
+    @property
+    def rounding_W(self) -> float:
+        """Limit of the mean's rounding error: half a step, 0 where readings are spread (W)."""
+        spread = float(self.power_W.std()) > SPREAD_STEPS * self.resolution_W
+        return 0.0 if spread else 0.5 * self.resolution_W
 
     @cached_property
     def _energy_J(self) -> np.ndarray:
@@ -71,4 +88,11 @@ class PowerSeries:
         """
         margin_s = 0.5 * self.period_s
         inside = (self.t_s >= begin_s + margin_s) & (self.t_s <= end_s - margin_s)
-        return PowerSeries(self.t_s[inside], self.power_W[inside], self.means)
+        return replace(self, t_s=self.t_s[inside], power_W=self.power_W[inside])
+
+
+def resolution_of(values: np.ndarray) -> float:
+    """Return the smallest step between readings (n,) that differ, 0 if none do."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > SAME * np.abs(values).max(initial=0.0)]
+    return float(steps.min()) if steps.size else 0.0

@@ -10,7 +10,7 @@ from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.findings import findings
-from motord.experiments.torque_speed.power_series import PowerSeries
+from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
 from motord.experiments.torque_speed.turns import COLUMNS, CapturedTurns
@@ -19,8 +19,8 @@ from motord.identification.operating_points import PointData, good_points, split
 from motord.recording.plan_columns import plan_columns
 from motord.recording.reader import Run, bounds_of
 
-Readings = tuple[np.ndarray, np.ndarray]
-"""Times (n,), Unix ns, and values (n,)."""
+Readings = tuple[np.ndarray, np.ndarray, float]
+"""Times (n,), Unix ns, values (n,) and their resolution."""
 
 
 def efficiency_map(recordings: Recordings) -> EfficiencyMap:
@@ -83,20 +83,21 @@ def _readings(run: Run, own: TorqueSpeedConfig) -> Readings:
         )
     t_ns, values = run.channel(name)
     valid = np.isfinite(values)
-    return t_ns[valid], values[valid]
+    return t_ns[valid], values[valid], resolution_of(values[valid])
 
 
 def _series(
     readings: Readings, turns: CapturedTurns, point: PointData, own: TorqueSpeedConfig
 ) -> PowerSeries:
     """Return the power over the time of a capture. Raises IdentifyError."""
-    t_ns, values = readings
+    t_ns, values, resolution = readings
     t_s = (t_ns - turns.t0_ns) * 1e-9
     near = np.flatnonzero((t_s >= turns.t_s[0]) & (t_s <= turns.t_s[-1]))
     t_s, values = t_s[near], values[near]
     if own.bus_current_channel:
-        values = values * _bus_V(turns, point.ticks, t_s, own.readings == "means")
-    return PowerSeries(t_s, values, own.readings == "means")
+        bus_V = _bus_V(turns, point.ticks, t_s, own.readings == "means")
+        values, resolution = values * bus_V, resolution * float(np.abs(bus_V).max(initial=0.0))
+    return PowerSeries(t_s, values, own.readings == "means", resolution)
 
 
 def _bus_V(

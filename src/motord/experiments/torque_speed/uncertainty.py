@@ -1,10 +1,14 @@
 """Standard errors from successive blocks of turns, 95 % intervals of sums of errors, and sampling.
 
-A block's error may depend on that of the block before (first-order autoregression):
+Errors of successive blocks are correlated in either sense: noise goes on from block to block, a
+ripple that instants are read from beats from block to block and averages out. The mean has what is
+slow of them (equally weighted cosine estimator; Mueller 2004, Lazarus, Lewis, Stock and Watson
+2018):
 
-    se^2 = s^2 / G (1 + rho) / (1 - rho),    freedom = (G - 2) (1 - rho^2) / (1 + rho^2)
+    se^2 = 1/G 1/B sum_j (q_j' y)^2,    freedom = B = 0.4 G^(2/3), 3 or more
 
-with s the scatter about a straight line over the G blocks: a drift belongs to what is measured.
+of the G blocks y, with cos(pi j (n - 1/2) / G) at j = 2 ... B + 1, orthonormal to each other, to a
+constant and to a straight line, as q_j: a drift belongs to what is measured.
 """
 
 from dataclasses import dataclass
@@ -20,8 +24,8 @@ from motord.intervals import LEVEL
 LEAST_BLOCKS = 4
 """Blocks of turns from which on their scatter is a standard error."""
 
-CORRELATION_MAX = 0.8
-"""Largest correlation of successive blocks that is allowed for."""
+LEAST_FREEDOM = 3
+"""Degrees of freedom that a standard error has, where there are so many blocks."""
 
 DRAWS = 20_000
 """Draws of a sum of errors (JCGM 101)."""
@@ -38,27 +42,37 @@ class Scatter:
     """Standard error of a mean and its degrees of freedom; drift: from beginning to end."""
 
     stderr: float
-    freedom: float
+    freedom: int
     drift: float
     drift_stderr: float
 
 
 def scatter_of(values: np.ndarray) -> Scatter:
     """Return the standard error of the mean of successive blocks (g,), LEAST_BLOCKS or more."""
-    number = values.size
-    place = np.arange(number) - (number - 1) / 2
-    slope = float(place @ values / (place @ place))
-    rest = values - values.mean() - slope * place
-    variance = float(rest @ rest) / (number - 2)
-    rho = float(rest[1:] @ rest[:-1]) / float(rest @ rest) if variance > 0 else 0.0
-    rho = min(max(rho + (1 + 3 * rho) / number, 0.0), CORRELATION_MAX)
-    inflated = variance * (1 + rho) / (1 - rho)
+    courses = _slow_courses(values.size)
+    line, *slow = courses @ values
+    rise = float(courses[0, -1] - courses[0, 0])
+    deviation = sqrt(float(np.mean(np.square(slow))))
     return Scatter(
-        stderr=sqrt(inflated / number),
-        freedom=max((number - 2) * (1 - rho**2) / (1 + rho**2), 1.0),
-        drift=slope * (number - 1),
-        drift_stderr=(number - 1) * sqrt(inflated / float(place @ place)),
+        stderr=deviation / sqrt(values.size),
+        freedom=len(slow),
+        drift=float(line) * rise,
+        drift_stderr=deviation * abs(rise),
     )
+
+
+def freedom_of(blocks: int) -> int:
+    """Return the degrees of freedom of the scatter of so many blocks, LEAST_BLOCKS or more."""
+    return min(max(LEAST_FREEDOM, int(0.4 * blocks ** (2 / 3))), blocks - 2)
+
+
+@cache
+def _slow_courses(number: int) -> np.ndarray:
+    """Return a straight line and slow cosines (1 + b, number), orthonormal, of no mean."""
+    place = (np.arange(number) + 0.5) / number
+    cosines = np.cos(np.pi * np.outer(place, np.arange(2, freedom_of(number) + 2)))
+    courses = np.column_stack([np.ones(number), place, cosines])
+    return np.asarray(np.linalg.qr(courses)[0].T[1:])
 
 
 @dataclass(frozen=True)
@@ -79,7 +93,7 @@ class ErrorSum:
         """Half of the 95 % interval, from draws of the sum (JCGM 101)."""
         uniform, normal = _draws(len(self.rectangular))
         total = np.asarray(self.rectangular) @ uniform + self.sampling * normal
-        total += self.scatter.stderr * _student(min(int(self.scatter.freedom), FREEDOM_MAX))
+        total += self.scatter.stderr * _student(min(self.scatter.freedom, FREEDOM_MAX))
         return float(np.quantile(np.abs(total), LEVEL))
 
 

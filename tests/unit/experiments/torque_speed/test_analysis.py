@@ -81,7 +81,9 @@ def test_the_map_is_that_of_the_rig_within_half_a_percent(recorded: Path, tmp_pa
     assert "points.-2Nm,1Hz.efficiency_percent" not in kept
 
 
-def copied(recorded: Path, path: Path, change: dict[str, str], channel: bool = True) -> Path:
+def copied(
+    recorded: Path, path: Path, change: dict[str, str], channel: bool = True, decimals: int = 9
+) -> Path:
     """Write the recording anew, with changes to the text of its bench file."""
     text = BENCH.read_text()
     for before, after in change.items():
@@ -98,8 +100,23 @@ def copied(recorded: Path, path: Path, change: dict[str, str], channel: bool = T
         for point in whole.operating_points():
             writer.operating_point(int(point["t_end_ns"]), point)
         for t_ns, value in zip(*whole.channel("dc_power_W"), strict=True) if channel else ():
-            writer.channel(int(t_ns), "dc_power_W", "W", 3.0, {"value": value / 14.0})
+            content = {"value": round(value / 14.0, decimals)}
+            writer.channel(int(t_ns), "dc_power_W", "W", 3.0, content)
     return path
+
+
+def test_the_step_in_which_a_current_is_read_is_in_the_intervals(
+    recorded: Path, tmp_path: Path
+) -> None:
+    current = copied(recorded, tmp_path / "c.mcap", {}, decimals=0)
+    bench = tmp_path / "c.toml"
+    bench.write_text(bench.read_text() + 'bus_current_channel = "dc_power_W"\n')
+    found = efficiency_map(Recordings.open([current], bench))
+    straight = efficiency_map(Recordings.open([recorded]))
+    for one, other in zip(found.points, straight.points, strict=True):
+        assert one.loss.low < other.loss.value < one.loss.high
+        (share,) = (each for each in one.budget if each.source == "power reading, resolution")
+        assert share.loss_W == pytest.approx(0.5 * 14.0 / 3**0.5, rel=0.02)
 
 
 def test_power_from_a_current_and_the_bus_voltage_of_the_ticks(

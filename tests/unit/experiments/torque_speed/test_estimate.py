@@ -9,11 +9,18 @@ from motord.config import AccuracyConfig, TorqueSensorConfig
 from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.findings import ACCURACIES, findings
-from motord.experiments.torque_speed.power_series import PowerSeries
+from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
 from motord.experiments.torque_speed.result import OperatingPower
 from motord.experiments.torque_speed.turns import CapturedTurns
-from motord.experiments.torque_speed.uncertainty import sampling_error_W, scatter_of
+from motord.experiments.torque_speed.uncertainty import (
+    ErrorSum,
+    Scatter,
+    freedom_of,
+    sampling_error_W,
+    scatter_of,
+)
 from motord.identification import IdentifyError
+from motord.intervals import coverage_factor
 from tests.unit.experiments.torque_speed.captures import ACCURACY, MOTOR, Machine
 
 EXACT = PowerAccuracy(0.0, 0.0, 0.0, 0.0)
@@ -43,7 +50,8 @@ def test_powers_and_efficiency_of_a_motor(means: bool) -> None:
     assert one.speed_mean_Hz == pytest.approx(4.0, rel=1e-4)
     for each in (one.mechanical, one.electrical, one.loss, one.efficiency):
         assert each.low < each.value < each.high
-        assert 1.5 * each.stderr < each.high - each.value < 2.2 * each.stderr
+        fewest = coverage_factor(freedom_of(one.blocks))
+        assert 1.5 * each.stderr < each.high - each.value < fewest * each.stderr
 
 
 def test_power_is_the_mean_of_the_product_not_the_product_of_means() -> None:
@@ -137,7 +145,7 @@ def test_a_drift_is_no_scatter_and_is_stated() -> None:
     assert drifting.loss.stderr < 1.1 * steady.loss.stderr + 0.05
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.6])
+@pytest.mark.parametrize("rho", [-0.5, 0.0, 0.6])
 def test_standard_errors_hold_for_blocks_that_depend_on_the_one_before(rho: float) -> None:
     rng, ratios = np.random.default_rng(3), []
     for _ in range(400):
@@ -147,6 +155,90 @@ def test_standard_errors_hold_for_blocks_that_depend_on_the_one_before(rho: floa
         ratios.append((noise.mean(), scatter_of(noise).stderr))
     errors, stderrs = np.array(ratios).T
     assert 0.8 < np.sqrt((stderrs**2).mean()) / errors.std() < 1.3
+
+
+@pytest.mark.parametrize("number", [4, 6, 8, 20, 40])
+def test_student_s_t_of_few_blocks_holds_their_mean(number: int) -> None:
+    rng, held = np.random.default_rng(4), []
+    for values in rng.standard_normal((2000, number)):
+        found = scatter_of(values)
+        held.append(abs(values.mean()) < coverage_factor(found.freedom) * found.stderr)
+    assert found.freedom == freedom_of(number)
+    assert 0.935 < np.mean(held) < 0.965
+
+
+@pytest.mark.parametrize(
+    ("rectangular", "stderr", "half_width"),
+    [(1.0, 0.0, 0.95), (0.0, 1.0, coverage_factor(3)), (3**0.5, 1.0, 3.62)],
+)
+def test_intervals_are_of_the_sum_s_distribution(
+    rectangular: float, stderr: float, half_width: float
+) -> None:
+    """The last from 4 million draws; 1.96 times the root of the sum of squares would be 2.8."""
+    errors = ErrorSum((rectangular,), 0.0, Scatter(stderr, 3, 0.0, 0.0))
+    assert errors.half_width == pytest.approx(half_width, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("number", "blocks_a_beat"),
+    [(18, 2.3), (18, 3.1), (18, 4.6), (39, 2.3), (39, 3.1), (39, 4.6), (39, 7.7)],
+)
+def test_a_beat_that_averages_out_is_hardly_scatter(number: int, blocks_a_beat: float) -> None:
+    """Of random phase. Blocks that were independent would have 0.7 / sqrt(number)."""
+    phases_rad = np.linspace(0, 2 * np.pi, 50, endpoint=False)
+    beats = np.cos(2 * np.pi * np.arange(number) / blocks_a_beat + phases_rad[:, None])
+    error = np.sqrt(np.mean(beats.mean(axis=1) ** 2))
+    stated = np.sqrt(np.mean([scatter_of(values).stderr ** 2 for values in beats]))
+    assert error < stated < 0.6 * 0.5**0.5 / number**0.5
+
+
+def test_instants_of_a_ripple_are_as_sure_as_their_mean_is() -> None:
+    """Read at any phase; intervals from independent blocks are 5 times as wide."""
+    machine, errors_W, stderrs_W = Machine(speed_Hz=4.4, noise_Nm=0.0), [], []
+    turns = machine.turns(np.random.default_rng(1))
+    for seed in range(20):
+        series = machine.readings(np.random.default_rng(seed), 0.2, means=False)
+        one = operating_power(3.0, 4.4, turns, series, EXACT, 8)
+        errors_W.append(one.electrical.value - machine.mechanical_W() - machine.loss_W)
+        stderrs_W.append(one.electrical.stderr)
+    error_W, stderr_W = (np.sqrt(np.mean(np.square(each))) for each in (errors_W, stderrs_W))
+    assert error_W < stderr_W < 3 * error_W
+
+
+def rounded(series: PowerSeries, step_W: float) -> PowerSeries:
+    power_W = step_W * np.round(series.power_W / step_W)
+    return replace(series, power_W=power_W, resolution_W=step_W)
+
+
+def test_coarse_readings_are_uncertain_by_half_a_step() -> None:
+    machine = Machine(ripple_Nm=0.0, speed_ripple=0.0)
+    rng = np.random.default_rng(7)
+    turns, fine = machine.turns(rng), machine.readings(rng, 0.2)
+    for loss_W in np.linspace(20.0, 24.0, 9):
+        series = rounded(replace(fine, power_W=fine.power_W + loss_W - 20.0), 4.0)
+        one = operating_power(3.0, 4.0, turns, series, ACCURACY, 8)
+        assert one.loss.low < loss_W < one.loss.high
+        shares = {share.source: share.loss_W for share in one.budget}
+        assert shares["power reading, resolution"] == pytest.approx(2.0 / 3**0.5)
+
+
+def test_steps_that_readings_are_spread_over_cost_nothing() -> None:
+    steady_W, rng = np.full(40, 100.2), np.random.default_rng(2)
+    series = PowerSeries(np.arange(40.0), steady_W, means=True)
+    assert rounded(series, 1.0).rounding_W == 0.5
+    between = replace(series, power_W=100.5 + 0.1 * rng.standard_normal(40))
+    assert rounded(between, 1.0).rounding_W == 0.5
+    spread = replace(series, power_W=100.2 + 0.8 * rng.standard_normal(40))
+    assert rounded(spread, 1.0).rounding_W == 0.0
+    assert series.rounding_W == 0.0
+
+
+@pytest.mark.parametrize(
+    ("values", "step"),
+    [([1.2, 1.3, 1.1, 1.3], 0.1), ([5.0, 5.0], 0.0), ([0.3, 0.1 + 0.2, 0.8], 0.5), ([], 0.0)],
+)
+def test_the_resolution_is_the_smallest_step(values: list[float], step: float) -> None:
+    assert resolution_of(np.array(values)) == pytest.approx(step)
 
 
 @pytest.mark.parametrize(
@@ -251,5 +343,9 @@ def test_findings_say_what_intervals_do_not_hold() -> None:
     ):  # fmt: skip
         stuck = replace(good, in_step=in_step, readings=readings)
         assert [one.name for one in findings([stuck], subject)] == names
+    for stderrs, names in ((4.0, []), (5.0, ["losses-drift"])):  # t of 4 degrees: 4.6
+        drift_W = 0.1 * (good.loss.value or 0.0)
+        moved = {"loss_drift_W": drift_W, "loss_drift_stderr_W": drift_W / stderrs, "blocks": 40}
+        assert [one.name for one in findings([replace(good, **moved)], subject)] == names
     slow = replace(good, sampling_W=0.9 * (good.electrical.stderr or 0.0))
     assert [one.name for one in findings([slow], subject)] == ["slow-readings"]
