@@ -150,8 +150,11 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     page.fill("#plan-wait", "winding below")
     page.click("#plan-add")
     shows(page, "#messages", '"winding below" is no wait')
-    page.fill("#plan-wait", "until 06:00; winding below 40")
+    page.fill("#plan-wait", "")
     page.fill("#plan-wait-limit", "90")
+    page.click("#plan-add")
+    shows(page, "#messages", "nothing is waited for")
+    page.fill("#plan-wait", "until 06:00; winding below 40")
     for number in "12":
         page.click("#plan-add")
         shows(page, "#queue-items", f"{number} calibrate")

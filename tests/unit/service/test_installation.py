@@ -136,6 +136,9 @@ def test_it_can_come_from_a_file_on_the_daemons_machine(service, tmp_path):
         ({"schema": "motord.calibration/1"}, "calibration: "),
         (calibration(motor=calibration().motor.model_copy(update={"serial": "other"})).to_json(),
          "another motor"),
+        (calibration(beta_A=(1000.0, 0.0, 0.0)).to_json(), "A in phase a at zero torque"),
+        (calibration(tau_cog_Nm=(1e6,) * 4096).to_json(), "at zero torque"),
+        (calibration(alpha=(1.0, 1e-9, 1.0)).to_json(), "alpha_b delta_epsilon = 1e-09 is outside"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused_and_changes_nothing(service, tables, content, expected):
@@ -312,6 +315,13 @@ def test_what_was_installed_for_another_motor_is_not_loaded(service, tmp_path):
     )
     with pytest.raises(CalibrationError, match="another motor"):
         CalibrationStore(other, tmp_path).load_installed()
+
+
+def test_what_would_drive_a_large_current_is_not_loaded(service):
+    put_in_force(service.store, calibration(beta_A=(1000.0, 0.0, 0.0)))
+    assert installed_calibration(service.store, service.bench) is None
+    [event] = [one for one in service.events.recent() if one.kind == "calibration"]
+    assert "at zero torque" in event.message
 
 
 def test_an_unreadable_mark_is_reported(service):

@@ -218,7 +218,7 @@ def test_with_another_calibration_it_does_not_go_on(days):
     interrupted(days)
     service = days.daemon(calibration_id="c2")
     message = refused(service, "plan/resume", token=service.acquire())
-    assert "began with calibration none, and c2 is in force" in message
+    assert "began with calibration none, and c2 is in force; discard the plan" in message
     service.calibration_id = ""
     service.ask("plan/resume", token=service.acquire("ben", force=True))
 

@@ -49,7 +49,8 @@ def _plan_lines(plans: "list[AvailablePlan]") -> list[str]:
     lines = []
     for plan in plans:
         lines.append(f"{plan.name}: {plan.summary}")
-        lines.append(f"    then: motord analyse {plan.name} RUN...")
+        needed = " --calibration FILE" if plan.name in WITH_CALIBRATION else ""
+        lines.append(f"    then: motord analyse {plan.name} RUN...{needed}")
         lines += [f"    {key} = {json.dumps(value)}" for key, value in plan.settings.items()]
     return lines
 

@@ -61,7 +61,9 @@ def add(
         Literal["stop", "skip", "retry"],
         typer.Option(help="If the plan fails: pause the queue, leave it and go on, or again."),
     ] = "stop",
-    retries: Annotated[int, typer.Option(help="With retry: how often at most.")] = 1,
+    retries: Annotated[
+        int | None, typer.Option(help="With retry: how often at most; by default once.")
+    ] = None,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
     serial: Annotated[
         str | None,
@@ -91,10 +93,14 @@ def add(
         *({"channel": channel, "below": value} for channel, value in map(_limit, below or [])),
         *({"channel": channel, "above": value} for channel, value in map(_limit, above or [])),
     ]
+    if wait_limit_s is not None and not wait:
+        raise typer.BadParameter("--wait-limit-s: of a wait: --wait-below, -above or -until")
+    if retries is not None and on_failure != "retry":
+        raise typer.BadParameter("--retries: with --on-failure retry")
     limit = {} if wait_limit_s is None else {"limit_s": wait_limit_s}
     plan = {
         "name": name, "notes": notes, "serial": serial, "check": check, "on_failure": on_failure,
-        "retries": retries, "wait": [{**one, **limit} for one in wait],
+        "retries": 1 if retries is None else retries, "wait": [{**one, **limit} for one in wait],
     }  # fmt: skip
     plans = [_checked(plan)] if file is None else _plans_in(file)
     with connection.open() as client, in_command(client, force=force) as session:

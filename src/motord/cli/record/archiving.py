@@ -111,7 +111,10 @@ def _folder(source: Path | None, config: Path | None) -> Path:
 
     folder = source if source is not None else config_file.load(config).recording.directory
     if not folder.is_dir():
-        fail(f"{folder}: no folder of recordings; name it with --from, or the bench file with -c")
+        fail(
+            f"{folder.absolute()}: no folder of recordings; name it with --from (that of a bench "
+            "file is relative to where the daemon was started)"
+        )
     return folder
 
 

@@ -194,6 +194,7 @@ export class PlanForm {
     let wait;
     try {
       wait = waitsOf(byId("plan-wait").value, Number.isNaN(limit_min) ? null : 60 * limit_min);
+      if (wait.length === 0 && !Number.isNaN(limit_min)) throw new Error("a limit for waits, but nothing is waited for");
     } catch (error) {
       this._messages.failure(`add ${name}`)(/** @type {Error} */ (error));
       return;

@@ -33,6 +33,9 @@ COLUMNS = "time_s, torque_Nm and speed_Hz (or time_ms, torque_mNm, speed_rpm, sp
 
 BETWEEN = "between them it is interpolated"
 
+VALUE_MAX = 1e12
+"""Beyond it a cell is no torque, speed or time."""
+
 SHOWN = 40
 """Characters of a cell that a message shows."""
 
@@ -180,9 +183,10 @@ class _Table:
             value = float(text) if "_" not in text else math.nan
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or abs(value) > 1e12:
+        if not abs(value) <= VALUE_MAX:
             name = self._names[self._places.index(place)]
-            raise self._error(number, f"{name} is {cells[place][:SHOWN]!r}, no finite number")
+            what = "above 1e12" if math.isfinite(value) else "no finite number"
+            raise self._error(number, f"{name} is {cells[place][:SHOWN]!r}, {what}")
         return value
 
     def _column(self, names: Sequence[str], quantity: str) -> str:

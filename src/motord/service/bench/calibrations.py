@@ -14,7 +14,7 @@ from motord import calibration
 from motord.api.messages import CalibrationView
 from motord.api.requests import max_calibration_bytes
 from motord.atomic_write import write_whole
-from motord.calibration import Calibration, CalibrationError
+from motord.calibration import Calibration, CalibrationError, check_currents
 from motord.config import Config, MotorConfig
 from motord.service.host.events import EventLog
 
@@ -68,7 +68,7 @@ class CalibrationStore:
     """The calibrations of one bench on disk. Every method raises CalibrationError."""
 
     def __init__(self, config: Config, directory: Path) -> None:
-        self._motor = config.motor
+        self._config = config
         self.directory = directory / "calibrations" / config.bench.name
         self.path = Path()
         self.current: Calibration | None = None
@@ -98,7 +98,8 @@ class CalibrationStore:
             raise CalibrationError(f"{self.directory / MARK}: {error.strerror}") from error
         path = self.directory / name
         loaded = calibration.load(path)
-        loaded.check_motor(self._motor)
+        loaded.check_motor(self._config.motor)
+        check_currents(loaded, self._config)
         self.path, self.current = path, loaded
         return loaded
 

@@ -248,10 +248,11 @@ class Resumption:
             )
         calibration = self._calibration_id()
         if calibration != note.calibration:
+            way_out = "install the one before, or " if note.calibration else ""
             raise RpcError(
                 "refused",
                 f"{what}: it began with calibration {note.calibration or 'none'}, and "
-                f"{calibration or 'none'} is in force; install the one before, or discard the plan",
+                f"{calibration or 'none'} is in force; {way_out}discard the plan",
             )
         try:
             plan = build_plan(note.name, self._config, note.settings)

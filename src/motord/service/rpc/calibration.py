@@ -12,7 +12,7 @@ import numpy as np
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import ConfigReply, InstalledCalibration
-from motord.calibration import Calibration, CalibrationError
+from motord.calibration import Calibration, CalibrationError, check_currents
 from motord.control import parameters
 from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore, announce
@@ -61,6 +61,10 @@ class Installation:
     def prepare(self, payload: bytes) -> tuple[rpc.WithToken, Prepared]:
         """Read and check a calibration, build its tables; for any thread. Raises RpcError."""
         token, calibration = self._read(payload, self._bench.config.motor)
+        try:
+            check_currents(calibration, self._bench.config)
+        except CalibrationError as error:
+            raise RpcError("invalid", str(error)) from None
         tables = parameters.build(self._bench.config, calibration)
         return rpc.WithToken(token=token), Prepared(calibration, tables)
 
