@@ -158,6 +158,10 @@ def test_too_many_charts_are_none(folder):
     assert not (folder / "chart.svg").exists()
 
 
+def test_nothing_is_compared_with_itself(folder):
+    assert "are the same" in motord("results compare A-1 A-1", 2).output
+
+
 def test_two_motors_are_compared(folder):
     store = fill(folder / "store", 0.8)
     figures = [figure(0.81), figure(1.0, "condition_number", "", None)]

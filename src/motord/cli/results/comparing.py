@@ -36,6 +36,8 @@ def compare(
     from motord.results.comparison import compare as differences
     from motord.results.selection import either, newest, rows_of
 
+    if a == b:
+        raise typer.BadParameter(f"{a} and {b} are the same")
     reading = StoreReading(store)
     column, of_a, of_b = either(rows_of(reading.table, None, where), a, b)
     of_a, of_b = newest(of_a), newest(of_b)

@@ -14,6 +14,9 @@ from motord.config.base import (
     TemperatureBand,
 )
 
+Target = Annotated[float, Field(ge=1e-6, allow_inf_nan=False)]
+"""Half-width or ripple at which a plan may end."""
+
 SMALLEST_GAIN_STEP = 0.05
 """Change of a phase's gain below which the common gain hardly shows."""
 
@@ -58,13 +61,13 @@ class CalibrateConfig(MeshConfig):
     """"both": every other point backwards, to separate friction; "forwards": never turn back."""
     time_limit_s: Annotated[Positive, Field(ge=5, le=600)] | None = None
     """Bench time to use, for the points that tell most; none: the mesh, or 120 s with a target."""
-    ripple_percent: Positive | None = None
+    ripple_percent: Target | None = None
     """Target: ripple that errors of the calibration leave on the mesh, of the rated torque."""
-    alpha_percent: Positive | None = None
+    alpha_percent: Target | None = None
     """Target: half-width of each gain's 95 % interval."""
-    beta_A: Positive | None = None
+    beta_A: Target | None = None
     """Target: half-width of each offset's."""
-    cogging_percent: Positive | None = None
+    cogging_percent: Target | None = None
     """Target: largest half-width of a cogging order, of the cogging torque's amplitude."""
 
     @property

@@ -63,7 +63,10 @@ class SimulatedChannel:
         """Do nothing."""
 
     def read(self) -> RawSample | None:
-        """Return the temperature now, degC, or the power, W; None without new ticks."""
+        """Return the temperature now, degC, or the power, W; None without new ticks.
+
+        Before the first tick nothing flows: 0 W.
+        """
         self._motor.follow()
         if self._quantity == "dc_power_W":
             return self._power()
@@ -73,7 +76,7 @@ class SimulatedChannel:
         before_J, before_s = self._before
         seconds_s = self._motor.seconds_s - before_s
         if not seconds_s > 0:
-            return None
+            return RawSample(0.0) if self._motor.seconds_s == 0.0 else None
         self._before = (self._motor.energy_J, self._motor.seconds_s)
         return RawSample((self._motor.energy_J - before_J) / seconds_s)
 

@@ -89,7 +89,9 @@ def test_torques_and_speeds_keep_their_distance_from_the_limits(
         ({"beta_A": 0.0001}, r"beta_A = 0\.0001 cannot be reached in 120 s: about 0\.\d+ is to be"),
         ({"beta_A": 0.0001, "time_limit_s": 30}, r"beta_A = 0\.0001 cannot be reached in 30 s"),
         ({"torques_Nm": [6.5], "time_limit_s": 30}, r"6\.5 Nm is above \[limits\] torque_Nm = 6"),
-        ({"beta_A": 0.0}, "beta_A: Input should be greater than 0"),
+        ({"beta_A": 0.0}, "beta_A: Input should be greater than or equal to 0.000001"),
+        ({"ripple_percent": 1e-300}, "ripple_percent: Input should be greater than or equal to"),
+        ({"ripple_percent": 1e-6}, r"cannot be reached in 120 s: about 0\.0\d+ is to be"),
     ],
 )
 def test_what_cannot_be_done_is_refused_with_what_stands_in_the_way(
