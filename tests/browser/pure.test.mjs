@@ -430,7 +430,7 @@ test("of two attempts to connect at the same time one socket is left", async (t)
 
 test("waits of the queue as they are entered", () => {
   assert.deepEqual(waitsOf(" "), []);
-  assert.deepEqual(waitsOf("until 06:00;  winding_C below \u22125.5 ; humidity above 0"), [
+  assert.deepEqual(waitsOf("Until 06:00;  winding_C Below \u22125.5 ; humidity above 0"), [
     { until: "06:00" }, { channel: "winding_C", below: -5.5 }, { channel: "humidity", above: 0 },
   ]);
   assert.deepEqual(waitsOf("until 06:00; a below 1;", 90), [{ until: "06:00", limit_s: 90 }, { channel: "a", below: 1, limit_s: 90 }]);

@@ -3,7 +3,6 @@
 from motord.calibration.cramer_rao import BoundedQuantity as BoundedQuantity
 from motord.calibration.cramer_rao import CramerRao as CramerRao
 from motord.calibration.cramer_rao import VarianceShare as VarianceShare
-from motord.calibration.current_check import check_currents as check_currents
 from motord.calibration.file import Calibration as Calibration
 from motord.calibration.file import CalibrationError as CalibrationError
 from motord.calibration.file import from_json as from_json

@@ -111,7 +111,7 @@ def named_files(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str
 
 
 def _resolve_files(path: Path, data: dict[str, Any]) -> None:
-    """Make the file names of a bench absolute: they are relative to the bench file."""
+    """Make the file names of a bench, which are relative to its file, so to the working folder."""
     for table, key, name in named_files(data):
         table[key] = resolve(path, Path(name))
 

@@ -5,7 +5,8 @@ what the terminal shows; opening recordings, options that all share, files and e
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
+from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
 from pkgutil import resolve_name
@@ -79,13 +80,22 @@ class Analysis(Generic[Result]):
 
     estimate: Callable[..., Result]
     json: Callable[[Result, "Recordings"], dict[str, Any]]
-    text: Callable[[Result, "Recordings"], "Iterable[str | TextTable]"]
-    report: Callable[[Result, "Recordings"], "Page"] | None = None
+    text: Callable[[Result, "Recordings"], "Iterable[str | TextTable]"] = field(kw_only=True)
+    report: Callable[[Result, "Recordings"], "Page"] | None = field(default=None, kw_only=True)
     save: Callable[[Result, Path], None] | None = None
     indent: int | None = 1
     details: str = ""
     needs_recordings: bool = True
     outputs: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.report is None and find_spec(self._report_module) is None:
+            raise TypeError(f"{self._report_module} is not there: give Analysis a report")
+
+    @property
+    def _report_module(self) -> str:
+        """Name of the module `report` next to that of the estimate."""
+        return ".".join((*self.estimate.__module__.split(".")[:-1], "report"))
 
     def to_json(self, result: Result, recordings: "Recordings") -> dict[str, Any]:
         """Return the result as JSON, with its findings."""
@@ -93,8 +103,7 @@ class Analysis(Generic[Result]):
 
     def page(self, result: Result, recordings: "Recordings") -> "Page":
         """Return the result's page, with its findings."""
-        package = self.estimate.__module__.rpartition(".")[0]
-        report = self.report or resolve_name(f"{package}.report:report")
+        report = self.report or resolve_name(f"{self._report_module}:report")
         page: Page = report(result, recordings)
         page.findings(findings_of(result))
         return page

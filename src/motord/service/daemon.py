@@ -80,6 +80,7 @@ def run(
 
     Installed calibrations are kept under `state_dir`. Raises one of EXPLAINED.
     """
+    config_path = config_path.resolve()
     config = config_file.load(config_path)
     toml = config_path.read_text(encoding="utf-8")
     if config.zenoh.tls is not None:
@@ -92,7 +93,7 @@ def run(
         closing(Notifier.of_environment()) as notifier,
     ):
         daemon = build(
-            config, toml, config_path.resolve(), run_dir, state_dir or state_directory(),
+            config, toml, config_path, run_dir, state_dir or state_directory(),
             Clock.measure(), notifier,
         )  # fmt: skip
         with started(daemon):

@@ -1,4 +1,5 @@
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from motord.cli import console
 from motord.cli.analysis_command import app as analyse
 from motord.cli.calibration.commands import app as calibration
 from motord.config import packaged
+from motord.experiments.analysis import Analysis
 from motord.recording.writer import RunWriter
 from tests.unit.experiments.conftest import Recorded
 
@@ -135,3 +137,13 @@ def test_list_a_folder(recorded: Recorded, tmp_path: Path) -> None:
     code, _, error = run(calibration, "list", "--dir", tmp_path / "none")
     assert code == 1
     assert "no such folder" in error
+
+
+def test_an_analysis_without_a_report_next_to_its_estimate_is_refused_at_once() -> None:
+    def estimate(recordings: object) -> None:
+        """Return nothing."""
+
+    with pytest.raises(TypeError, match=r"tests\.unit\.experiments\.report is not there"):
+        Analysis(estimate, json=lambda *_: {}, text=lambda *_: ())
+    with pytest.raises(TypeError, match="report is not there"):
+        Analysis(partial(estimate, None), json=lambda *_: {}, text=lambda *_: ())

@@ -94,9 +94,11 @@ def add(
         *({"channel": channel, "above": value} for channel, value in map(_limit, above or [])),
     ]
     if wait_limit_s is not None and not wait:
-        raise typer.BadParameter("--wait-limit-s: of a wait: --wait-below, -above or -until")
+        raise typer.BadParameter(
+            "--wait-limit-s without --wait-below, --wait-above or --wait-until"
+        )
     if retries is not None and on_failure != "retry":
-        raise typer.BadParameter("--retries: with --on-failure retry")
+        raise typer.BadParameter("--retries without --on-failure retry")
     limit = {} if wait_limit_s is None else {"limit_s": wait_limit_s}
     plan = {
         "name": name, "notes": notes, "serial": serial, "check": check, "on_failure": on_failure,

@@ -190,9 +190,11 @@ export class PlanForm {
   /** The check stays good: the next motor may want the same plan. */
   _add() {
     const [name, settings] = JSON.parse(this._checked);
-    const limit_min = byId("plan-wait-limit").valueAsNumber;
+    const limit = byId("plan-wait-limit");
+    const limit_min = limit.valueAsNumber;
     let wait;
     try {
+      if (!limit.validity.valid) throw new Error(`for each wait at most: ${limit.validationMessage}`);
       wait = waitsOf(byId("plan-wait").value, Number.isNaN(limit_min) ? null : 60 * limit_min);
       if (wait.length === 0 && !Number.isNaN(limit_min)) throw new Error("a limit for waits, but nothing is waited for");
     } catch (error) {

@@ -46,12 +46,12 @@ export function waitText({ channel, below = null, above, until = null, limit_s =
 export function waitsOf(text, limit_s = null) {
   const limit = limit_s === null ? {} : { limit_s };
   return text.split(";").map((one) => one.trim()).filter(Boolean).map((one) => {
-    const [, until] = /^until\s+(\S+)$/.exec(one) ?? [];
+    const [, until] = /^until\s+(\S+)$/i.exec(one) ?? [];
     if (until !== undefined) return { until, ...limit };
-    const [, channel, side, value] = /^(\S+)\s+(below|above)\s+(\S+)$/.exec(one) ?? [];
+    const [, channel, side, value] = /^(\S+)\s+(below|above)\s+(\S+)$/i.exec(one) ?? [];
     const bound = Number(value?.replaceAll("\u2212", "-"));
     if (channel === undefined || !Number.isFinite(bound)) throw new Error(`"${one}" is no wait: until HH:MM, CHANNEL below VALUE or CHANNEL above VALUE`);
-    return { channel, [side === "below" ? "below" : "above"]: bound, ...limit };
+    return { channel, [side.toLowerCase() === "below" ? "below" : "above"]: bound, ...limit };
   });
 }
 

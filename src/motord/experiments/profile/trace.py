@@ -185,7 +185,7 @@ class _Table:
             value = math.nan
         if not abs(value) <= VALUE_MAX:
             name = self._names[self._places.index(place)]
-            what = "above 1e12" if math.isfinite(value) else "no finite number"
+            what = "beyond 1e12" if math.isfinite(value) else "no finite number"
             raise self._error(number, f"{name} is {cells[place][:SHOWN]!r}, {what}")
         return value
 

@@ -14,8 +14,9 @@ from motord import calibration
 from motord.api.messages import CalibrationView
 from motord.api.requests import max_calibration_bytes
 from motord.atomic_write import write_whole
-from motord.calibration import Calibration, CalibrationError, check_currents
+from motord.calibration import Calibration, CalibrationError
 from motord.config import Config, MotorConfig
+from motord.control.rest_currents import check_rest_currents
 from motord.service.host.events import EventLog
 
 MARK = "installed"
@@ -99,7 +100,7 @@ class CalibrationStore:
         path = self.directory / name
         loaded = calibration.load(path)
         loaded.check_motor(self._config.motor)
-        check_currents(loaded, self._config)
+        check_rest_currents(loaded, self._config)
         self.path, self.current = path, loaded
         return loaded
 

@@ -28,7 +28,7 @@ UNSURE = "the recorder died meanwhile, and a point may be missing in the recordi
 ADVICE = "motord plan resume takes the rest, motord plan discard forgets it"
 
 MAY_CHANGE = {"bench", "accuracy", "recording", "calibration", "tracking", "zenoh", "plans"}
-"""Parts of a bench file that a plan may find changed, besides all of the loop but its rate."""
+"""Parts of a bench file that a plan may find changed; and, of the loop, all but its rate."""
 
 
 def bench_parts(config: Config) -> dict[str, str]:

@@ -12,8 +12,9 @@ import numpy as np
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import ConfigReply, InstalledCalibration
-from motord.calibration import Calibration, CalibrationError, check_currents
+from motord.calibration import Calibration, CalibrationError
 from motord.control import parameters
+from motord.control.rest_currents import check_rest_currents
 from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore, announce
 from motord.service.rpc.calibration_reader import Read, read_elsewhere
@@ -62,7 +63,7 @@ class Installation:
         """Read and check a calibration, build its tables; for any thread. Raises RpcError."""
         token, calibration = self._read(payload, self._bench.config.motor)
         try:
-            check_currents(calibration, self._bench.config)
+            check_rest_currents(calibration, self._bench.config)
         except CalibrationError as error:
             raise RpcError("invalid", str(error)) from None
         tables = parameters.build(self._bench.config, calibration)

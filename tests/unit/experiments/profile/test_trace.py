@@ -106,7 +106,7 @@ def test_units_are_converted_and_a_comma_may_be_decimal(
         ("time_s,torque_Nm,speed_Hz,speed_rpm\n0,0,0,0", ":1: speed is ambiguous"),
         ("time_s,time_s,torque_Nm,speed_Hz\n0,0,0,0", ":1: time is ambiguous: time_s, time_s"),
         (HEADER + "0,0,0\n1,nan,0\n", ":3: torque_Nm is 'nan', no finite number"),
-        (HEADER + "0,0,0\n1,1e308,0\n", ":3: torque_Nm is '1e308', above 1e12"),
+        (HEADER + "0,0,0\n1,1e308,0\n", ":3: torque_Nm is '1e308', beyond 1e12"),
         (HEADER + "0,0,0\n1,0,inf\n", ":3: speed_Hz is 'inf'"),
         (HEADER + "0,0,0\n1,0,1e300\n", ":3: speed_Hz is '1e300'"),
         (HEADER + "0,0,0\n1,,0\n", ":3: torque_Nm is ''"),
