@@ -107,7 +107,7 @@ class QueueRun(PublishedMessage):
     message: str = ""
     """Why it ended so."""
     kept: bool = False
-    """The item is still in the queue, to be run again."""
+    """The item stayed in the queue then, to be run again."""
     run_id: str = ""
     """Of its progress; "" if the plan did not begin."""
     recording: str = ""

@@ -5,8 +5,11 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
+from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
+from motord.api.queue_requests import QueueContent
 from motord.cli import app
 from motord.cli.plan.commands import _then
+from motord.cli.plan.queue import _text
 
 
 @pytest.mark.parametrize(
@@ -32,3 +35,15 @@ def test_an_option_of_the_queue_that_would_do_nothing_is_refused(option: str) ->
     result = CliRunner().invoke(app, ["queue", "add", "verify", option, "5"])
     assert result.exit_code == 2
     assert option in result.output
+
+
+def test_runs_of_what_has_left_the_queue_do_not_say_that_it_is_there() -> None:
+    runs = tuple(
+        QueueRun(id=number, plan="verify", state="aborted", kept=True, ended_ns=1)
+        for number in (1, 2)
+    )
+    item = QueueItem(id=2, plan=QueuedPlan(name="verify"), estimate_s=1.0)
+    content = QueueContent.model_construct(queue=QueueView(), items=[item], history=list(runs))
+    [first, second] = _text(content).splitlines()[-2:]
+    assert "still in the queue" not in first
+    assert "still in the queue" in second

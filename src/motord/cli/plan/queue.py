@@ -1,6 +1,6 @@
 """`motord queue`: plans one after the other, in the daemon."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -231,7 +231,8 @@ def _fail_unless_done(end: "QueueView") -> None:
 
 def _text(answer: "QueueContent") -> str:
     lines = [in_short(answer.queue), *map(_item, answer.items)]
-    runs = [_run(run) for run in answer.history[-HISTORY_SHOWN:]]
+    there = {item.id for item in answer.items}
+    runs = [_run(run, there) for run in answer.history[-HISTORY_SHOWN:]]
     return "\n".join([*lines, *(["ended:"] if runs else []), *runs])
 
 
@@ -249,9 +250,9 @@ def _item(item: "QueueItem") -> str:
     return "  ".join(filter(None, parts))
 
 
-def _run(run: "QueueRun") -> str:
+def _run(run: "QueueRun", there: Collection[int]) -> str:
     ended = datetime.fromtimestamp(run.ended_ns / 1e9)
     when = f"{ended:%Y-%m-%d} {clock(run.ended_ns)}"
-    kept = "still in the queue" if run.kept else ""
-    parts = f"{run.id:4d}  {run.state:11} {run.plan}", when, run.message, kept, run.recording
+    still = "still in the queue" if run.id in there else ""
+    parts = f"{run.id:4d}  {run.state:11} {run.plan}", when, run.message, still, run.recording
     return "  ".join(filter(None, parts))

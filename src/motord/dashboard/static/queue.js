@@ -98,7 +98,7 @@ export class PlanQueue {
     const rows = this._items.map((item) => this._row(item, history));
     list.replaceChildren(...rows);
     list.hidden = rows.length === 0;
-    const ended = history.slice(-HISTORY_SHOWN).reverse().map(runRow);
+    const ended = history.slice(-HISTORY_SHOWN).reverse().map((run) => runRow(run, this._items));
     byId("queue-ended").hidden = ended.length === 0;
     byId("queue-history").replaceChildren(...ended);
     this._show();
@@ -140,10 +140,11 @@ export class PlanQueue {
   }
 }
 
-/** @param {import("./queue_items.js").Run} run */
-function runRow(run) {
+/** @param {import("./queue_items.js").Run} run @param {Item[]} items those in the queue now */
+function runRow(run, items) {
   const recording = run.recording ? run.recording.split("/").pop() : "";
-  const about = [run.message, run.kept ? "still in the queue" : "", recording].filter(Boolean).join(" \u00b7 ");
+  const still = items.some(({ id }) => id === run.id) ? "still in the queue" : "";
+  const about = [run.message, still, recording].filter(Boolean).join(" \u00b7 ");
   return element("li", {}, `${clock(run.ended_ns / 1e9)} ${run.id} ${run.plan} `,
     element("span", { class: "plan-state", "data-state": run.state }, stateText(run.state)), about ? ` ${about}` : "");
 }

@@ -74,8 +74,7 @@ class PlanQueue(BaseModel):
     def without(self, ids: Collection[int]) -> Self:
         """Return the queue without some items. Raises RpcError."""
         self._editable(ids)
-        items = tuple(item for item in self.items if item.id not in ids)
-        return self._with(items=items, history=_left(self.history, ids))
+        return self._with(items=tuple(item for item in self.items if item.id not in ids))
 
     def with_first(self, **changes: Any) -> Self:
         """Return the queue with its first item changed."""
@@ -93,7 +92,7 @@ class PlanQueue(BaseModel):
         leaves = run.state == "done" or (failed and item.plan.on_failure == "skip")
         history = (*self.history, run.model_copy(update={"kept": not leaves}))[-HISTORY_MAX:]
         if leaves:
-            return self._with(items=self.items[1:], history=_left(history, [item.id]))
+            return self._with(items=self.items[1:], history=history)
         again = failed and item.plan.on_failure == "retry" and item.failures < item.plan.retries
         changes: dict[str, Any] = {"state": "queued" if again else run.state}
         if run.state == "failed":
@@ -114,10 +113,3 @@ class PlanQueue(BaseModel):
 
     def _with(self, **changes: Any) -> Self:
         return self.model_copy(update=changes)
-
-
-def _left(history: Sequence[QueueRun], ids: Collection[int]) -> tuple[QueueRun, ...]:
-    """Return the runs, those of items that are no longer in the queue saying so."""
-    return tuple(
-        run.model_copy(update={"kept": False}) if run.id in ids else run for run in history
-    )
