@@ -106,10 +106,12 @@ def test_a_sweep_fills_its_mesh(server, visit: Watched):
     shows(page, "#plan-outline", "at least 2")
     expect(page.locator("#plan-start")).to_be_disabled()
     page.click("#plan-start-box > summary")
+    server.stand_in.points_max = 1  # until it is paused, however long that takes
     start_plan(page, torques_Nm="1, 2", speeds_Hz="0.5 0.75", turns="2")
     expect(page.locator("#mesh td.done")).to_have_count(1, timeout=PATIENCE_MS)
     page.click("#plan-pause")
     shows(page, "#plan-state", "paused")
+    server.stand_in.points_max = 1000
     page.click("#plan-resume")
     shows(page, "#plan-state", "done")
     expect(page.locator("#mesh td.done")).to_have_count(4, timeout=PATIENCE_MS)
