@@ -17,7 +17,7 @@ $(VENV)/demo.stamp: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "motord needs Python 3.11 or newer; try make PYTHON=python3.12")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "setting up $(VENV) (once; a minute or two)"
-	@$(PIP) install --require-hashes -r requirements.lock
+	@$(PIP) install --no-deps --require-hashes -r requirements.lock
 	@$(PIP) install --no-build-isolation --no-deps -e .
 	@echo "compiling the kernels (once)"
 	@out=$$(mktemp -d) && $(BIN)/motord demo --quick --json --out $$out >/dev/null && rm -rf $$out
@@ -25,7 +25,7 @@ $(VENV)/demo.stamp: requirements.lock pyproject.toml
 
 $(VENV)/dev.stamp: requirements-dev.lock $(VENV)/demo.stamp
 	@echo "setting up the development tools (once)"
-	@$(PIP) install --require-hashes -r requirements-dev.lock
+	@$(PIP) install --no-deps --require-hashes -r requirements-dev.lock
 	@touch $@
 
 demo: $(VENV)/demo.stamp  ## calibrate the simulated rig and show the ripple before and after
