@@ -2,74 +2,119 @@
 
 A worker's death counts against all jobs that it had. So one that is said to have killed its workers
 is a suspect: in the end it runs once more with no other job under way, and is only then given up.
+
+Short jobs are handed out in chunks, by guided self-scheduling (Polychronopoulos and Kuck 1987): a
+chunk is a share of what is left, so that workers end together; but none of more than CHUNK_S, so
+that little is lost with a worker.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 POLL_S = 1.0
-"""How often the workers are looked after while no job ends."""
+"""How often the workers are looked after while no chunk ends."""
+
+CHUNK_S = 1.0
+"""How long a chunk of several jobs is expected to take at most."""
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
 class WorkerDiedError(Exception):
-    """The workers that had a job died, as many in turn as the scheduler allows."""
+    """The workers that had a chunk died, as many in turn as the scheduler allows."""
+
+
+@dataclass(frozen=True)
+class ChunkResult(Generic[Result]):
+    """The results of the jobs of a chunk, in their order, and how long a worker took for them."""
+
+    results: Sequence[Result]
+    taken_s: float
 
 
 class WorkerPool(Protocol):
-    """What jobs are submitted to."""
+    """What chunks are submitted to."""
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> "Future[Result]":
-        """Begin a job. Raises BatchError."""
+        """Begin a chunk. Raises BatchError."""
         ...
 
     def result(self, future: "Future[Result]") -> Result:
-        """Return the result of a job that ended. Raises WorkerDiedError, BatchError."""
+        """Return the result of a chunk that ended. Raises WorkerDiedError, BatchError."""
         ...
 
     def window(self) -> int:
-        """Return how many jobs may be under way, so that no worker waits; 1 at least.
+        """Return how many chunks may be under way, so that no worker waits; 1 at least.
 
         Raises BatchError if there are no workers, and will not be.
         """
         ...
 
 
+class _Chunks(Generic[Job]):
+    """Jobs that are left, and how many of them make a chunk."""
+
+    def __init__(self, jobs: Sequence[Job]) -> None:
+        self.left = deque(jobs)
+        self._done, self._taken_s = 0, 0.0
+
+    def next(self, window: int) -> list[Job]:
+        """Take a chunk; one job while it is not known how long they take."""
+        per_chunk = CHUNK_S * self._done / self._taken_s if self._taken_s else 1
+        size = max(1, int(min(per_chunk, len(self.left) / (2 * window))))
+        return [self.left.popleft() for _ in range(size)]
+
+    def add(self, result: ChunkResult[Result]) -> None:
+        """Take note of how long a chunk took."""
+        self._done += len(result.results)
+        self._taken_s += result.taken_s
+
+
 def carry_out(
-    pool: WorkerPool, jobs: Iterable[Job], begin: Callable[[Job], "Future[Result]"]
+    pool: WorkerPool,
+    jobs: Sequence[Job],
+    begin: Callable[[Sequence[Job]], "Future[ChunkResult[Result]]"],
 ) -> Iterator[tuple[Job, Result | None]]:
     """Yield each job with its result as it is done; None if it kills its workers.
 
     Raises BatchError; what was under way is lost then.
     """
-    suspects = []
-    for job, future in _completed(pool, jobs, begin):
+    suspects: list[Job] = []
+    chunks = _Chunks(jobs)
+    for chunk, future in _completed(pool, chunks, begin):
         try:
-            yield job, pool.result(future)
+            done = pool.result(future)
         except WorkerDiedError:
-            suspects.append(job)
+            suspects += chunk
+            continue
+        chunks.add(done)
+        yield from zip(chunk, done.results, strict=True)
     for suspect in suspects:
-        for job, future in _completed(pool, [suspect], begin):
+        for _, future in _completed(pool, _Chunks([suspect]), begin):
             try:
-                yield job, pool.result(future)
+                [result] = pool.result(future).results
             except WorkerDiedError:
-                yield job, None
+                yield suspect, None
+            else:
+                yield suspect, result
 
 
 def _completed(
-    pool: WorkerPool, jobs: Iterable[Job], begin: Callable[[Job], "Future[Result]"]
-) -> Iterator[tuple[Job, "Future[Result]"]]:
-    """Yield jobs with their futures as they end; of `jobs` no more is taken than the window."""
-    waiting, running = iter(jobs), dict[Future[Result], Job]()
-    job = next(waiting, None)
-    while job is not None or running:
+    pool: WorkerPool,
+    chunks: _Chunks[Job],
+    begin: Callable[[Sequence[Job]], "Future[ChunkResult[Result]]"],
+) -> Iterator[tuple[list[Job], "Future[ChunkResult[Result]]"]]:
+    """Yield chunks with their futures as they end; no more is taken than the window."""
+    running = dict[Future[ChunkResult[Result]], list[Job]]()
+    while chunks.left or running:
         window = pool.window()
-        while job is not None and len(running) < window:
-            running[begin(job)] = job
-            job = next(waiting, None)
+        while chunks.left and len(running) < window:
+            chunk = chunks.next(window)
+            running[begin(chunk)] = chunk
         done, _ = wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
         for future in done:
             yield running.pop(future), future

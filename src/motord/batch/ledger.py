@@ -65,9 +65,9 @@ class Ledger:
                 return entry
         return None
 
-    def store(self, analysis: LedgerEntry, result: StoredResult) -> str:
+    def store(self, analysis: LedgerEntry, result: StoredResult, encoded: bytes) -> str:
         """Store a result and enter it; return its file's name. Raises ResultsError, OSError."""
-        name = Path(self._store.add(result).path).name
+        name = Path(self._store.add(result, encoded).path).name
         self._enter(analysis, stored=name)
         return name
 

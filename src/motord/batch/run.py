@@ -1,18 +1,19 @@
 """Many recordings analysed, each by itself, with a ledger of what is done."""
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from motord.batch.dispatch import WorkerPool, carry_out
+from motord.batch.dispatch import ChunkResult, WorkerPool, carry_out
 from motord.batch.error import BatchError
 from motord.batch.file_hashes import FileHashes
 from motord.batch.hashing import hash_files
 from motord.batch.ledger import Ledger, LedgerEntry
 from motord.batch.stored import settings_to_store, with_back_emf
-from motord.batch.task import BatchTask, Outcome, analyse_recording
+from motord.batch.task import BatchTask, Outcome, analyse_recordings
 from motord.experiments.subject import Subject
 
 KILLS = "workers die of it, also when it is the only one"
@@ -81,9 +82,10 @@ def analyse_into_store(
 def _analysed(
     paths: Sequence[Path], task: BatchTask, pool: WorkerPool, progress: BatchProgress
 ) -> Iterator[tuple[Path, Outcome]]:
-    done = carry_out(
-        pool, paths, lambda path: pool.submit(analyse_recording, task, path.absolute())
-    )
+    def begin(chunk: Sequence[Path]) -> "Future[ChunkResult[Outcome]]":
+        return pool.submit(analyse_recordings, task, [path.absolute() for path in chunk])
+
+    done = carry_out(pool, paths, begin)
     for count, (path, outcome) in enumerate(done, start=1):
         progress(task.experiment, count, len(paths))
         yield path, outcome or Outcome(failure=KILLS, lasting=True)
@@ -126,7 +128,7 @@ def _entered(path: Path, analysis: LedgerEntry, outcome: Outcome, ledger: Ledger
         raise BatchError(
             "a worker has other files than this computer for the options that name any"
         )
-    name = ledger.store(analysis, outcome.to_store)
+    name = ledger.store(analysis, outcome.to_store, outcome.encoded)
     return BatchLine(path, "done", "", name, outcome.content)
 
 

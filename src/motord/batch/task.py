@@ -1,19 +1,22 @@
 """What a worker does with one recording. Its outcome is a value: no recording raises."""
 
 import os
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
+from motord.batch.dispatch import ChunkResult
 from motord.batch.error import BatchError
 from motord.batch.stored import settings_to_store, stored_result
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
 from motord.experiments.subject import Recordings
 from motord.results.error import ResultsError
+from motord.results.parquet_file import encode_result
 from motord.results.stored_result import StoredResult
 
 THREAD_LIMIT = "OMP_NUM_THREADS"
@@ -42,19 +45,27 @@ class BatchTask:
 class Outcome:
     """What came of a recording: a result, or a failure, which says why there is none.
 
-    sha256: of the file, where it was read; lasting: it would fail again.
+    sha256: of the file, where it was read; encoded: the file of what is to be stored; lasting: it
+    would fail again.
     """
 
     sha256: str = ""
     content: Mapping[str, Any] | None = None
     to_store: StoredResult | None = None
+    encoded: bytes = b""
     failure: str = ""
     lasting: bool = False
 
 
-def analyse_recording(task: BatchTask, path: Path) -> Outcome:
-    """Analyse one recording. Raises BatchError if this worker is none for the task."""
+def analyse_recordings(task: BatchTask, paths: Sequence[Path]) -> ChunkResult[Outcome]:
+    """Analyse recordings, each by itself. Raises BatchError if this worker is none for the task."""
     _check_worker(task)
+    begun_s = time.monotonic()
+    outcomes = [_analyse_recording(task, path) for path in paths]
+    return ChunkResult(outcomes, time.monotonic() - begun_s)
+
+
+def _analyse_recording(task: BatchTask, path: Path) -> Outcome:
     try:
         return _analysed(task, path)
     except (Exception, SystemExit) as error:
@@ -72,7 +83,7 @@ def _analysed(task: BatchTask, path: Path) -> Outcome:
     if not result.figures:
         raise ResultsError("the result has no figures to store")
     [(_, sha256)] = result.recordings
-    return Outcome(sha256, content if task.to_print else None, result)
+    return Outcome(sha256, content if task.to_print else None, result, encode_result(result))
 
 
 def _check_worker(task: BatchTask) -> None:

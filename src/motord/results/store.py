@@ -60,9 +60,10 @@ class ResultsStore:
         except OSError as error:
             raise self._cannot("store results there", error) from error
 
-    def add(self, result: StoredResult) -> Added:
+    def add(self, result: StoredResult, encoded: bytes | None = None) -> Added:
         """Store a result unless it is there already. Raises ResultsError; then nothing is stored.
 
+        encoded: its file, where that has been made already (`parquet_file.encode_result`).
         One is there if the same recordings were analysed by the same version and settings; one of
         an unknown version also if a result of the same recordings has exactly the same figures.
         """
@@ -71,7 +72,7 @@ class ResultsStore:
         try:
             there = self._find(result)
             if there is None:
-                self.folder.write(result.file_name, encode_result(result))
+                self.folder.write(result.file_name, encoded or encode_result(result))
         except OSError as error:
             raise self._cannot("store the result", error) from error
         path = self.folder.path_of(there or result.file_name)
@@ -117,12 +118,14 @@ class ResultsStore:
     def _find(self, result: StoredResult) -> str | None:
         """Return the file of a result that is there and can be read. Raises OSError."""
         parquet()
-        analysis, figures = result.analysis_digest, result.content_digest
+        analysis = f"-{result.analysis_digest}-"
+        figures = f"-{result.content_digest}.parquet"
         try:
-            near = [one for one in self._names() if analysis in one or figures in one]
+            names = self._names()
         except FileNotFoundError:  # of an object store, in which nothing has been put yet
             return None
-        same = [one for one in near if _is_of(one, analysis, "" if result.version else figures)]
+        by_figures = not result.version
+        same = [one for one in names if analysis in one or (by_figures and one.endswith(figures))]
         for name, content in zip(same, self.folder.read(same), strict=True):
             if isinstance(content, OSError):
                 if not isinstance(content, FileNotFoundError | IsADirectoryError | PermissionError):
@@ -135,9 +138,3 @@ class ResultsStore:
 
     def _cannot(self, what: str, error: OSError) -> ResultsError:
         return ResultsError(f"{self.folder}: cannot {what}: {error.strerror}")
-
-
-def _is_of(name: str, analysis: str, figures: str) -> bool:
-    """Return whether a file is named as one of the same analysis, or of the same figures."""
-    found = ["", "", *Path(name).stem.split("-")][-2:]
-    return found[0] == analysis or found[1] == figures

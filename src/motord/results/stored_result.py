@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ class StoredResult:
         )
         return f"{'-'.join(parts)}.parquet"
 
-    @property
+    @cached_property
     def analysis_digest(self) -> str:
         """Digest of what was analysed and how; recordings by their content, in any order."""
         of = (self.experiment, self.motor, self.serial, self.bench, self.version)
@@ -73,7 +74,7 @@ class StoredResult:
             (*of, dict(self.settings), sorted(digest for _, digest in self.recordings))
         )
 
-    @property
+    @cached_property
     def content_digest(self) -> str:
         """Digest of what was found in which recordings."""
         found = [(one.field, one.unit, one.value, one.stderr) for one in self.figures]

@@ -1,12 +1,12 @@
-"""Workers that are none: jobs are carried out here, at once or in an order that a test chooses."""
+"""Workers that are none: chunks are carried out here, at once or in the order of a test."""
 
 from concurrent.futures import Future
 
-from motord.batch.dispatch import WorkerDiedError
+from motord.batch.dispatch import ChunkResult, WorkerDiedError
 
 
 class InlinePool:
-    """Carries out each job when it is submitted. calls: functions and arguments, in order."""
+    """Carries out each chunk when it is submitted. calls: functions and arguments, in order."""
 
     def __init__(self):
         self.calls = []
@@ -28,20 +28,21 @@ class InlinePool:
 
 
 class MortalPool:
-    """Several workers, each with some jobs; `step` ends a job or kills a worker with all its jobs.
+    """Several workers, each with chunks; `step` ends a chunk or kills a worker with all it has.
 
-    poison: jobs of which a worker dies. most: jobs under way at once, at most. deaths: of a job.
+    poison: jobs of which a worker dies. taken_s: how long a job takes. most: chunks under way at
+    once, at most. deaths: of a chunk. alone: whether nothing else was under way, of each submitted.
     """
 
-    def __init__(self, workers, poison, choose, allowed):
-        self.poison, self.choose, self.allowed = poison, choose, allowed
+    def __init__(self, workers, poison, choose, allowed, taken_s):
+        self.poison, self.choose, self.allowed, self.taken_s = poison, choose, allowed, taken_s
         self.workers = [[] for _ in range(workers)]
         self.deaths, self.done, self.most, self.submitted = {}, [], 0, []
 
-    def submit(self, function, job):
+    def submit(self, function, chunk):
         future = Future()
-        self.submitted.append(job)
-        self._place(job, future)
+        self.submitted.append((chunk, not any(self.workers)))
+        self._place(chunk, future)
         self.most = max(self.most, sum(map(len, self.workers)))
         self.deaths[future] = 0
         return future
@@ -53,24 +54,25 @@ class MortalPool:
         self._step()
         return 2 * len(self.workers)
 
-    def _place(self, job, future):
-        self.choose(sorted(self.workers, key=len)[:2]).append((job, future))
+    def _place(self, chunk, future):
+        self.choose(sorted(self.workers, key=len)[:2]).append((chunk, future))
 
     def _step(self):
-        """Let one worker that has jobs do its first."""
-        busy = [jobs for jobs in self.workers if jobs]
+        """Let one worker that has chunks do its first."""
+        busy = [chunks for chunks in self.workers if chunks]
         if not busy:
             return
-        jobs = self.choose(busy)
-        if jobs[0][0] not in self.poison:
-            job, future = jobs.pop(0)
-            self.done.append(job)
-            future.set_result(job * 10)
+        chunks = self.choose(busy)
+        if self.poison.isdisjoint(chunks[0][0]):
+            chunk, future = chunks.pop(0)
+            self.done += chunk
+            taken_s = self.taken_s * len(chunk)
+            future.set_result(ChunkResult([10 * job for job in chunk], taken_s))
             return
-        lost, jobs[:] = list(jobs), []
-        for job, future in lost:
+        lost, chunks[:] = list(chunks), []
+        for chunk, future in lost:
             self.deaths[future] += 1
             if self.deaths[future] > self.allowed:
-                future.set_exception(WorkerDiedError(f"{job}"))
+                future.set_exception(WorkerDiedError(f"{chunk}"))
             else:
-                self._place(job, future)
+                self._place(chunk, future)

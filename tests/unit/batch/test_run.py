@@ -16,7 +16,7 @@ from motord.batch import file_hashes, hashing, ledger, run, task
 from motord.batch.error import BatchError
 from motord.batch.ledger import Ledger
 from motord.batch.run import analyse_each, analyse_into_store
-from motord.batch.task import BatchTask, analyse_recording
+from motord.batch.task import BatchTask, analyse_recordings
 from motord.results.folders import folder as results_folder
 from motord.results.store import ResultsStore
 from motord.results.stored_result import file_digest
@@ -172,8 +172,8 @@ def _cannot(*_):
 def test_what_changed_meanwhile_is_not_stored(folder):
     class Changing(InlinePool):
         def submit(self, function, *arguments):
-            if function is analyse_recording and arguments[1].name == "b.mcap":
-                arguments[1].write_bytes((folder / "a.mcap").read_bytes())
+            if function is analyse_recordings and arguments[1][0].name == "b.mcap":
+                arguments[1][0].write_bytes((folder / "a.mcap").read_bytes())
             return super().submit(function, *arguments)
 
     found = analyse(folder, pool=Changing())
@@ -251,7 +251,7 @@ def test_two_runs_at_once_store_each_result_once(folder):
 
     class Second(InlinePool):
         def submit(self, function, *arguments):
-            if function is analyse_recording and not (folder / "once").exists():
+            if function is analyse_recordings and not (folder / "once").exists():
                 (folder / "once").touch()
                 assert states(analyse(folder)) == {"done": 3}
             return super().submit(function, *arguments)
