@@ -3,12 +3,28 @@
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic import AfterValidator, BaseModel, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, ValidationError
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+LARGEST, SMALLEST = 1e12, 1e-12
+"""Of any quantity, in its unit: products and quotients of two, and single precision, hold them."""
+
+
+def _not_too_large(value: float) -> float:
+    if abs(value) > LARGEST:
+        raise ValueError(f"no quantity is beyond {LARGEST:g}")
+    return value
+
+
+def _not_too_small(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"no quantity that is above 0 is below {SMALLEST:g}")
+    return value
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_not_too_large)]
+NonNegative = Annotated[Finite, Field(ge=0)]
+Positive = Annotated[Finite, Field(gt=0), AfterValidator(_not_too_small)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -53,14 +69,12 @@ def _make_scalars_strict(schema: Any) -> None:
             _make_scalars_strict(part)
 
 
-class Section(BaseModel):
+class Section(BaseModel, extra="forbid", frozen=True, validate_default=True):
     """A table of the bench file: immutable, no unknown keys, no value of another type.
 
     A whole number may stand for a float; else nothing is converted: no text or bool to a number, no
     float to a whole number, no number to a bool. This holds for every field of every section.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:

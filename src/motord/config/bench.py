@@ -10,11 +10,12 @@ from pydantic import model_validator
 
 from motord.config.channel_sources import CanSource, SimulatedSource
 from motord.config.channels import line_problems
-from motord.config.devices.slow_devices import shares_line
 from motord.config.sections import Sections
+from motord.config.slow_device_rules import (
+    drive_stops_without_the_daemon,
+    registers_reach_the_limits,
+)
 from motord.config.timing import (
-    DRIVE_FALLS_S,
-    DRIVE_REACTS_S,
     INTERVALS_MIN,
     RENEWAL_S,
     SILENCE_MAX_S,
@@ -136,41 +137,6 @@ def lease_outlasts_the_ramp(config: Sections) -> Iterator[str]:
         )
 
 
-def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
-    """Whatever of the daemon hangs, the drive's speed falls within DRIVE_FALLS_S.
-
-    Its last set-point is written at most a timeout after the order's end; then its watchdog
-    runs. A brake on the same serial line may keep it waiting besides.
-    """
-    modbus, brake, poll_s = config.drive.modbus, config.brake.modbus, config.drive.poll_s
-    if config.drive.driver != "modbus" or modbus is None:
-        return
-    watchdog_s = modbus.watchdog_s
-    if watchdog_s == 0.0:
-        yield (
-            "[drive.modbus] has no watchdog_s: a drive that nobody writes to any more would "
-            "turn the rotor for ever. Set a watchdog (communication timeout) in the drive and "
-            "say here what it is, such as watchdog_s = 0.2; one without cannot be used"
-        )
-        return
-    wait_s, waits = modbus.timeout_s, "timeout_s"
-    if config.brake.driver == "modbus" and brake is not None and shares_line(modbus, brake):
-        wait_s, waits = wait_s + brake.timeout_s, "timeout_s, and that of the brake on its line"
-    most_s = DRIVE_FALLS_S - DRIVE_REACTS_S - config.setpoint_valid_s
-    if watchdog_s + wait_s > most_s * (1 + _ROUNDING):
-        yield (
-            f"[drive.modbus] watchdog_s = {watchdog_s:g} and {waits} ({wait_s:g} s) are "
-            f"too long: the rotor's speed has to fall within {DRIVE_FALLS_S:g} s if the daemon "
-            f"hangs. Together they may be {most_s:g} s, such as 0.2 and 0.1"
-        )
-    elif 2 * poll_s > watchdog_s:
-        yield (
-            f"[drive] poll_s = {poll_s:g} is too long for [drive.modbus] "
-            f"watchdog_s = {watchdog_s:g}: one failed exchange would stop the drive; "
-            f"make it at most {watchdog_s / 2:g}"
-        )
-
-
 def dq_needs_a_star(config: Sections) -> Iterator[str]:
     """A drive that takes d and q feeds windings in a star."""
     if config.inverter.driver == "can-dq" and config.motor.connection != "star":
@@ -233,6 +199,7 @@ RULES: tuple[Callable[[Sections], Iterator[str]], ...] = (
     bridge_fits_its_bus,
     lease_outlasts_the_ramp,
     drive_stops_without_the_daemon,
+    registers_reach_the_limits,
     dq_needs_a_star,
     channels_fit_the_bench,
     derating_has_its_channel,

@@ -8,11 +8,12 @@ from pydantic import AfterValidator, Field, model_validator
 
 from motord.config.base import Finite, Positive, Section
 from motord.config.channel_sources import ChannelSource, ModbusSource, SerialSource
+from motord.config.devices.slow_devices import register_counts
 from motord.config.timing import (
     CHANNEL_RATE_MAX_HZ,
-    CHANNEL_TRIP_MAX_S,
     CHANNELS_MAX,
     INTERVALS_MIN,
+    SLOW_SILENCE_MAX_S,
     SUPERVISOR_ACTS_S,
 )
 from motord.schema import TICK
@@ -90,6 +91,23 @@ class ChannelConfig(Section):
                 raise ValueError(f"{upper} = {high:g} must be above {lower} = {low:g}")
         return self
 
+    def beyond_reach(self, least: float, greatest: float) -> str:
+        """Return which trip limit a source of these numbers never passes, "" if there is none."""
+        ends = sorted(self.offset + self.scale * count for count in (least, greatest))
+        if self.trip_above is not None and self.trip_above >= ends[1]:
+            return f"trip_above = {self.trip_above:g}: its source says {ends[1]:g} at most"
+        if self.trip_below is not None and self.trip_below <= ends[0]:
+            return f"trip_below = {self.trip_below:g}: its source says {ends[0]:g} at least"
+        return ""
+
+    @model_validator(mode="after")
+    def _a_register_reaches_the_limits(self) -> "ChannelConfig":
+        if isinstance(self.source, ModbusSource) and (
+            why := self.beyond_reach(*register_counts(self.source.kind))
+        ):
+            raise ValueError(f"it could never trip at {why}")
+        return self
+
     @model_validator(mode="after")
     def _times_can_be_kept(self) -> "ChannelConfig":
         least_s = INTERVALS_MIN * self.period_s
@@ -104,10 +122,10 @@ class ChannelConfig(Section):
                 f"frozen_after_s = {self.frozen_after_s:g} is shorter than two periods; make it "
                 f"at least {least_s:g}"
             )
-        if self.trips and self.trip_s > CHANNEL_TRIP_MAX_S:
+        if self.trips and self.trip_s > SLOW_SILENCE_MAX_S:
             raise ValueError(
                 f"it has a trip limit, and would trip within {self.trip_s:g} s only (a period, "
-                f"timeout_s and {SUPERVISOR_ACTS_S:g} s); at most {CHANNEL_TRIP_MAX_S:g} s: lower "
+                f"timeout_s and {SUPERVISOR_ACTS_S:g} s); at most {SLOW_SILENCE_MAX_S:g} s: lower "
                 "timeout_s, or raise rate_Hz"
             )
         return self

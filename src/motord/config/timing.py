@@ -37,5 +37,6 @@ RENEWAL_S = 0.2
 CHANNEL_RATE_MAX_HZ = 20.0
 CHANNELS_MAX = 64
 """Slow channels: a process reads them all, and each reading is a line of text in a pipe."""
-CHANNEL_TRIP_MAX_S = 10.0
-"""Within this time a channel beyond its trip limit, or silent, ends the current."""
+SLOW_SILENCE_MAX_S = 10.0
+"""Within this time a channel beyond its trip limit, or silent, ends the current, and a brake or a
+drive that does not answer takes the torque to zero."""

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 CURRENT_ERROR, TORQUE_ERROR = 0.25, 0.3
 """Parts of limits.current_A and limits.torque_Nm by which currents and torque may be off."""
 
-BRAKE_MARGIN_K = 10.0
-"""Further than temperature_max_C, at which the supervisor takes the torque away."""
-
 
 def build(
     config: Config, calibration: "Calibration | None" = None
@@ -101,7 +98,7 @@ def _fill_limits(p: np.record, config: Config) -> None:
         p.lasts_ns[interlock.bit] = round(interlock.lasts_s(config) * 1e9)
     tau_s = config.torque_sensor.highpass_time_constant_s
     p.torque_decay = np.exp(-p.period_s / tau_s) if tau_s > 0 else 1.0
-    p.brake_trip_C = config.brake.temperature_max_C + BRAKE_MARGIN_K
+    p.brake_trip_C = config.brake.trip_temperature_C
     p.tracks = watched_tracks(config.motor.counts)
     p.bridge_stale_s = config.bridge.stale_after_s
     p.inverter_stale_s = config.inverter.stale_after_s

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from motord.config import ChannelConfig, Config, ConfigError, load, packaged
 from motord.config.channel_sources import OtherSource
-from motord.config.timing import CHANNEL_TRIP_MAX_S, INTERVALS_MIN, SUPERVISOR_ACTS_S
+from motord.config.timing import INTERVALS_MIN, SLOW_SILENCE_MAX_S, SUPERVISOR_ACTS_S
 
 SIMULATED = {"driver": "simulated"}
 MODBUS = {"driver": "modbus", "address": 1}
@@ -159,7 +159,7 @@ def test_what_is_accepted_keeps_its_time(
     made = ChannelConfig.model_validate(content)
     assert made.timeout_s >= INTERVALS_MIN * made.period_s
     assert made.trips == (trip_above is not None)
-    assert not made.trips or made.trip_s <= CHANNEL_TRIP_MAX_S
+    assert not made.trips or made.trip_s <= SLOW_SILENCE_MAX_S
     assert ChannelConfig.model_validate(made.model_dump()) == made
 
 

@@ -35,6 +35,9 @@ current_A = 20.0
 """
 
 
+SPEED = 'setpoint_kind = "i16"\nsetpoint_scale = 0.001\n'
+
+
 def read(tmp_path: Path, text: str) -> config.Config:
     path = tmp_path / "bench.toml"
     path.write_text(text)
@@ -135,9 +138,8 @@ def test_a_drive_that_would_go_on_without_the_daemon_is_refused(
     tmp_path: Path, drive: str, modbus: str, loop: str, expected: str
 ) -> None:
     text = BENCH.replace("[loop]\n", f"[loop]\n{loop}\n")
-    text += (
-        f'[zenoh]\nlease_s = 5.0\n[drive]\ndriver = "modbus"\n{drive}\n[drive.modbus]\n{modbus}\n'
-    )
+    text += f'[zenoh]\nlease_s = 5.0\n[drive]\ndriver = "modbus"\n{drive}\n'
+    text += f"[drive.modbus]\n{SPEED}{modbus}\n"
     if expected:
         assert expected in complaint(tmp_path, text)
     else:
@@ -147,7 +149,8 @@ def test_a_drive_that_would_go_on_without_the_daemon_is_refused(
 def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
     line = 'transport = "rtu"\nserial_port = "/dev/ttyUSB0"\n'
     drive = (
-        f'[drive]\ndriver = "modbus"\n[drive.modbus]\n{line}watchdog_s = 0.2\ntimeout_s = 0.05\n'
+        f'[drive]\ndriver = "modbus"\n[drive.modbus]\n{line}{SPEED}watchdog_s = 0.2\n'
+        "timeout_s = 0.05\n"
     )
     brake = f'[brake]\ndriver = "modbus"\n[brake.modbus]\n{line}timeout_s = '
     read(tmp_path, f"{BENCH}{drive}{brake}0.05\n")

@@ -1,6 +1,7 @@
 import time
 from collections.abc import Iterator
 from itertools import count
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,7 +9,7 @@ import can
 import numpy as np
 import pytest
 
-from motord.config import ConfigError, packaged
+from motord.config import CanConfig, ConfigError, packaged
 from motord.hal.base import DeviceError
 from motord.hal.can.base import REFUSED_MAX
 from motord.hal.can.python_can import PythonCan
@@ -246,6 +247,23 @@ def test_values_that_the_map_lacks_are_not_numbers() -> None:
     state.fill(record)
     assert np.isnan(record["u_V"]).all()
     assert np.isnan(record["temperature_C"]).all()
+
+
+@pytest.mark.parametrize("half", [0x7E00, 0x7C00, 0xFC00], ids=["nan", "inf", "-inf"])
+def test_a_value_that_the_drive_sends_as_no_number_is_beyond_every_limit(
+    tmp_path: Path, half: int
+) -> None:
+    """NaN is what the map lacks, and no temperature that the map has may count as that."""
+    path = tmp_path / "drive.dbc"
+    text = packaged("inverter.dbc").read_text().replace("(0.1,0) [-60|300]", "(1,0) [0|0]")
+    path.write_text(text + "\nSIG_VALTYPE_ 385 Temperature : 1;\n")
+    signals = SIGNALS | {"feedback_crc": (), "feedback_counter": ()}
+    codec = dbc.load(CanConfig(dbc=path, signals=signals))
+    state, record = CanFeedback(codec, 0), new_feedback()
+    status = next(message for message in codec.feedback if "temperature_C" in message.slots)
+    state.take(status.key, b"\0\0" + half.to_bytes(2, "little") + bytes(4), NOW_NS)
+    state.fill(record)
+    assert record["temperature_C"][0] == np.inf
 
 
 def test_classical_can() -> None:

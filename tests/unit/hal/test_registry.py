@@ -62,7 +62,7 @@ def test_a_driver_of_another_package() -> None:
 
 @pytest.mark.parametrize("kind", ["brake", "drive"])
 def test_slow_devices(kind: str) -> None:
-    modbus = {"driver": "modbus", "modbus": ModbusConfig(watchdog_s=0.2)}
+    modbus = {"driver": "modbus", "modbus": ModbusConfig(watchdog_s=0.2, setpoint_kind="i32")}
     setup = Config(motor=MOTOR, **{kind: modbus})
     device = registry.make_setpoint_device(kind, setup)
     assert isinstance(device, ModbusDevice)

@@ -113,7 +113,7 @@ class InverterConfig(DeviceConfig):
     """
     lag_s: NonNegative = 0.0
     """How much of actuation_delay_s is that lag, 1 / (2 pi bandwidth)."""
-    feedback_age_s: NonNegative = 0.0
+    feedback_age_s: Annotated[float, Field(ge=0, le=SILENCE_MAX_S)] = 0.0
     """From the sampling of the currents until their frame arrives."""
 
     @model_validator(mode="after")

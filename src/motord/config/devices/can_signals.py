@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.base import Finite, Positive, Section
+from motord.config.timing import DELAY_MAX_S
 
 Phases = tuple[str, str, str] | tuple[()]
 
@@ -143,5 +144,5 @@ class DqConfig(Section):
     angle: Literal["turning", "latched"] = "turning"
     """`"turning"`: it turns its set-point with the rotor between commands, as field orientation
     does; `"latched"`: it makes phase currents of it once, when it arrives."""
-    angle_age_s: NonNegative = 0.0
+    angle_age_s: Annotated[float, Field(ge=0, le=DELAY_MAX_S)] = 0.0
     """How old the angle that the drive uses is when its current flows."""

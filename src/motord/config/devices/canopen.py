@@ -4,7 +4,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from motord.config.base import Positive, Section
+from motord.config.base import Section
+from motord.config.timing import SILENCE_MAX_S
 
 
 class CanopenConfig(Section):
@@ -19,5 +20,5 @@ class CanopenConfig(Section):
     """SYNC after each command, for PDOs that are in force at SYNC (transmission types 0 to 240)."""
     heartbeat_node: Annotated[int, Field(ge=1, le=127)] | None = None
     """Node of motord itself: heartbeats are sent as from this node."""
-    heartbeat_s: Positive = 0.05
+    heartbeat_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.05
     """Period of the heartbeats; each comes with a command, so none comes while there are none."""

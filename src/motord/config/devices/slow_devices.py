@@ -6,9 +6,18 @@ from pydantic import Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.devices import DeviceConfig
+from motord.config.timing import INTERVALS_MIN, SLOW_SILENCE_MAX_S
 
 RegisterKind = Literal["u16", "i16", "u32", "i32"]
 """How a number lies in registers: unsigned or two's complement, one register or two."""
+BRAKE_MARGIN_K = 10.0
+"""Further than temperature_max_C, at which the supervisor takes the torque away."""
+
+
+def register_counts(kind: RegisterKind) -> tuple[int, int]:
+    """Return the least and the greatest count that registers of a kind can hold."""
+    bits = int(kind[1:])
+    return (0, 2**bits - 1) if kind[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 class ModbusLinkConfig(Section):
@@ -103,8 +112,19 @@ class _ModbusDevice(DeviceConfig):
     """Transport and registers, for `driver = "modbus"`."""
     poll_s: Positive = 0.05
     """Time between two readings."""
-    stale_after_s: Positive = 1.0
+    stale_after_s: Annotated[float, Field(gt=0, le=SLOW_SILENCE_MAX_S)] = 1.0
     """Without an answer for so long torque goes to zero and a plan is aborted."""
+
+    @model_validator(mode="after")
+    def _silence_outlasts_a_lost_answer(self) -> "_ModbusDevice":
+        least_s = INTERVALS_MIN * self.poll_s
+        if self.stale_after_s < least_s:
+            raise ValueError(
+                f"stale_after_s = {self.stale_after_s:g} is too short: it is read every "
+                f"{self.poll_s:g} s, and one answer may be lost; make it at least {least_s:g}, "
+                "or lower poll_s"
+            )
+        return self
 
     @model_validator(mode="after")
     def _needs_modbus(self) -> "_ModbusDevice":
@@ -124,6 +144,11 @@ class BrakeConfig(_ModbusDevice):
     """Time constant of its current source and coil."""
     temperature_max_C: Finite = 150.0
     """A hotter disc takes the torque to zero; one 10 K hotter trips."""
+
+    @property
+    def trip_temperature_C(self) -> float:
+        """A hotter disc trips."""
+        return self.temperature_max_C + BRAKE_MARGIN_K
 
 
 class DriveConfig(_ModbusDevice):

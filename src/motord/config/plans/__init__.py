@@ -73,13 +73,8 @@ class CalibrateConfig(MeshConfig):
     @property
     def targets(self) -> dict[str, float]:
         """The targets that are set, by name: with one, the plan ends when all are reached."""
-        all_of_them = {
-            "ripple_percent": self.ripple_percent,
-            "alpha_percent": self.alpha_percent,
-            "beta_A": self.beta_A,
-            "cogging_percent": self.cogging_percent,
-        }
-        return {name: value for name, value in all_of_them.items() if value is not None}
+        names = ("ripple_percent", "alpha_percent", "beta_A", "cogging_percent")
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     @property
     def quick(self) -> bool:

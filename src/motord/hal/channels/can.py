@@ -3,7 +3,7 @@
 import math
 import time
 
-from motord.config import CanBusConfig
+from motord.config import CanBusConfig, ChannelConfig, ConfigError
 from motord.config.channel_sources import CanSource
 from motord.hal.base import DeviceError
 from motord.hal.can.base import CanBus
@@ -50,9 +50,14 @@ class ListeningPort:
 class CanChannel:
     """A signal in frames that come by themselves."""
 
-    def __init__(self, source: CanSource, port: ListeningPort) -> None:
+    def __init__(self, channel: ChannelConfig, port: ListeningPort) -> None:
+        """Compile the signal of a channel's CanSource. Raises ConfigError."""
+        source = channel.source
+        assert isinstance(source, CanSource)
         self._port = port
         self._codec = signal_codec(source.dbc, source.signal)
+        if why := channel.beyond_reach(*self._codec.steps(source.signal)[:2]):
+            raise ConfigError(f"{source.dbc}: {source.signal} could never trip at {why}")
         self._seen_ns = 0
 
     def open(self) -> None:

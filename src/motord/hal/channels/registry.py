@@ -104,7 +104,7 @@ def _makers(
             bus = settings[0].bus or config.inverter.can
             assert bus is not None  # a rule of the bench file
             listening = ListeningPort(bus)
-            return [partial(CanChannel, source, listening) for source in settings]
+            return [partial(CanChannel, one, listening) for one in channels]
         case "serial":
             from motord.hal.channels.text import TextChannel, TextPort
 

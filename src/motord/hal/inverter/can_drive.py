@@ -17,7 +17,7 @@ from motord.hal.can.bus import open_bus
 from motord.hal.inverter.canopen_host import CanopenHost
 from motord.hal.inverter.feedback import CanFeedback
 from motord.schema import InverterStatus
-from motord.wire.can import dbc
+from motord.wire.can import dbc, reach
 from motord.wire.can.frame_format import EXTENDED
 
 _OPEN_ASK_S = 0.02
@@ -36,6 +36,7 @@ class CanDrive:
         self.name = f"inverter on {can.place}"
         self._config = can
         self._codec = dbc.load(can)
+        reach.check(self._codec, config)
         self._feedback = CanFeedback(self._codec, round(config.inverter.feedback_age_s * 1e9))
         self._host = CanopenHost(can.canopen)
         self._counter = 0

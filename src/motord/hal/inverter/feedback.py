@@ -32,6 +32,8 @@ class _Incoming:
 class CanFeedback:
     """The newest value of every mapped signal. Values that the map lacks are nan.
 
+    What a drive sends as no number is infinite, so that it is beyond the limits that there are.
+
     A frame counts only if its length, CRC and alive counter are right.
     """
 
@@ -73,7 +75,7 @@ class CanFeedback:
             incoming.check.corrupt()
         elif incoming.check.accept(incoming.codec.counter(payload)):
             for index, value in zip(incoming.slots, values, strict=True):
-                self._values[index] = value
+                self._values[index] = value if math.isfinite(value) else math.inf
             incoming.t_ns = t_ns
 
     def fill(self, feedback: np.ndarray) -> None:

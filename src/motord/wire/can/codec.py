@@ -88,6 +88,10 @@ class MessageCodec:
         """Return the identifier without the mark of an extended one."""
         return self.key & ~EXTENDED
 
+    def steps(self, slot: str) -> tuple[float, float, float]:
+        """Return the least and greatest value of a slot, and the step between two."""
+        return self._signals[self.slots.index(slot)].steps
+
     def encode(self, values: Sequence[float], counter: int = 0) -> bytes:
         """Return the payload, `size_bytes` long, of `values` in the order of `slots`.
 

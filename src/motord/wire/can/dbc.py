@@ -24,7 +24,7 @@ from motord.wire.can.codec import (
     MessageCodec,
 )
 from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED
-from motord.wire.can.signal import SignalCodec
+from motord.wire.can.signal import FLOAT_BITS, SignalCodec
 
 
 def load(can: CanConfig) -> InverterCodec:
@@ -142,6 +142,8 @@ class _Drafts:
 
     def add(self, slot: str, key: str, name: str) -> None:
         message, signal = self._names.find(key, name)
+        if slot in ("enable", "status") and not _is_whole(signal):
+            raise self._names.error(key, f"{name} must be an integer without scale")
         draft = self.drafts.setdefault(message.name, _Draft(message))
         draft.signals[slot] = SignalCodec(signal, message.length)
 
@@ -149,7 +151,7 @@ class _Drafts:
         if not name:
             return
         draft, signal = self._existing(key, name)
-        if signal.is_float or signal.is_signed or (signal.scale, signal.offset) != (1, 0):
+        if signal.is_signed or not _is_whole(signal):
             raise self._names.error(key, f"{name} must be an unsigned integer without scale")
         counter = SignalCodec(signal, draft.message.length)
         draft.checks = replace(draft.checks, counter=counter, counter_modulus=1 << signal.length)
@@ -165,7 +167,11 @@ class _Drafts:
 
     def fix(self, key: str, name: str, value: float) -> None:
         draft, signal = self._existing(key, name)
-        draft.constants.append((SignalCodec(signal, draft.message.length), value))
+        codec = SignalCodec(signal, draft.message.length)
+        low, high, _ = codec.steps
+        if not low <= value <= high:
+            raise self._names.error(key, f"{name} = {value:g} is beyond {low:g} to {high:g}")
+        draft.constants.append((codec, value))
 
     def compiled(self) -> tuple[MessageCodec, ...]:
         return tuple(draft.compiled() for draft in self.drafts.values())
@@ -178,6 +184,10 @@ class _Drafts:
                 key, f"{name} is not in {known}, which the rest of the map uses"
             )
         return self.drafts[message.name], signal
+
+
+def _is_whole(signal: Signal) -> bool:
+    return not signal.is_float and (signal.scale, signal.offset) == (1, 0)
 
 
 class _Names:
@@ -208,6 +218,10 @@ class _Names:
             raise self.error(key, f"message {message_name} has no signal {signal_name}; {known}")
         if signal.multiplexer_ids:
             raise self.error(key, f"{name} is multiplexed, which motord does not support")
+        if not signal.scale:
+            raise self.error(key, f"{name} has a factor of 0, so that it says nothing")
+        if signal.is_float and signal.length not in FLOAT_BITS:
+            raise self.error(key, f"{name} is a floating-point number of {signal.length} bits")
         return message, signal
 
 

@@ -11,6 +11,7 @@ import struct
 from cantools.database.can import Signal
 
 _FLOATS = {16: ("<e", "<H"), 32: ("<f", "<I"), 64: ("<d", "<Q")}
+FLOAT_BITS = tuple(_FLOATS)
 
 
 class SignalCodec:
@@ -46,6 +47,12 @@ class SignalCodec:
             self._high: float = largest
         else:
             self._low, self._high = _raw_range(signal)
+
+    @property
+    def steps(self) -> tuple[float, float, float]:
+        """Return the least and the greatest value that it can hold, and the step between two."""
+        ends = [self._low * self._scale + self._offset, self._high * self._scale + self._offset]
+        return min(ends), max(ends), 0.0 if self._float else abs(self._scale)
 
     def extract(self, payload: int) -> float:
         """Return the physical value in `payload`."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 
 from motord.config import ModbusConfig
-from motord.config.devices.slow_devices import RegisterKind
+from motord.config.devices.slow_devices import RegisterKind, register_counts
 
 _LAYOUTS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i"}
 
@@ -40,10 +40,7 @@ class Register:
     @property
     def counts(self) -> tuple[int, int]:
         """Return the least and the greatest count that it can hold."""
-        bits = 16 * self.words
-        if self.kind.startswith("u"):
-            return 0, 2**bits - 1
-        return -(2 ** (bits - 1)), 2 ** (bits - 1) - 1
+        return register_counts(self.kind)
 
     def encode(self, value: float) -> list[int]:
         """Return the words for `value`, clamped to what fits; anything not finite is zero."""

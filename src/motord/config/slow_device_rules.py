@@ -1,0 +1,75 @@
+"""What must hold of brake and drive: rules of a bench, as those of `config.bench`."""
+
+from collections.abc import Iterator
+
+from motord.config.devices.slow_devices import register_counts, shares_line
+from motord.config.sections import Sections
+from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S
+
+STEP_MAX = 0.02
+"""Of the largest set-point, between two that can be written: they are rounded."""
+_ROUNDING = 1e-9
+
+
+def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
+    """Whatever of the daemon hangs, the drive's speed falls within DRIVE_FALLS_S.
+
+    Its last set-point is written at most a timeout after the order's end; then its watchdog
+    runs. A brake on the same serial line may keep it waiting besides.
+    """
+    modbus, brake, poll_s = config.drive.modbus, config.brake.modbus, config.drive.poll_s
+    if config.drive.driver != "modbus" or modbus is None:
+        return
+    watchdog_s = modbus.watchdog_s
+    if watchdog_s == 0.0:
+        yield (
+            "[drive.modbus] has no watchdog_s: a drive that nobody writes to any more would "
+            "turn the rotor for ever. Set a watchdog (communication timeout) in the drive and "
+            "say here what it is, such as watchdog_s = 0.2; one without cannot be used"
+        )
+        return
+    wait_s, waits = modbus.timeout_s, "timeout_s"
+    if config.brake.driver == "modbus" and brake is not None and shares_line(modbus, brake):
+        wait_s, waits = wait_s + brake.timeout_s, "timeout_s, and that of the brake on its line"
+    most_s = DRIVE_FALLS_S - DRIVE_REACTS_S - config.setpoint_valid_s
+    if watchdog_s + wait_s > most_s * (1 + _ROUNDING):
+        yield (
+            f"[drive.modbus] watchdog_s = {watchdog_s:g} and {waits} ({wait_s:g} s) are "
+            f"too long: the rotor's speed has to fall within {DRIVE_FALLS_S:g} s if the daemon "
+            f"hangs. Together they may be {most_s:g} s, such as 0.2 and 0.1"
+        )
+    elif 2 * poll_s > watchdog_s:
+        yield (
+            f"[drive] poll_s = {poll_s:g} is too long for [drive.modbus] "
+            f"watchdog_s = {watchdog_s:g}: one failed exchange would stop the drive; "
+            f"make it at most {watchdog_s / 2:g}"
+        )
+
+
+def registers_reach_the_limits(config: Sections) -> Iterator[str]:
+    """Set-points as large as the limits can be written, finely, and a hot brake can be read."""
+    brake, drive = config.brake, config.drive
+    for name, section, low, high in (
+        ("brake", brake, 0.0, 1.0),
+        ("drive", drive, -drive.speed_max_rad_s, drive.speed_max_rad_s),
+    ):
+        modbus = section.modbus
+        if section.driver != "modbus" or modbus is None:
+            continue
+        step, kind = modbus.setpoint_scale, modbus.setpoint_kind
+        least, greatest = (step * count for count in register_counts(kind))
+        if not least <= low < high <= greatest * (1 + _ROUNDING) or step > STEP_MAX * high:
+            yield (
+                f'[{name}.modbus] setpoint_kind = "{kind}" with setpoint_scale = {step:g} holds '
+                f"{least:g} to {greatest:g} in steps of {step:g}; it takes {low:g} to {high:g} in "
+                f"steps of {STEP_MAX * high:g} at most"
+            )
+    modbus, trip_C = brake.modbus, brake.trip_temperature_C
+    if brake.driver == "modbus" and modbus is not None:
+        hottest_C = modbus.value_scale * register_counts(modbus.value_kind)[1]
+        if hottest_C <= trip_C:
+            yield (
+                f'[brake.modbus] value_kind = "{modbus.value_kind}" with value_scale = '
+                f"{modbus.value_scale:g} says {hottest_C:g} degC at most, and the brake trips "
+                f"above {trip_C:g}: it never would"
+            )
