@@ -4,13 +4,15 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import count
 
 import pytest
 
 from motord.config import ModbusConfig
+from motord.hal.base import DeviceError
 from motord.hal.modbus import link as modbus_link
+from motord.hal.modbus.client import ModbusClient
 from motord.hal.modbus.link import RtuLink, TcpLink, connect
 from motord.wire.modbus.pdu import ModbusRequest, read, rtu_frame, write
 
@@ -23,7 +25,7 @@ def answering(answer: Callable[[bytes], bytes]) -> Iterator[int]:
 
     def serve() -> None:
         connection, _ = server.accept()
-        with connection:
+        with connection, suppress(ConnectionResetError):
             while request := connection.recv(300):
                 connection.sendall(answer(request))
 
@@ -153,3 +155,59 @@ def test_a_port_that_is_lost_is_opened_anew_by_all() -> None:
             link.exchange(1, write(0, [1]))
         link.close()
     assert not modbus_link._SerialLine._open
+
+
+def test_a_request_without_a_response_is_thrown_away() -> None:
+    """What the device has not got must not arrive when the cable is plugged in again."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = TcpLink("127.0.0.1", server.getsockname()[1], 0.05)
+        device, _ = server.accept()
+        with device:
+            with pytest.raises(TimeoutError):
+                link.exchange(1, write(0, [1500]))
+            link.close()
+            device.recv(300)
+            with pytest.raises(ConnectionResetError):
+                device.recv(300)
+
+
+def test_a_name_is_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name server may take longer than `timeout_s`, and the set-point would be an old one."""
+    hosts = []
+
+    class Link:
+        host = "192.0.2.7"
+
+        def __init__(self, host: str, port: int, timeout_s: float) -> None:
+            hosts.append(host)
+
+        def exchange(self, unit: int, request: ModbusRequest) -> list[int]:
+            raise TimeoutError
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(modbus_link, "TcpLink", Link)
+    client = ModbusClient(ModbusConfig(host="drive.lab"), "")
+    for _ in range(3):
+        with pytest.raises(DeviceError):
+            client.exchange("write", write(0, [1]))
+    assert hosts == ["drive.lab", "192.0.2.7", "192.0.2.7"]
+
+
+def test_a_request_that_the_line_keeps_waiting_is_not_sent() -> None:
+    """Another device's requests one after the other: a set-point leaves in time or not at all."""
+    device_fd, host_fd = os.openpty()
+    tty.setraw(host_fd)
+    os.set_blocking(device_fd, False)
+    config = ModbusConfig(transport="rtu", serial_port=os.ttyname(host_fd), timeout_s=0.02)
+    first, second = RtuLink(config), RtuLink(config)
+    line = modbus_link._SerialLine._open[os.path.realpath(config.serial_port)]
+    with line._lock, pytest.raises(TimeoutError, match="another device"):
+        second.exchange(1, write(0, [1]))
+    with pytest.raises(BlockingIOError):
+        os.read(device_fd, 100)
+    for link in (first, second):
+        link.close()
+    os.close(device_fd)
+    os.close(host_fd)

@@ -29,6 +29,7 @@ class ModbusClient:
         self._config = config
         self._label = label
         self._link: ModbusLink | None = None
+        self._host = ""  # once it is known: a name server may take longer than timeout_s
 
     def exchange(self, what: str, request: ModbusRequest, unit: int | None = None) -> list[int]:
         """Return the registers that were read; waits at most `timeout_s`. Raises DeviceError.
@@ -69,7 +70,7 @@ class ModbusClient:
     def _connect(self, unit: int) -> ModbusLink:
         config = self._config
         try:
-            return connect(config)
+            link = connect(config, self._host)
         except ConnectionRefusedError:
             why = "refused: nothing listens there; is the device on?"
             raise self._error(unit, why) from None
@@ -79,6 +80,8 @@ class ModbusClient:
             reason = getattr(error, "strerror", None) or str(error)
             how = "connect" if config.transport == "tcp" else "open it"
             raise self._error(unit, f"cannot {how}: {reason}") from error
+        self._host = link.host
+        return link
 
     def _error(self, unit: int, what: str) -> DeviceError:
         return DeviceError(f"{self._label}{self._config.place} unit {unit}: {what}")

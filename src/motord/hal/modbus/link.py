@@ -7,6 +7,7 @@ was kept from running for longer than that takes one last look at what has come 
 import os
 import select
 import socket
+import struct
 import threading
 import time
 from typing import ClassVar
@@ -29,6 +30,8 @@ PAUSE_CHARACTERS = 3.5
 BITS_PER_CHARACTER = 11
 PAUSE_LEAST_S = 0.00175
 """Silence between two frames on a serial line, as the Modbus specification has it."""
+_ABORT = struct.pack("ii", 1, 0)
+"""SO_LINGER with no time: what has not been delivered is thrown away."""
 
 
 class _Deadline:
@@ -50,15 +53,22 @@ class _Deadline:
 
 
 class TcpLink:
-    """A connection of its own. Responses carry the number of their request."""
+    """A connection of its own. Responses carry the number of their request.
+
+    `host` is the address that was reached, which needs no name server the next time. A request
+    without a response is not delivered after `close`: a set-point that arrived when the cable is
+    plugged in again would be an old one.
+    """
 
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
         """Connect. Raises OSError."""
         self._timeout_s = timeout_s
         self._transaction = 0
         self._rest = b""
+        self._unanswered = False
         self._socket = socket.create_connection((host, port), timeout=timeout_s)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.host: str = self._socket.getpeername()[0]
 
     def exchange(self, unit: int, request: ModbusRequest) -> ModbusResponse:
         """Return the response of `unit`.
@@ -67,6 +77,7 @@ class TcpLink:
         the link is lost.
         """
         self._transaction = (self._transaction + 1) % TRANSACTIONS
+        self._unanswered = True
         self._socket.sendall(tcp_frame(self._transaction, unit, request))
         deadline = _Deadline(self._timeout_s)
         while True:
@@ -76,10 +87,13 @@ class TcpLink:
             response = request.decode(pdu)
             if response is None or responding_unit != unit:
                 raise ValueError("the answer does not fit the question")
+            self._unanswered = False
             return response
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
+        if self._unanswered and self._socket.fileno() >= 0:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _ABORT)
         self._socket.close()
 
     def _frame(self, deadline: _Deadline) -> tuple[int, int, bytes]:
@@ -106,6 +120,8 @@ class TcpLink:
 class RtuLink:
     """A device's place on a serial line, which other devices of this program may share."""
 
+    host = ""
+
     def __init__(self, config: ModbusLinkConfig) -> None:
         """Open the port, or join those who have. Raises OSError, ValueError."""
         self._timeout_s = config.timeout_s
@@ -121,7 +137,7 @@ class RtuLink:
         """Leave the line; the last one closes the port. May be called twice."""
         line, self._line = self._line, None
         if line is not None:
-            line.leave()
+            line.leave(self._timeout_s)
 
 
 class _SerialLine:
@@ -140,12 +156,14 @@ class _SerialLine:
             elif line._settings != _settings(config):
                 raise ValueError("another device on it has other baud, parity or stop_bits")
             line._users += 1
+            line._wait_s += config.timeout_s
             return line
 
     def __init__(self, path: str, config: ModbusLinkConfig) -> None:
         self._path = path
         self._settings = _settings(config)
         self._users = 0
+        self._wait_s = 0.0  # the sum of their timeouts
         self._pause_s = max(PAUSE_CHARACTERS * BITS_PER_CHARACTER / config.baud, PAUSE_LEAST_S)
         self._lock = threading.Lock()
         self._port = serial.Serial(
@@ -160,23 +178,29 @@ class _SerialLine:
         self._quiet_since_s = time.monotonic()
 
     def exchange(self, unit: int, request: ModbusRequest, timeout_s: float) -> ModbusResponse:
-        with self._lock:
-            try:
-                return self._exchange(unit, request, timeout_s)
-            except TimeoutError:
-                raise
-            except OSError:
-                self._close()
-                raise
+        """Return the response; the request is sent within the timeouts of all, or not at all."""
+        begun = _Deadline(self._wait_s)
+        if not self._lock.acquire(timeout=self._wait_s):
+            raise TimeoutError("requests of another device on the line")
+        try:
+            self._await_silence(begun)
+            return self._exchange(unit, request, timeout_s)
+        except TimeoutError:
+            raise
+        except OSError:
+            self._close()
+            raise
+        finally:
+            self._lock.release()
 
-    def leave(self) -> None:
+    def leave(self, timeout_s: float) -> None:
         with self._joining:
             self._users -= 1
+            self._wait_s -= timeout_s
             if self._users == 0:
                 self._close()
 
     def _exchange(self, unit: int, request: ModbusRequest, timeout_s: float) -> ModbusResponse:
-        self._await_silence(_Deadline(timeout_s))
         self._port.write(rtu_frame(unit, request))
         deadline = _Deadline(timeout_s)
         received = b""
@@ -218,8 +242,8 @@ def _settings(config: ModbusLinkConfig) -> tuple[int, str, int]:
     return config.baud, config.parity, config.stop_bits
 
 
-def connect(config: ModbusLinkConfig) -> ModbusLink:
-    """Return a link to a device. Raises OSError, ValueError."""
+def connect(config: ModbusLinkConfig, host: str = "") -> ModbusLink:
+    """Return a link to a device, at `host` if it is known. Raises OSError, ValueError."""
     if config.transport == "tcp":
-        return TcpLink(config.host, config.tcp_port, config.timeout_s)
+        return TcpLink(host or config.host, config.tcp_port, config.timeout_s)
     return RtuLink(config)
