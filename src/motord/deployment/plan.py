@@ -11,6 +11,7 @@ from motord.config import Config, load, packaged
 from motord.config.reading import named_files
 from motord.deployment.files import DeployedFile, DeploymentError
 from motord.deployment.unit import STATE, system_unit, user_unit
+from motord.module_command import module_command
 
 UNIT = "motord.service"
 ETC = Path("/etc/motord")
@@ -95,7 +96,7 @@ def user_units() -> Path:
 def this_program() -> tuple[str, ...]:
     """Return what starts this motord."""
     script = Path(sys.executable).with_name("motord")
-    return (str(script),) if script.exists() else (sys.executable, "-m", "motord")
+    return (str(script),) if script.exists() else tuple(module_command("motord"))
 
 
 def hidden_parts() -> list[str]:

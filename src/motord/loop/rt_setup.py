@@ -9,11 +9,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from motord.config import LoopConfig
 from motord.loop import rt_rights
 from motord.loop.rt_rights import RealtimeItem
+from motord.module_command import module_command
 
 
 class Host:
@@ -40,10 +41,8 @@ class Host:
         return [path.relative_to(self._root) for path in found]
 
 
-class RealtimeStatus(BaseModel):
+class RealtimeStatus(BaseModel, frozen=True):
     """All rights, and the system's kernel, preemption, real-time bandwidth and isolated CPUs."""
-
-    model_config = ConfigDict(frozen=True)
 
     items: list[RealtimeItem]
     kernel: str
@@ -90,7 +89,7 @@ def apply(loop: LoopConfig) -> RealtimeStatus:
 def probe(loop: LoopConfig) -> RealtimeStatus:
     """Return what `apply` would be granted, asked in a short-lived process of its own."""
     answer = subprocess.run(
-        [sys.executable, "-m", "motord.loop.rt_setup"],
+        module_command("motord.loop.rt_setup"),
         input=loop.model_dump_json(),
         capture_output=True,
         text=True,

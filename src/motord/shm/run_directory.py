@@ -6,12 +6,12 @@ lock; locks vanish with the process that holds them, so a crash leaves nothing t
 
 import fcntl
 import os
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from motord.module_command import module_command
 from motord.private_folder import PrivateFolderError, base_directory, make_private
 
 LEFT = ".left-ring"
@@ -50,7 +50,7 @@ class RunDir:
     def command(self, module: str, config_path: Path) -> list[str]:
         """Return the command line that runs `module` as a process of this bench."""
         options = ("--config", str(config_path), "--dir", str(self.path))
-        return [sys.executable, "-m", module, *options]
+        return module_command(module, *options)
 
     def create(self) -> None:
         """Make the folder, for this user only. Raises RunDirError if others could use it."""

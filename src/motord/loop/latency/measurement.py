@@ -8,7 +8,6 @@ counted apart.
 
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from motord.loop.latency import LatencyError, cyclictest
 from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.loop.main import ONE_THREAD
 from motord.loop.steal_time import stolen_ticks
+from motord.module_command import module_command
 from motord.shm.histogram import TimeHistogram
 from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing
@@ -101,7 +101,7 @@ class LoopOnDemand:
 
     def __init__(self, setup: LoopSetup) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "motord.loop.latency.measured_loop"],
+            module_command("motord.loop.latency.measured_loop"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **ONE_THREAD},

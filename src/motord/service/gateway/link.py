@@ -1,13 +1,13 @@
 """The supervisor's end of the gateway process: makes events of what it reports."""
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from motord.allowance import Allowance
+from motord.module_command import module_command
 from motord.recorder.protocol import Message, MessageReader
 from motord.service.host.child_faults import ChildFaults
 from motord.service.host.children import Children
@@ -44,7 +44,7 @@ class AccessMessage(Message):
 
 def gateway_command(config_path: Path, run_dir: RunDir) -> list[str]:
     """Return the command line of the gateway process."""
-    return [sys.executable, "-m", "motord.service.gateway.process", "--config", str(config_path)]
+    return module_command("motord.service.gateway.process", "--config", str(config_path))
 
 
 class GatewayLink:

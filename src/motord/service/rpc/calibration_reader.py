@@ -23,6 +23,7 @@ from motord.api.requests import (
 )
 from motord.calibration import Calibration, CalibrationError, load
 from motord.config import MotorConfig
+from motord.module_command import module_command
 from motord.service.bench.calibrations import check_given
 from motord.service.rpc.calibration_details import details
 
@@ -93,7 +94,7 @@ _TASKS: dict[str, Callable[..., Any]] = {"request": read, "files": read_files}
 
 
 def _elsewhere(task: Literal["request", "files"], *arguments: Any) -> Any:
-    command = (sys.executable, "-m", "motord.service.rpc.calibration_reader")
+    command = module_command("motord.service.rpc.calibration_reader")
     try:
         done = subprocess.run(
             command,
