@@ -16,7 +16,7 @@ from motord.api.requests import max_calibration_bytes
 from motord.atomic_write import write_whole
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config, MotorConfig
-from motord.control.rest_currents import check_rest_currents
+from motord.service.bench.rest_currents import check_rest_currents
 from motord.service.host.events import EventLog
 
 MARK = "installed"

@@ -7,12 +7,10 @@ import numpy as np
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
+from motord.identification.least_loss import TINY_V2_S2, currents_per_Nm
 
 GAIN_MAX = 4.0
 """Gains beyond it, or below its inverse, are those of a wrong unit or wire, not of a sensor."""
-
-TINY_V2_S2 = 1e-12
-"""Sum of squared back-EMF constants below which no current is asked for (`control.reference`)."""
 
 
 def check_rest_currents(calibration: Calibration, config: Config) -> None:
@@ -44,34 +42,30 @@ def check_rest_currents(calibration: Calibration, config: Config) -> None:
 def rest_currents_A(calibration: Calibration, config: Config) -> np.ndarray:
     """Return the largest current (3,) of each phase over the turn, with all compensation and less.
 
-    As `control.step` makes them, but for its limits.
+    As `control.step` makes them, but for its limits; not by its compiled functions: to load the
+    compiler would hold up the supervisor.
     """
-    built, k, cogging_Nm, _ = parameters.build(config, calibration)
-    p = built[0]
-    gain, beta_A = np.array(p.alpha) * p.delta_epsilon, np.array(p.beta_A)
-    asked = []
-    for torque_Nm in (np.zeros(len(k)), -cogging_Nm):
-        if p.q_only:
-            asked.append(_along_q_A(p, k, torque_Nm, gain, beta_A))
-            asked.append(_along_q_A(p, k, torque_Nm, np.ones(3), np.zeros(3)))
-        else:
-            flowing_A = _least_loss_A(k - k.mean(axis=1, keepdims=True) if p.star else k, torque_Nm)
-            asked += [(flowing_A - beta_A) / gain, flowing_A]
-    largest: np.ndarray = np.abs(asked).max(axis=(0, 1))
-    return largest
-
-
-def _least_loss_A(k: np.ndarray, torque_Nm: np.ndarray) -> np.ndarray:
-    """Return the currents (n, 3) that make torques (n,) with back-EMF constants k (n, 3)."""
-    power = (k**2).sum(axis=1)
-    scale = np.divide(torque_Nm, power, out=np.zeros_like(power), where=power > TINY_V2_S2)
-    return np.asarray(k * scale[:, None])
+    gain = np.array(calibration.alpha) * calibration.delta_epsilon
+    beta_A = np.array(calibration.beta_A)
+    asked_A = []
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused
+        for torque_Nm in (np.zeros(config.motor.counts), -np.array(calibration.tau_cog_Nm)):
+            if config.inverter.q_only:
+                asked_A.append(_along_q_A(config, torque_Nm, gain, beta_A))
+                asked_A.append(_along_q_A(config, torque_Nm, np.ones(3), np.zeros(3)))
+            else:
+                flowing_A = torque_Nm[:, None] * currents_per_Nm(config.motor)
+                asked_A += [(flowing_A - beta_A) / gain, flowing_A]
+    largest_A: np.ndarray = np.abs(asked_A).max(axis=(0, 1))
+    return largest_A
 
 
 def _along_q_A(
-    p: np.record, k: np.ndarray, torque_Nm: np.ndarray, gain: np.ndarray, beta_A: np.ndarray
+    config: Config, torque_Nm: np.ndarray, gain: np.ndarray, beta_A: np.ndarray
 ) -> np.ndarray:
     """Return the currents (n, 3) along q that make torques (n,), as `currents_along_q` does."""
+    built, k, *_ = parameters.build(config)
+    p = built[0]
     electrical_rad = 2 * math.pi * p.pole_pairs * np.arange(len(k)) / len(k) + p.axes_rad
     alpha, across = -np.sin(electrical_rad), p.axes_sequence * np.cos(electrical_rad)
     across = across * math.sqrt(3) / 2

@@ -9,7 +9,7 @@ from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.config import Config, load
 from motord.control import parameters
 from motord.control.reference import currents_along_q, phase_currents
-from motord.control.rest_currents import GAIN_MAX, check_rest_currents, rest_currents_A
+from motord.service.bench.rest_currents import GAIN_MAX, check_rest_currents, rest_currents_A
 from tests.unit.control.test_park import HARMONICS, star
 
 BENCH = load()
@@ -84,7 +84,7 @@ def test_the_limit_is_what_may_flow_for_ever_and_what_the_kernel_commands(name: 
 def test_currents_that_are_no_number_are_refused() -> None:
     motor = BENCH.motor
     huge = made(BENCH, tau_cog_Nm=(1.7e308,) * motor.counts)
-    with np.errstate(all="ignore"), pytest.raises(CalibrationError, match="at zero torque"):
+    with pytest.raises(CalibrationError, match="at zero torque"):
         check_rest_currents(huge, BENCH)
 
 
