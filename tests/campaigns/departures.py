@@ -11,7 +11,7 @@ there is a finding all the same. Exits with 1 if a bound is not kept. `--rows`, 
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import radians
 from typing import Any, NamedTuple
@@ -51,14 +51,16 @@ Changes = Mapping[str, Mapping[str, Any]]
 class Departure:
     """What departs at a size of 1, and the findings that name it or its family.
 
-    tables: changes of the rig's tables at a size; config: of what the bench file says; said: text
-    of a note that says beforehand that it cannot be seen; mesh: settings of the plan.
+    tables: changes of the rig's tables at a size; config: of what the bench file says; recorded: of
+    the ticks (n,) of an operating point that the rig gave; said: text of a note that says
+    beforehand that it cannot be seen; mesh: settings of the plan.
     """
 
     name: str
     found_as: tuple[str, ...]
     tables: Callable[[float], Changes] = lambda _: {}
     config: Callable[[float, Config], Config] = lambda _, config: config
+    recorded: Callable[[float, np.ndarray], np.ndarray] = lambda _, ticks: ticks
     said: str = ""
     mesh: Mapping[str, Any] | None = None
 
@@ -87,6 +89,22 @@ def _back_emf_without(order: int, size: float, config: Config) -> Config:
     )
     motor = config.motor.model_copy(update={"back_emf": harmonics})
     return config.model_copy(update={"motor": motor})
+
+
+def _torque_late(late_s: float, size: float, ticks: np.ndarray) -> np.ndarray:
+    """Return ticks with the torque of `size * late_s` before."""
+    t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
+    later = ticks.copy()
+    later["torque_Nm"] = np.interp(t_s - size * late_s, t_s, ticks["torque_Nm"].astype(float))
+    return later
+
+
+def _backlash(counts: int, size: float, ticks: np.ndarray) -> np.ndarray:
+    """Return ticks of an encoder of 4096 counts that is behind by so many of them backwards."""
+    moved, steps = ticks.copy(), np.diff(ticks["encoder_count"])
+    if (steps < 0).sum() > (steps > 0).sum():
+        moved["encoder_count"] = (ticks["encoder_count"] + round(size * counts)) % 4096
+    return moved
 
 
 DEPARTURES = (
@@ -149,6 +167,12 @@ DEPARTURES = (
         "back-EMF's order 7 (1 %) missing",
         ("back-emf",), config=partial(_back_emf_without, 7),
     ),
+    Departure(
+        "torque 1 ms older than the angle", ("torque-age",), recorded=partial(_torque_late, 1e-3),
+    ),
+    Departure(
+        "encoder's backlash 0.26 deg", ("backlash",), recorded=partial(_backlash, 3),
+    ),
 )  # fmt: skip
 
 
@@ -203,7 +227,10 @@ def captured(
     blocks: list[np.ndarray] = []
     plan = build("calibrate", config, dict(mesh))
     taken = run_plan(bench, plan, lambda ticks, _: blocks.append(ticks))
-    return config, truth, list(split(np.concatenate(blocks), taken))
+    points = split(np.concatenate(blocks), taken)
+    if departure is not None:
+        points = (replace(point, ticks=departure.recorded(size, point.ticks)) for point in points)
+    return config, truth, list(points)
 
 
 def calibration_of(

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from motord.experiments.analysis import Analysis, json_of
-from motord.experiments.back_emf.estimate import VOLTAGES, measure
+from motord.experiments.back_emf.estimate import measure
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.back_emf.voltages import VOLTAGES
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.magnet_temperature import referred
@@ -29,21 +30,10 @@ def estimate(recordings: Recordings) -> MeasuredBackEmf:
 
 
 def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
+    from motord.experiments.back_emf.report import HEADER, rows
+
     t = found.coverage_factor
-    yield TextTable(
-        f"back-EMF, {found.motor.name}, mean of the phases",
-        ("order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)"),
-        [
-            (
-                str(h.order),
-                plus_minus(1e3 * h.amplitude_V_s_per_rad, 1e3 * t * h.stderr_V_s_per_rad),
-                f"{100 * h.amplitude_V_s_per_rad / found.fundamental:.3f}",
-                plus_minus(h.phase_rad, t * h.phase_stderr_rad),
-            )
-            for h in found.harmonics
-            if h.in_table
-        ],
-    )
+    yield TextTable(f"back-EMF, {found.motor.name}, mean of the phases", HEADER, rows(found))
     if found.delay_s is not None:
         age_us = plus_minus(1e6 * found.delay_s[0], 1e6 * t * found.delay_s[1])
         yield f"- voltages: {age_us} us older than the recording says (accounted for)"

@@ -9,7 +9,7 @@ it turns the waves in proportion to the speed.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isnan
 
 import numpy as np
@@ -17,23 +17,25 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.back_emf.voltages import (
+    COUNTS_PER_ORDER,
+    VOLTAGES,
+    VoltageSamples,
+    check_pole_pairs,
+    joined,
+    spectra,
+    voltage_samples,
+)
 from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
-from motord.identification.harmonics import lines_at
 from motord.identification.left_out import LeftOut
 from motord.identification.operating_points import PointData
 from motord.identification.orders import resolved_order
-from motord.identification.resample import rising
 from motord.identification.rotor.driven_rotor import Driven, prepare
-
-VOLTAGES = ("u_a_V", "u_b_V", "u_c_V")
 
 MOST_HARMONICS = 31
 """Electrical orders that are fitted, at most."""
-
-COUNTS_PER_ORDER = 4
-"""Encoder counts that a period of the highest order needs."""
 
 STANDS_OUT = 4.0
 """Amplitude, in standard errors, from which an electrical order is kept in the table."""
@@ -47,54 +49,10 @@ OTHER_SHARE = 5e-4
 ENCODER_SHARE = 0.5
 """Part of the noise of independent cells that is left: samples meet them in a regular order."""
 
-OTHER_ORDERS = 256
-"""Highest order per turn that is looked at for such."""
-
 MOST_OTHERS = 16
 
 LEAST_VARIANCE = 1e-300
 """Of data without noise: what its weight is the inverse of."""
-
-
-@dataclass(frozen=True)
-class VoltageSamples:
-    """Voltages at their own instants, all points: n samples."""
-
-    u_V: np.ndarray
-    angle_rad: np.ndarray
-    speed_rad_s: np.ndarray
-    turn: np.ndarray
-
-
-def voltage_samples(driven: Driven, delay_s: float) -> VoltageSamples:
-    """Return the voltages of the whole turns, with angle and speed `delay_s` before they say.
-
-    As they are with magnets of the reference temperature.
-    """
-    u_V = np.column_stack([driven.ticks[name].astype(float) for name in VOLTAGES])
-    u_V /= driven.back_emf_factor
-    at_s = driven.t_s
-    if "i_age_ns" in (driven.ticks.dtype.names or ()):
-        at_s = at_s - driven.ticks["i_age_ns"] * 1e-9
-    fresh = rising(at_s)
-    at_s = at_s - delay_s
-    fresh &= (at_s >= driven.t_s[0]) & (at_s <= driven.t_s[-1])
-    rows = [first + np.flatnonzero(fresh[first:end]) for first, end in driven.turns]
-    turn = np.repeat(np.arange(len(rows)), [places.size for places in rows])
-    chosen = np.concatenate(rows)
-    angle_rad, speed_rad_s = driven.motion.at(at_s[chosen])
-    return VoltageSamples(u_V[chosen], angle_rad, speed_rad_s, turn)
-
-
-def joined(parts: list[VoltageSamples]) -> VoltageSamples:
-    """Return the samples of all points, their turns numbered on."""
-    before = np.cumsum([0, *(int(part.turn[-1]) + 1 for part in parts)])
-    return VoltageSamples(
-        np.concatenate([part.u_V for part in parts]),
-        np.concatenate([part.angle_rad for part in parts]),
-        np.concatenate([part.speed_rad_s for part in parts]),
-        np.concatenate([part.turn + first for part, first in zip(parts, before, strict=False)]),
-    )
 
 
 def _columns(samples: VoltageSamples, order: np.ndarray) -> np.ndarray:
@@ -139,9 +97,10 @@ def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     left_out += unknown
     speeds = [one.speed_Hz for one in driven]
     order = _electrical_orders(driven, motor)
-    delay = None
+    delay, recorded = None, [voltage_samples(one, 0.0) for one in driven]
+    check_pole_pairs(joined(recorded), driven, motor)
     if max(speeds) >= SPEED_RATIO * min(speeds):
-        delay = fit_delay(joined([voltage_samples(one, 0.0) for one in driven]), order)
+        delay = fit_delay(joined(recorded), order)
     samples = [voltage_samples(one, delay[0] if delay else 0.0) for one in driven]
     fits = [fit_phases(one, order) for one in samples]
     others = _others(samples, fits, order, driven, motor)
@@ -190,14 +149,12 @@ def _others(
     motor: MotorConfig,
 ) -> list[int]:
     """Return orders that are no multiple of the pole pairs and stand out of the noise."""
-    fewest = min(one.samples_per_turn for one in driven)
-    highest = resolved_order(fewest, motor.counts, OTHER_ORDERS, counts_per_order=COUNTS_PER_ORDER)
     every = joined(samples)
-    cell = np.rint(every.angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64)
+    rest = [np.concatenate([fit[phase].rest for fit in fits]) for phase in range(3)]
+    sizes = spectra(np.array(rest) / every.speed_rad_s, every.angle_rad, driven, motor)
+    highest = sizes.shape[1]
     ratio = np.zeros(highest)
-    for phase in range(3):
-        rest = np.concatenate([fit[phase].rest for fit in fits]) / every.speed_rad_s
-        size = np.abs(lines_at(cell % motor.counts, rest, motor.counts, highest)[1:])
+    for phase, size in enumerate(sizes):
         least = OTHER_SHARE / OTHER_STANDS_OUT * np.hypot(*fits[0][phase].solution[:2])
         ratio = np.maximum(ratio, size / max(float(np.median(size)) / 1.177, least))
     ratio[order[order <= highest] - 1] = 0.0

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from motord.experiments.back_emf.result import MeasuredBackEmf
-from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, drawing, figure
+from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, figure
 
 PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
 
@@ -12,8 +12,7 @@ PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
 def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
     """Return the table k (counts, 3) over a period, and the harmonics as bars."""
     configured, pole_pairs = found.motor.back_emf_table(), found.motor.pole_pairs
-    with drawing():
-        picture = figure(3.2)
+    with figure(3.2) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.2, 1.0])
         counts = measured.shape[0]
         shown = min(-(-counts // pole_pairs) + 1, counts)
@@ -27,8 +26,7 @@ def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
         left.set(xlim=(0, 360), xticks=range(0, 361, 60))
         left.set_xlabel("electrical angle from the zero point (degrees)")
         left.set_ylabel("back-EMF over speed (V s/rad)")
-        handles, labels = left.get_legend_handles_labels()
-        picture.legend(handles, labels, loc="outside upper left", ncols=3)
+        picture.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3)
         harmonics = found.harmonics
         fundamental = harmonics[0].amplitude_V_s_per_rad
         order = [h.order for h in harmonics]

@@ -5,16 +5,17 @@ import numpy as np
 from motord.experiments.back_emf.plots import waves
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_lines
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
 from motord.report.html import Page
+
+HEADER = ("order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)")
 
 
 def report(found: MeasuredBackEmf, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    subject = recordings.subject
-    page = Page("Back-EMF of a driven rotor", f"{subject.motor.name} on bench {subject.bench}")
-    page.table([], facts(subject, recordings.names))
+    page = Page("Back-EMF of a driven rotor", recordings.subject.lead)
+    page.table([], recordings.facts)
     fill(page, found)
     return page
 
@@ -22,35 +23,35 @@ def report(found: MeasuredBackEmf, recordings: Recordings) -> Page:
 def fill(page: Page, found: MeasuredBackEmf) -> None:
     """Add the back-EMF run to a page."""
     page.heading("Back-EMF, measured by driving the rotor")
-    harmonics, measured = found.harmonics, found.table()
-    configured = found.motor.back_emf_table()
-    fundamental, t = harmonics[0].amplitude_V_s_per_rad, found.coverage_factor
+    measured, configured = found.table(), found.motor.back_emf_table()
     page.picture(
         waves(measured, found),
         "Back-EMF over speed (V s/rad) of the three phases over the first electrical period, and "
         "the amplitude of each electrical order in percent of the fundamental, with 95 % limits "
         "of noise. Dashed: what the bench file says.",
     )
-    page.table(
-        ["order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)"],
-        [
-            [
-                str(h.order),
-                plus_minus(1e3 * h.amplitude_V_s_per_rad, 1e3 * t * h.stderr_V_s_per_rad, "\u00b1"),
-                f"{100 * h.amplitude_V_s_per_rad / fundamental:.3f}",
-                plus_minus(h.phase_rad, t * h.phase_stderr_rad, "\u00b1"),
-            ]
-            for h in harmonics
-            if h.in_table
-        ],
-        numbers=True,
-    )
-    apart = np.abs(measured - configured).max() / fundamental
+    page.table(HEADER, rows(found), numbers=True)
+    apart = np.abs(measured - configured).max() / found.fundamental
     items = [f"Largest difference from the bench file: {100 * apart:.2f} % of the fundamental."]
     if found.delay_s is not None:
-        age_us = plus_minus(1e6 * found.delay_s[0], 1e6 * t * found.delay_s[1], "\u00b1")
+        age_us = plus_minus(1e6 * found.delay_s[0], 1e6 * found.coverage_factor * found.delay_s[1])
         items.append(
             f"The voltages are {age_us} \u00b5s older than the recording says (accounted for)."
         )
     items += [f"{line[0].upper()}{line[1:]}." for line in left_out_lines(found.left_out)]
     page.points(items)
+
+
+def rows(found: MeasuredBackEmf) -> list[list[str]]:
+    """Return the harmonics of the table as rows under HEADER."""
+    t = found.coverage_factor
+    return [
+        [
+            str(h.order),
+            plus_minus(1e3 * h.amplitude_V_s_per_rad, 1e3 * t * h.stderr_V_s_per_rad),
+            f"{100 * h.amplitude_V_s_per_rad / found.fundamental:.3f}",
+            plus_minus(h.phase_rad, t * h.phase_stderr_rad),
+        ]
+        for h in found.harmonics
+        if h.in_table
+    ]

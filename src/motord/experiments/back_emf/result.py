@@ -43,15 +43,11 @@ class MeasuredBackEmf:
     the magnets; findings: what is questionable.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        **{name: name for name in ("speeds_Hz", "turns", "harmonics", "phases")},
-        **{name: name for name in ("offset_V", "noise_V")},
-        "delay_s": "fitted_delay_s",
-        "delay_stderr_s": "delay_stderr_s",
-        "left_out": "left_out",
-        "degrees_of_freedom": "degrees_of_freedom",
-        "k_V_s_per_rad": "rounded_table",
-    }
+    JSON: ClassVar = (
+        "speeds_Hz", "turns", "harmonics", "phases", "offset_V", "noise_V",
+        "delay_s=fitted_delay_s", "delay_stderr_s", "left_out", "degrees_of_freedom",
+        "k_V_s_per_rad=rounded_table",
+    )  # fmt: skip
 
     motor: MotorConfig
     order: np.ndarray

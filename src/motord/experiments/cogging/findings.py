@@ -1,15 +1,16 @@
 """What is questionable about a cogging run, each with its meaning and what to do."""
 
-from collections.abc import Iterator
-from math import sqrt
+from collections.abc import Iterator, Sequence
+from math import pi, sqrt
 
 import numpy as np
 
-from motord.experiments.cogging.at_speed import STANDS_OUT
+from motord.experiments.cogging.at_speed import STANDS_OUT, SpeedCogging
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_findings import left_out_finding
 from motord.findings import Finding
 from motord.identification.rotor.driven_rotor import JERKY
+from motord.identification.speed_differences import SpeedDifferences, speed_differences
 
 STICKS = 5.0
 """Part of that limit from which on it is no swing that dies out, but the rotor sticks and slips."""
@@ -25,6 +26,7 @@ def findings(found: MeasuredCogging, used_s: float) -> tuple[Finding, ...]:
         *_turns(found),
         *_motion(found),
         *_directions(found),
+        *_speeds(found),
         *left_out_finding(found.left_out, used_s),
     )
 
@@ -94,4 +96,55 @@ def _directions(found: MeasuredCogging) -> Iterator[Finding]:
             "ripple of friction or hysteresis, or the torque is older than the angle; the mean of "
             "both is stated",
             "compare at two speeds: a delay grows with it, friction does not",
+        )  # fmt: skip
+
+
+def _differences(speeds: Sequence[SpeedCogging]) -> SpeedDifferences:
+    """Return what the orders that stand out at all of the speeds differ by."""
+    strong = [
+        one.order[np.abs(one.line_Nm) > STANDS_OUT * one.stderr_Nm].tolist() for one in speeds
+    ]
+    order = np.array(sorted(set(strong[0]).intersection(*strong[1:])))
+    if not order.size:
+        return SpeedDifferences()
+    places = [np.searchsorted(one.order, order) for one in speeds]
+    return speed_differences(
+        np.array([one.line_Nm[at] for one, at in zip(speeds, places, strict=True)]),
+        np.array([one.stderr_Nm[at] for one, at in zip(speeds, places, strict=True)]),
+        order,
+        np.array([2 * pi * one.direction * one.speed_Hz for one in speeds]),
+        sum(one.turns - 1 for one in speeds),
+    )
+
+
+def _speeds(found: MeasuredCogging) -> Iterator[Finding]:
+    smooth = [one for one in found.speeds if not one.jerky and one.turns > 1]
+    if len(smooth) < 2:
+        return
+    apart = _differences(smooth)
+    if apart.age_s.significant:
+        age_us = 1e6 * apart.age_s.size
+        yield Finding(
+            "torque-age", abs(age_us), 1e6 * apart.age_s.limit, "us", "serious",
+            f"phases fall behind in proportion to order and speed, as of a torque {age_us:.3g} us "
+            "older than the angle: a low-pass or averaging of the torque channel, or an encoder "
+            "that is read at another time; stated phases are off by order times speed times that",
+            "sample both at the same time, or raise the corner of the torque channel's filter",
+        )  # fmt: skip
+    if apart.shift_rad.significant:
+        points = found.motor.counts / (2 * pi)
+        yield Finding(
+            "angle-slips", points * apart.shift_rad.size, points * apart.shift_rad.limit, "counts",
+            "serious",
+            "the angle is another at each speed, for all orders alike: the encoder slips on its "
+            "shaft or loses counts, or a low-pass or resonance turns orders by more than an age",
+            "tighten the encoder's coupling, check its lines, and repeat a speed",
+        )  # fmt: skip
+    if apart.gain.significant:
+        yield Finding(
+            "speeds-differ", 100 * apart.gain.size, 100 * apart.gain.limit, "%", "warning",
+            "amplitudes differ between the speeds: the torque sensor's gain drifts as it warms, or "
+            "its channel has a low-pass or a resonance that [torque_sensor] does not state",
+            "warm up, repeat a speed: what comes back with it is of the frequency; correct "
+            "resonance_Hz and damping_ratio",
         )  # fmt: skip

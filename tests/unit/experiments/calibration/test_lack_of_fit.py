@@ -46,6 +46,8 @@ def test_a_bench_as_the_model_has_it_gives_no_finding(connection: str, direction
         ("star", "high-pass stated 50 % too long", TWO_SPEEDS, "highpass-time-constant", 50),
         ("independent", "friction ripple 0.3 % at order 48, both directions", TWO_SPEEDS,
          "friction-ripple", 0.3),
+        ("independent", "torque 1 ms older than the angle", TWO_SPEEDS, "torque-age", 1000),
+        ("star", "encoder's backlash 0.26 deg", TWO_SPEEDS, "backlash", 0.26),
     ],
 )  # fmt: skip
 def test_a_departure_is_named_and_the_intervals_account_for_it(

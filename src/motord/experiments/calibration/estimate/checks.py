@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.joint import NO_GAINS, JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import ALPHA
 from motord.experiments.calibration.estimate.turn_products import TurnProducts
 from motord.experiments.magnet_temperature import UNKNOWN
@@ -95,7 +95,7 @@ def check_fit(fitted: JointFit) -> None:
     """Raise IdentifyError if a fit is no calibration."""
     alpha, stderr = fitted.solution.alpha, fitted.stderr[ALPHA]
     if not (np.isfinite(fitted.solution.vector).all() and np.isfinite(stderr).all()):
-        raise IdentifyError("no gains fit this torque: are its sign and the back-EMF right?")
+        raise IdentifyError(NO_GAINS)
     worst = int(np.argmax(stderr))
     if stderr[worst] > MAX_ALPHA_STDERR:
         raise IdentifyError(

@@ -71,6 +71,12 @@ class PointModel:
         """Torque (bins,)."""
         return np.asarray((self.i_A * self.k).sum(axis=1) + self.cogging_Nm)
 
+    @property
+    def torque_change_Nm_per_s(self) -> np.ndarray:
+        """Derivative of the torque over time (bins,), currents included."""
+        velocity_rad_s = self.spectrum.velocity_rad_s
+        return derivative_over_time(self.torque_Nm[:, None], velocity_rad_s)[:, 0]
+
     @cached_property
     def amplitude_A(self) -> np.ndarray:
         """Amplitude of balanced phase currents of the same heat (bins,)."""
@@ -150,6 +156,8 @@ def effects(
     found.append(_of_currents("current-sensor-nonlinearity", models, _gain_curve))
     directions = np.array([point.spectrum.direction for point in models])
     if np.ptp(directions) > 0:
+        moved = np.array([point.lines(_encoder_error(0, point)) for point in models])
+        found.append(_without_law("backlash", 0, directions[:, None, None] * moved))
         for order in sorted({*SHAFT_ORDERS, *cogging_orders}):
             lines = np.array([point.lines(point.waves(order)) for point in models])
             against = -directions[:, None, None] * lines
@@ -172,6 +180,7 @@ def _departures(motor: MotorConfig) -> Iterator[tuple[str, int, Torques]]:
     for order in sorted({*SHAFT_ORDERS, *electrical}):
         yield "torque-sensor-crosstalk", order, partial(_torque_crosstalk, order)
     yield "back-emf-load", 0, lambda p: -(p.amplitude_A * (p.i_A * p.k).sum(axis=1))[None]
+    yield "torque-age", 0, lambda p: -p.torque_change_Nm_per_s[None]
     yield "cogging-load", 0, lambda p: (p.amplitude_A * p.cogging_Nm)[None]
 
 

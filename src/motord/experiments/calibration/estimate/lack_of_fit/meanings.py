@@ -49,6 +49,14 @@ def _degrees(cause: Cause, _: BenchFile) -> float:
     return float(np.degrees(np.linalg.norm(cause.size)))
 
 
+def _microseconds(cause: Cause, _: BenchFile) -> float:
+    return 1e6 * float(cause.size[0])
+
+
+def _twice_degrees(cause: Cause, bench: BenchFile) -> float:
+    return 2 * _degrees(cause, bench)
+
+
 def _percent_at_rated(cause: Cause, bench: BenchFile) -> float:
     return 100 * bench.motor.rated_current_A() * abs(float(cause.size[0]))
 
@@ -102,6 +110,21 @@ MEANINGS = {
     ),
     "encoder-error": Meaning(
         "deg", _degrees, "the encoder is off by {size} deg {order} times a turn", _CENTRE
+    ),
+    "backlash": Meaning(
+        "deg",
+        _twice_degrees,
+        "the encoder's angle differs by {size} deg between the directions: backlash or wind-up of "
+        "its coupling, or hysteresis of the cogging torque",
+        "tighten or replace the coupling of the encoder and calibrate again",
+    ),
+    "torque-age": Meaning(
+        "us",
+        _microseconds,
+        "the torque is {size} us older than angle and currents of the same tick: a low-pass or "
+        "averaging of its channel, an anti-aliasing filter, or a bridge that samples it at another "
+        "time",
+        "sample torque and encoder at the same time, or raise the corner of the filter",
     ),
     "highpass-time-constant": Meaning(
         "% of the corner frequency",

@@ -33,6 +33,13 @@ ITERATIONS = 4
 NEARLY_SEEN = "a common gain or offset that is nearly seen"
 """Source of errors: how far the solution that leaves it open lies away."""
 
+NO_GAINS = (
+    "no gains fit this torque: are two phases swapped, the encoder's direction or the sign of the "
+    "torque the other one, the encoder's lines broken, or the back-EMF wrong? `motord plan start "
+    "align` finds phase_order, encoder_direction and encoder_offset_rad"
+)
+"""Why there are no gains."""
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -180,7 +187,10 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
         delta_epsilon = float(np.cbrt(theta[ALPHA].prod()))
         return Solution(theta, theta[ALPHA] / delta_epsilon, delta_epsilon)
     change = fixed - found[:, 1]
-    theta = theta + unit_product(theta[ALPHA], change[ALPHA]) * change
+    share = unit_product(theta[ALPHA], change[ALPHA])
+    if np.isnan(share):
+        raise IdentifyError(NO_GAINS)
+    theta = theta + share * change
     return Solution(theta, theta[ALPHA], 1.0)
 
 

@@ -1,0 +1,129 @@
+"""What the lines of a rotor differ by between speeds: an age, slipping angles, gains; each tested.
+
+    line_s = mean (1 + gain_s - j order shift_s),   shift_s = velocity_s age + rest_s
+
+What is measured later than the angle turns order h by h velocity age; an encoder that slips on its
+shaft shifts all orders' angle; a gain that changes with temperature, or with frequency, scales
+lines. Each is had from all orders at once, by weighted least squares, and compared by F with how
+turns differ. Directions have means of their own: friction differs between them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+FALSE_SHARE = 0.002
+"""Probability at which chance alone makes one of the three significant."""
+
+SEPARATE = 1e-3
+"""Part of the velocities' squares that must be left within directions to show an age."""
+
+ROUNDS = 3
+"""Fits of the age, each from lines that are turned back by what was found: the first is small."""
+
+
+@dataclass(frozen=True)
+class SpeedDifference:
+    """The largest size of a departure, and what chance reaches in FALSE_SHARE of all runs."""
+
+    size: float
+    limit: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is beyond what chance gives."""
+        return abs(self.size) > self.limit
+
+
+NOTHING = SpeedDifference(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SpeedDifferences:
+    """Each the largest; nothing where the speeds show none.
+
+    age_s: positive if what was measured is older than the angle; shift_rad: of the angle besides;
+    gain: in parts.
+    """
+
+    age_s: SpeedDifference = NOTHING
+    shift_rad: SpeedDifference = NOTHING
+    gain: SpeedDifference = NOTHING
+
+
+def speed_differences(
+    lines: np.ndarray,
+    stderr: np.ndarray,
+    order: np.ndarray,
+    velocity_rad_s: np.ndarray,
+    freedom: float,
+) -> SpeedDifferences:
+    """Return what lines (s, n) of orders (n,) differ by between s speeds.
+
+    order h is Re(line exp(j h theta)); stderr (s, n): per component, of so many degrees of freedom;
+    velocity_rad_s (s,): negative backwards.
+    """
+    turning = np.sign(velocity_rad_s)
+    ways = np.column_stack([turning == way for way in np.unique(turning)]).astype(float)
+    moving = np.column_stack([ways, velocity_rad_s])
+    age_s, wave = 0.0, 1j * np.outer(velocity_rad_s, order)
+    for _ in range(ROUNDS):
+        shift_rad, known, _, _ = _changes(lines * np.exp(wave * age_s), stderr, order, ways)
+        slope_s = _slope(shift_rad, known, moving, freedom)
+        age_s += slope_s.size
+    lines = lines * np.exp(wave * age_s)
+    shift_rad, known, gain, scaled = _changes(lines, stderr, order, ways)
+    return SpeedDifferences(
+        SpeedDifference(age_s, slope_s.limit),
+        _rest(shift_rad, known, moving, freedom),
+        _rest(gain, scaled, ways, freedom),
+    )
+
+
+def _changes(
+    lines: np.ndarray, stderr: np.ndarray, order: np.ndarray, ways: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return each speed's shift of the angle and gain (s,) against its direction's mean.
+
+    Each followed by its weight, 1 / variance. ways (s, directions): 1 for a speed's direction.
+    """
+    weight = 1 / np.maximum(stderr, 1e-300) ** 2
+    mean = ways @ ((ways.T @ (weight * lines)) / (ways.T @ weight))
+    apart, power = (lines - mean) * mean.conj(), weight * np.abs(mean) ** 2
+    turned, scaled = (order**2 * power).sum(axis=1), power.sum(axis=1)
+    shift_rad = -(weight * order * apart.imag).sum(axis=1) / turned
+    return shift_rad, turned, (weight * apart.real).sum(axis=1) / scaled, scaled
+
+
+def _left(values: np.ndarray, weight: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return what weighted columns (s, m) leave of weighted values (s,)."""
+    root = np.sqrt(weight)
+    x, y = columns * root[:, None], values * root
+    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
+
+
+def _slope(
+    values: np.ndarray, weight: np.ndarray, columns: np.ndarray, freedom: float
+) -> SpeedDifference:
+    """Return the coefficient of the last column, besides the others."""
+    own = _left(columns[:, -1], weight, columns[:, :-1])
+    information = float(own @ own)
+    if information <= SEPARATE * float(weight @ columns[:, -1] ** 2):
+        return NOTHING
+    size = float(own @ (values * np.sqrt(weight))) / information
+    quantile = float(stats.t.isf(FALSE_SHARE / 2, freedom))
+    return SpeedDifference(size, quantile / float(np.sqrt(information)))
+
+
+def _rest(
+    values: np.ndarray, weight: np.ndarray, columns: np.ndarray, freedom: float
+) -> SpeedDifference:
+    """Return the largest of what the columns leave of the values, if it is more than noise."""
+    left = _left(values, weight, columns)
+    terms = values.size - int(np.linalg.matrix_rank(columns))
+    if terms < 1:
+        return NOTHING
+    ratio = float(left @ left) / terms / float(stats.f.isf(FALSE_SHARE, terms, freedom))
+    size = float(np.abs(left / np.sqrt(weight)).max())
+    return SpeedDifference(size, size / max(float(np.sqrt(ratio)), 1e-300))
