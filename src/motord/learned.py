@@ -8,7 +8,7 @@ from itertools import pairwise, product
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from motord.config import Finite, NonNegative, Positive
 
@@ -22,8 +22,8 @@ COEFFICIENTS_MAX = 2 * MAX_ORDERS * MAX_NODES * MAX_NODES
 """Room for the coefficients, cos and sin, of the largest mesh."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class _Part(BaseModel, extra="forbid", frozen=True):
+    """A part of a calibration file."""
 
 
 class Verified(_Part):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from math import hypot
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from motord.intervals import coverage_factor
 
@@ -17,7 +17,7 @@ Triple = tuple[Uncertainty, Uncertainty, Uncertainty]
 Freedom = Annotated[float, Field(ge=1, allow_inf_nan=False)]
 
 
-class Contribution(BaseModel):
+class Contribution(BaseModel, extra="forbid", frozen=True):
     """What a source contributes: standard uncertainties of alpha and beta_A of phases a, b, c, of
     delta epsilon, and of the amplitude of the cogging torque that it moves most.
 
@@ -25,8 +25,6 @@ class Contribution(BaseModel):
     of a rectangular distribution's width, in `unit`. degrees_of_freedom: of QUANTITIES, of phases
     and orders the fewest; None for many.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     source: str
     type: Literal["A", "B"]

@@ -1,12 +1,10 @@
 """What all published messages are."""
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 
-class PublishedMessage(BaseModel):
+class PublishedMessage(BaseModel, extra="ignore"):
     """A published message, or a part of one."""
-
-    model_config = ConfigDict(extra="ignore")
 
     def to_json(self) -> bytes:
         """Return JSON in UTF-8; numbers that are not finite become null."""

@@ -6,7 +6,7 @@ Types are strict; fields that a model does not name are passed on, so that repli
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from motord.api.errors import MESSAGE_CHARACTERS
 
@@ -16,10 +16,8 @@ Duration = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _LeaseTime = Annotated[float, Field(gt=0, lt=1e6, allow_inf_nan=False)]
 
 
-class RpcReply(BaseModel):
+class RpcReply(BaseModel, extra="allow", strict=True, frozen=True):
     """The reply to an RPC, a JSON object; without fields for an RPC that has nothing to say."""
-
-    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
     def content(self) -> dict[str, Any]:
         """Return the fields that were given, as in JSON."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Generic, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from motord.api.replies import RpcReply
 
@@ -11,10 +11,8 @@ Token = Annotated[str, Field(min_length=1, max_length=128)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]
 
 
-class RpcRequest(BaseModel):
+class RpcRequest(BaseModel, extra="forbid", strict=True, frozen=True, allow_inf_nan=False):
     """The body of an RPC: JSON object, strict types, unknown fields refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class NoArguments(RpcRequest):

@@ -5,7 +5,7 @@ from math import pi
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from motord.config import Finite, MotorConfig, NonNegative, Positive
 from motord.intervals import coverage_factor, plus_minus
@@ -14,10 +14,8 @@ Triple = tuple[Finite, Finite, Finite]
 StandardErrors = tuple[NonNegative, NonNegative, NonNegative]
 
 
-class Part(BaseModel):
+class Part(BaseModel, extra="forbid", frozen=True, populate_by_name=True):
     """A part of the file: immutable, no unknown keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
 class CalibratedMotor(Part):
@@ -62,12 +60,12 @@ class Harmonic(Part):
             return None
         return coverage_factor(self.degrees_of_freedom) * self.stderr_Nm
 
-    def in_mNm(self, sign: str = "+-") -> str:
+    def in_mNm(self) -> str:
         """Return the amplitude (mNm) with half of its interval."""
         amplitude_mNm = 1e3 * abs(self.amplitude_Nm)
         if self.half_width_Nm is None:
             return f"{amplitude_mNm:.2f} (error not known from one trial)"
-        return plus_minus(amplitude_mNm, 1e3 * self.half_width_Nm, sign)
+        return plus_minus(amplitude_mNm, 1e3 * self.half_width_Nm)
 
     @property
     def phase_in_words(self) -> str:

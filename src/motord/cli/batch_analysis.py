@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import print_line, progress_bar, remark, text_column
+from motord.cli.console import print_line, progress_bar, remark
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -109,10 +109,8 @@ def _lines(
 
 
 def _bars() -> "Progress":
-    from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
-
-    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    return progress_bar(text_column("{task.description}"), *columns, stderr=True, transient=True)
+    columns = "{task.description}", "bar", "count", "left"
+    return progress_bar(*columns, stderr=True, transient=True)
 
 
 def _check_usage(

@@ -20,7 +20,7 @@ from typer.core import TyperGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress, ProgressColumn, TaskID, TextColumn
+    from rich.progress import Progress, TaskID
 
     from motord.experiments.subject import PhaseProgress
 
@@ -143,22 +143,23 @@ def plain_console(*, stderr: bool = False) -> "Console":
     return Console(stderr=stderr, markup=False, emoji=False)
 
 
-def text_column(text: str) -> "TextColumn":
-    """Return a column of a progress bar; `text` is a format string over `task`."""
-    from rich.progress import TextColumn
-
-    return TextColumn(text, markup=False)
-
-
 def progress_bar(
-    *columns: "ProgressColumn", silent: bool = False, stderr: bool = False, transient: bool = False
+    *columns: str, silent: bool = False, stderr: bool = False, transient: bool = False
 ) -> "Progress":
-    """Return a progress bar; where there is no terminal, or if it is `silent`, it shows nothing."""
-    from rich.progress import Progress
+    """Return a progress bar; where there is no terminal, or if it is `silent`, it shows nothing.
 
+    columns: "bar", "count", "elapsed", "left", or a format string over `task`.
+    """
+    from rich import progress
+
+    kinds = {
+        "bar": progress.BarColumn, "count": progress.MofNCompleteColumn,
+        "elapsed": progress.TimeElapsedColumn, "left": progress.TimeRemainingColumn,
+    }  # fmt: skip
+    made = (kinds[c]() if c in kinds else progress.TextColumn(c, markup=False) for c in columns)
     console = plain_console(stderr=stderr)
     quiet = silent or not console.is_terminal
-    return Progress(*columns, console=console, transient=transient, disable=quiet)
+    return progress.Progress(*made, console=console, transient=transient, disable=quiet)
 
 
 @contextmanager
@@ -167,9 +168,7 @@ def phase_bars(*, silent: bool = False) -> "Iterator[PhaseProgress]":
 
     On standard error, and gone in the end.
     """
-    from rich.progress import BarColumn, TimeRemainingColumn
-
-    columns = text_column("{task.description}"), BarColumn(), TimeRemainingColumn()
+    columns = "{task.description}", "bar", "left"
     with progress_bar(*columns, silent=silent, stderr=True, transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 

@@ -7,7 +7,7 @@ import typer
 
 from motord.cli.analysis_command import print_text
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, print_json, progress_bar, text_column
+from motord.cli.console import fail, print_json, progress_bar
 
 if TYPE_CHECKING:
     from motord.config import LoopConfig
@@ -75,12 +75,11 @@ def _loop(config: Path | None, rate_Hz: int | None) -> "LoopConfig":
 
 
 def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
-    from rich.progress import BarColumn
-
     from motord.loop.latency.measurement import measure
 
-    columns = text_column("{task.description}"), BarColumn()
-    with progress_bar(*columns, silent=silent, stderr=True, transient=True) as bars:
+    with progress_bar(
+        "{task.description}", "bar", silent=silent, stderr=True, transient=True
+    ) as bars:
         task = bars.add_task("starting the loop", total=1.0)
 
         def progress(measured: "Measured") -> None:

@@ -14,7 +14,6 @@ from motord.cli.console import (
     plain_console,
     print_json,
     progress_bar,
-    text_column,
 )
 
 if TYPE_CHECKING:
@@ -53,11 +52,9 @@ def reproduce(
 @contextmanager
 def stage_progress(stages: Sequence[str], out: Path, silent: bool) -> "Iterator[StageProgress]":
     """Show a bar for each stage; what is yielded moves it. A file of `out` that fails ends it."""
-    from rich.progress import BarColumn, TimeElapsedColumn
-
     explain_first_run(silent=silent)
     width = max(map(len, stages)) + 1
-    columns = text_column(f"{{task.description:<{width}}}"), BarColumn(), TimeElapsedColumn()
+    columns = f"{{task.description:<{width}}}", "bar", "elapsed"
     try:
         with progress_bar(*columns, silent=silent) as bars:
             tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in stages}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import PlanSettings, ResultAsJson
-from motord.cli.console import explain_first_run, fail, print_result, progress_bar, text_column
+from motord.cli.console import explain_first_run, fail, print_result, progress_bar
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -95,13 +95,11 @@ def _record(
     *,
     silent: bool,
 ) -> dict[str, Any]:
-    from rich.progress import BarColumn, TimeRemainingColumn
-
     from motord.simulate import record_plan
     from motord.virtual.mesh import processors
 
     began_s = time.monotonic()
-    columns = text_column("{task.description}"), BarColumn(), TimeRemainingColumn()
+    columns = "{task.description}", "bar", "left"
     with progress_bar(*columns, silent=silent) as bars, processors() as pool:
         task = bars.add_task(plan.name, total=1.0)
         recorded = record_plan(

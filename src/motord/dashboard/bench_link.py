@@ -79,10 +79,7 @@ class Connectivity:
 
 
 class BenchLink:
-    """A client of a daemon, for an event loop.
-
-    `connect` makes the connection anew.
-    """
+    """A client of a daemon, for an event loop. `connect` makes the connection anew."""
 
     def __init__(self, client: Client, connect: Callable[[], Client]) -> None:
         self.client = client

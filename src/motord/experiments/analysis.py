@@ -27,13 +27,13 @@ Result = TypeVar("Result")
 def encode(value: Any) -> Any:
     """Return a result as JSON has it: the one encoder of all experiments.
 
-    Of a dataclass, the fields and properties that its class attribute `JSON` names, or gives for
-    other names if it is a mapping, dots between; by default all fields. Of an array its values.
+    Of a dataclass, the fields and properties that its class attribute `JSON` names, by default all
+    fields; "name=path.of.it" gives what has another name here. Of an array its values.
     """
     if is_dataclass(value) and not isinstance(value, type):
         names = getattr(value, "JSON", None) or [one.name for one in fields(value)]
-        pairs = names.items() if isinstance(names, Mapping) else zip(names, names, strict=True)
-        return {name: encode(attrgetter(attribute)(value)) for name, attribute in pairs}
+        pairs = (one.partition("=") for one in names)
+        return {name: encode(attrgetter(path or name)(value)) for name, _, path in pairs}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -51,11 +51,11 @@ def json_of(schema: str, *motor: str) -> Callable[[Any, "Recordings"], dict[str,
 
     def json(result: Any, recordings: "Recordings") -> dict[str, Any]:
         subject = recordings.subject
-        fields = {name: getattr(subject.motor, name) for name in motor}
+        named = {name: getattr(subject.motor, name) for name in motor}
         return {
             "schema": schema,
             "bench": subject.bench,
-            "motor": fields or subject.motor.name,
+            "motor": named or subject.motor.name,
             "runs": recordings.names,
             **encode(result),
         }

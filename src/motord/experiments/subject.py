@@ -46,6 +46,11 @@ class Subject:
     magnet_channel: str = ""
     """The channel that a bench file has for the magnets' temperature; "": as each run says."""
 
+    @property
+    def lead(self) -> str:
+        """Motor and bench, as the first line of a report."""
+        return f"{self.motor.name} on bench {self.bench}"
+
     @classmethod
     def of_config(cls, config: Config) -> "Subject":
         """Return the subject of a bench."""
@@ -116,6 +121,21 @@ class Recordings:
             return named
         return replace(named, motor=named.motor.model_copy(update={"serial": recorded.pop()}))
 
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """Rows (name, value) about bench, motor and recordings, as reports show them."""
+        motor = self.subject.motor
+        serial = f", serial {motor.serial}" if motor.serial else ""
+        return [
+            ("bench", self.subject.bench),
+            (
+                "motor",
+                f"{motor.name}{serial}: {motor.slots} slots, {2 * motor.pole_pairs} poles, "
+                f"{motor.counts} counts, {motor.rated_torque_Nm:g} Nm rated, {motor.connection}",
+            ),
+            ("recordings", ", ".join(self.names)),
+        ]
+
 
 def bench_of(path: Path) -> Config | None:
     """Return the bench of a bench file; None for a motor file. Raises ConfigError."""
@@ -180,21 +200,6 @@ def captured_ticks(run: Run, columns: Sequence[str]) -> Iterator[np.ndarray]:
     for point in good_points(run.operating_points()):
         ticks = run.ticks(("plan_point", *columns), **bounds_of(point))
         yield ticks[ticks["plan_point"] == int(point["index"])]
-
-
-def facts(subject: Subject, runs: Sequence[str]) -> list[tuple[str, str]]:
-    """Return rows (name, value) about bench, motor and recordings, as reports show them."""
-    motor = subject.motor
-    serial = f", serial {motor.serial}" if motor.serial else ""
-    return [
-        ("bench", subject.bench),
-        (
-            "motor",
-            f"{motor.name}{serial}: {motor.slots} slots, {2 * motor.pole_pairs} poles, "
-            f"{motor.counts} counts, {motor.rated_torque_Nm:g} Nm rated, {motor.connection}",
-        ),
-        ("recordings", ", ".join(runs)),
-    ]
 
 
 def _with_serial(subjects: Sequence[Subject]) -> list[Subject]:

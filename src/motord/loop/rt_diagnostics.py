@@ -8,7 +8,7 @@ that it was read from, so that an operator can look again after a change.
 import re
 from collections.abc import Callable
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from motord.loop.rt_setup import Host, preemption
 
@@ -19,10 +19,8 @@ GOOD_CLOCKS = ("tsc", "arch_sys_counter")
 """Clocks that are read in tens of nanoseconds, without a call of the kernel."""
 
 
-class RtFinding(BaseModel):
+class RtFinding(BaseModel, frozen=True):
     """One thing looked at: what was found, whether it is as a loop wants it, and what to do."""
-
-    model_config = ConfigDict(frozen=True)
 
     name: str
     found: str

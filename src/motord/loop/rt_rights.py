@@ -10,7 +10,7 @@ import resource
 import sys
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
@@ -20,10 +20,8 @@ _CAP_IPC_LOCK = 14
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-class RealtimeItem(BaseModel):
+class RealtimeItem(BaseModel, frozen=True):
     """One right: what was wanted, what was got, and if not the same, why not and how to get it."""
-
-    model_config = ConfigDict(frozen=True)
 
     name: str
     wanted: str

@@ -3,7 +3,7 @@
 from enum import StrEnum
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from motord.atomic_write import write_whole
 from motord.config.base import what_is_wrong
@@ -22,10 +22,8 @@ class LoopPhase(StrEnum):
     FAILED = "failed"
 
 
-class LoopStatus(BaseModel):
+class LoopStatus(BaseModel, frozen=True):
     """The loop process: who, since when, with which rights, and at the end how it went."""
-
-    model_config = ConfigDict(frozen=True)
 
     phase: LoopPhase
     pid: int

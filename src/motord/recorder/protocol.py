@@ -6,7 +6,7 @@ Whatever else comes out of a child's pipe is counted and left out. Nothing here 
 from pathlib import Path
 from typing import Annotated, Generic, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from motord.allowance import Allowance
 from motord.recorder.pipe_lines import LineReader
@@ -26,10 +26,8 @@ Count = Annotated[int, Field(ge=0, lt=1 << 63)]
 Outcomes = Annotated[dict[Text, Text], Field(max_length=OUTCOMES_MAX)]
 
 
-class Message(BaseModel):
+class Message(BaseModel, extra="forbid", frozen=True, strict=True):
     """A message of a child process: of exactly these fields and types."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class RecorderReport(Message):

@@ -1,7 +1,7 @@
 """One self-contained HTML page: headings, text, tables and pictures; nothing from elsewhere."""
 
 from collections.abc import Sequence
-from html import escape
+from html import escape as escape_markup
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -67,6 +67,11 @@ def _as_box(finding: Finding) -> str:
 
 def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith(("?", ".")) else ".")
+
+
+def escape(text: str) -> str:
+    """Return text as markup, with the plus-minus sign that a terminal may not have."""
+    return escape_markup(text).replace(" +- ", " \u00b1 ")
 
 
 class Markup(str):

@@ -4,6 +4,8 @@ Pictures are drawn in the light colours; `svg.inline` turns each into a CSS vari
 page shows them light, dark or on paper. Every light colour is used for one meaning only.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -88,6 +90,8 @@ drawing = partial(mpl.rc_context, SETTINGS)
 """Context in which pictures are drawn; afterwards the settings are those that were before."""
 
 
-def figure(height_in: float) -> Figure:
-    """Return an empty figure as wide as the page."""
-    return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+@contextmanager
+def figure(height_in: float) -> Iterator[Figure]:
+    """Yield an empty figure as wide as the page, to be drawn in the block."""
+    with drawing():
+        yield Figure(figsize=(WIDTH_IN, height_in), layout="constrained")

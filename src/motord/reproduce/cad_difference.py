@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from motord.experiments.inertia.error_budget import DRAWS
 from motord.experiments.inertia.springs import HEAVY, UNLOADED, SpringSetup, Tolerances
 from motord.report.html import Page
-from motord.report.style import AFTER, BEFORE, INK, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, INK, SOFT, figure
 
 CAD_KG_M2 = 0.01056
 MEASURED_KG_M2 = 0.009902
@@ -162,8 +162,7 @@ def _share(rarity: float) -> str:
 
 def explanation(ranges: Sequence[Explanation], difference: float) -> Figure:
     """Return what the report's tolerances allow for, against the difference that it found."""
-    with drawing():
-        picture = figure(0.9 + 0.42 * len(ranges))
+    with figure(0.9 + 0.42 * len(ranges)) as picture:
         axes = picture.subplots()
         for place, item in enumerate(ranges):
             low, high = (100 * x for x in item.worst)

@@ -6,7 +6,7 @@ compiled tick counts into such arrays (`shm.time_count`); they may lie in shared
 """
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 BITS = 5
 """Of a bin's number within its octave."""
@@ -21,10 +21,8 @@ EDGES_ns = (_INDEX - (_OCTAVE << BITS)) << _OCTAVE
 """Lower edge of each bin and the upper edge of the last, shape (BINS + 1,), ns."""
 
 
-class TimeSummary(BaseModel):
+class TimeSummary(BaseModel, frozen=True):
     """A histogram for people and files. `bins` holds [lower edge ns, count] of those not empty."""
-
-    model_config = ConfigDict(frozen=True)
 
     samples: int = 0
     p50_us: float = 0.0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from motord.schema import record_dtype
 from motord.shm.histogram import CELLS, TimeHistogram, TimeSummary
@@ -35,10 +35,8 @@ class BoardClockError(NamedTuple):
     jitter_us: float
 
 
-class TimingSummary(BaseModel):
+class TimingSummary(BaseModel, frozen=True):
     """Punctuality for people and files: periods missed, quantiles and bins of both times."""
-
-    model_config = ConfigDict(frozen=True)
 
     missed: int = 0
     wake_late: TimeSummary = TimeSummary()

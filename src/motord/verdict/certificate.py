@@ -63,7 +63,7 @@ class Certificate:
             "version": self.version,
             "risk_percent": self.motor_type.risk_percent,
             "nonconformance_bound": self.verdict.nonconformance_bound,
-            "figures": [_figure_json(one) for one in self.verdict.figures],
+            "figures": encode(self.verdict.figures),
             "recordings": encode(self.recordings),
             "findings": [
                 dict(zip(("analysis", "severity", "name"), one, strict=True))
@@ -160,12 +160,12 @@ def label(figure: Figure) -> str:
     return f"{figure.label} ({figure.unit})" if figure.unit else figure.label
 
 
-def measured(one: FigureVerdict, sign: str = "\u00b1") -> str:
+def measured(one: FigureVerdict) -> str:
     """Return value and expanded uncertainty as text, as far as they are known."""
     value, half = one.figure.value, one.figure.expanded_uncertainty
     if value is None:
         return "none"
-    return f"{value:.5g}" if half is None else plus_minus(value, half, sign)
+    return f"{value:.5g}" if half is None else plus_minus(value, half)
 
 
 def percent(probability: float) -> str:
@@ -173,22 +173,3 @@ def percent(probability: float) -> str:
     if probability > 0.9995:
         return "> 99.95 %"
     return "< 0.05 %" if probability < 0.0005 else f"{100 * probability:.1f} %"
-
-
-def _figure_json(one: FigureVerdict) -> dict[str, Any]:
-    figure, tolerance = one.figure, one.tolerance
-    return {
-        "analysis": figure.analysis,
-        "name": figure.name,
-        "unit": figure.unit,
-        "low": tolerance.low,
-        "high": tolerance.high,
-        "value": figure.value,
-        "standard_uncertainty": figure.standard_uncertainty,
-        "degrees_of_freedom": figure.degrees_of_freedom,
-        "expanded_uncertainty": figure.expanded_uncertainty,
-        "guard_band": one.guard_band,
-        "conformance_probability": one.probability,
-        "decision": one.decision,
-        "reason": one.reason,
-    }

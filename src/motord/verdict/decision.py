@@ -12,7 +12,7 @@ fails.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.special import stdtr
@@ -84,6 +84,15 @@ class FigureVerdict:
     is not; guard_band: distance from a limit, on its side of what conforms, within which a value
     does not pass.
     """
+
+    JSON: ClassVar = (
+        "analysis=figure.analysis", "name=figure.name", "unit=figure.unit", "low=tolerance.low",
+        "high=tolerance.high", "value=figure.value",
+        "standard_uncertainty=figure.standard_uncertainty",
+        "degrees_of_freedom=figure.degrees_of_freedom",
+        "expanded_uncertainty=figure.expanded_uncertainty", "guard_band",
+        "conformance_probability=probability", "decision", "reason",
+    )  # fmt: skip
 
     figure: Figure
     tolerance: Tolerance

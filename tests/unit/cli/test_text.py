@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.cli.console import plain_console, progress_bar, text_column
+from motord.cli.console import plain_console, progress_bar
 from motord.config.experiments import plan_kinds
 
 CLI = Path(__file__).parents[3] / "src" / "motord" / "cli"
@@ -58,7 +58,6 @@ def test_wrong_usage_shows_brackets_too():
 
 
 def test_consoles_and_columns_print_text_as_it_is():
-    from rich.progress import Progress
     from rich.table import Table
 
     console = plain_console()
@@ -68,7 +67,7 @@ def test_consoles_and_columns_print_text_as_it_is():
         console.print("[limits]", rows)
     for text in ("[limits]", "[loop] :cat:", "[motor]", "[brake.modbus]", "runs[loop]/a.mcap"):
         assert text in captured.get()
-    with Progress(text_column("{task.description}"), console=console) as bars:
+    with progress_bar("{task.description}") as bars:
         task = bars.add_task("[loop]", total=1.0)
         assert str(bars.columns[0].render(bars.tasks[task])) == "[loop]"
 
@@ -91,7 +90,7 @@ def test_a_client_loads_no_statistics():
 
 def test_progress_prints_nothing_where_there_is_no_terminal(capfd):
     for silent in (False, True):
-        with progress_bar(text_column("{task.description}"), silent=silent) as bars:
+        with progress_bar("{task.description}", silent=silent) as bars:
             bars.update(bars.add_task("[loop]", total=1.0), completed=1.0)
     assert capfd.readouterr() == ("", "")
 

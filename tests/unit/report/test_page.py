@@ -175,8 +175,7 @@ def test_findings_stand_beneath_the_title_the_serious_first() -> None:
 
 def test_inline_keeps_clip_paths_apart() -> None:
     def draw() -> str:
-        with drawing():
-            picture = figure(2.0)
+        with figure(2.0) as picture:
             axes = picture.subplots()
             axes.plot([0, 1], [0, 1])
             axes.set_xlim(0.2, 0.8)

@@ -32,7 +32,8 @@ def keys(kind):
     """Return the keys that a class has in JSON."""
     if hasattr(kind, "model_fields"):
         return set(kind.model_fields)
-    return set(getattr(kind, "JSON", None) or [one.name for one in fields(kind)])
+    names = getattr(kind, "JSON", None) or [one.name for one in fields(kind)]
+    return {one.partition("=")[0] for one in names}
 
 
 CLASSES = {

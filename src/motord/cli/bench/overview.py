@@ -3,7 +3,6 @@
 import json
 import time
 from contextlib import suppress
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -96,7 +95,7 @@ def events_of_all(connection: Connection, *, as_json: bool) -> None:
         if as_json:
             print_line(json.dumps({"bench": bench, **event.model_dump(mode="json")}))
         else:
-            print_line(f"{_moment(event.t_ns)} {bench} {event.kind}: {event.message}")
+            print_line(f"{wording.moment(event.t_ns)} {bench} {event.kind}: {event.message}")
 
     there: set[str] = set()
     with open_benches(connection, show) as benches, suppress(KeyboardInterrupt):
@@ -139,7 +138,7 @@ def _print(entry: "BenchEntry", *, as_json: bool, t_ns: int | None = None) -> No
     if as_json:
         print_line(json.dumps(as_object(entry)))
     else:
-        print_line(("" if t_ns is None else f"{_moment(t_ns)} ") + in_one_line(entry))
+        print_line(("" if t_ns is None else f"{wording.moment(t_ns)} ") + in_one_line(entry))
 
 
 def _print_presence(bench: str, what: str, *, as_json: bool) -> None:
@@ -147,21 +146,14 @@ def _print_presence(bench: str, what: str, *, as_json: bool) -> None:
     if as_json:
         print_line(json.dumps({"bench": bench, "t_ns": t_ns, "presence": what}))
     else:
-        print_line(f"{_moment(t_ns)} {bench} {what}")
+        print_line(f"{wording.moment(t_ns)} {bench} {what}")
 
 
 def as_object(entry: "BenchEntry") -> dict[str, Any]:
     """Return an entry for JSON."""
     state = None if entry.state is None else entry.state.model_dump(mode="json")
-    return {
-        "bench": entry.bench,
-        "alive": entry.alive,
-        "silent": entry.silent,
-        "age_s": entry.age_s,
-        "daemons": entry.daemons,
-        "problem": entry.problem,
-        "state": state,
-    }
+    names = ("bench", "alive", "silent", "age_s", "daemons", "problem")
+    return {**{name: getattr(entry, name) for name in names}, "state": state}
 
 
 def in_one_line(entry: "BenchEntry") -> str:
@@ -196,7 +188,3 @@ def _age(entry: "BenchEntry") -> str:
     if entry.state is None:
         return "SILENT: no answer"
     return f"SILENT: publishes nothing, the last state is of {wording.clock(entry.state.t_ns)}"
-
-
-def _moment(t_ns: int) -> str:
-    return f"{datetime.fromtimestamp(t_ns / 1e9).astimezone():%Y-%m-%d %H:%M:%S.%f}"[:-3]

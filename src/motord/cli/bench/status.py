@@ -1,7 +1,6 @@
 """`motord status` and `motord events`: what a bench does now, and what happened."""
 
 from contextlib import suppress
-from datetime import datetime
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -68,8 +67,7 @@ def _show(event: "Event", as_json: bool) -> None:
     if as_json:
         print_line(event.model_dump_json())
         return
-    moment = datetime.fromtimestamp(event.t_ns / 1e9).astimezone()
-    stamp = f"{moment:%Y-%m-%d %H:%M:%S.%f}"[:-3]
+    stamp = wording.moment(event.t_ns)
     print_line(f"{stamp} {event.kind}: {event.message}")
     if event.kind == "trip":
         data = event.data

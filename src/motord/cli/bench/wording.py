@@ -20,6 +20,11 @@ def clock(t_ns: int) -> str:
     return f"{datetime.fromtimestamp(t_ns / 1e9).astimezone():%H:%M:%S}"
 
 
+def moment(t_ns: int) -> str:
+    """Return the local date and time of day, to the millisecond."""
+    return f"{datetime.fromtimestamp(t_ns / 1e9).astimezone():%Y-%m-%d %H:%M:%S.%f}"[:-3]
+
+
 def duration(seconds: float) -> str:
     """Return a time as `45 s`, `3.2 min` or `1.5 h`."""
     if seconds < 90:

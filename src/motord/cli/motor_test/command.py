@@ -136,7 +136,7 @@ def _text(made: "Certificate") -> "Iterator[str | TextTable]":
                 label(one.figure),
                 "" if one.tolerance.low is None else f"{one.tolerance.low:g}",
                 "" if one.tolerance.high is None else f"{one.tolerance.high:g}",
-                measured(one, "+-"),
+                measured(one),
                 "" if one.probability is None else percent(one.probability),
                 one.decision,
             )

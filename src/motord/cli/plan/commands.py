@@ -14,13 +14,13 @@ from motord.cli.bench import wording
 from motord.cli.bench.lease_session import command, in_command
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
-from motord.cli.console import fail, group, progress_bar, text_column
+from motord.cli.console import fail, group, progress_bar
 from motord.cli.plan.preflight import LIMIT_S, as_dict, forecast_text, predict, warning
 from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
     from motord.api.plan_messages import PlanView
-    from motord.api.replies import AvailablePlan, PlanName, PlanProgress
+    from motord.api.replies import AvailablePlan, PlanProgress
     from motord.client import Client, Commander, PlanRun
 
 WITH_CALIBRATION = ("learn", "check-calibration")
@@ -28,6 +28,9 @@ WITH_CALIBRATION = ("learn", "check-calibration")
 
 CLOSED_S = 15.0
 """How long the recorder may take to close the recording of a plan."""
+
+PLAN_COLUMNS = ("bar", "{task.percentage:3.0f} %", "elapsed", "{task.description}")
+"""Progress of a plan, or of the queue."""
 
 Detach = Annotated[
     bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
@@ -172,12 +175,9 @@ class AbortsPlan(Protocol):
 
 def follow(run: "PlanRun", commander: AbortsPlan, *, quiet: bool) -> "PlanView":
     """Show progress until the plan is over, well or not; the first Ctrl-C aborts it."""
-    from rich.progress import BarColumn, TimeElapsedColumn
-
     from motord.client import PlanEndedError
 
-    percent, step = text_column("{task.percentage:3.0f} %"), text_column("{task.description}")
-    with progress_bar(BarColumn(), percent, TimeElapsedColumn(), step, silent=quiet) as bar:
+    with progress_bar(*PLAN_COLUMNS, silent=quiet) as bar:
         task = bar.add_task("", total=1.0)
         while True:
             try:
@@ -258,11 +258,8 @@ def discard(
     connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False
 ) -> None:
     """Forget a plan that was interrupted; its recordings stay."""
-
-    def discarded(answer: "PlanName") -> str:
-        return f"{answer.plan}: discarded"
-
-    command(methodcaller("discard_plan"), connection, discarded, force=force, as_json=as_json)
+    ask = methodcaller("discard_plan")
+    command(ask, connection, lambda a: f"{a.plan}: discarded", force=force, as_json=as_json)
 
 
 @app.command()

@@ -52,12 +52,8 @@ def _calibration(client: "Client") -> "Calibration":
 
 def as_dict(each: "Forecast") -> dict[str, Any]:
     """Return a forecast as JSON has it."""
-    return {
-        "index": each.point.index,
-        "simulated": each.simulated,
-        "trouble": each.trouble,
-        "quality": each.quality,
-    }
+    said = {name: getattr(each, name) for name in ("simulated", "trouble", "quality")}
+    return {"index": each.point.index, **said}
 
 
 def forecast_text(each: "Forecast") -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from datetime import datetime
+from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -19,7 +20,6 @@ from motord.cli.plan.settings import settings_of
 if TYPE_CHECKING:
     from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
     from motord.api.queue_requests import QueueContent
-    from motord.client import Commander
 
 HISTORY_SHOWN = 10
 
@@ -163,11 +163,8 @@ def move(
     as_json: AsJson = False,
 ) -> None:
     """Give a plan of the queue another place."""
-
-    def moved(commander: "Commander") -> "QueueContent":
-        return commander.move_in_queue(id, position)
-
-    command(moved, connection, _text, force=force, as_json=as_json)
+    ask = methodcaller("move_in_queue", id, position)
+    command(ask, connection, _text, force=force, as_json=as_json)
 
 
 @app.command()
@@ -178,11 +175,8 @@ def remove(
     as_json: AsJson = False,
 ) -> None:
     """Take plans out of the queue; not the one under way."""
-
-    def removed(commander: "Commander") -> "QueueContent":
-        return commander.remove_from_queue(ids)
-
-    command(removed, connection, _text, force=force, as_json=as_json)
+    ask = methodcaller("remove_from_queue", ids)
+    command(ask, connection, _text, force=force, as_json=as_json)
 
 
 @app.command()
@@ -214,12 +208,8 @@ def pause(
     as_json: AsJson = False,
 ) -> None:
     """Begin no further plan; the one under way runs to its end."""
-
-    def paused(commander: "Commander") -> "QueueContent":
-        return commander.pause_queue(now=now)
-
-    command(paused, connection, lambda answer: in_short(answer.queue), force=force,
-            as_json=as_json)  # fmt: skip
+    ask = methodcaller("pause_queue", now=now)
+    command(ask, connection, lambda a: in_short(a.queue), force=force, as_json=as_json)
 
 
 def _fail_unless_done(end: "QueueView") -> None:

@@ -4,7 +4,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from motord.cli.bench.wording import duration, plan_progress
-from motord.cli.console import progress_bar, remark, text_column
+from motord.cli.console import progress_bar, remark
+from motord.cli.plan.commands import PLAN_COLUMNS
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
@@ -16,13 +17,10 @@ LOOK_S = 1.0
 
 def follow_queue(client: "Client", commander: "Commander", *, quiet: bool) -> "QueueView":
     """Show progress until the queue is paused; the first Ctrl-C aborts the plan under way."""
-    from rich.progress import BarColumn, TimeElapsedColumn
-
     from motord.client import ClientError
 
-    percent, step = text_column("{task.percentage:3.0f} %"), text_column("{task.description}")
     with (
-        progress_bar(BarColumn(), percent, TimeElapsedColumn(), step, silent=quiet) as bar,
+        progress_bar(*PLAN_COLUMNS, silent=quiet) as bar,
         client.subscribe_state() as states,
     ):
         task, ended = bar.add_task("", total=1.0), 0

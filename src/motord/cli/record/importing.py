@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, print_result, progress_bar, text_column
+from motord.cli.console import fail, print_result, progress_bar
 
 if TYPE_CHECKING:
     from motord.importing.convert import Imported
@@ -44,10 +44,7 @@ def import_recording(
 @contextmanager
 def _progress(silent: bool) -> "Iterator[Progress]":
     """Give a function that shows the share of the work done, and when it will be, after a while."""
-    from rich.progress import BarColumn, TimeRemainingColumn
-
-    columns = text_column("importing"), BarColumn(), TimeRemainingColumn()
-    bar = progress_bar(*columns, silent=silent, stderr=True, transient=True)
+    bar = progress_bar("importing", "bar", "left", silent=silent, stderr=True, transient=True)
     task = bar.add_task("import", total=1.0)
     began_s = time.monotonic()
 

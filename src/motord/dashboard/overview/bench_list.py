@@ -38,15 +38,9 @@ class BenchList:
 
 def described(entry: BenchEntry) -> dict[str, Any]:
     """Return a bench for JSON: whether it is there, and its state as far as it is shown."""
-    return {
-        "bench": entry.bench,
-        "silent": entry.silent,
-        "age_s": entry.age_s,
-        "daemons": entry.daemons,
-        "problem": entry.problem,
-        "gone_ns": None,
-        "state": None if entry.state is None else _in_short(entry.state),
-    }
+    names = ("bench", "silent", "age_s", "daemons", "problem")
+    state = None if entry.state is None else _in_short(entry.state)
+    return {**{name: getattr(entry, name) for name in names}, "gone_ns": None, "state": state}
 
 
 def _in_short(state: BenchState) -> dict[str, Any]:

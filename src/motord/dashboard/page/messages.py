@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
 
 from motord.api.requests import MAX_REQUEST_BYTES
 from motord.config.base import what_is_wrong
@@ -27,8 +27,8 @@ def _known(name: str) -> str:
 SignalName = Annotated[str, AfterValidator(_known)]
 
 
-class _FromPage(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
+class _FromPage(BaseModel, extra="ignore", frozen=True, allow_inf_nan=False):
+    """A message out of a page."""
 
 
 class ViewWanted(_FromPage):

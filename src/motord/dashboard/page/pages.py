@@ -21,10 +21,7 @@ RESTARTED = "the daemon was started again: whoever was in command no longer is"
 
 
 class Pages:
-    """Open pages of one bench.
-
-    `who` names the user and the machine in the holders of leases.
-    """
+    """Open pages of one bench. `who` names the user and the machine in the holders of leases."""
 
     def __init__(self, bench: LiveBench, link: BenchLink, who: str) -> None:
         self.bench = bench

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.result import Alignment
-from motord.report.style import AFTER, BEFORE, INK, drawing, figure
+from motord.report.style import AFTER, BEFORE, INK, figure
 
 WAYS = ((1, AFTER, "forwards"), (-1, BEFORE, "backwards"))
 
@@ -18,8 +18,7 @@ DOTS = 4000
 
 def followed(stops: Rests) -> Figure:
     """Return the encoder's angle over the vector's at each stop, by amplitude and way."""
-    with drawing():
-        picture = figure(3.2)
+    with figure(3.2) as picture:
         axes = picture.subplots()
         turns = stops.electrical_rad / (2 * np.pi), stops.encoder_rad / (2 * np.pi)
         for which, style in _kinds(stops):
@@ -34,8 +33,7 @@ def rests(result: Alignment) -> Figure:
     points = result.points(1.0)
     electrical_deg = np.degrees(result.angle_rad * result.motor.pole_pairs) % 360
     still = result.rests[result.rests.still]
-    with drawing():
-        picture = figure(3.2)
+    with figure(3.2) as picture:
         left, right = picture.subplots(1, 2)
         for axes, values, label in (
             (left, points * result.apart_rad, "from the vector"),
@@ -55,8 +53,7 @@ def rests(result: Alignment) -> Figure:
 
 def torque_sign(motion_Nm: np.ndarray, torque_Nm: np.ndarray) -> Figure:
     """Return measured torque over that which the motion takes, (k,) Nm each."""
-    with drawing():
-        picture = figure(3.2)
+    with figure(3.2) as picture:
         axes = picture.subplots()
         every = slice(None, None, max(motion_Nm.size // DOTS, 1))
         axes.plot(

@@ -2,15 +2,14 @@
 
 from motord.experiments.alignment.plots import followed, rests, torque_sign
 from motord.experiments.alignment.result import Alignment
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.report.html import Page
 
 
 def report(result: Alignment, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    lead = f"{result.motor.name} on bench {recordings.subject.bench}"
-    page = Page("Phase order, encoder direction and zero", lead)
-    page.table([], facts(recordings.subject, recordings.names))
+    page = Page("Phase order, encoder direction and zero", recordings.subject.lead)
+    page.table([], recordings.facts)
     fill(page, result)
     return page
 

@@ -36,24 +36,13 @@ class Alignment:
     left_rad (n,): what of that the fit does not explain. degrees_of_freedom: of its standard error.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        "fields": "fields",
-        "accuracy_fields": "accuracy_fields",
-        "told": "configured",
-        "encoder_offset_rad": "offset_rad",
-        "encoder_offset_stderr_rad": "offset_stderr_rad",
-        "encoder_offset_stderr_points": "offset_stderr_points",
-        "degrees_of_freedom": "degrees_of_freedom",
-        "pole_pairs": "pole_pairs",
-        "friction_Nm": "friction_Nm",
-        "friction_rad": "friction_rad",
-        "friction_points": "friction_points",
-        "torque_sensor": "torque_sensor",
-        "current_gain": "gains",
-        "rests": "rests.size",
-        "rests_left_out": "left_out",
-        "agreement": "agreement",
-    }
+    JSON: ClassVar = (
+        "fields", "accuracy_fields", "told=configured", "encoder_offset_rad=offset_rad",
+        "encoder_offset_stderr_rad=offset_stderr_rad",
+        "encoder_offset_stderr_points=offset_stderr_points", "degrees_of_freedom", "pole_pairs",
+        "friction_Nm", "friction_rad", "friction_points", "torque_sensor", "current_gain=gains",
+        "rests=rests.size", "rests_left_out=left_out", "agreement",
+    )  # fmt: skip
 
     motor: MotorConfig
     phase_order: PhaseOrder

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from motord.experiments.calibration.estimate.result import Estimate
-from motord.report.style import AFTER, INK, OTHER, REFERENCE, drawing, figure
+from motord.report.style import AFTER, INK, OTHER, REFERENCE, figure
 from motord.uncertainty_budget import QUANTITIES, Contribution, totals
 
 COLOURS = (AFTER, OTHER)
@@ -20,8 +20,7 @@ Labelled = tuple[str, Estimate]
 
 def cogging(estimates: Sequence[Labelled], reference: Labelled | None) -> Figure:
     """Return the torque over an eighth of a turn or more, and the amplitudes at each order."""
-    with drawing():
-        picture = figure(3.4)
+    with figure(3.4) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.25, 1.0])
         span_deg = _span_deg([estimate for _, estimate in estimates])
         for row, estimate in reversed(list(enumerate(estimates))):
@@ -39,8 +38,7 @@ def cogging(estimates: Sequence[Labelled], reference: Labelled | None) -> Figure
 def budget(contributions: Sequence[Contribution]) -> Figure:
     """Return standard uncertainties by source, a column of bars for each quantity."""
     sources = [one.source for one in contributions]
-    with drawing():
-        picture = figure(0.9 + 0.24 * len(sources))
+    with figure(0.9 + 0.24 * len(sources)) as picture:
         columns = picture.subplots(1, len(QUANTITIES), sharey=True)
         for axes, (name, unit, value) in zip(columns, QUANTITIES, strict=True):
             colours = [AFTER if one.type == "A" else OTHER for one in contributions]

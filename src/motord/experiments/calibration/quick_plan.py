@@ -47,7 +47,7 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
     points = tuple(_point(number, visit) for number, visit in enumerate(chosen))
     for point in points:
         check_speed(config, point.speed_Hz)
-    speed_rad_s = 2 * math.pi * _nominal_Hz(chosen)
+    speed_rad_s = 2 * math.pi * max(abs(visit.speed_Hz) for visit in chosen)
     settings = Continuous(
         excitation_for(config.brake, torque_Nm, speed_rad_s),
         lead_s(config.brake),
@@ -75,11 +75,6 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
 def _point(number: int, visit: Visit) -> OperatingPoint:
     one = visit.candidate
     return OperatingPoint(number, one.torque_Nm, visit.speed_Hz, visit.turns, one.induced)
-
-
-def _nominal_Hz(chosen: Sequence[Visit]) -> float:
-    """Return the speed of the largest torque."""
-    return max(abs(visit.speed_Hz) for visit in chosen)
 
 
 def _largest_torque_Nm(config: Config, mesh: CalibrateConfig) -> float:

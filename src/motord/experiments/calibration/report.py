@@ -10,7 +10,7 @@ from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.calibration.estimate.truth import recorded_truth
 from motord.experiments.calibration.plots import Labelled, budget, cogging
 from motord.experiments.ripple import report as ripple
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.identification.operating_points import good_points
 from motord.intervals import plus_minus
 from motord.report.html import Page
@@ -27,11 +27,10 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     The reference is the calibration that was named to compare with, else the truth, if the
     recordings hold it. Raises CalibrationError, IdentifyError.
     """
-    subject, c = recordings.subject, found.calibration
-    lead = f"{subject.motor.name} on bench {subject.bench}"
-    page = Page("Calibration of torque ripple", lead)
+    c = found.calibration
+    page = Page("Calibration of torque ripple", recordings.subject.lead)
     ripple.fill_key_figures(page, *ripple.before_and_after(found.result.ripples))
-    ripple.fill(page, found.result.ripples, subject.motor)
+    ripple.fill(page, found.result.ripples, recordings.subject.motor)
     estimates = [(f"{each.method} estimator", each) for each in found.both()]
     more = [added.order for added in c.added_orders]
     fill(page, estimates, _reference(found.other, recordings, more))
@@ -48,7 +47,7 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
         ("method", f"{c.method}, condition number {c.condition_number:.3g}"),
         ("delta epsilon", f"{c.delta_epsilon:.4f} ({c.delta_epsilon_source})"),
     ]
-    page.table((), [*facts(subject, recordings.names), *rows])
+    page.table((), [*recordings.facts, *rows])
     return page
 
 
@@ -155,7 +154,7 @@ def _drawn(item: Labelled) -> Gains:
 def _number(values: np.ndarray, half_width: np.ndarray | None, phase: int) -> str:
     if half_width is None:
         return f"{values[phase]:.4f}"
-    return plus_minus(values[phase], half_width[phase], "\u00b1")
+    return plus_minus(values[phase], half_width[phase])
 
 
 def _cogging(page: Page, estimates: Sequence[Labelled], reference: Labelled | None) -> None:
@@ -177,4 +176,4 @@ def _amplitude(item: Estimate, order: int) -> str:
         return ""
     if item.alpha_stderr is None:
         return f"{1e3 * abs(harmonic.amplitude_Nm):.2f}"
-    return harmonic.in_mNm("\u00b1")
+    return harmonic.in_mNm()

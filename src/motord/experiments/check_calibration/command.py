@@ -37,7 +37,7 @@ def _text(found: CalibrationCheck, _: Recordings) -> Iterator[str | TextTable]:
     yield TextTable(
         f"changes since calibration {found.calibration}, 95 % intervals",
         ("", "change", "limit", "found in 95 %", "unit", ""),
-        found.rows("+-"),
+        found.rows(),
         left=(0, 4, 5),
     )
     for what in found.unseen:

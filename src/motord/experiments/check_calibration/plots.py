@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from motord.experiments.check_calibration.result import Change
-from motord.report.style import AFTER, BEFORE, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, SOFT, figure
 
 ROW_IN = 0.24
 """Height of a row of the picture."""
@@ -14,8 +14,7 @@ ROW_IN = 0.24
 
 def changes(found: Sequence[Change]) -> Figure:
     """Return the changes, one a row; those that are drift in another colour."""
-    with drawing():
-        picture = figure(1.0 + ROW_IN * len(found))
+    with figure(1.0 + ROW_IN * len(found)) as picture:
         axes = picture.subplots()
         for kind, colour in ((False, AFTER), (True, BEFORE)):
             rows = [(n, one) for n, one in enumerate(found) if one.drifted == kind]

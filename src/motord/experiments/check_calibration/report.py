@@ -2,14 +2,13 @@
 
 from motord.experiments.check_calibration.plots import changes
 from motord.experiments.check_calibration.result import CalibrationCheck
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.report.html import Page
 
 
 def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    subject = recordings.subject
-    page = Page("Check of a calibration", f"{subject.motor.name} on bench {subject.bench}")
+    page = Page("Check of a calibration", recordings.subject.lead)
     page.cards([(found.verdict, f"calibration {found.calibration}")])
     page.paragraph(found.sentence[:1].upper() + found.sentence[1:] + ".")
     page.heading("What changed since the calibration")
@@ -21,7 +20,7 @@ def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     )
     page.table(
         ["95 % intervals", "change", "limit", "found in 95 %", "unit", ""],
-        found.rows("±"),
+        found.rows(),
         numbers=True,
     )
     page.points([f"Not tested: {what}; these turns do not show it." for what in found.unseen])
@@ -31,5 +30,5 @@ def report(found: CalibrationCheck, recordings: Recordings) -> Page:
         f"orders of the model: {found.misfit:.2g} times what noise and the model's accuracy are "
         "expected to leave there, mean square."
     )
-    page.table((), facts(subject, recordings.names))
+    page.table((), recordings.facts)
     return page

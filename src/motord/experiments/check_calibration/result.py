@@ -178,12 +178,12 @@ class CalibrationCheck:
                 parts.append(f"of {what} by {worst.detectable:.2g} {worst.unit}")
         return f"a change {', '.join(parts)} is found in 95 % of such checks"
 
-    def rows(self, sign: str) -> list[tuple[str, ...]]:
-        """Return a row of text for each change; sign: plus-minus."""
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return a row of text for each change."""
         return [
             (
                 one.name,
-                plus_minus(one.value, one.half_width, sign),
+                plus_minus(one.value, one.half_width),
                 f"{one.limit:.2g}",
                 f"{one.detectable:.2g}",
                 one.unit,

@@ -7,7 +7,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motord.report.style import AFTER, BEFORE, GRID, REFERENCE, drawing, figure
+from motord.report.style import AFTER, BEFORE, GRID, REFERENCE, figure
 
 PERIODS_SHOWN = 6
 """Periods of the main order in the close view."""
@@ -18,8 +18,7 @@ CURVE_POINTS = 4096
 
 def spectra(speeds: Sequence[tuple[str, np.ndarray]], allowed: Sequence[int]) -> Figure:
     """Return amplitudes (Nm) of orders 1 to m of each speed, (label, (m,)), allowed ones marked."""
-    with drawing():
-        picture = figure(3.4)
+    with figure(3.4) as picture:
         axes = picture.subplots()
         highest = max(amplitude.size for _, amplitude in speeds)
         for marked in allowed:
@@ -36,8 +35,7 @@ def spectra(speeds: Sequence[tuple[str, np.ndarray]], allowed: Sequence[int]) ->
 
 def averaged(tau_cog_Nm: np.ndarray, main_order: int) -> Figure:
     """Return the cogging torque (counts,) over a turn and over some periods of the main order."""
-    with drawing():
-        picture = figure(3.0)
+    with figure(3.0) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.6, 1.0], sharey=True)
         degrees, torque_Nm = _closed(tau_cog_Nm)
         for axes in (left, right):
@@ -51,8 +49,7 @@ def averaged(tau_cog_Nm: np.ndarray, main_order: int) -> Figure:
 
 def errors(speeds: Sequence[tuple[str, np.ndarray]], span_deg: float) -> Figure:
     """Return errors in percent of the peak (counts,) over `span_deg`, one line a speed."""
-    with drawing():
-        picture = figure(3.0)
+    with figure(3.0) as picture:
         axes = picture.subplots()
         for (label, error), colour in zip(speeds, _shades(len(speeds)), strict=True):
             degrees, percent = _closed(error)
@@ -69,8 +66,7 @@ def with_calibration(
     span_deg: float,
 ) -> Figure:
     """Return both torques and their difference (counts,) over `span_deg`."""
-    with drawing():
-        picture = figure(3.0)
+    with figure(3.0) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.0, 1.3])
         degrees, torque_Nm = _closed(measured_Nm)
         left.plot(degrees, torque_Nm, color=REFERENCE, linewidth=2.2, label="measured")
@@ -83,8 +79,7 @@ def with_calibration(
         degrees, percent = _closed(error_percent)
         right.plot(degrees, percent, color=BEFORE, linewidth=0.9)
         _over_span(right, span_deg, "difference (% of peak)")
-        handles, labels = left.get_legend_handles_labels()
-        picture.legend(handles, labels, loc="outside upper left", ncols=2)
+        picture.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
         return picture
 
 

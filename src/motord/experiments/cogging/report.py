@@ -9,17 +9,15 @@ from motord.experiments.cogging.at_speed import SpeedCogging
 from motord.experiments.cogging.plots import averaged, errors, spectra, with_calibration
 from motord.experiments.cogging.result import Comparison, MeanHarmonic, MeasuredCogging, SpeedResult
 from motord.experiments.driven_findings import left_out_lines
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
 from motord.report.html import Page
 
 
 def report(measured: MeasuredCogging, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    subject = recordings.subject
-    lead = f"{subject.motor.name} on bench {subject.bench}"
-    page = Page("Cogging torque of a driven rotor", lead)
-    page.table([], facts(subject, recordings.names))
+    page = Page("Cogging torque of a driven rotor", recordings.subject.lead)
+    page.table([], recordings.facts)
     fill(page, measured)
     return page
 
@@ -82,8 +80,8 @@ def _harmonics(page: Page, measured: MeasuredCogging) -> None:
         [
             [
                 str(h.order),
-                plus_minus(1e3 * h.amplitude_Nm, 1e3 * h.half_width_Nm, "\u00b1"),
-                plus_minus(h.phase_rad, h.phase_half_width_rad, "\u00b1") if h.significant else "",
+                plus_minus(1e3 * h.amplitude_Nm, 1e3 * h.half_width_Nm),
+                plus_minus(h.phase_rad, h.phase_half_width_rad) if h.significant else "",
                 _origin(h, measured),
             ]
             for h in measured.harmonics

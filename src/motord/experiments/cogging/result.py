@@ -51,18 +51,12 @@ class SpeedResult:
     2008, Figure 3.4).
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        "speed_set_Hz": "measured.speed_set_Hz",
-        "speed_Hz": "measured.speed_Hz",
-        "direction": "measured.direction",
-        "turns": "measured.turns",
-        "speed_ripple_percent": "speed_ripple_percent",
-        "jerky": "measured.jerky",
-        "motion_left_counts": "measured.motion_left_counts",
-        "noise_Nm": "noise_Nm",
-        "worst_error_percent": "worst_error_percent",
-        "harmonics": "harmonics",
-    }
+    JSON: ClassVar = (
+        "speed_set_Hz=measured.speed_set_Hz", "speed_Hz=measured.speed_Hz",
+        "direction=measured.direction", "turns=measured.turns", "speed_ripple_percent",
+        "jerky=measured.jerky", "motion_left_counts=measured.motion_left_counts", "noise_Nm",
+        "worst_error_percent", "harmonics",
+    )  # fmt: skip
 
     measured: SpeedCogging
     error_percent: np.ndarray
@@ -103,18 +97,11 @@ class MeasuredCogging:
     a calibration's cogging torque.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        "main_order": "main_order",
-        "periods_per_slot_pitch": "periods_per_slot_pitch",
-        "harmonics": "harmonics",
-        "degrees_of_freedom": "degrees_of_freedom",
-        "peak_Nm": "peak_Nm",
-        "tau_cog_Nm": "rounded_tau_cog_Nm",
-        "speeds": "speed_results",
-        "directions": "directions",
-        "left_out": "left_out",
-        "comparison": "comparison",
-    }
+    JSON: ClassVar = (
+        "main_order", "periods_per_slot_pitch", "harmonics", "degrees_of_freedom", "peak_Nm",
+        "tau_cog_Nm=rounded_tau_cog_Nm", "speeds=speed_results", "directions", "left_out",
+        "comparison",
+    )  # fmt: skip
 
     motor: MotorConfig
     main_order: int
@@ -203,11 +190,7 @@ class Comparison:
     harmonic; phase_points (m,): calibrated less measured, in encoder points.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        "calibration": "calibration",
-        "worst_error_percent": "worst_percent",
-        "harmonics": "harmonics",
-    }
+    JSON: ClassVar = ("calibration", "worst_error_percent=worst_percent", "harmonics")
 
     calibration: str
     label: str

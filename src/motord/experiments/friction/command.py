@@ -35,7 +35,7 @@ def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:
     yield TextTable(
         f"friction from {found.coast_downs} coast-downs, 95 % intervals",
         ("", *(one.direction for one in found.directions)),
-        part_rows(found, "+-"),
+        part_rows(found),
         left=(0,),
     )
     for note in found.notes:

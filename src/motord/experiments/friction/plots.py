@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from motord.experiments.friction.result import CoastFit, DirectionalFriction
-from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, figure
 
 COLOURS = {"forwards": AFTER, "backwards": BEFORE}
 
@@ -20,8 +20,7 @@ LINE_SAMPLES = 4
 
 def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
     """Return friction torque over speed with its band, and the band's half width."""
-    with drawing():
-        picture = figure(3.6)
+    with figure(3.6) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.6, 1.0])
         for one in directions:
             colour = COLOURS[one.direction]
@@ -49,8 +48,7 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
 
 def coast_downs(directions: Sequence[DirectionalFriction]) -> Figure:
     """Return speeds over time of all coast-downs, and angles with the fit."""
-    with drawing():
-        picture = figure(3.4)
+    with figure(3.4) as picture:
         left, right = picture.subplots(1, 2)
         for one in directions:
             colour = COLOURS[one.direction]
@@ -73,8 +71,7 @@ def coast_downs(directions: Sequence[DirectionalFriction]) -> Figure:
 
 def residuals(directions: Sequence[DirectionalFriction], rounding_rad: float) -> Figure:
     """Return angle less fit over time, one picture for each direction."""
-    with drawing():
-        picture = figure(3.0)
+    with figure(3.0) as picture:
         every = picture.subplots(1, len(directions), sharey=True, squeeze=False)[0]
         for axes, one in zip(every, directions, strict=True):
             half_mrad = 1e3 * sqrt(3) * rounding_rad

@@ -101,15 +101,12 @@ class DirectionalFriction:
 class Friction:
     """Friction torque over speed, with what is questionable about it."""
 
-    JSON: ClassVar[dict[str, str]] = {
-        "inertia_kg_m2": "inertia.kg_m2",
-        "inertia_relative_uncertainty": "inertia.relative_uncertainty",
-        "inertia_source": "inertia.source",
-        **{
-            name: name
-            for name in ("coast_downs", "directions", "curve", "residual_rad", "findings", "notes")
-        },
-    }
+    JSON: ClassVar = (
+        "inertia_kg_m2=inertia.kg_m2",
+        "inertia_relative_uncertainty=inertia.relative_uncertainty",
+        "inertia_source=inertia.source", "coast_downs", "directions", "curve", "residual_rad",
+        "findings", "notes",
+    )  # fmt: skip
 
     inertia: Inertia
     directions: tuple[DirectionalFriction, ...]

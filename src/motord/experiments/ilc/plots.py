@@ -10,7 +10,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from motord.calibration import TorqueSpeed
 from motord.learned import LearnedPoint
-from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, figure
 
 _TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER, BEFORE])
 """Colours from the lowest to the highest torque."""
@@ -34,8 +34,7 @@ def _legend(axes: Axes, colours: Mapping[float, tuple[float, float, float, float
 def convergence(passes: Mapping[TorqueSpeed, Sequence[float]]) -> Figure:
     """Return RMS errors (percent) over the number of the pass, one line a point."""
     colours = _colours(list(passes))
-    with drawing():
-        picture = figure(3.2)
+    with figure(3.2) as picture:
         axes = picture.subplots()
         for (torque_Nm, _), errors in passes.items():
             number, drawn = np.arange(1, len(errors) + 1), np.maximum(errors, LEAST_PERCENT)
@@ -63,8 +62,7 @@ def convergence(passes: Mapping[TorqueSpeed, Sequence[float]]) -> Figure:
 def corrections(orders: Sequence[int], points: Mapping[TorqueSpeed, LearnedPoint]) -> Figure:
     """Return amplitudes over order, a dot for each point."""
     colours = _colours(list(points))
-    with drawing():
-        picture = figure(3.0)
+    with figure(3.0) as picture:
         axes = picture.subplots()
         for (torque_Nm, _), point in points.items():
             axes.plot(

@@ -56,24 +56,14 @@ class Oscillation:
     """
 
     experiment = "inertia-oscillation"
-    JSON: ClassVar[dict[str, str]] = {
-        "experiment": "experiment",
-        "inertia_kg_m2": "inertia_kg_m2",
-        "uncertainty_kg_m2": "uncertainty_kg_m2",
-        "interval_95_kg_m2": "budget.interval_kg_m2",
-        "monte_carlo": "budget.monte_carlo",
-        "effective_mass": "setup.effective_mass",
-        "effective_mass_factor": "effective_mass_factor",
-        "stiffness_Nm_per_rad": "setup.stiffness_Nm",
-        "frequency_rad_s": "frequency_rad_s",
-        "frequency_stderr_rad_s": "frequency_stderr_rad_s",
-        "damping_ratio": "damping_ratio",
-        "budget": "budget.shares",
-        "disturbed": "disturbed_indices",
-        "readings": "readings",
-        "improvements": "improvements",
-        "releases": "releases",
-    }
+    JSON: ClassVar = (
+        "experiment", "inertia_kg_m2", "uncertainty_kg_m2",
+        "interval_95_kg_m2=budget.interval_kg_m2", "monte_carlo=budget.monte_carlo",
+        "effective_mass=setup.effective_mass", "effective_mass_factor",
+        "stiffness_Nm_per_rad=setup.stiffness_Nm", "frequency_rad_s", "frequency_stderr_rad_s",
+        "damping_ratio", "budget=budget.shares", "disturbed=disturbed_indices", "readings",
+        "improvements", "releases",
+    )  # fmt: skip
 
     setup: SpringSetup
     stator: bool

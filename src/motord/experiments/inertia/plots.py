@@ -11,7 +11,7 @@ from motord.experiments.inertia.error_budget import Curves
 from motord.experiments.inertia.releases import Release
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import TorqueStep
-from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, figure
 
 SAMPLES = 350
 """Samples of a release that are drawn, at most."""
@@ -27,8 +27,7 @@ def decays(releases: Sequence[Release]) -> Figure:
     late = decay.t_s >= crossings_s[-3] - crossings_s[0]
     fitted_rad = decay.angle_rad + decay.residual_rad
     since = "time since the first crossing (s)"
-    with drawing():
-        picture = figure(3.5)
+    with figure(3.5) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.5, 1.0])
         end_s = 0.0
         for one in (release.decay for release in releases):
@@ -59,8 +58,7 @@ def periods(setup: SpringSetup, inertia_kg_m2: float) -> Figure:
 
     own_N_per_m, own_s = float(setup.stiffness_N_per_m.sum()) / 2, period_s(1.0)
     parts = np.linspace(PERIODS_FROM, PERIODS_TO, 57)
-    with drawing():
-        picture = figure(2.6)
+    with figure(2.6) as picture:
         axes = picture.subplots()
         axes.plot(parts * own_N_per_m, [period_s(part) for part in parts], color=AFTER)
         axes.plot([own_N_per_m], [own_s], "o", color=BEFORE, markersize=6)
@@ -74,8 +72,7 @@ def periods(setup: SpringSetup, inertia_kg_m2: float) -> Figure:
 
 def torque_steps(steps: Sequence[TorqueStep]) -> Figure:
     """Return angle and torque of all steps over time, those backwards turned round."""
-    with drawing():
-        picture = figure(3.4)
+    with figure(3.4) as picture:
         left, right = picture.subplots(1, 2)
         for number, one in enumerate(steps):
             sign, first = np.sign(one.angle_rad[-1]), number == 0
@@ -100,8 +97,7 @@ def torque_steps(steps: Sequence[TorqueStep]) -> Figure:
 
 def sensitivity(curves: Curves) -> Figure:
     """Return the change of the inertia over errors of springs, levers, mass, effective mass."""
-    with drawing():
-        picture = figure(6.2)
+    with figure(6.2) as picture:
         ((springs, levers), (mass, factor)) = picture.subplots(2, 2)
         _fan(springs, curves.stiffness, curves.stiffness_change, "K")
         springs.set(title="Spring constants", xlabel="error of the spring constants (%)")
@@ -143,8 +139,7 @@ def _mark_waves(axes: Axes, curves: Curves) -> None:
 
 def uncertainties(*panels: tuple[str, Sequence[tuple[str, float]]]) -> Figure:
     """Return bars of uncertainties, (label, uncertainty in parts), under the title of a panel."""
-    with drawing():
-        picture = figure(0.9 + 0.34 * max(len(bars) for _, bars in panels))
+    with figure(0.9 + 0.34 * max(len(bars) for _, bars in panels)) as picture:
         places = picture.subplots(1, len(panels), squeeze=False)[0]
         for axes, (title, bars), colour in zip(places, panels, (AFTER, OTHER), strict=False):
             _bars(axes, bars, colour)

@@ -23,19 +23,13 @@ STILL_COUNTS = 2
 class Release:
     """One release as it was read: swing, five periods of it, and the fit of its whole decay."""
 
-    JSON: ClassVar[dict[str, str]] = {
-        "index": "index",
-        "period_s": "five.period_s",
-        "decrement": "five.decrement",
-        "damping_ratio": "five.damping_ratio",
-        **{
-            name: f"decay.{name}"
-            for name in (
-                "frequency_rad_s", "frequency_stderr_rad_s", "cubic_per_rad2", "viscous_per_s",
-                "coulomb_rad_s2",
-            )
-        },
-    }  # fmt: skip
+    JSON: ClassVar = (
+        "index", "period_s=five.period_s", "decrement=five.decrement",
+        "damping_ratio=five.damping_ratio", "frequency_rad_s=decay.frequency_rad_s",
+        "frequency_stderr_rad_s=decay.frequency_stderr_rad_s",
+        "cubic_per_rad2=decay.cubic_per_rad2", "viscous_per_s=decay.viscous_per_s",
+        "coulomb_rad_s2=decay.coulomb_rad_s2",
+    )  # fmt: skip
 
     index: int
     swing: Swing

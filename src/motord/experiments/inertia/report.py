@@ -13,7 +13,7 @@ from motord.experiments.inertia.plots import (
     uncertainties,
 )
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.report.html import Page
 
 UNIT = "10\u207b\u00b3 kg m\u00b2"
@@ -21,8 +21,7 @@ UNIT = "10\u207b\u00b3 kg m\u00b2"
 
 def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    subject = recordings.subject
-    page = Page("Moment of inertia", f"{subject.motor.name} on bench {subject.bench}")
+    page = Page("Moment of inertia", recordings.subject.lead)
     name = "oscillation" if isinstance(found, Oscillation) else "acceleration"
     percent = 100 * found.half_width_kg_m2 / found.inertia_kg_m2
     page.cards(
@@ -33,7 +32,7 @@ def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     )
     fill(page, found)
     page.heading("About these figures")
-    rows = list(facts(subject, recordings.names))
+    rows = recordings.facts
     if isinstance(found, Oscillation):
         rows.append(("set-up", _described(found.setup)))
     page.table((), rows)

@@ -33,7 +33,7 @@ def _text(found: ProfileTracking, _: Recordings) -> Iterator[str | TextTable]:
 
     tolerances = f"within {found.speed_tolerance_Hz:g} Hz, {found.torque_tolerance_Nm:g} Nm"
     yield TextTable(f"errors of speed and torque; {tolerances}; energy", HEADER, cycle_rows(found))
-    yield TextTable("means over the cycles, 95 % intervals", ("", ""), mean_rows(found, "+-"), (0,))
+    yield TextTable("means over the cycles, 95 % intervals", ("", ""), mean_rows(found), (0,))
     for note in found.notes:
         yield f"- {note}"
 

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.profile.result import Cycle, CycleSeries
-from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, figure
 
 MEASURED = "measured"
 WANTED = "profile"
@@ -16,8 +16,7 @@ WANTED = "profile"
 def over_time(cycle: Cycle) -> Figure:
     """Return speed and torque of a cycle over time, with what was asked for."""
     series = cycle.series
-    with drawing():
-        picture = figure(5.0)
+    with figure(5.0) as picture:
         upper, lower = picture.subplots(2, 1, sharex=True)
         _with_range(
             upper,
@@ -41,8 +40,7 @@ def errors(
     cycles: Sequence[Cycle], speed_tolerance_Hz: float, torque_tolerance_Nm: float
 ) -> Figure:
     """Return the errors of all cycles over time, with the tolerances."""
-    with drawing():
-        picture = figure(3.8)
+    with figure(3.8) as picture:
         upper, lower = picture.subplots(2, 1, sharex=True)
         upper.axhspan(-speed_tolerance_Hz, speed_tolerance_Hz, color=GRID, zorder=0)
         lower.axhspan(-torque_tolerance_Nm, torque_tolerance_Nm, color=GRID, zorder=0)
@@ -59,8 +57,7 @@ def errors(
 
 def over_plane(cycles: Sequence[Cycle]) -> Figure:
     """Return torque over speed, asked for and measured."""
-    with drawing():
-        picture = figure(4.0)
+    with figure(4.0) as picture:
         axes = picture.subplots()
         for number, one in enumerate(cycles):
             series: CycleSeries = one.series

@@ -2,22 +2,19 @@
 
 from motord.experiments.profile.plots import errors, over_plane, over_time
 from motord.experiments.profile.result import CycleMean, ProfileTracking
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
 from motord.report.html import Page
-
-PM = "\u00b1"
 
 
 def report(found: ProfileTracking, recordings: Recordings) -> Page:
     """Return the page of a profile that was played."""
-    subject = recordings.subject
-    page = Page("Profile of torque and speed", f"{subject.motor.name} on bench {subject.bench}")
+    page = Page("Profile of torque and speed", recordings.subject.lead)
     page.cards(
         [
             (f"{found.speed_rms_Hz.value:.3g} turns/s", "speed error, RMS"),
             (f"{found.torque_rms_Nm.value:.3g} Nm", "torque error, RMS"),
-            (f"{in_words(found.energy_J, PM)} J", "mechanical energy of a cycle"),
+            (f"{in_words(found.energy_J)} J", "mechanical energy of a cycle"),
         ]
     )
     page.heading("Torque and speed over time")
@@ -40,11 +37,11 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
         over_plane(found.cycles), "Torque over speed: the profile (line) and all cycles (dots)."
     )
     page.heading("Energy and means of a cycle")
-    page.table(("mean over the cycles, 95 % interval", ""), mean_rows(found, PM), numbers=True)
+    page.table(("mean over the cycles, 95 % interval", ""), mean_rows(found), numbers=True)
     page.points(found.notes)
     page.heading("About these figures")
     rows = [("profile", found.file), ("SHA-256 of its content", found.sha256)]
-    page.table((), [*facts(subject, recordings.names), *rows])
+    page.table((), [*recordings.facts, *rows])
     return page
 
 
@@ -70,20 +67,20 @@ def cycle_rows(found: ProfileTracking) -> list[list[str]]:
     ]
 
 
-def mean_rows(found: ProfileTracking, sign: str) -> list[list[str]]:
-    """Return name and value of each mean; sign: plus-minus."""
+def mean_rows(found: ProfileTracking) -> list[list[str]]:
+    """Return name and value of each mean."""
     return [
-        ["mechanical energy (J)", in_words(found.energy_J, sign)],
-        ["mechanical power (W)", in_words(found.power_mean_W, sign)],
-        ["torque (Nm)", in_words(found.torque_mean_Nm, sign)],
-        ["speed (turns/s)", in_words(found.speed_mean_Hz, sign)],
-        ["speed error, RMS (turns/s)", in_words(found.speed_rms_Hz, sign)],
-        ["torque error, RMS (Nm)", in_words(found.torque_rms_Nm, sign)],
+        ["mechanical energy (J)", in_words(found.energy_J)],
+        ["mechanical power (W)", in_words(found.power_mean_W)],
+        ["torque (Nm)", in_words(found.torque_mean_Nm)],
+        ["speed (turns/s)", in_words(found.speed_mean_Hz)],
+        ["speed error, RMS (turns/s)", in_words(found.speed_rms_Hz)],
+        ["torque error, RMS (Nm)", in_words(found.torque_rms_Nm)],
     ]
 
 
-def in_words(found: CycleMean, sign: str) -> str:
+def in_words(found: CycleMean) -> str:
     """Return a mean with half of its interval, if that is known."""
     if found.high is None:
         return f"{found.value:.4g}"
-    return plus_minus(found.value, found.high - found.value, sign)
+    return plus_minus(found.value, found.high - found.value)

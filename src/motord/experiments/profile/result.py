@@ -54,15 +54,13 @@ class Cycle:
     absorbed_J: where torque and motion were against each other.
     """
 
-    JSON: ClassVar = {
-        "cycle": "cycle", "run": "run", "duration_s": "duration_s",
-        "speed_rms_Hz": "speed.rms", "speed_max_Hz": "speed.max",
-        "speed_max_at_s": "speed.max_at_s", "speed_within_percent": "speed.within_percent",
-        "torque_rms_Nm": "torque.rms", "torque_max_Nm": "torque.max",
-        "torque_max_at_s": "torque.max_at_s", "torque_within_percent": "torque.within_percent",
-        "energy_J": "energy_J", "absorbed_J": "absorbed_J", "energy_wanted_J": "energy_wanted_J",
-        "torque_mean_Nm": "torque_mean_Nm", "speed_mean_Hz": "speed_mean_Hz", "turns": "turns",
-    }  # fmt: skip
+    JSON: ClassVar = (
+        "cycle", "run", "duration_s", "speed_rms_Hz=speed.rms", "speed_max_Hz=speed.max",
+        "speed_max_at_s=speed.max_at_s", "speed_within_percent=speed.within_percent",
+        "torque_rms_Nm=torque.rms", "torque_max_Nm=torque.max", "torque_max_at_s=torque.max_at_s",
+        "torque_within_percent=torque.within_percent", "energy_J", "absorbed_J",
+        "energy_wanted_J", "torque_mean_Nm", "speed_mean_Hz", "turns",
+    )  # fmt: skip
 
     cycle: int
     run: str
@@ -101,26 +99,19 @@ class ProfileTracking:
     without a good take.
     """
 
-    JSON: ClassVar = {
-        "file": "file", "sha256": "sha256",
-        "speed_tolerance_Hz": "speed_tolerance_Hz", "torque_tolerance_Nm": "torque_tolerance_Nm",
-        **{
-            name: attribute
-            for quantity, unit in (
-                ("speed_rms", "Hz"), ("torque_rms", "Nm"), ("energy", "J"), ("power_mean", "W"),
-                ("torque_mean", "Nm"), ("speed_mean", "Hz"),
-            )
-            for name, attribute in (
-                (f"{quantity}_{unit}", f"{quantity}_{unit}.value"),
-                (f"{quantity}_low_{unit}", f"{quantity}_{unit}.low"),
-                (f"{quantity}_high_{unit}", f"{quantity}_{unit}.high"),
-            )
-        },
-        "speed_max_Hz": "speed_max_Hz", "torque_max_Nm": "torque_max_Nm",
-        "speed_within_percent": "speed_within_percent",
-        "torque_within_percent": "torque_within_percent",
-        "cycles": "cycles", "notes": "notes",
-    }  # fmt: skip
+    JSON: ClassVar = (
+        "file", "sha256", "speed_tolerance_Hz", "torque_tolerance_Nm",
+        "speed_rms_Hz=speed_rms_Hz.value", "speed_rms_low_Hz=speed_rms_Hz.low",
+        "speed_rms_high_Hz=speed_rms_Hz.high", "torque_rms_Nm=torque_rms_Nm.value",
+        "torque_rms_low_Nm=torque_rms_Nm.low", "torque_rms_high_Nm=torque_rms_Nm.high",
+        "energy_J=energy_J.value", "energy_low_J=energy_J.low", "energy_high_J=energy_J.high",
+        "power_mean_W=power_mean_W.value", "power_mean_low_W=power_mean_W.low",
+        "power_mean_high_W=power_mean_W.high", "torque_mean_Nm=torque_mean_Nm.value",
+        "torque_mean_low_Nm=torque_mean_Nm.low", "torque_mean_high_Nm=torque_mean_Nm.high",
+        "speed_mean_Hz=speed_mean_Hz.value", "speed_mean_low_Hz=speed_mean_Hz.low",
+        "speed_mean_high_Hz=speed_mean_Hz.high", "speed_max_Hz", "torque_max_Nm",
+        "speed_within_percent", "torque_within_percent", "cycles", "notes",
+    )  # fmt: skip
 
     file: str
     sha256: str

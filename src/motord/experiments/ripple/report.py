@@ -7,7 +7,7 @@ import numpy as np
 from motord.calibration import TorqueSpeed, by_magnitude
 from motord.config import MotorConfig
 from motord.experiments.ripple.estimate import Explained, MeshRipple, middle_point
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import PointRipple, rms_errors
 from motord.report.html import Page
 from motord.report.plots.mesh import in_percent, rms_error
@@ -25,14 +25,12 @@ Errors = Mapping[TorqueSpeed, float]
 
 def report(found: MeshRipple, recordings: Recordings) -> Page:
     """Return the page of a verification."""
-    subject = recordings.subject
-    lead = f"{subject.motor.name} on bench {subject.bench}"
-    page = Page("Verification of torque ripple", lead)
+    page = Page("Verification of torque ripple", recordings.subject.lead)
     fill_key_figures(page, *before_and_after(found.ripples))
-    fill(page, found.ripples, subject.motor)
+    fill(page, found.ripples, recordings.subject.motor)
     fill_shares(page, found.explained)
     page.heading("About these figures")
-    page.table((), facts(subject, recordings.names))
+    page.table((), recordings.facts)
     return page
 
 

@@ -66,7 +66,7 @@ def _text(result: Sensitivity, _: Recordings) -> Iterator[str | TextTable]:
 
 
 def _practice(result: Sensitivity) -> Iterator[str | TextTable]:
-    rows = slope_rows(result, {one.what: one.what for one in result.series}, "", "+-")
+    rows = slope_rows(result, {one.what: one.what for one in result.series}, "")
     if rows:
         yield TextTable(
             f"measured at {result.theory.torque_Nm:g} Nm, {result.speed_Hz:g} turns/s",

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from motord.experiments.sensitivity.slope_fit import Series
 from motord.intervals import coverage_factor
-from motord.report.style import AFTER, OTHER, REFERENCE, drawing, figure
+from motord.report.style import AFTER, OTHER, REFERENCE, figure
 
 SYMBOL = {
     "alpha_a": "\u03b1a",
@@ -29,8 +29,7 @@ TITLE = {
 def traces(items: Sequence[Series]) -> Figure:
     """Return one picture for each kind of error, two next to each other."""
     rows = (len(items) + 1) // 2
-    with drawing():
-        picture = figure(0.4 + 2.7 * rows)
+    with figure(0.4 + 2.7 * rows) as picture:
         grid = picture.subplots(rows, 2, squeeze=False)
         for axes, item in zip(grid.flat, items, strict=False):
             _draw(axes, item)
@@ -38,8 +37,7 @@ def traces(items: Sequence[Series]) -> Figure:
             axes.remove()
         for axes in grid[:, 0]:
             axes.set_ylabel("RMS error (% of rated)")
-        handles, labels = grid[0, 0].get_legend_handles_labels()
-        picture.legend(handles, labels, loc="outside upper right", ncols=3)
+        picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
         return picture
 
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from motord.experiments.sensitivity.plots import SYMBOL
 from motord.experiments.sensitivity.volume import Surface, Volume
-from motord.report.style import AFTER, INK, SOFT, drawing, figure
+from motord.report.style import AFTER, INK, SOFT, figure
 
 NAMES = tuple(SYMBOL[what] for what in ("alpha_a", "beta_a_A", "cogging"))
 """What the axes are called, in the order of the volume."""
@@ -18,8 +18,7 @@ _ROUGH = LinearSegmentedColormap.from_list("rough", ["#f6e7cf", "#ec9a62", "#b23
 def slices(volume: Volume, limit_percent: float) -> Figure:
     """Return nine slices: each error in turn at both ends and in the middle of its interval."""
     values = volume.alpha_a, volume.beta_a_A, volume.cogging
-    with drawing():
-        picture = figure(7.6)
+    with figure(7.6) as picture:
         grid = picture.subplots(3, 3)
         levels, colours = _scale(float(volume.rms_percent.max()), limit_percent)
         norm = BoundaryNorm(levels, colours.N)
@@ -59,8 +58,7 @@ def _at(fixed: int, value: float) -> str:
 
 def limit(surface: Surface) -> Figure:
     """Return the surface from two sides."""
-    with drawing():
-        picture = figure(4.4)
+    with figure(4.4) as picture:
         for place, azimuth_deg in enumerate((-58, 32)):
             axes = picture.add_subplot(1, 2, place + 1, projection="3d")
             axes.plot_surface(

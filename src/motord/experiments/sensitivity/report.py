@@ -24,7 +24,7 @@ def report(result: Sensitivity, _: Recordings) -> Page:
     """Return a page of its own."""
     subject = result.subject
     motor = subject.motor
-    page = Page("Sensitivity to errors of a calibration", f"{motor.name} on bench {subject.bench}")
+    page = Page("Sensitivity to errors of a calibration", subject.lead)
     fill(page, result)
     page.heading("About these figures")
     rows = (
@@ -95,7 +95,7 @@ def _practice(page: Page, result: Sensitivity) -> None:
     ]
     page.table(
         ["branch", "points", "slope (% per unit)", "theory"],
-        slope_rows(result, SYMBOL, ",", "\u00b1"),
+        slope_rows(result, SYMBOL, ","),
         numbers=True,
     )
     if meetings:
@@ -107,15 +107,13 @@ def _practice(page: Page, result: Sensitivity) -> None:
         )
 
 
-def slope_rows(
-    result: Sensitivity, names: Mapping[str, str], after: str, pm: str
-) -> list[list[str]]:
-    """Return a row for each line that was fitted; after: a name; pm: plus-minus sign."""
+def slope_rows(result: Sensitivity, names: Mapping[str, str], after: str) -> list[list[str]]:
+    """Return a row for each line that was fitted; after: a name."""
     return [
         [
             f"{names[one.what]}{after} {side}",
             str(branch.points),
-            plus_minus(branch.slope, branch.slope_half_width, pm),
+            plus_minus(branch.slope, branch.slope_half_width),
             f"{branch.theory_slope:.2f}",
         ]
         for one in result.series

@@ -24,11 +24,7 @@ class Theory:
     (value, RMS error) at the ends of its interval.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        "limit_percent": "limit_percent",
-        "within": "within_or_none",
-        "ends": "ends",
-    }
+    JSON: ClassVar = ("limit_percent", "within=within_or_none", "ends")
 
     torque_Nm: float
     within: dict[str, tuple[float, float]]
@@ -54,16 +50,11 @@ class Again:
     of the other points if each of the six were as wrong as it was found.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        "alpha_induced": "alpha",
-        "alpha": "found.alpha",
-        "alpha_stderr": "found.alpha_stderr",
-        "beta_induced_A": "beta_A",
-        "beta_A": "found.beta_A",
-        "beta_stderr_A": "found.beta_stderr_A",
-        "delta_epsilon": "found.delta_epsilon",
-        "cost_percent": "cost_percent",
-    }
+    JSON: ClassVar = (
+        "alpha_induced=alpha", "alpha=found.alpha", "alpha_stderr=found.alpha_stderr",
+        "beta_induced_A=beta_A", "beta_A=found.beta_A", "beta_stderr_A=found.beta_stderr_A",
+        "delta_epsilon=found.delta_epsilon", "cost_percent",
+    )  # fmt: skip
 
     alpha: np.ndarray
     beta_A: np.ndarray
@@ -75,16 +66,10 @@ class Again:
 class Sensitivity:
     """Theory and practice of what errors of a calibration cost."""
 
-    JSON: ClassVar[dict[str, str]] = {
-        "bench": "subject.bench",
-        "motor": "subject.motor.name",
-        "runs": "runs",
-        "torque_Nm": "theory.torque_Nm",
-        "speed_Hz": "speed_Hz",
-        "theory": "theory",
-        "series": "series",
-        "again": "again",
-    }
+    JSON: ClassVar = (
+        "bench=subject.bench", "motor=subject.motor.name", "runs", "torque_Nm=theory.torque_Nm",
+        "speed_Hz", "theory", "series", "again",
+    )  # fmt: skip
 
     subject: Subject
     runs: tuple[str, ...]

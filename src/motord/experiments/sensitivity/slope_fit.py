@@ -23,13 +23,10 @@ class Branch:
     theory_slope: of a line through the theory of the same points; used (n,): which they are.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        "points": "points",
-        "slope_percent": "slope",
-        "slope_stderr_percent": "slope_stderr",
-        "theory_slope_percent": "theory_slope",
-        "at_ideal_percent": "at_ideal",
-    }
+    JSON: ClassVar = (
+        "points", "slope_percent=slope", "slope_stderr_percent=slope_stderr",
+        "theory_slope_percent=theory_slope", "at_ideal_percent=at_ideal",
+    )  # fmt: skip
 
     slope: float
     slope_stderr: float

@@ -17,7 +17,7 @@ def estimate(recordings: Recordings) -> SoakResult:
 def _text(found: SoakResult, _: Recordings) -> Iterator[str | TextTable]:
     from motord.experiments.soak.report import HEADER, rows
 
-    yield TextTable("slopes with 95 % intervals", HEADER, rows(found, "+-"), left=(0,))
+    yield TextTable("slopes with 95 % intervals", HEADER, rows(found), left=(0,))
     yield found.statement
 
 

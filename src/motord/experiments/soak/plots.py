@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.soak.result import FigureTrend, SoakResult
-from motord.report.style import AFTER, SOFT, drawing, figure
+from motord.report.style import AFTER, SOFT, figure
 
 PANELS_MAX = 8
 """Figures of whole repetitions that are drawn; the table has all."""
@@ -15,8 +15,7 @@ def over_time(found: SoakResult) -> Figure:
     """Return the figures of the repetitions over time, of one or more, one below the other."""
     whole = [one for one in found.trends if not one.of_point][:PANELS_MAX]
     shown = whole or [one for one in found.trends if one.of_point][:PANELS_MAX]
-    with drawing():
-        picture = figure(1.0 + 1.5 * len(shown))
+    with figure(1.0 + 1.5 * len(shown)) as picture:
         panels = picture.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         for axes, one in zip(panels, shown, strict=True):
             for part in found.trends:
@@ -32,7 +31,7 @@ def _draw(axes: Axes, one: FigureTrend) -> None:
     line = one.mean + one.slope.value * (one.hours - one.hours.mean())
     style = "-" if one.drifts else (0, (4, 3))
     axes.plot(one.hours, line, color=AFTER, linestyle=style, linewidth=1.1)
-    slope = f"{one.in_words(chr(0xB1))} {one.slope_unit}"
+    slope = f"{one.in_words()} {one.slope_unit}".replace("+-", "\u00b1")
     axes.set_title(f"{one.name}: {slope}" + (", drifts" if one.drifts else ""))
     axes.set_ylabel(one.unit)
     low, high = np.min(one.values), np.max(one.values)

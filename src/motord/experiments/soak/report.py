@@ -3,7 +3,7 @@
 from motord.experiments.soak.plots import over_time
 from motord.experiments.soak.result import SoakResult
 from motord.experiments.soak.trend import CORRELATION_MAX
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.report.html import Page
 
 HEADER = ("figure", "mean", "unit", "slope an hour", "drift")
@@ -12,8 +12,7 @@ HEADER = ("figure", "mean", "unit", "slope an hour", "drift")
 
 def report(found: SoakResult, recordings: Recordings) -> Page:
     """Return the page of a soak."""
-    subject = recordings.subject
-    page = Page("Soak", f"{subject.motor.name} on bench {subject.bench}: {found.statement}.")
+    page = Page("Soak", f"{recordings.subject.lead}: {found.statement}.")
     page.heading("Over the repetitions")
     if not found.trends:
         page.paragraph("No figure has two values: slopes need two repetitions.")
@@ -24,22 +23,22 @@ def report(found: SoakResult, recordings: Recordings) -> Page:
             "set-points (thin), and the fitted slope; dashed where chance explains it.",
         )
     page.heading("Slopes")
-    page.table(HEADER, rows(found, "\u00b1"), numbers=True)
+    page.table(HEADER, rows(found), numbers=True)
     page.paragraph(
         "95 % intervals, by generalised least squares with residuals correlated from repetition to "
         "repetition. Drifts are judged for all figures together: where there is none, one is "
         f"claimed in about 5 % of soaks at most, up to a correlation of {CORRELATION_MAX:g}."
     )
     page.heading("About these figures")
-    page.table((), facts(subject, recordings.names))
+    page.table((), recordings.facts)
     return page
 
 
-def rows(found: SoakResult, sign: str) -> list[list[str]]:
-    """Return a row for each figure; sign: plus-minus."""
+def rows(found: SoakResult) -> list[list[str]]:
+    """Return a row for each figure."""
     return [
         [
-            one.name, f"{one.mean:.4g}", one.unit, one.in_words(sign),
+            one.name, f"{one.mean:.4g}", one.unit, one.in_words(),
             "yes" if one.drifts else "no" if one.slope.p_value is not None else "?",
         ]
         for one in found.trends

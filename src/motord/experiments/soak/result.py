@@ -10,6 +10,15 @@ from motord.experiments.soak.trend import CORRELATION_MAX, LEAST, DriftSlope
 from motord.findings import Finding, listed
 from motord.intervals import plus_minus
 
+WARMS_UP = (
+    "the bench was not at its steady temperature: begin once it is warm, or give it more rest "
+    "(pause_s, cool_below_C)"
+)
+DRIFTS = (
+    "compare it with the temperatures; let the bench warm up before, calibrate more often, or look "
+    "for what wears, slips or gets loose"
+)
+
 
 @dataclass(frozen=True)
 class Repetition:
@@ -32,12 +41,11 @@ class FigureTrend:
     drifts: the slope is no chance, that of all figures judged together.
     """
 
-    JSON: ClassVar = {
-        "name": "name", "value": "slope.value", "unit": "slope_unit", "stderr": "slope.stderr",
-        "low": "low", "high": "high", "p_value": "slope.p_value",
-        "correlation": "slope.correlation", "drifts": "drifts", "figure_unit": "unit",
-        "time_series": "time_series",
-    }  # fmt: skip
+    JSON: ClassVar = (
+        "name", "value=slope.value", "unit=slope_unit", "stderr=slope.stderr", "low", "high",
+        "p_value=slope.p_value", "correlation=slope.correlation", "drifts", "figure_unit=unit",
+        "time_series",
+    )  # fmt: skip
 
     name: str
     unit: str
@@ -74,12 +82,12 @@ class FigureTrend:
         """Mean of the values."""
         return float(self.values.mean())
 
-    def in_words(self, sign: str = "+-") -> str:
+    def in_words(self) -> str:
         """Return the slope with half of its interval, if that is known."""
         half = self.slope.half_width
         if half is None:
             return f"{self.slope.value:.3g}"
-        return plus_minus(self.slope.value, half, sign)
+        return plus_minus(self.slope.value, half)
 
 
 @dataclass(frozen=True)
@@ -126,8 +134,7 @@ class SoakResult:
                 one.slope_unit, "warning",
                 f"it changes by {one.in_words()} {one.slope_unit} over {self.hours:.3g} h, from "
                 f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
-                "compare it with the temperatures; let the bench warm up before, calibrate more "
-                "often, or look for what wears, slips or gets loose",
+                WARMS_UP if one.unit == "degC" else DRIFTS,
             )  # fmt: skip
 
     def _correlated(self) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
+from motord.experiments.thermal.course import CopperResistance, ThermalCourse
 from motord.experiments.thermal.network import AMBIENT, LINKS, LumpedNetwork
 from motord.experiments.thermal.noise import Autoregression
 from motord.identification import IdentifyError
@@ -251,7 +251,7 @@ def _start(course: ThermalCourse, copper: CopperResistance) -> np.ndarray:
     """
     nodes, links = course.nodes, LINKS[course.nodes]
     t_s = course.step_s * np.arange(course.squares_A2.size + 1)
-    smooth = {node: _smoothed(each, t_s) for node, each in course.readings.items()}
+    smooth = {node: each.thinned(400).at(t_s) for node, each in course.readings.items()}
     at_rest = min(float(one[0]) for one in smooth.values())
     ambient = np.full(t_s.size, at_rest) if course.ambient is None else course.ambient.at(t_s)
     level = {**smooth, AMBIENT: ambient}
@@ -277,10 +277,6 @@ def _start(course: ThermalCourse, copper: CopperResistance) -> np.ndarray:
     begin_C = [float(one[0]) for one in smooth.values()]
     fitted = [] if course.ambient is not None else [at_rest]
     return np.array([*np.log(sizes), *begin_C, *fitted])
-
-
-def _smoothed(readings: Readings, t_s: np.ndarray) -> np.ndarray:
-    return readings.thinned(400).at(t_s)
 
 
 def _integral(values: np.ndarray, step_s: float) -> np.ndarray:

@@ -4,7 +4,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.thermal.result import ThermalConstants
-from motord.report.style import AFTER, BEFORE, INK, OTHER, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, INK, OTHER, SOFT, figure
 
 COLOURS = {"winding": BEFORE, "magnet": OTHER, "housing": AFTER}
 
@@ -14,8 +14,7 @@ DOTS = 250
 
 def temperatures(found: ThermalConstants) -> Figure:
     """Return temperatures over time with the fit, and below what is left of each channel."""
-    with drawing():
-        picture = figure(5.2)
+    with figure(5.2) as picture:
         upper, lower = picture.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
         course = found.fit.course
         every = zip(

@@ -1,7 +1,7 @@
 """The report of a heat-up and its cooling: temperatures with the fit, constants, what is left."""
 
 from motord.experiments.operator_notes import add_operator_notes
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.experiments.thermal.plots import temperatures
 from motord.experiments.thermal.result import ThermalConstants
 from motord.intervals import coverage_factor
@@ -13,14 +13,13 @@ STEADY_HEADER = ("channel", "end of the heat-up (degC)", "steady (degC)", "95 % 
 
 def report(found: ThermalConstants, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    subject = recordings.subject
-    page = Page("Thermal constants", f"{subject.motor.name} on bench {subject.bench}")
+    page = Page("Thermal constants", recordings.subject.lead)
     slowest = found.time_constants[0]
     cards = [(f"{slowest.time_constant_s:.4g} s", "slowest time constant, cooling")]
     if found.resistance.value is not None:
         cards.append((f"{found.resistance.value:.4g} K/W", f"{found.nodes[0]} to ambient"))
     page.cards(cards)
-    page.table([], [*facts(subject, recordings.names), *_facts(found)])
+    page.table([], [*recordings.facts, *_facts(found)])
     fill(page, found)
     add_operator_notes(page, recordings)
     return page

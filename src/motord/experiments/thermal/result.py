@@ -93,22 +93,15 @@ class ThermalConstants:
     copper loss at the end of the heat-up, None if it is not known. residual_K: RMS of each channel.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        **{name: name for name in ("nodes", "channels", "time_constants")},
-        **{
-            f"{quantity}{error}_{unit}": f"{quantity}.{error[1:] or 'value'}"
-            for quantity, unit in (("resistance", "K_per_W"), ("rise", "K_per_A2"))
-            for error in ("", "_stderr", "_low", "_high")
-        },
-        **{
-            name: name
-            for name in (
-                "resistances", "capacities", "steady", "ambient_C", "ambient_stderr_C",
-                "ambient_measured", "current_rms_A", "heat_W", "heating_s", "cooling_s",
-                "ended_by", "residual_K", "notes",
-            )
-        },
-    }  # fmt: skip
+    JSON: ClassVar = (
+        "nodes", "channels", "time_constants", "resistance_K_per_W=resistance.value",
+        "resistance_stderr_K_per_W=resistance.stderr", "resistance_low_K_per_W=resistance.low",
+        "resistance_high_K_per_W=resistance.high", "rise_K_per_A2=rise.value",
+        "rise_stderr_K_per_A2=rise.stderr", "rise_low_K_per_A2=rise.low",
+        "rise_high_K_per_A2=rise.high", "resistances", "capacities", "steady", "ambient_C",
+        "ambient_stderr_C", "ambient_measured", "current_rms_A", "heat_W", "heating_s",
+        "cooling_s", "ended_by", "residual_K", "notes",
+    )  # fmt: skip
 
     nodes: tuple[str, ...]
     channels: tuple[str, ...]

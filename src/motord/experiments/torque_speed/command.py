@@ -50,7 +50,7 @@ def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
     yield TextTable(
         "means over whole turns, 95 % intervals",
         HEADER,
-        [row(one, "+-") for one in found.points],
+        [row(one) for one in found.points],
         left=(0,),
     )
     for one in found.points:

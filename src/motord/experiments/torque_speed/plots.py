@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
 from motord.experiments.torque_speed.result import OperatingPower
-from motord.report.style import AFTER, BEFORE, INK, SERIOUS, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, INK, SERIOUS, SOFT, figure
 
 _MAP = LinearSegmentedColormap.from_list(
     "efficiency", ["#6d1410", "#c2502f", "#ec9a62", "#f3e6c8", "#a9cfe3", "#3f8fbe", "#0d4f7c"]
@@ -27,8 +27,7 @@ COLOURS = {"motoring": AFTER, "generating": BEFORE, "braking": SOFT}
 
 def efficiency_contours(points: Sequence[OperatingPower]) -> Figure:
     """Return the efficiency over speed and torque, with the points and the envelope."""
-    with drawing():
-        picture = figure(4.8)
+    with figure(4.8) as picture:
         axes = picture.subplots()
         defined = [one for one in points if one.efficiency.value is not None]
         values = [one.efficiency.value or 0.0 for one in defined]
@@ -120,8 +119,7 @@ def _envelope(axes: Axes, points: Sequence[OperatingPower]) -> None:
 
 def losses(points: Sequence[OperatingPower]) -> Figure:
     """Return the losses over torque, a line for each speed, with their 95 % intervals."""
-    with drawing():
-        picture = figure(3.6)
+    with figure(3.6) as picture:
         axes = picture.subplots()
         speeds_Hz = sorted({one.speed_Hz for one in points})
         shades = np.linspace(0.35, 1.0, len(speeds_Hz))

@@ -1,6 +1,6 @@
 """The report of an efficiency map: contours, losses, all figures, and what makes them uncertain."""
 
-from motord.experiments.subject import Recordings, facts
+from motord.experiments.subject import Recordings
 from motord.experiments.torque_speed.plots import efficiency_contours, losses
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.report.html import Page
@@ -10,17 +10,16 @@ HEADER = ("set-points", "mechanical (W)", "electrical (W)", "losses (W)", "effic
 
 def report(found: EfficiencyMap, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    subject = recordings.subject
-    page = Page("Efficiency map", f"{subject.motor.name} on bench {subject.bench}")
+    page = Page("Efficiency map", recordings.subject.lead)
     if best := found.best:
-        highest = best.efficiency.text("\u00b1")
+        highest = best.efficiency.text()
         page.cards(
             [
                 (f"{highest} %", f"highest efficiency, at {best.label}"),
                 (f"{len(found.points)}", "operating points"),
             ]
         )
-    page.table([], facts(subject, recordings.names))
+    page.table([], recordings.facts)
     fill(page, found)
     return page
 
@@ -45,7 +44,7 @@ def fill(page: Page, found: EfficiencyMap) -> None:
         "Means over whole turns; powers are positive into the motor. Half-widths of 95 % "
         f"intervals. The electrical power is the channel {found.power_source}."
     )
-    page.table(HEADER, [row(one, "\u00b1") for one in found.points], numbers=True)
+    page.table(HEADER, [row(one) for one in found.points], numbers=True)
     reasons = [f"{one.label}: {one.efficiency_reason}" for one in found.points]
     page.points(
         [said for one, said in zip(found.points, reasons, strict=True) if one.efficiency_reason]
@@ -54,14 +53,14 @@ def fill(page: Page, found: EfficiencyMap) -> None:
     _fill_budget(page, found)
 
 
-def row(one: OperatingPower, sign: str) -> list[str]:
-    """Return an operating point as a row under HEADER; sign: plus-minus."""
+def row(one: OperatingPower) -> list[str]:
+    """Return an operating point as a row under HEADER."""
     return [
         one.label,
-        one.mechanical.text(sign),
-        one.electrical.text(sign),
-        one.loss.text(sign),
-        one.efficiency.text(sign) or "-",
+        one.mechanical.text(),
+        one.electrical.text(),
+        one.loss.text(),
+        one.efficiency.text() or "-",
     ]
 
 

@@ -27,11 +27,11 @@ class PowerEstimate:
         half = errors.half_width
         return cls(value, errors.stderr, value - half, value + half)
 
-    def text(self, sign: str, unit: float = 1.0) -> str:
+    def text(self) -> str:
         """Return value and half of the interval, "" if it is not defined."""
         if self.value is None or self.high is None:
             return ""
-        return f"{unit * self.value:.2f} {sign} {unit * (self.high - self.value):.2f}"
+        return f"{self.value:.2f} +- {self.high - self.value:.2f}"
 
 
 UNDEFINED = PowerEstimate(None)
@@ -63,27 +63,19 @@ class OperatingPower:
     plan: name and settings of its recording's plan, as `recording.plan_columns` has them.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        **{
-            name: name
-            for name in ("torque_Nm", "speed_Hz", "torque_mean_Nm", "speed_mean_Hz", "mode")
-        },
-        **{
-            f"{quantity}{error}_{unit}": f"{quantity}.{error[1:] or 'value'}"
-            for quantity, unit in (
-                ("mechanical", "W"), ("electrical", "W"), ("loss", "W"), ("efficiency", "percent"),
-            )
-            for error in ("", "_stderr", "_low", "_high")
-        },
-        **{
-            name: name
-            for name in (
-                "efficiency_reason", "t_start_ns", "t_end_ns", "turns", "blocks", "readings",
-                "read_every_s", "sampling_W", "loss_drift_W", "loss_drift_stderr_W", "in_step",
-                "envelope_Nm", "budget",
-            )
-        },
-    }  # fmt: skip
+    JSON: ClassVar = (
+        "torque_Nm", "speed_Hz", "torque_mean_Nm", "speed_mean_Hz", "mode",
+        "mechanical_W=mechanical.value", "mechanical_stderr_W=mechanical.stderr",
+        "mechanical_low_W=mechanical.low", "mechanical_high_W=mechanical.high",
+        "electrical_W=electrical.value", "electrical_stderr_W=electrical.stderr",
+        "electrical_low_W=electrical.low", "electrical_high_W=electrical.high",
+        "loss_W=loss.value", "loss_stderr_W=loss.stderr", "loss_low_W=loss.low",
+        "loss_high_W=loss.high", "efficiency_percent=efficiency.value",
+        "efficiency_stderr_percent=efficiency.stderr", "efficiency_low_percent=efficiency.low",
+        "efficiency_high_percent=efficiency.high", "efficiency_reason", "t_start_ns", "t_end_ns",
+        "turns", "blocks", "readings", "read_every_s", "sampling_W", "loss_drift_W",
+        "loss_drift_stderr_W", "in_step", "envelope_Nm", "budget",
+    )  # fmt: skip
 
     torque_Nm: float
     speed_Hz: float

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from motord import config
 from motord.config import LoopConfig
@@ -33,19 +33,15 @@ from motord.unix_clock import Clock
 RING_TICKS = 16384
 
 
-class LoopSetup(BaseModel):
+class LoopSetup(BaseModel, frozen=True):
     """What loop to run: its section of the bench file, and its period."""
-
-    model_config = ConfigDict(frozen=True)
 
     loop: LoopConfig
     period_ns: int
 
 
-class Ready(BaseModel):
+class Ready(BaseModel, frozen=True):
     """With which rights the loop runs; priority 0 is normal priority."""
-
-    model_config = ConfigDict(frozen=True)
 
     realtime: RealtimeStatus
     priority: int

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.loop.latency.measurement import Measured
-from motord.report.style import AFTER, BEFORE, OTHER, drawing, figure
+from motord.report.style import AFTER, BEFORE, OTHER, figure
 from motord.shm.histogram import EDGES_ns, TimeHistogram
 
 BINS_PER_DECADE = 12
@@ -39,8 +39,7 @@ def picture(measured: Measured) -> Figure:
         wake_late.append(_Times(f"loop, {label}", AFTER, loop.wake_late, not clean))
         work.append(_Times(label, OTHER, loop.work, not clean))
     limit_us = float(measured.plan.period_us)
-    with drawing():
-        drawn = figure(5.6)
+    with figure(5.6) as drawn:
         above, below = drawn.subplots(2, 1, sharex=True)
         _histograms(above, wake_late, limit_us)
         above.set_title("Wake-up after the deadline")

@@ -1,16 +1,14 @@
 """The figures of a latency measurement, for people and files."""
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from motord.loop.latency.measurement import Measured, MeasuredSlices, median_of_slices_us
 from motord.shm.histogram import TimeHistogram
 from motord.shm.timing import Timing
 
 
-class Figures(BaseModel):
+class Figures(BaseModel, frozen=True):
     """Quantiles in us (None without samples), deadlines missed, number of samples."""
-
-    model_config = ConfigDict(frozen=True)
 
     p50_us: float | None = None
     p99_us: float | None = None
@@ -28,19 +26,15 @@ class Figures(BaseModel):
         return cls(missed=missed, **summary.model_dump(exclude={"bins"}))
 
 
-class Ratio(BaseModel):
+class Ratio(BaseModel, frozen=True):
     """The loop's lateness divided by that of cyclictest; None without samples of both."""
-
-    model_config = ConfigDict(frozen=True)
 
     p50: float | None = None
     p99: float | None = None
 
 
-class Condition(BaseModel):
+class Condition(BaseModel, frozen=True):
     """Figures over slices of one condition: clean, or stolen from."""
-
-    model_config = ConfigDict(frozen=True)
 
     loop: Figures
     work: Figures

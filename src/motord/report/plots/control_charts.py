@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motord.report.style import AFTER, INK, SERIOUS, SOFT, drawing, figure
+from motord.report.style import AFTER, INK, SERIOUS, SOFT, figure
 
 DATES = 8
 """Points that are labelled with their dates, about."""
@@ -30,8 +30,7 @@ class ChartPanel:
 
 def control_charts(label: str, panels: Sequence[ChartPanel]) -> Figure:
     """Return the charts; label: of the values, with their unit."""
-    with drawing():
-        picture = figure(0.5 + 2.3 * len(panels))
+    with figure(0.5 + 2.3 * len(panels)) as picture:
         all_axes = picture.subplots(len(panels), 1, squeeze=False)[:, 0]
         for axes, panel in zip(all_axes, panels, strict=True):
             _chart(axes, panel)

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motord.report.style import AFTER, OTHER, REFERENCE, drawing, figure
+from motord.report.style import AFTER, OTHER, REFERENCE, figure
 
 STYLES = ((AFTER, "o"), (OTHER, "s"))
 """Colour and marker of the first estimate and of the second."""
@@ -29,8 +29,7 @@ def gains(estimates: Sequence[Gains], reference: Gains | None) -> Figure:
 
     Bars are 95 % intervals.
     """
-    with drawing():
-        picture = figure(2.9)
+    with figure(2.9) as picture:
         left, right = picture.subplots(1, 2)
         for row, estimate in enumerate(estimates):
             base = reference.alpha if reference else np.zeros(3)

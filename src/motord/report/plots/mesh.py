@@ -9,7 +9,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from motord.calibration import TorqueSpeed
-from motord.report.style import INK, PAPER, drawing, figure
+from motord.report.style import INK, PAPER, figure
 
 _MAP = LinearSegmentedColormap.from_list(
     "ripple", ["#0d4f7c", "#3f8fbe", "#a9cfe3", "#f3e6c8", "#ec9a62", "#b23a1e", "#6d1410"]
@@ -21,9 +21,8 @@ RANGE_PERCENT = (0.03, 30.0)
 
 def rms_error(panels: Sequence[tuple[str, Mapping[TorqueSpeed, float]]]) -> Figure:
     """Return heat maps of RMS errors in percent of rated torque, one a panel, all of one scale."""
-    with drawing():
-        torques_Nm = sorted({point[0] for _, values in panels for point in values})
-        picture = figure(1.6 + 0.36 * max(len(torques_Nm), 3))
+    torques_Nm = sorted({point[0] for _, values in panels for point in values})
+    with figure(1.6 + 0.36 * max(len(torques_Nm), 3)) as picture:
         all_axes = picture.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         norm = LogNorm(*RANGE_PERCENT, clip=True)
         for axes, (title, values) in zip(all_axes, panels, strict=True):

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motord.report.style import AFTER, BEFORE, SOFT, drawing, figure
+from motord.report.style import AFTER, BEFORE, SOFT, figure
 
 COLOURS = {"before": BEFORE, "after": AFTER}
 
@@ -36,8 +36,7 @@ def over_angle_and_order(
     """Return torque over the turn above its spectrum; `marked_orders` get a tick with a number."""
     ripples = {"before": before, "after": after}
     present = {name: ripple for name, ripple in ripples.items() if ripple is not None}
-    with drawing():
-        picture = figure(6.0)
+    with figure(6.0) as picture:
         upper, lower = picture.subplots(2, 1, height_ratios=[1.0, 1.1])
         for name, ripple in present.items():
             degrees = np.rad2deg(ripple.angle_rad)

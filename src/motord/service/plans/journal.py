@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from motord.sequencing.capture import final
 
@@ -22,13 +22,11 @@ FORMAT = 1
 ENDS = ("done", "aborted", "failed")
 
 
-class PlanNote(BaseModel):
+class PlanNote(BaseModel, extra="ignore", frozen=True):
     """What a plan was started with.
 
     bench_parts: digest of each part of the bench that matters to it; points_digest: of its points.
     """
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
 
     format: int = FORMAT
     run_id: str

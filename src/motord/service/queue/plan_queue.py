@@ -7,7 +7,7 @@ somebody removes it; until then it is in it once. Only the first item runs.
 from collections.abc import Collection, Sequence
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from motord.api.errors import RpcError
 from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun
@@ -17,10 +17,8 @@ ITEMS_MAX = 256
 HISTORY_MAX = 200
 
 
-class PlanQueue(BaseModel):
+class PlanQueue(BaseModel, extra="ignore", frozen=True):
     """The queue as it is on the disk."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
 
     format: int = Field(default=FORMAT, ge=FORMAT, le=FORMAT)
     next_id: int = 1

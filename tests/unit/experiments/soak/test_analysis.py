@@ -110,7 +110,8 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
     assert statement in " ".join(text.split())
     found = json.loads(output.read_text())
     assert (found["schema"], found["plan"]) == ("motord.soak/1", "verify")
-    assert {one["name"] for one in found["findings"]} >= {"drift of winding_C"}
+    actions = {one["name"]: one["action"] for one in found["findings"]}
+    assert "begin once it is warm" in actions["drift of winding_C"]
     assert report.read_text().count("<svg") == 1
     select = "SELECT unit, low, high, plan, setting_plan, setting_inner_turns FROM results "
     [row] = query(
