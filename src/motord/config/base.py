@@ -23,8 +23,15 @@ def _not_too_small(value: float) -> float:
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_not_too_large)]
-NonNegative = Annotated[Finite, Field(ge=0)]
-Positive = Annotated[Finite, Field(gt=0), AfterValidator(_not_too_small)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_not_too_large)]
+Positive = Annotated[
+    float,
+    Field(gt=0, allow_inf_nan=False),
+    AfterValidator(_not_too_large),
+    AfterValidator(_not_too_small),
+]
+"""Bounds come before validators: those that come after one are not in the JSON schema, from which
+reference and forms are made."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 

@@ -7,8 +7,8 @@ from pydantic import Field
 
 from motord.config.base import NonNegative, Section
 
-Percent = Annotated[NonNegative, Field(le=100)]
-Angle = Annotated[NonNegative, Field(le=1)]
+Percent = Annotated[float, Field(ge=0, le=100)]
+Angle = Annotated[float, Field(ge=0, le=1)]
 
 
 class AccuracyConfig(Section):

@@ -59,7 +59,7 @@ class CalibrateConfig(MeshConfig):
     """Torques of these points; empty: the mesh's middle torque."""
     directions: Literal["forwards", "both"] = "both"
     """"both": every other point backwards, to separate friction; "forwards": never turn back."""
-    time_limit_s: Annotated[Positive, Field(ge=5, le=600)] | None = None
+    time_limit_s: Annotated[float, Field(ge=5, le=600)] | None = None
     """Bench time to use, for the points that tell most; none: the mesh, or 120 s with a target."""
     ripple_percent: Target | None = None
     """Target: ripple that errors of the calibration leave on the mesh, of the rated torque."""
