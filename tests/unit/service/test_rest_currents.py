@@ -7,6 +7,7 @@ import pytest
 
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.config import Config, load
+from motord.config.base import LARGEST
 from motord.control import parameters
 from motord.control.reference import currents_along_q, phase_currents
 from motord.service.bench.rest_currents import GAIN_MAX, check_rest_currents, rest_currents_A
@@ -81,11 +82,10 @@ def test_the_limit_is_what_may_flow_for_ever_and_what_the_kernel_commands(name: 
         check_rest_currents(above, bench)
 
 
-def test_currents_that_are_no_number_are_refused() -> None:
-    motor = BENCH.motor
-    huge = made(BENCH, tau_cog_Nm=(1.7e308,) * motor.counts)
+@pytest.mark.parametrize("largest", [{"tau_cog_Nm": (LARGEST,) * 4096}, {"beta_A": (LARGEST,) * 3}])
+def test_the_largest_numbers_that_a_file_may_hold_are_refused(largest: dict[str, object]) -> None:
     with pytest.raises(CalibrationError, match="at zero torque"):
-        check_rest_currents(huge, BENCH)
+        check_rest_currents(made(BENCH, **largest), BENCH)
 
 
 @pytest.mark.parametrize("factor", [1.001, 1 / 1.001])

@@ -58,8 +58,12 @@ class ThermalConfig(Section):
     @property
     def nodes(self) -> dict[str, str]:
         """Channels by the node of the thermal network that they show, in order."""
-        nodes = ("winding", "magnet", "housing")
-        return {node: channel for node in nodes if (channel := getattr(self, f"{node}_channel"))}
+        named = {
+            "winding": self.winding_channel,
+            "magnet": self.magnet_channel,
+            "housing": self.housing_channel,
+        }
+        return {node: channel for node, channel in named.items() if channel}
 
     @model_validator(mode="after")
     def _heat_enters_where_it_is_seen(self) -> "ThermalConfig":

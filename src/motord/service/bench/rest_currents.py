@@ -48,14 +48,13 @@ def rest_currents_A(calibration: Calibration, config: Config) -> np.ndarray:
     gain = np.array(calibration.alpha) * calibration.delta_epsilon
     beta_A = np.array(calibration.beta_A)
     asked_A = []
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused
-        for torque_Nm in (np.zeros(config.motor.counts), -np.array(calibration.tau_cog_Nm)):
-            if config.inverter.q_only:
-                asked_A.append(_along_q_A(config, torque_Nm, gain, beta_A))
-                asked_A.append(_along_q_A(config, torque_Nm, np.ones(3), np.zeros(3)))
-            else:
-                flowing_A = torque_Nm[:, None] * currents_per_Nm(config.motor)
-                asked_A += [(flowing_A - beta_A) / gain, flowing_A]
+    for torque_Nm in (np.zeros(config.motor.counts), -np.array(calibration.tau_cog_Nm)):
+        if config.inverter.q_only:
+            asked_A.append(_along_q_A(config, torque_Nm, gain, beta_A))
+            asked_A.append(_along_q_A(config, torque_Nm, np.ones(3), np.zeros(3)))
+        else:
+            flowing_A = torque_Nm[:, None] * currents_per_Nm(config.motor)
+            asked_A += [(flowing_A - beta_A) / gain, flowing_A]
     largest_A: np.ndarray = np.abs(asked_A).max(axis=(0, 1))
     return largest_A
 
