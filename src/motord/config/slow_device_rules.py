@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from motord.config.devices.slow_devices import register_counts, shares_line
+from motord.config.devices.slow_devices import BRAKE_MARGIN_K, register_counts, shares_line
 from motord.config.sections import Sections
 from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S
 
@@ -51,7 +51,7 @@ def registers_reach_the_limits(config: Sections) -> Iterator[str]:
     brake, drive = config.brake, config.drive
     for name, section, low, high in (
         ("brake", brake, 0.0, 1.0),
-        ("drive", drive, -drive.speed_max_rad_s, drive.speed_max_rad_s),
+        ("drive", drive, drive.speed_min_rad_s, drive.speed_max_rad_s),
     ):
         modbus = section.modbus
         if section.driver != "modbus" or modbus is None:
@@ -62,7 +62,8 @@ def registers_reach_the_limits(config: Sections) -> Iterator[str]:
             yield (
                 f'[{name}.modbus] setpoint_kind = "{kind}" with setpoint_scale = {step:g} holds '
                 f"{least:g} to {greatest:g} in steps of {step:g}; it takes {low:g} to {high:g} in "
-                f"steps of {STEP_MAX * high:g} at most"
+                f"steps of {STEP_MAX * high:g} at most: give what its manual says"
+                + (", or another [drive] speed_max_rad_s" if section is drive else "")
             )
     modbus, trip_C = brake.modbus, brake.trip_temperature_C
     if brake.driver == "modbus" and modbus is not None:
@@ -71,5 +72,6 @@ def registers_reach_the_limits(config: Sections) -> Iterator[str]:
             yield (
                 f'[brake.modbus] value_kind = "{modbus.value_kind}" with value_scale = '
                 f"{modbus.value_scale:g} says {hottest_C:g} degC at most, and the brake trips "
-                f"above {trip_C:g}: it never would"
+                f"above {trip_C:g}, [brake] temperature_max_C and {BRAKE_MARGIN_K:g}: it never "
+                "would; give what its manual says, or a lower temperature_max_C"
             )

@@ -61,3 +61,8 @@ def check_drive(config: Config, speed_Hz: float) -> None:
             f"{speed_Hz:g} Hz is faster than the drive can turn, [drive] speed_max_rad_s = "
             f"{config.drive.speed_max_rad_s:g} ({speed_rad_s:.3g} rad/s asked)"
         )
+    if speed_rad_s < config.drive.speed_min_rad_s:
+        raise PlanError(
+            f"{speed_Hz:g} Hz: the drive turns one way only, as the register of its set-point has "
+            "no sign, [drive.modbus] setpoint_kind"
+        )

@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from motord.config import ChannelConfig, Config, Finite, ModbusConfig, NonNegative, Positive
 from motord.config.devices.slow_devices import BrakeConfig, DriveConfig, register_counts
 from motord.hal.modbus import devices
+from motord.sequencing.limits import PlanError, check_drive
 from motord.wire.modbus.registers import layout
 from tests.unit.hal.test_modbus import MOTOR
 
@@ -129,5 +130,17 @@ def test_an_age_beyond_what_is_stale_is_refused(inverter: dict[str, Any]) -> Non
 
 
 def test_the_packaged_defaults_of_a_drive_are_not_those_of_a_brake() -> None:
-    with pytest.raises(ValidationError, match=r"drive.modbus.*it takes -15 to 15"):
+    with pytest.raises(ValidationError, match=r"drive.modbus.*it takes 0 to 15 .*speed_max_rad_s"):
         slow("drive", ModbusConfig().model_dump() | {"watchdog_s": 0.2})
+
+
+@pytest.mark.parametrize(("kind", "backwards"), [("u16", False), ("i16", True), ("u32", False)])
+def test_a_drive_without_a_sign_turns_one_way(kind: str, backwards: bool) -> None:
+    config = slow("drive", {"setpoint_kind": kind, "setpoint_scale": 0.001})
+    check_drive(config, 1.0)
+    assert devices.drive(config)._low == (-15.0 if backwards else 0.0)
+    if backwards:
+        check_drive(config, -1.0)
+        return
+    with pytest.raises(PlanError, match="one way only"):
+        check_drive(config, -1.0)

@@ -155,4 +155,10 @@ class DriveConfig(_ModbusDevice):
     """`[drive]`: the external motor that turns the rotor through a belt."""
 
     speed_max_rad_s: Positive = 15.0
-    """Fastest set-point, of either sign."""
+    """Fastest set-point; of either sign, if the register of it has one."""
+
+    @property
+    def speed_min_rad_s(self) -> float:
+        """The least set-point: 0 where its register has no sign, so that it turns one way only."""
+        modbus = self.modbus if self.driver == "modbus" else None
+        return 0.0 if modbus and modbus.setpoint_kind[0] == "u" else -self.speed_max_rad_s

@@ -78,5 +78,5 @@ def brake(config: Config) -> ModbusDevice:
 def drive(config: Config) -> ModbusDevice:
     """Return the external drive of a bench, rad/s."""
     assert config.drive.modbus is not None  # a rule of the bench file
-    fastest_rad_s = config.drive.speed_max_rad_s
-    return ModbusDevice("drive", config.drive.modbus, -fastest_rad_s, fastest_rad_s)
+    least_rad_s, most_rad_s = config.drive.speed_min_rad_s, config.drive.speed_max_rad_s
+    return ModbusDevice("drive", config.drive.modbus, least_rad_s, most_rad_s)
