@@ -28,9 +28,10 @@ def check(codec: InverterCodec, config: Config) -> None:
 
 def _commands(codec: InverterCodec, config: Config) -> Iterator[str]:
     command, signals, limit_A = codec.command, codec.signals, config.limits.current_A
-    largest = limit_A
+    largest, of = limit_A, f"[limits] current_A = {limit_A:g}"
     if signals.rotating:
         largest *= _DQ_PER_PHASE * config.inverter.dq.scale
+        of += f" with [inverter.dq] scale = {config.inverter.dq.scale:g}"
     for slot in command.slots:
         low, high, step = command.steps(slot)
         if slot == "enable":
@@ -43,8 +44,8 @@ def _commands(codec: InverterCodec, config: Config) -> Iterator[str]:
         elif not low <= -largest <= largest <= high or step > STEP_MAX * largest:
             yield (
                 f"command: the signal of {slot} holds {low:g} to {high:g} in steps of {step:g}; "
-                f"[limits] current_A = {limit_A:g} needs {-largest:g} to {largest:g} in steps of "
-                f"{STEP_MAX * largest:g} at most: take another DBC, or another current_A"
+                f"{of} needs {-largest:g} to {largest:g} in steps of {STEP_MAX * largest:g} at "
+                "most: take another DBC, or another current_A"
             )
 
 
@@ -52,7 +53,11 @@ def _feedback(codec: InverterCodec, config: Config) -> Iterator[str]:
     limits = config.limits
     current = ("trip_current_A", -limits.trip_current_A, limits.trip_current_A)
     scale = config.inverter.dq.scale
-    along = (current[0], current[1] * scale, current[2] * scale)
+    along = (
+        f"{current[0]} with [inverter.dq] scale = {scale:g}",
+        -scale * current[2],
+        scale * current[2],
+    )
     bus = ("bus_V_min to bus_V_max", limits.bus_V_min or math.inf, limits.bus_V_max)
     hot = ("trip_temperature_C", math.inf, limits.trip_temperature_C)
     needs = {"u_bus_V": bus, "temperature_C": hot, "i_d_A": along, "i_q_A": along}
