@@ -171,28 +171,68 @@ def test_a_request_without_a_response_is_thrown_away() -> None:
                 device.recv(300)
 
 
-def test_a_name_is_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A name server may take longer than `timeout_s`, and the set-point would be an old one."""
-    hosts = []
+class NamedDevice:
+    """A device at `address`, by a name whose server takes `lookup_s`; connections are noted."""
 
-    class Link:
-        host = "192.0.2.7"
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.address, self.lookup_s = "192.0.2.7", 0.0
+        self.hosts: list[str] = []
+        self.sent = 0
+        self._now_s = 0.0
+        monkeypatch.setattr(modbus_link, "TcpLink", self._connected)
+        monkeypatch.setattr("motord.hal.modbus.client.time.monotonic", lambda: self._now_s)
 
-        def __init__(self, host: str, port: int, timeout_s: float) -> None:
-            hosts.append(host)
-
-        def exchange(self, unit: int, request: ModbusRequest) -> list[int]:
+    def _connected(self, host: str, port: int, timeout_s: float) -> "NamedDevice":
+        self.hosts.append(host)
+        self._now_s += self.lookup_s if host == "drive.lab" else 0.0
+        if host not in ("drive.lab", self.address):
             raise TimeoutError
+        return self
 
-        def close(self) -> None:
-            pass
+    @property
+    def host(self) -> str:
+        return self.address
 
-    monkeypatch.setattr(modbus_link, "TcpLink", Link)
-    client = ModbusClient(ModbusConfig(host="drive.lab"), "")
-    for _ in range(3):
+    def exchange(self, unit: int, request: ModbusRequest) -> list[int]:
+        self.sent += 1
+        raise TimeoutError
+
+    def close(self) -> None:
+        pass
+
+
+def asked(client: ModbusClient, times: int) -> None:
+    for _ in range(times):
         with pytest.raises(DeviceError):
             client.exchange("write", write(0, [1]))
-    assert hosts == ["drive.lab", "192.0.2.7", "192.0.2.7"]
+
+
+def test_a_name_is_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    device, client = NamedDevice(monkeypatch), ModbusClient(ModbusConfig(host="drive.lab"), "")
+    asked(client, 3)
+    assert device.hosts == ["drive.lab", "192.0.2.7", "192.0.2.7"]
+    assert device.sent == 3
+
+
+def test_a_name_is_looked_up_again_where_its_address_is_not_reached(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The device may have another address now."""
+    device, client = NamedDevice(monkeypatch), ModbusClient(ModbusConfig(host="drive.lab"), "")
+    asked(client, 1)
+    device.address = "192.0.2.9"
+    asked(client, 3)
+    assert device.hosts == ["drive.lab", "192.0.2.7", "drive.lab", "192.0.2.9"]
+
+
+def test_nothing_is_sent_after_a_slow_name_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A set-point would be an old one; the next request needs no name server."""
+    device, client = NamedDevice(monkeypatch), ModbusClient(ModbusConfig(host="drive.lab"), "")
+    device.lookup_s = 5.0
+    asked(client, 1)
+    assert device.sent == 0
+    asked(client, 1)
+    assert (device.hosts, device.sent) == (["drive.lab", "192.0.2.7"], 1)
 
 
 def test_a_request_that_the_line_keeps_waiting_is_not_sent() -> None:

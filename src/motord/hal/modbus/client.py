@@ -4,6 +4,7 @@ What goes wrong is a `DeviceError` that names place, unit, request and what to d
 """
 
 import termios
+import time
 
 from motord.config import ModbusLinkConfig
 from motord.hal.base import DeviceError
@@ -29,12 +30,12 @@ class ModbusClient:
         self._config = config
         self._label = label
         self._link: ModbusLink | None = None
-        self._host = ""  # once it is known: a name server may take longer than timeout_s
+        self._host = ""  # once it is reached: a name server may take longer than timeout_s
 
     def exchange(self, what: str, request: ModbusRequest, unit: int | None = None) -> list[int]:
         """Return the registers that were read; waits at most `timeout_s`. Raises DeviceError.
 
-        `what` names the request; `unit`: by default that of the settings.
+        Nothing is sent if a name server took longer: a set-point would be an old one by then. `what` names the request; `unit`: by default that of the settings.
         """
         unit = self._config.unit if unit is None else unit
         if self._link is None:
@@ -68,20 +69,28 @@ class ModbusClient:
             link.close()
 
     def _connect(self, unit: int) -> ModbusLink:
-        config = self._config
+        config, begun_s = self._config, time.monotonic()
+        host, self._host = self._host, ""  # not reached: the name may stand for another one now
         try:
-            link = connect(config, self._host)
+            link = connect(config, host)
         except ConnectionRefusedError:
             why = "refused: nothing listens there; is the device on?"
             raise self._error(unit, why) from None
         except TimeoutError:
-            raise self._error(unit, f"no connection within {config.timeout_s:g} s") from None
+            raise self._late(unit) from None
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             reason = getattr(error, "strerror", None) or str(error)
             how = "connect" if config.transport == "tcp" else "open it"
             raise self._error(unit, f"cannot {how}: {reason}") from error
         self._host = link.host
+        looked_up = link.host not in (host, config.host)
+        if looked_up and time.monotonic() - begun_s > config.timeout_s:
+            link.close()
+            raise self._late(unit)
         return link
+
+    def _late(self, unit: int) -> DeviceError:
+        return self._error(unit, f"no connection within {self._config.timeout_s:g} s")
 
     def _error(self, unit: int, what: str) -> DeviceError:
         return DeviceError(f"{self._label}{self._config.place} unit {unit}: {what}")
