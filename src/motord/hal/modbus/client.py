@@ -35,7 +35,8 @@ class ModbusClient:
     def exchange(self, what: str, request: ModbusRequest, unit: int | None = None) -> list[int]:
         """Return the registers that were read; waits at most `timeout_s`. Raises DeviceError.
 
-        Nothing is sent if a name server took longer: a set-point would be an old one by then. `what` names the request; `unit`: by default that of the settings.
+        `what` names the request; `unit`: by default that of the settings. Nothing is sent if a name
+        server took longer: a set-point would be an old one by then.
         """
         unit = self._config.unit if unit is None else unit
         if self._link is None:
