@@ -17,7 +17,6 @@ from motord.api.request_base import RequestT as RequestT
 from motord.api.request_base import Rpc as Rpc
 from motord.api.request_base import RpcRequest as RpcRequest
 from motord.api.request_base import WithToken as WithToken
-from motord.config.base import Finite
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.sequencing.settings import Compensation
 from motord.verdict.serial import check_serial
@@ -66,13 +65,13 @@ class SetpointChange(WithToken):
 
     enable: bool = False
     """Enable the bench first, if all of it can be done."""
-    torque_Nm: Finite | None = None
+    torque_Nm: float | None = None
     """Torque that the ramp goes to."""
-    speed_Hz: Finite | None = None
+    speed_Hz: float | None = None
     """The brake is servoed until the rotor turns at that speed, turns per second."""
     brake: Annotated[float, Field(ge=0, le=1)] | None = None
     """Excitation of the brake itself; ends the servo."""
-    drive_Hz: Finite | None = None
+    drive_Hz: float | None = None
     """Speed of the external drive, turns per second."""
     compensate: Compensation | None = None
     """Which parts of the calibration are applied; `calibration`: all but what was learned."""

@@ -215,5 +215,5 @@ def test_the_table_has_what_a_bench_needs(listen, names):
     assert [row.name for row in PROCESSES if row.while_(bench)] == names
     for row in PROCESSES:
         command = row.command(Path("bench.toml"), RunDir("sim"))
-        assert command[:2] == [sys.executable, "-m"]
+        assert command[:3] == [sys.executable, "-P", "-m"]
         assert "bench.toml" in command

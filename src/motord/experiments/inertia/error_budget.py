@@ -49,11 +49,10 @@ class Share:
     uncertainty: float
 
     @property
-    def JSON(self) -> dict[str, str]:
-        """How JSON names what there is: the width of a normal source is its standard error."""
-        width = "standard_error" if self.source == FREQUENCY else "half_width"
-        names = ("source", "inputs", "half_width", "sensitivity", "uncertainty")
-        return {width if name == "half_width" else name: name for name in names}
+    def JSON(self) -> tuple[str, ...]:
+        """Fields of the JSON: the width of a normal source is its standard error."""
+        width = "standard_error=half_width" if self.source == FREQUENCY else "half_width"
+        return "source", "inputs", width, "sensitivity", "uncertainty"
 
 
 @dataclass(frozen=True)
