@@ -1,14 +1,15 @@
 """In which order files of tests run, and where: the longest first, system tests a few at a time.
 
 A file is the unit: its tests run one after the other in one process. Files of system tests start
-processes that keep to real time, so they form lanes: `tests/run.py` has one process more than
-lanes, which runs what needs no time of its own, and fills what system tests leave of the
-processors while they wait.
+processes that keep to real time, so they run in lanes, some at a time: `tests/run.py` has more
+processes than lanes, which run what needs no time of its own, and fill what system tests leave of
+the processors while they wait.
 """
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -48,30 +49,29 @@ def longest_first(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: -table.get(file_of(item.nodeid), 0.0))
 
 
-class Lanes(LoadScopeScheduling):
-    """Hands out files; those of system tests in lanes, each to one process."""
+def next_file(waiting: Iterable[str], lanes: int) -> str:
+    """Return which of the files that wait is handed out next, if so many lanes are free: one of
+    system tests if there is any, else one of the others; if there is none, the first."""
+    waiting = list(waiting)
+    return next((file for file in waiting if is_system(file) == (lanes > 0)), waiting[0])
 
-    def __init__(self, config: pytest.Config, log: Any = None) -> None:
-        super().__init__(config, log)
-        self._units = units(int(os.environ.get(LANES, self.numnodes)))
+
+@cache
+def is_system(file: str) -> bool:
+    """Return whether a file has tests that start processes of their own."""
+    return "pytest.mark.system" in (ROOT / file).read_text()
+
+
+class Lanes(LoadScopeScheduling):
+    """Hands out files to processes as they become free, `LANES` files of system tests at a time."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return self._units(file_of(nodeid))
+        return file_of(nodeid)
 
-
-def units(lanes: int) -> Callable[[str], str]:
-    """Return what names the unit of a file; a new file of system tests joins the shortest lane."""
-    table = durations_s()
-    lane_s = [0.0] * lanes
-    known: dict[str, str] = {}
-
-    def unit(file: str) -> str:
-        if file not in known:
-            known[file] = file
-            if "pytest.mark.system" in (ROOT / file).read_text():
-                lane = lane_s.index(min(lane_s))
-                lane_s[lane] += table.get(file, LISTED_S)
-                known[file] = f"lane {lane}"
-        return known[file]
-
-    return unit
+    def _assign_work_unit(self, node: Any) -> None:
+        lanes = int(os.environ.get(LANES, self.numnodes))
+        for other, files in self.assigned_work.items():
+            unfinished = (file for file, tests in files.items() if not all(tests.values()))
+            lanes -= other is not node and any(map(is_system, unfinished))
+        self.workqueue.move_to_end(next_file(self.workqueue, lanes), last=False)
+        super()._assign_work_unit(node)
