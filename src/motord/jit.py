@@ -1,56 +1,20 @@
-"""The compiler of the numerical kernels: numba, with a cache that knows all their sources.
-
-numba's own cache watches only the file of the function itself, so a kernel that calls a changed
-helper in another file would go on using the old machine code. Here the cache folder is named
-after a digest of every kernel source file, so any edit starts a fresh one.
-"""
+"""The compiler of the numerical kernels: numba, with a cache that knows all their sources."""
 
 import ctypes
-import hashlib
-import itertools
-import os
 from collections import namedtuple
 from collections.abc import Callable
 from enum import Enum
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numba.extending import intrinsic
 
-KERNEL_PACKAGES = ("control", "rig", "identification", "experiments/calibration/estimate")
-"""Folders of kernels and of what they import, sub-folders included."""
-KERNEL_MODULES = (
-    "config/timing.py", "hal/sim/rig.py", "jit.py",
-    "learned.py", "loop/tick_kernel.py", "schema.py", "shm/histogram.py", "shm/tables.py",
-    "shm/time_count.py", "shm/timing.py", "virtual/bench.py", "virtual/drive.py",
-    "virtual/faults.py",
-)  # fmt: skip
-"""Other modules with kernels, or whose constants kernels have compiled in; a test finds them."""
+from motord.kernel_cache import kernel_cache
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
-
-def kernel_sources(package: Path) -> list[Path]:
-    """Return the files of which the compiled kernels are made, in a fixed order."""
-    folders = [sorted((package / name).rglob("*.py")) for name in KERNEL_PACKAGES]
-    return [*(package / name for name in KERNEL_MODULES), *itertools.chain(*folders)]
-
-
-def _kernel_digest(package: Path) -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
-    for source in kernel_sources(package):
-        digest.update(str(source.relative_to(package)).encode() + source.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _cache_root() -> Path:
-    root = os.environ.get("MOTORD_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    return Path(root) / "motord" if root else Path.home() / ".cache" / "motord"
-
-
-numba.config.CACHE_DIR = str(_cache_root() / f"kernels-{_kernel_digest(Path(__file__).parent)}")  # type: ignore[attr-defined]
+numba.config.CACHE_DIR = str(kernel_cache())  # type: ignore[attr-defined]
 
 
 def jit(function: _Kernel) -> _Kernel:

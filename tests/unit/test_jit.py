@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import motord
-from motord.jit import ArgumentBlock, _kernel_digest, jit_holding_gil, kernel_sources, records_at
+from motord.jit import ArgumentBlock, jit_holding_gil, records_at
+from motord.kernel_cache import kernel_cache, kernel_sources
 from motord.schema import record_dtype
 
 PAIR = record_dtype([("x", "f8"), ("n", "i4")])
@@ -95,19 +96,20 @@ def test_the_cache_knows_every_source_of_a_kernel() -> None:
 def test_an_edit_anywhere_below_a_folder_of_kernels_starts_a_new_cache(tmp_path: Path) -> None:
     copy = tmp_path / "motord"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    before = _kernel_digest(copy)
+    before = kernel_cache(copy)
     below = copy / "identification" / "room"
     below.mkdir()
     (below / "kernel.py").write_text("GAIN = 1.0\n")
-    made = _kernel_digest(copy)
+    made = kernel_cache(copy)
     (below / "kernel.py").write_text("GAIN = 1.5\n")
-    assert len({before, made, _kernel_digest(copy)}) == 3
+    assert len({before, made, kernel_cache(copy)}) == 3
 
 
 def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
     """It takes half a second of every start, and sixty megabytes for as long as they run."""
     modules = "daemon", "gateway.process"
     lines = [f"import motord.service.{name}" for name in modules]
-    lines += ["import motord.recorder.main, motord.client, motord.cli", "import sys"]
+    lines += ["import motord.recorder.main, motord.client, motord.cli.console", "import sys"]
+    lines += ["motord.cli.console.explain_first_run()"]  # as `motord run` begins
     code = "\n".join([*lines, "assert 'numba' not in sys.modules"])
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -235,11 +235,9 @@ def _lasting(stream: TextIO | None) -> TextIO:
 
 def explain_first_run(*, silent: bool = False) -> None:
     """Say on stderr that the kernels are being compiled, if none of this version are kept yet."""
-    import numba
+    from motord.kernel_cache import kernel_cache
 
-    import motord.jit  # noqa: F401 - it names the cache
-
-    if not silent and not Path(numba.config.CACHE_DIR).exists():  # type: ignore[attr-defined]
+    if not silent and not kernel_cache().exists():
         remark("first run: compiling the numerical kernels, which takes a minute or two, once")
 
 

@@ -2,21 +2,20 @@
 
 from pathlib import Path
 
-import numba
 import pytest
 
 from motord.cli.console import explain_first_run
+from motord.kernel_cache import kernel_cache
 
 
 def test_it_is_said_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    cache = tmp_path / "kernels"
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(cache))
+    monkeypatch.setenv("MOTORD_CACHE_DIR", str(tmp_path))
     explain_first_run(silent=True)
     assert capsys.readouterr().err == ""
     explain_first_run()
     assert capsys.readouterr().err.startswith("first run: compiling the numerical kernels")
-    cache.mkdir()
+    kernel_cache().mkdir(parents=True)
     explain_first_run()
     assert capsys.readouterr().err == ""
