@@ -33,13 +33,18 @@ class Machine:
         return self._decoder.errors
 
     def send(self, *sent):
-        """Send frames, or bytes as they are."""
+        """Send frames, or bytes as they are, in one write.
+
+        In FIRMWARE_TIME any time may pass on the board between two of them.
+        """
+        data = b""
         for frame in sent:
             if isinstance(frame, bytes):
-                send(self.qemu.link, frame)
+                data += frame
                 continue
-            send(self.qemu.link, frames.encode(frame, self._sequence))
+            data += frames.encode(frame, self._sequence)
             self._sequence = (self._sequence + 1) % frames.SEQUENCE_MODULUS
+        send(self.qemu.link, data)
 
     def feed(self, encoder_gray, torque_counts):
         """Set the board's inputs."""
