@@ -1,7 +1,8 @@
 """Many recordings analysed, each by itself, with a ledger of what is done."""
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,12 @@ from motord.batch.ledger import Ledger, LedgerEntry
 from motord.batch.stored import settings_to_store, with_back_emf
 from motord.batch.task import BatchTask, Outcome, analyse_recordings
 from motord.experiments.subject import Subject
+
+WRITERS = 4
+"""Threads that store results: they wait for the disk, which takes several at a time as one."""
+
+WRITING_MAX = 64
+"""Results that may wait for these."""
 
 KILLS = "workers die of it, also when it is the only one"
 CHANGED = "it changed while it was analysed, or is not what was hashed before (--rehash)"
@@ -75,8 +82,14 @@ def analyse_into_store(
             to_do[path] = analysis
         else:
             yield line
-    for path, outcome in _analysed(list(to_do), task, pool, progress):
-        yield _entered(path, to_do[path], outcome, ledger)
+    with ThreadPoolExecutor(WRITERS) as writers:
+        writing = deque[Future[BatchLine]]()
+        for path, outcome in _analysed(list(to_do), task, pool, progress):
+            writing.append(writers.submit(_entered, path, to_do[path], outcome, ledger))
+            while writing and (writing[0].done() or len(writing) > WRITING_MAX):
+                yield writing.popleft().result()
+        for written in writing:
+            yield written.result()
 
 
 def _analysed(

@@ -1,11 +1,13 @@
 """Ledger and store agree, whatever interrupts: every recording is analysed, no result twice."""
 
+import errno
 import json
 import os
 from collections import Counter
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 from hypothesis import given, settings
@@ -292,6 +294,38 @@ def test_a_worker_with_another_bench_file_ends_it(folder, monkeypatch):
     with pytest.raises(BatchError, match="other files"):
         analyse(folder)
     assert values(folder) == []
+
+
+def test_a_disk_that_takes_its_time_holds_up_no_other_result(folder, monkeypatch):
+    """A result waits for the disk until the next one is being stored, too."""
+    both, store = Barrier(2), Ledger.store
+
+    def slow(*arguments):
+        both.wait(timeout=30)
+        return store(*arguments)
+
+    (folder / "c.mcap").unlink()
+    monkeypatch.setattr(Ledger, "store", slow)
+    assert states(analyse(folder)) == {"done": 2}
+
+
+def test_a_disk_that_is_full_ends_it_and_what_was_stored_is_kept(folder, monkeypatch):
+    store = Ledger.store
+
+    def full(self, analysis, *result):
+        if analysis.recording == "b.mcap":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return store(self, analysis, *result)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Ledger, "store", full)
+        with pytest.raises(OSError, match="No space"):
+            analyse(folder)
+    kept = [name for name, _ in values(folder)]
+    last = analyse(folder)
+    assert last["b.mcap"][0] == "done"
+    assert [name for name, (state, _) in last.items() if state == "skipped"] == kept
+    assert len(values(folder)) == 3
 
 
 def test_without_a_store_results_are_values(folder):
