@@ -104,7 +104,7 @@ def _left(values: np.ndarray, weight: np.ndarray, columns: np.ndarray) -> np.nda
 def _slope(
     values: np.ndarray, weight: np.ndarray, columns: np.ndarray, freedom: float
 ) -> SpeedDifference:
-    """Return the coefficient of the last column, besides the others; limit: also what these leave."""
+    """Return the last column's coefficient, besides the others; its limit is by the rest, too."""
     own = _left(columns[:, -1], weight, columns[:, :-1])
     information = float(own @ own)
     if information <= SEPARATE * float(weight @ columns[:, -1] ** 2):
