@@ -91,7 +91,7 @@ def _back_emf_without(order: int, size: float, config: Config) -> Config:
     return config.model_copy(update={"motor": motor})
 
 
-def _torque_late(late_s: float, size: float, ticks: np.ndarray) -> np.ndarray:
+def torque_late(late_s: float, size: float, ticks: np.ndarray) -> np.ndarray:
     """Return ticks with the torque of `size * late_s` before."""
     t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
     later = ticks.copy()
@@ -168,7 +168,7 @@ DEPARTURES = (
         ("back-emf",), config=partial(_back_emf_without, 7),
     ),
     Departure(
-        "torque 1 ms older than the angle", ("torque-age",), recorded=partial(_torque_late, 1e-3),
+        "torque 1 ms older than the angle", ("torque-age",), recorded=partial(torque_late, 1e-3),
     ),
     Departure(
         "encoder's backlash 0.26 deg", ("backlash",), recorded=partial(_backlash, 3),

@@ -59,6 +59,8 @@ def what_is_wrong(error: ValidationError) -> Iterator[str]:
     for item in error.errors(include_url=False, include_input=False):
         place = ".".join(map(str, item["loc"]))
         message = item["msg"].removeprefix("Value error, ")
+        if item["type"] == "extra_forbidden":
+            message = "is not known"
         yield f"{place}: {message}" if place else message
 
 

@@ -126,7 +126,14 @@ def _explain(error: ValidationError, model: type[Section], path: Path, text: str
             what = "unknown key" + _suggestion(model, keys)
         elif item["type"] == "missing":
             what = "missing"
-        elif not isinstance(item.get("input"), dict | list):
+        elif item["type"] in ("tuple_type", "list_type"):
+            table = isinstance(item["input"], dict)
+            what = f"takes a list, {f'[[{_dotted(keys)}]]' if table else '[...]'}"
+        elif item["type"] in ("model_type", "model_attributes_type", "dict_type"):
+            what = f"is a table, [{_dotted(keys)}]"
+        if item["type"] not in ("extra_forbidden", "missing") and not isinstance(
+            item.get("input"), dict | list
+        ):
             what = f"{what[0].lower()}{what[1:]}, got {item['input']!r}"
         lines.append(f"{where}: {_dotted(keys)}: {what}" if keys else f"{where}: {what}")
     return "; ".join(dict.fromkeys(lines))

@@ -19,8 +19,8 @@ FALSE_SHARE = 0.002
 SEPARATE = 1e-3
 """Part of the velocities' squares that must be left within directions to show an age."""
 
-ROUNDS = 3
-"""Fits of the age, each from lines that are turned back by what was found: the first is small."""
+ROUNDS = 4
+"""Fits of the shifts, each of lines that are turned back by what was found: the rest is small."""
 
 
 @dataclass(frozen=True)
@@ -67,15 +67,13 @@ def speed_differences(
     turning = np.sign(velocity_rad_s)
     ways = np.column_stack([turning == way for way in np.unique(turning)]).astype(float)
     moving = np.column_stack([ways, velocity_rad_s])
-    age_s, wave = 0.0, 1j * np.outer(velocity_rad_s, order)
+    shift_rad = np.zeros(velocity_rad_s.size)
     for _ in range(ROUNDS):
-        shift_rad, known, _, _ = _changes(lines * np.exp(wave * age_s), stderr, order, ways)
-        slope_s = _slope(shift_rad, known, moving, freedom)
-        age_s += slope_s.size
-    lines = lines * np.exp(wave * age_s)
-    shift_rad, known, gain, scaled = _changes(lines, stderr, order, ways)
+        back = np.exp(1j * np.outer(shift_rad, order))
+        further_rad, known, gain, scaled = _changes(lines * back, stderr, order, ways)
+        shift_rad = shift_rad + further_rad
     return SpeedDifferences(
-        SpeedDifference(age_s, slope_s.limit),
+        _slope(shift_rad, known, moving, freedom),
         _rest(shift_rad, known, moving, freedom),
         _rest(gain, scaled, ways, freedom),
     )
@@ -106,14 +104,16 @@ def _left(values: np.ndarray, weight: np.ndarray, columns: np.ndarray) -> np.nda
 def _slope(
     values: np.ndarray, weight: np.ndarray, columns: np.ndarray, freedom: float
 ) -> SpeedDifference:
-    """Return the coefficient of the last column, besides the others."""
+    """Return the last column's coefficient, besides the others; its limit is by the rest, too."""
     own = _left(columns[:, -1], weight, columns[:, :-1])
     information = float(own @ own)
     if information <= SEPARATE * float(weight @ columns[:, -1] ** 2):
         return NOTHING
     size = float(own @ (values * np.sqrt(weight))) / information
+    left = _left(values, weight, columns)
+    scatter = max(float(left @ left) / max(values.size - columns.shape[1], 1), 1.0)
     quantile = float(stats.t.isf(FALSE_SHARE / 2, freedom))
-    return SpeedDifference(size, quantile / float(np.sqrt(information)))
+    return SpeedDifference(size, quantile * float(np.sqrt(scatter / information)))
 
 
 def _rest(

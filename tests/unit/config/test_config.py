@@ -90,6 +90,14 @@ def test_without_a_file_it_is_the_simulated_bench() -> None:
         ("[limits]", '[bridge]\ndriver = "serial"\n[limits]', 16, "needs port"),
         ("[limits]", '[brake]\ndriver = "modbus"\n[limits]', 16, "needs a table"),
         ("[limits]", "[limits]\nbus_V_min = 40.0", 16, "bus_V_max must be above"),
+        (
+            "[limits]",
+            '[zenoh]\nlisten = "tcp/127.0.0.1:7447"\n[limits]',
+            17,
+            "takes a list, [...], got 'tcp/127.0.0.1:7447'",
+        ),
+        ("[limits]", "[channels]\nrate_Hz = 1.0\n[limits]", 16, "takes a list, [[channels]]"),
+        ("[bench]", "brake = 3\n[bench]", 1, "brake: is a table, [brake], got 3"),
     ],
 )
 def test_what_is_wrong_is_named(

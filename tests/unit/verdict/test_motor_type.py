@@ -68,7 +68,7 @@ def test_what_it_says(tmp_path):
         ('"alpha"', '"alpha"\nat = {phase = "A"}', 9, "at phase = 'A': one of a, b, c"),
         ('"calibrate"\nfigure', '"learn"\nfigure', 9, "analysis 'learn' states no figure"),
         ('name = "calibrate"', 'name = "calib"', 5, "plan[0]: no plan 'calib'; there are: "),
-        ("time_limit_s", "time_limit", 5, "calibrate: setting time_limit: Extra inputs"),
+        ("time_limit_s", "time_limit", 5, "calibrate: setting time_limit: is not known"),
         ("= 5", "= 50", 3, "risk_percent: input should be less than 50, got 50"),
         ("= 5", "= 0", 3, "risk_percent: input should be greater than 0"),
         ('motor = "M"', 'moter = "M"', 2, "moter: unknown key; did you mean motor?"),

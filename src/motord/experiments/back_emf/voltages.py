@@ -23,6 +23,9 @@ OTHER_ORDERS = 256
 OTHER_FUNDAMENTAL = 2.0
 """Times that another order may be as large as the fundamental: beyond, the pole pairs are wrong."""
 
+ABOVE_NOISE = 4.0
+"""Times the median line that the strongest is at least, if there is a back-EMF."""
+
 
 @dataclass(frozen=True)
 class VoltageSamples:
@@ -66,12 +69,17 @@ def joined(parts: list[VoltageSamples]) -> VoltageSamples:
 
 
 def check_pole_pairs(samples: VoltageSamples, driven: list[Driven], motor: MotorConfig) -> None:
-    """Raise IdentifyError if the strongest line of the voltages is not at the pole pairs."""
+    """Raise IdentifyError if they are noise, or their strongest line is not at the pole pairs."""
     size = np.linalg.norm(
         spectra((samples.u_V / samples.speed_rad_s[:, None]).T, samples.angle_rad, driven, motor),
         axis=0,
     )
     strongest = int(np.argmax(size)) + 1
+    if size[strongest - 1] < ABOVE_NOISE * float(np.median(size)):
+        raise IdentifyError(
+            "the voltages are noise, without periods in a turn: is the motor connected, and does "
+            "the inverter measure voltages while its power stage is off?"
+        )
     if size[strongest - 1] > OTHER_FUNDAMENTAL * size[motor.pole_pairs - 1]:
         raise IdentifyError(
             f"the voltages have {strongest} periods a turn, where [motor] pole_pairs says "

@@ -113,7 +113,7 @@ def _differences(speeds: Sequence[SpeedCogging]) -> SpeedDifferences:
         np.array([one.stderr_Nm[at] for one, at in zip(speeds, places, strict=True)]),
         order,
         np.array([2 * pi * one.direction * one.speed_Hz for one in speeds]),
-        sum(one.turns - 1 for one in speeds),
+        min(one.turns for one in speeds) - 1,  # weights by few turns are noisy themselves
     )
 
 

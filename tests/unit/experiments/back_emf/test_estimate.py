@@ -108,6 +108,19 @@ def test_what_cannot_be_identified_is_refused(points: list[PointData]) -> None:
         measure([replace(point, ticks=point.ticks[::220].copy())], motor)
 
 
+def test_voltages_of_other_pole_pairs_or_of_none_are_refused(points: list[PointData]) -> None:
+    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    for pole_pairs in (4, 7, 16):
+        with pytest.raises(IdentifyError, match=f"8 periods a turn, where .* {pole_pairs}: "):
+            measure(points, motor.model_copy(update={"pole_pairs": pole_pairs}))
+    noise = points[1].ticks.copy()
+    rng = np.random.default_rng(1)
+    for phase in "abc":
+        noise[f"u_{phase}_V"] = rng.normal(0, 0.01, noise.size)
+    with pytest.raises(IdentifyError, match="voltages are noise"):
+        measure([replace(points[1], ticks=noise)], motor)
+
+
 def test_standard_errors_know_of_noise_that_holds_over_a_turn() -> None:
     rng = np.random.default_rng(1)
     turn = np.repeat(np.arange(40), 100)

@@ -1,0 +1,65 @@
+"""What speeds show by their differences: an age of the torque, an angle that slips, gains."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from motord.experiments.cogging.estimate import measure
+from motord.findings import Finding
+from motord.identification.operating_points import PointData
+from tests.campaigns.departures import torque_late
+from tests.campaigns.driven import REPORT, bench_of, ticks_of
+
+NAMES = {"torque-age", "angle-slips", "speeds-differ"}
+SPEEDS_HZ = (0.5, 0.7, 0.9)
+
+
+@cache
+def recorded(seed: int) -> tuple[PointData, ...]:
+    return tuple(ticks_of("cogging", REPORT, seed, speeds_Hz=SPEEDS_HZ, turns=8)[2])
+
+
+def found(points: tuple[PointData, ...]) -> dict[str, Finding]:
+    config = bench_of(REPORT)[0]
+    findings = measure(points, config.motor, config.torque_sensor).findings
+    return {one.name: one for one in findings if one.name in NAMES}
+
+
+def late(_: int, ticks: np.ndarray) -> np.ndarray:
+    return torque_late(1e-3, 1.0, ticks)
+
+
+def slipped(number: int, ticks: np.ndarray) -> np.ndarray:
+    moved = ticks.copy()
+    if number == 1:
+        moved["encoder_count"] = (ticks["encoder_count"] + 4) % REPORT.counts
+    return moved
+
+
+def warmer(number: int, ticks: np.ndarray) -> np.ndarray:
+    scaled = ticks.copy()
+    scaled["torque_Nm"] *= 1 + 0.02 * number
+    return scaled
+
+
+@pytest.mark.parametrize(
+    ("departs", "name", "value"),
+    [(late, "torque-age", 1000.0), (slipped, "angle-slips", 2.7), (warmer, "speeds-differ", 2.0)],
+)
+def test_what_departs_between_speeds_is_named(
+    departs: Callable[[int, np.ndarray], np.ndarray], name: str, value: float
+) -> None:
+    points = (
+        replace(one, ticks=departs(number, one.ticks)) for number, one in enumerate(recorded(1))
+    )
+    findings = found(tuple(points))
+    assert list(findings) == [name]
+    assert findings[name].value == pytest.approx(value, rel=0.3)  # against the weighted mean
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_speeds_of_a_sound_bench_do_not_differ(seed: int) -> None:
+    assert not found(recorded(seed))
