@@ -125,6 +125,7 @@ def running_bench(rate_Hz: int = RATE_Hz, tick_rate_Hz: float = 1000.0) -> Itera
     with tempfile.TemporaryDirectory() as name:
         path = write_sim(Path(name), "isolation")
         text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {rate_Hz}\ncpu = {cpu}")
+        text = text.replace("overrun_ticks = 500", f"overrun_ticks = {rate_Hz}")
         text = text.replace("[zenoh]\n", f"[zenoh]\ntick_rate_Hz = {tick_rate_Hz}\n")
         path.write_text(f'{text}\n[recording]\nauto = "always"\n')
         with daemon(Path(name), path) as running:

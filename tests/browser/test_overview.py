@@ -51,7 +51,7 @@ def test_benches_come_trip_fall_silent_and_vanish(visit: Watched):
                 second.close()
                 expect(cards.nth(1)).to_contain_text("vanished at")
                 expect(page.locator("#summary")).to_have_text(
-                    "1 bench: 1 tripped, 1 with a plan, 1 vanished"
+                    "1 bench: 1 tripped, 1 with a plan; 1 vanished"
                 )
                 if AXE.exists():
                     page.evaluate(AXE.read_text())
