@@ -87,12 +87,15 @@ def figures(quick: bool) -> list[Figure]:
         bench = stack.enter_context(running_bench(RATE_Hz, TICK_RATE_Hz))
         page = stack.enter_context(dashboard(bench.daemon.folder, bench.endpoint))
         client, lease = stack.enter_context(operated(bench))
-        requests = cycle((partial(lease.set, torque_Nm=TORQUE_Nm), partial(client.rpc, LONGEST)))
+        asked: list[Callable[[], object]] = [
+            partial(lease.set, torque_Nm=TORQUE_Nm),
+            partial(client.rpc, LONGEST),
+        ]
         pages = stack.enter_context(open_pages(f"{page.base}/#token={page.viewer}", PAGES))
         subscribers = [
             stack.enter_context(Subscriber(bench.name, bench.endpoint)) for _ in range(SUBSCRIBERS)
         ]
-        found = load(requests, page, pages, subscribers, QUICK_S if quick else SECONDS)
+        found = load(cycle(asked), page, pages, subscribers, QUICK_S if quick else SECONDS)
         disturbance = Disturbance(
             AT, lambda: _begin(pages, subscribers), lambda: _end(pages, subscribers)
         )
