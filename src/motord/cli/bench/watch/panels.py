@@ -176,10 +176,11 @@ def _values(state: BenchState | None, signal: int, digits: int) -> list[tuple[st
         return [("speed", fixed(tick.speed_Hz, digits, "Hz")), ("  set-point", held)]
     phase = signal - 2
     hot_C = tick.brake_temperature_C
+    hot = f", {hot_C:.0f} degC" if hot_C is not None else ""
     besides = (
         ("  bus", fixed(tick.u_bus_V, 1, "V")),
         ("  inverter", fixed(tick.temperature_C, 0, "degC")),
-        ("  brake", f"{100 * wanted.brake:.0f} %" + (f", {hot_C:.0f} degC" if hot_C is not None else "")),
+        ("  brake", fixed(100 * wanted.brake, 0, "%") + hot),
     )
     return [(SIGNALS[signal].label, fixed(tick.i_A[phase], digits, "A")), besides[phase]]
 
