@@ -29,7 +29,7 @@ HOST = "127.0.0.1"
 PORT = 8447
 BACKLOG = 64
 UNREAD_MAX = 4_000_000
-"""Bytes; the longest message, all signals in as many buckets as there can be, has 1.2 million."""
+"""Bytes; more than any message that a page is sent unasked."""
 CLOSING_S = 3
 """Given to pages that are open when the server ends: their leases are given back meanwhile."""
 
@@ -124,15 +124,23 @@ def _is_no_refusal(record: logging.LogRecord) -> bool:
 
 
 class _Protocol(WebSocketsSansIOProtocol):
-    """Ends a connection when more than UNREAD_MAX bytes wait for its other end.
+    """Ends a connection that sends pings when more than UNREAD_MAX bytes wait for its other end.
 
     Messages to a page wait until it takes them, answers to its pings do not: who sends pings and
-    reads nothing would fill the memory.
+    reads nothing would fill the memory. Browsers send none.
     """
 
+    _pinged = False
+
+    def handle_ping(self) -> None:
+        """Answer a ping."""
+        super().handle_ping()
+        self._pinged = True
+
     def data_received(self, data: bytes) -> None:
+        """Take in what came."""
         super().data_received(data)
-        if self.transport.get_write_buffer_size() > UNREAD_MAX:
+        if self._pinged and self.transport.get_write_buffer_size() > UNREAD_MAX:
             self.transport.abort()
 
 
