@@ -200,13 +200,16 @@ def test_the_server_ending_gives_the_lease_back(running, folder, client, at_rest
         check_ramped_down(client, begun_ns)
 
 
-def test_a_killed_server_leaves_loop_and_recording_as_they_were(running, folder, client, at_rest):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_killed_or_stopped_server_leaves_loop_and_recording_as_they_were(
+    running, folder, client, at_rest, number
+):
     ticks = []
     with dashboard(folder, running.endpoint) as other, opened(other) as page:
         turning(page)
         before = wait_for(client, lambda s: s.recording.recording, "a recording")
         with client.subscribe_ticks(ticks.append):
-            other.process.send_signal(signal.SIGKILL)
+            other.process.send_signal(number)
             wait_for(client, lambda s: s.lease.holder is None, "the lease to end")
             after = wait_for(client, lambda s: s.state == "READY", "disabled")
             wait_until(lambda: ticks[-1]["state"][-1] == State.READY, "the ticks")
