@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from motord import config
@@ -21,7 +22,7 @@ from motord.cli.bench.watch.app import WatchApp
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import UNICODE
 from motord.cli.bench.watch.operator_session import OperatorSession
-from motord.client import Client, connect
+from motord.client import Client, Commander, connect
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 ENDPOINT = "tcp/127.0.0.1:7457"
@@ -68,16 +69,16 @@ async def draw(client: Client, folder: Path) -> None:
                 "speeds_Hz": [0.5, 0.7, 0.9],
                 "turns": 6,
             }
-            start = {"name": "calibrate", "settings": settings, "detach": True}
-            await asyncio.to_thread(session.command, "plan/start", **start)
+            start = partial(Commander.start_plan, name="calibrate", settings=settings, detach=True)
+            await asyncio.to_thread(session.command, start)
             await pilot.pause(RUNNING_S * 0.6)
             await asyncio.to_thread(session.note, "brake squeals at 0.7 Hz")
             await pilot.pause(RUNNING_S * 0.4)
             save(app, folder / "watch.svg")
-            await asyncio.to_thread(session.command, "plan/abort")
+            await asyncio.to_thread(session.command, Commander.abort_plan)
             await asyncio.to_thread(wait_for, client, lambda s: s.state == "READY", "the end")
-            change = {"enable": True, "torque_Nm": TORQUE_Nm, "keep": True}
-            await asyncio.to_thread(lambda: session.command("set", **change))
+            turn = partial(Commander.set, enable=True, torque_Nm=TORQUE_Nm)
+            await asyncio.to_thread(session.command, turn, keep=True)
             await asyncio.to_thread(wait_for, client, lambda s: s.state == "TRIPPED", "a trip")
             await pilot.pause(AFTER_TRIP_S)
             save(app, folder / "watch-trip.svg")

@@ -1,8 +1,8 @@
 """What the loop feels of a plan's estimator at 5 kHz, and how much of a processor that takes.
 
-The daemon runs the simulated bench and calibrates it to targets, again and again: in every second
-run the estimator process is killed as the plan begins, and the plan goes on without. Slices are
-taken as in `bench_isolation`, while the plan captures.
+The daemon runs the simulated bench and calibrates it to targets, again and again: in one run of
+each pair the estimator process is killed as the plan begins, and the plan goes on without. Slices
+are taken and pairs compared as in `bench_isolation`, while the plan captures.
 """
 
 import os
@@ -11,9 +11,10 @@ from pathlib import Path
 
 from motord.api.messages import BenchState
 from motord.client import Client
-from tests.benchmarks.bench_isolation import Bench, Seen, compared, has_rights
+from tests.benchmarks.bench_isolation import Bench, has_rights
 from tests.benchmarks.bench_subscribers import running_bench
 from tests.benchmarks.figure import Figure
+from tests.benchmarks.paired import Pair, Seen, compared, heartbeat
 from tests.system.daemons import wait_for
 
 RATE_Hz = 5000
@@ -41,13 +42,20 @@ class Runs:
 
     def __init__(self, bench: Bench, client: Client) -> None:
         self._bench, self._client = bench, client
-        self.seen = {True: Seen(), False: Seen()}
+        self.pairs: list[Pair] = []
         self.missed = {True: 0, False: 0}
         self.used_s = self.lasted_s = 0.0
 
-    def run(self, *, estimated: bool) -> None:
-        """Calibrate once and keep what the loop counts meanwhile."""
-        client, used_s = self._client, 0.0
+    def run_pair(self) -> None:
+        """Calibrate with and without the estimator, in the other order than the time before."""
+        if len(self.pairs) % 2 == 0:
+            self.pairs.append(Pair(quiet=self._run(), disturbed=self._run(estimated=True)))
+        else:
+            self.pairs.append(Pair(disturbed=self._run(estimated=True), quiet=self._run()))
+
+    def _run(self, *, estimated: bool = False) -> Seen:
+        """Calibrate once and return what the loop counted meanwhile."""
+        client, used_s, seen = self._client, 0.0, Seen()
         missed = client.state().loop.missed
         with client.lease("benchmark") as lease:
             lease.start_plan("calibrate", TARGETS, detach=True)
@@ -56,7 +64,7 @@ class Runs:
             if not estimated:
                 os.kill(pid, signal.SIGKILL)
             while True:
-                self._bench.take(self.seen[estimated])
+                self._bench.take(seen)
                 plan = client.plan()
                 if plan is None or plan.over:
                     break
@@ -65,6 +73,7 @@ class Runs:
             self.used_s += used_s
             self.lasted_s += 1e-9 * (client.state().t_ns - begun_ns)
         self.missed[estimated] += client.state().loop.missed - missed
+        return seen
 
     def figures(self) -> list[Figure]:
         """Return p99 with to without the estimator, its share, ticks missed."""
@@ -73,7 +82,8 @@ class Runs:
         note = f"{self.used_s:.1f} s in {self.lasted_s:.0f} s of plans"
         without = f"{self.missed[False]} without"
         return [
-            *compared("estimator", self.seen[False], self.seen[True], rights),
+            *compared("estimator", self.pairs, rights),
+            heartbeat("estimator", self.pairs, rights),
             Figure("estimator: of a processor", share_percent, "%", SHARE_LIMIT_PERCENT, note=note),
             Figure("estimator: ticks missed", self.missed[True], note=without),
         ]
@@ -84,6 +94,5 @@ def figures(quick: bool) -> list[Figure]:
     with running_bench(RATE_Hz) as bench, bench.daemon.connect() as client:
         runs = Runs(bench, client)
         for _ in range(QUICK_RUNS if quick else RUNS):
-            runs.run(estimated=True)
-            runs.run(estimated=False)
+            runs.run_pair()
         return runs.figures()

@@ -22,11 +22,10 @@ from tests.benchmarks.bench_isolation import (
     SECONDS,
     Bench,
     Disturbance,
-    Seen,
-    compared,
     has_rights,
 )
 from tests.benchmarks.figure import Figure, number
+from tests.benchmarks.paired import compared, heartbeat
 from tests.system.daemons import daemon, write_sim
 from tests.system.tick_accounts import Account, Subscriber
 
@@ -96,14 +95,11 @@ def figures(quick: bool) -> list[Figure]:
             lambda: [each.begin() for each in subscribers],
             lambda: [each.end() for each in subscribers],
         )
-        quiet, disturbed = (
-            bench.compare(disturbance, QUICK_S if quick else SECONDS)
-            if rights
-            else (Seen(), Seen())
-        )
+        pairs = bench.compare(disturbance, QUICK_S if quick else SECONDS) if rights else []
         accounts, with_ms = stay(request, subscribers, QUICK_STAY_S if quick else STAY_S)
     return [
-        *compared(disturbance.name, quiet, disturbed, rights),
+        *compared(disturbance.name, pairs, rights),
+        heartbeat(disturbance.name, pairs, rights),
         *accounted(accounts),
         Figure(
             "round trip of a request, median",

@@ -22,6 +22,23 @@ const overview = await load("bench_texts.js");
 const { traceOf } = await load("signals.js");
 const { Socket } = await load("socket.js");
 
+test("what an axis says of a tick is where the tick is", () => {
+  const { STEPS, TIME_STEPS_s, beforeNow, decimals, number } = format;
+  const value = (/** @type {string} */ text) => Number(text.replace("\u2212", "-"));
+  for (const step of STEPS) {
+    for (const times of [1, 2, 3]) assert.equal(value(number(times * step, decimals(step))), Number((times * step).toPrecision(6)));
+  }
+  for (const span_s of [0.1, 10, 60, 121, 300, 600, 3600]) {
+    for (const step of TIME_STEPS_s.filter((one) => one <= span_s && one >= span_s / 20)) {
+      assert.equal(beforeNow(0, step, span_s), "now");
+      for (const times of [1, 2, 3]) {
+        const [amount, unit] = beforeNow(-times * step, step, span_s).split(" ");
+        assert.equal(value(amount) * (unit === "min" ? 60 : 1), Number((-times * step).toPrecision(6)));
+      }
+    }
+  }
+});
+
 test("a frame is a length, a padded header and floats", () => {
   const made = encode({ kind: "pong", n: 7 });
   assert.equal(made.length % 4, 0);
@@ -377,7 +394,7 @@ test("a bench of the overview in words", () => {
   const bench = { bench: "a", silent: false, age_s: 0.2, daemons: 1, problem: "", gone_ns: null, state };
   const silent = { ...bench, silent: true, age_s: 42 };
   const gone = { ...bench, gone_ns: 1 };
-  assert.equal(overview.summary([bench, silent, gone]), "2 benches: 1 tripped, 1 with a plan, 1 silent, 1 vanished");
+  assert.equal(overview.summary([bench, silent, gone]), "2 benches: 1 tripped, 1 with a plan, 1 silent; 1 vanished");
   assert.equal(overview.summary([]), "0 benches");
   assert.deepEqual([bench, silent, gone].map(overview.old), [false, true, true]);
   assert.equal(overview.ageText(bench, 1), "1.2 s old");

@@ -11,7 +11,7 @@ from motord.dashboard.overview.bench_list import BenchList
 from motord.dashboard.overview.overview_pages import BenchesLink, OverviewPages, command_for
 from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
-from tests.browser.chromium import PATH, PHONE
+from tests.browser.chromium import DESKTOP, PATH, PHONE
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import AppServer
 from tests.browser.test_page import AXE, findings
@@ -23,6 +23,12 @@ pytestmark = [
 ]
 
 HOSTILE = "<script>alert(1)</script>"
+
+
+CUT_OFF = """(() => {
+  const { scrollWidth, clientWidth } = document.querySelector("#summary");
+  return scrollWidth > clientWidth;
+})()"""
 
 
 def test_benches_come_trip_fall_silent_and_vanish(visit: Watched):
@@ -51,8 +57,11 @@ def test_benches_come_trip_fall_silent_and_vanish(visit: Watched):
                 second.close()
                 expect(cards.nth(1)).to_contain_text("vanished at")
                 expect(page.locator("#summary")).to_have_text(
-                    "1 bench: 1 tripped, 1 with a plan, 1 vanished"
+                    "1 bench: 1 tripped, 1 with a plan; 1 vanished"
                 )
+                for size in (DESKTOP, PHONE):
+                    page.set_viewport_size(size)
+                    assert page.evaluate(CUT_OFF) is False
                 if AXE.exists():
                     page.evaluate(AXE.read_text())
                     assert findings(page) == [], "light"

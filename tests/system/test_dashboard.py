@@ -173,6 +173,25 @@ def test_a_page_that_reads_nothing_costs_nothing(server, client):
         stuck.state(lambda s: s["state"] == "OFF")
 
 
+PING = bytes([0x89, 0x80 | 125]) + bytes(4 + 125)
+
+
+def test_a_page_that_pings_and_reads_nothing_is_cut_off(server, client):
+    """Answers to pings are not waited for: they would fill the server's memory."""
+    asked = [
+        "GET /socket HTTP/1.1", f"Host: 127.0.0.1:{server.port}", "Upgrade: websocket",
+        "Connection: Upgrade", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13", f"Sec-WebSocket-Protocol: motord.1, {server.viewer}", "", "",
+    ]  # fmt: skip
+    with opened(server) as page, socket.create_connection(("127.0.0.1", server.port)) as deaf:
+        deaf.sendall("\r\n".join(asked).encode())
+        assert deaf.recv(12) == b"HTTP/1.1 101"
+        with pytest.raises(ConnectionError):
+            deaf.sendall(500_000 * PING)
+        page.seen.clear()
+        page.state(lambda s: s["bench"] == client.bench)
+
+
 def test_the_server_ending_gives_the_lease_back(running, folder, client, at_rest):
     begun_ns = client.state().t_ns
     with dashboard(folder, running.endpoint) as other, opened(other) as page:
@@ -181,13 +200,16 @@ def test_the_server_ending_gives_the_lease_back(running, folder, client, at_rest
         check_ramped_down(client, begun_ns)
 
 
-def test_a_killed_server_leaves_loop_and_recording_as_they_were(running, folder, client, at_rest):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_killed_or_stopped_server_leaves_loop_and_recording_as_they_were(
+    running, folder, client, at_rest, number
+):
     ticks = []
     with dashboard(folder, running.endpoint) as other, opened(other) as page:
         turning(page)
         before = wait_for(client, lambda s: s.recording.recording, "a recording")
         with client.subscribe_ticks(ticks.append):
-            other.process.send_signal(signal.SIGKILL)
+            other.process.send_signal(number)
             wait_for(client, lambda s: s.lease.holder is None, "the lease to end")
             after = wait_for(client, lambda s: s.state == "READY", "disabled")
             wait_until(lambda: ticks[-1]["state"][-1] == State.READY, "the ticks")

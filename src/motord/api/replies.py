@@ -3,7 +3,6 @@
 Types are strict; fields that a model does not name are passed on, so that replies may grow.
 """
 
-import json
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
@@ -24,8 +23,8 @@ class RpcReply(BaseModel, extra="allow", strict=True, frozen=True):
         return self.model_dump(mode="json", exclude_unset=True)
 
     def to_json(self) -> bytes:
-        """Return `content` as JSON in UTF-8."""
-        return json.dumps(self.content()).encode()
+        """Return `content` as JSON in UTF-8; numbers that are not finite become null."""
+        return self.model_dump_json(exclude_unset=True).encode()
 
 
 class LeaseTerms(RpcReply):

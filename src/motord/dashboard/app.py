@@ -28,6 +28,8 @@ from motord.security.roles import Role
 SUBPROTOCOL = "motord.1"
 MALFORMED, TOO_MANY_MESSAGES, NO_ANSWER = 4400, 4429, 4408
 """Codes with which the socket is closed, after a message `error` that says why."""
+REASON_BYTES = 123
+"""Of the reason in a close frame, which is a control frame: RFC 6455, 5.5."""
 CLOSE_S = 2.0
 MESSAGES_PER_S, MESSAGES_AT_ONCE = 200.0, 400.0
 """What a page may send, on average and at once."""
@@ -232,7 +234,8 @@ async def _close(socket: WebSocket, code: int, why: str) -> None:
     with suppress(TimeoutError):
         async with asyncio.timeout(CLOSE_S):
             await _send_bytes(socket, encode({"kind": "error", "code": code, "message": why}))
-            await socket.close(code, why[:100])
+            reason = why.encode(errors="replace")[:REASON_BYTES].decode(errors="ignore")
+            await socket.close(code, reason)
 
 
 async def _send_bytes(socket: WebSocket, message: bytes) -> None:

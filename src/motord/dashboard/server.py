@@ -11,6 +11,7 @@ from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from motord.client import Client, operator
 from motord.client.benches import Benches
@@ -27,6 +28,8 @@ from motord.security.roles import Role
 HOST = "127.0.0.1"
 PORT = 8447
 BACKLOG = 64
+UNREAD_MAX = 4_000_000
+"""Bytes; more than any message that a page is sent unasked."""
 CLOSING_S = 3
 """Given to pages that are open when the server ends: their leases are given back meanwhile."""
 
@@ -101,7 +104,7 @@ def _run(app: Starlette, listener: socket.socket) -> None:
     server = _Server(
         uvicorn.Config(
             app,
-            ws="websockets-sansio",
+            ws=_Protocol,
             ws_max_size=MAX_BYTES,
             ws_per_message_deflate=False,
             ws_ping_interval=None,
@@ -118,6 +121,27 @@ def _run(app: Starlette, listener: socket.socket) -> None:
 def _is_no_refusal(record: logging.LogRecord) -> bool:
     """Return False for what uvicorn logs as an error when a handshake is refused."""
     return "without completing handshake" not in record.getMessage()
+
+
+class _Protocol(WebSocketsSansIOProtocol):
+    """Ends a connection that sends pings when more than UNREAD_MAX bytes wait for its other end.
+
+    Messages to a page wait until it takes them, answers to its pings do not: who sends pings and
+    reads nothing would fill the memory. Browsers send none.
+    """
+
+    _pinged = False
+
+    def handle_ping(self) -> None:
+        """Answer a ping."""
+        super().handle_ping()
+        self._pinged = True
+
+    def data_received(self, data: bytes) -> None:
+        """Take in what came."""
+        super().data_received(data)
+        if self._pinged and self.transport.get_write_buffer_size() > UNREAD_MAX:
+            self.transport.abort()
 
 
 class _Server(uvicorn.Server):

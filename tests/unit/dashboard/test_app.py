@@ -410,6 +410,20 @@ BAD = {
     "unknown signal": encode(
         {"kind": "view", "view": 1, "span_s": 1, "end_s": 0, "buckets": 1, "signals": ["x"]}
     ),
+    "unknown signal in other letters": encode(
+        {
+            "kind": "view",
+            "view": 1,
+            "span_s": 1,
+            "end_s": 0,
+            "buckets": 1,
+            "signals": ["\u03a9" * 200],
+        }
+    ),
+    "half a letter": encode(
+        {"kind": "view", "view": 1, "span_s": 1, "end_s": 0, "buckets": 1, "signals": ["\ud800"]}
+    ),
+    "half a letter in a name": encode({"kind": "rpc", "id": 1, "name": "\ud800"}),
     "rpc without a name": encode({"kind": "rpc", "id": 1}),
     "rpc with a list": encode({"kind": "rpc", "id": 1, "name": "stop", "arguments": []}),
     "pong of text": encode({"kind": "pong", "n": "one"}),
@@ -427,6 +441,7 @@ def test_a_malformed_message_ends_the_socket_and_nothing_else(server, name):
         with pytest.raises(WebSocketDisconnect) as closed:
             bad.receive_bytes()
         assert closed.value.code == MALFORMED
+        assert 0 < len(closed.value.reason.encode()) <= 123
         assert ask(good, "stop") == {"state": "READY"}
     assert len(server.link.named("lease/release")) == 1
 

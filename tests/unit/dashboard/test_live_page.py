@@ -8,7 +8,8 @@ from motord import config
 from motord.dashboard import app
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page import sending
-from motord.dashboard.page.live_page import LivePage
+from motord.dashboard.page.live_page import CALLS_MAX, LivePage
+from motord.dashboard.page.messages import RpcCall
 from motord.dashboard.page.sending import PageGone
 from motord.security.roles import Role
 from tests.unit.dashboard.fake_link import FakeLink
@@ -44,3 +45,22 @@ def test_closing_it_does_not_wait_for_it(monkeypatch):
             await app._close(Socket(), app.NO_ANSWER, "it has not answered")
 
     asyncio.run(main())
+
+
+def test_stops_without_end_are_not_all_kept():
+    class Silent(FakeLink):
+        async def call(self, name, /, *, urgent=False, **arguments):
+            self.calls.append((name, arguments))
+            await never(name)
+
+    async def main():
+        bench = LiveBench("sim", config.load().model_dump(mode="json"))
+        link = Silent()
+        page = LivePage("anna@bench page 1", Role.OPERATOR, bench, link)
+        for n in range(100):
+            page.received(RpcCall(kind="rpc", id=n, name="note" if n < 50 else "stop"))
+        await asyncio.sleep(0)
+        return [name for name, _ in link.calls]
+
+    called = asyncio.run(main())
+    assert (called.count("note"), called.count("stop")) == (CALLS_MAX, CALLS_MAX)

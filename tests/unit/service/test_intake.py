@@ -86,7 +86,7 @@ class Played:
         self.calls, self.replies = CallQueue(), OutstandingQueries(4 * LIMIT)
         self.begun, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
         slow = {
-            name: Offloaded(self._prepare, max_bytes=LIMIT) for name in ("calibration/install",)
+            name: Offloaded(self._prepare, self._finish, LIMIT) for name in ("calibration/install",)
         }
         self.intake = Intake(self.calls, self.replies, slow, lambda payload: TOKEN in payload)
 
@@ -100,6 +100,9 @@ class Played:
         if self.refuse:
             raise RpcError("failed", "prepared")
         return WithToken(token="t"), None
+
+    def _finish(self, prepared, reply):
+        return lambda: b"rendered"
 
     def bring(self, name, payload):
         query = Query(payload)
@@ -350,3 +353,13 @@ def test_a_calibration_is_read_at_the_priority_of_ordinary_programs(monkeypatch,
     assert calibration_reader.main() == 0
     assert isinstance(pickle.loads(answers.getvalue()), RpcError)
     assert increments == [added]
+
+
+def test_a_reply_may_come_as_what_renders_it(played, monkeypatch):
+    monkeypatch.setattr(played, "refuse", False)
+    query = played.bring("calibration/install", TOKEN)
+    played.go_on.release()
+    assert played.calls.wait(WAIT_S)
+    for call in played.calls.take():
+        call.reply(RpcReply())
+    assert query.outcome() == b"rendered"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from motord.api import requests
 from motord.api.errors import MESSAGE_CHARACTERS, RpcError
 from motord.api.messages import Event
-from motord.api.replies import ErrorReply
+from motord.api.replies import ErrorReply, LeaseTerms
 from motord.api.requests import RPCS, parse
 from motord.config.base import MAX_VALUES
 from motord.config.experiments import plans_model
@@ -193,3 +193,10 @@ def test_an_error_reply_is_never_longer_than_clients_take():
     assert len(reply.message) == MESSAGE_CHARACTERS
     exact = RpcError("invalid", "y" * MESSAGE_CHARACTERS)
     assert ErrorReply.model_validate_json(exact.to_json()).message == exact.message
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_reply_is_json_also_where_an_error_let_a_number_through_that_is_none(value):
+    reply = LeaseTerms.model_construct(lease_s=value, renew_within_s=1.5)
+    sent = json.loads(reply.to_json(), parse_constant=pytest.fail)
+    assert sent == {"lease_s": None, "renew_within_s": 1.5}

@@ -2,6 +2,7 @@
 
 import pytest
 
+from motord.api.replies import PlanList
 from motord.attribute_docs import described
 from motord.config import ChannelConfig
 from motord.config.experiments import plan_kinds
@@ -105,3 +106,22 @@ def test_settings_of_another_package_may_come_without_its_source(monkeypatch):
     section = plan_kinds()["calibrate"].settings
     assert {field.help for field in setting_fields(section)} == {""}
     described.cache_clear()
+
+
+def test_the_reply_is_encoded_anew_only_where_an_obstacle_changes():
+    service = VirtualService()
+
+    def encoded():
+        call = service.prepare("plan/list")
+        service.dispatcher.handle(call, service.now_ns)
+        reply = call.wait(0)
+        document = service.available.encode(call.prepared, reply)()
+        assert PlanList.model_validate_json(document) == reply
+        return document
+
+    first = encoded()
+    assert encoded() is first
+    service.bench.calibrated = True
+    second = encoded()
+    assert second != first
+    assert encoded() is second

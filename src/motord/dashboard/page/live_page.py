@@ -30,7 +30,7 @@ CONNECTION_S = 0.25
 UNSENT_MAX = 256
 """Events and replies that wait for a slow page; older events are dropped."""
 CALLS_MAX = 8
-"""Requests of a page that are under way at a time."""
+"""Requests of a page that are under way at a time; `stop` has as many places more."""
 DRAWN = frozenset(("turns", "timing"))
 """Kinds that a hidden page does not get."""
 
@@ -164,8 +164,9 @@ class LivePage:
             self._run(self.lease.renew())
 
     def _call(self, call: RpcCall) -> None:
-        if len(self._calls) >= CALLS_MAX and call.name != STOP.name:
-            self._reply(call.id, error=("busy", f"{CALLS_MAX} requests of this page are under way"))
+        most = CALLS_MAX if call.name != STOP.name else 2 * CALLS_MAX
+        if len(self._calls) >= most:
+            self._reply(call.id, error=("busy", f"{most} requests of this page are under way"))
             return
         self._run(self._carry_out(call))
 

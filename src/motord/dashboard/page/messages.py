@@ -81,3 +81,5 @@ def read(message: bytes) -> PageMessage | None:
         return _MESSAGES.validate_python(header)
     except ValidationError as error:
         raise FrameError(f"{header['kind']}: {next(what_is_wrong(error))}") from None
+    except UnicodeEncodeError:
+        raise FrameError(f"{header['kind']}: half of a surrogate pair is no text") from None

@@ -16,10 +16,11 @@ export function summary(benches) {
     [there.filter((one) => !one.silent && one.state?.state === "TRIPPED").length, "tripped"],
     [there.filter((one) => !one.silent && one.state?.plan?.state === "running").length, "with a plan"],
     [there.filter((one) => one.silent).length, "silent"],
-    [benches.length - there.length, "vanished"],
   ].filter(([count]) => count);
+  const gone = benches.length - there.length;
   const all = `${there.length} ${there.length === 1 ? "bench" : "benches"}`;
-  return counted.length ? `${all}: ${counted.map(([count, what]) => `${count} ${what}`).join(", ")}` : all;
+  const some = counted.length ? `: ${counted.map(([count, what]) => `${count} ${what}`).join(", ")}` : "";
+  return all + some + (gone ? `; ${gone} vanished` : "");
 }
 
 /** How old what is shown is. @param {BenchEntry} bench @param {number} since_s its message came */

@@ -51,7 +51,9 @@ export class CalibrationPanel {
       if (any) await this._show(inForce || calibrations[0].id);
     } catch (error) {
       this._id = null;
-      if (/** @type {any} */ (error).code !== "disconnected") setText(byId("calibration-empty"), `Not known: ${/** @type {Error} */ (error).message}`);
+      if (/** @type {any} */ (error).code === "disconnected") return;
+      setText(byId("calibration-empty"), `Not known: ${/** @type {Error} */ (error).message}`);
+      byId("calibration-empty").hidden = false;
     }
   }
 

@@ -117,13 +117,15 @@ export class Chart {
     this._style(style);
     this._line(this.left, this.y(value), this.right, this.y(value));
     this._plain();
-    const width = context.measureText(text).width;
-    context.fillStyle = colour("panel");
-    context.fillRect(this.right - width - 8, this.y(value) - 8, width + 8, 16);
-    context.fillStyle = colour(style.colour);
     context.textAlign = "right";
-    context.textBaseline = "middle";
-    context.fillText(text, this.right - 4, this.y(value));
+    context.textBaseline = "bottom";
+    context.lineWidth = 4;
+    context.lineJoin = "round";
+    context.strokeStyle = colour("panel");
+    context.strokeText(text, this.right - 4, this.y(value) - 1);
+    context.fillStyle = colour(style.colour);
+    context.fillText(text, this.right - 4, this.y(value) - 1);
+    this._plain();
   }
 
   /** A bar from the bottom. @param {number} x @param {number} width px @param {number} y @param {string} name of its colour @param {boolean} filled */

@@ -83,6 +83,22 @@ export function niceStep(step) {
   return (times <= 1.0000001 ? 1 : times <= 2.0000001 ? 2 : times <= 5.0000001 ? 5 : 10) * power;
 }
 
+/** Steps of axes: what `decimals` writes of each is the step itself. */
+export const STEPS = Array.from({ length: 17 }, (_, k) => [1, 2, 5].map((times) => Number(`${times}e${k - 8}`))).flat();
+/** Steps of axes of time: from half a minute on they are whole in minutes, or half of one. */
+export const TIME_STEPS_s = [...STEPS.filter((step) => step <= 10), 30, 60, 120, 300, 600, 900, 1800, 3600];
+const MINUTES_FROM_S = 120;
+
+/** Decimals that multiples of a step of 1, 2 or 5 by a power of ten have. @param {number} step */
+export const decimals = (step) => Math.max(0, Math.min(8, Math.ceil(-Math.log10(step) - 1e-9)));
+
+/** A time before now, on the axis of a window that ends now. @param {number} t_s at most 0 @param {number} step_s between two @param {number} span_s of the window */
+export function beforeNow(t_s, step_s, span_s) {
+  if (Math.abs(t_s) < step_s / 2) return "now";
+  if (span_s <= MINUTES_FROM_S || step_s < 30) return `${number(t_s, decimals(step_s))} s`;
+  return `${number(t_s / 60, step_s < 60 ? 1 : 0)} min`;
+}
+
 /**
  * A range of an axis that has `low` and `high` in it and moves seldom: it grows at once, and
  * shrinks when less than 45 % of it is used.

@@ -27,7 +27,7 @@ export class PlanProgress {
 
   _show() {
     const plan = this._bench.plan;
-    byId("plan-none").hidden = plan !== null;
+    byId("plan-none").hidden = plan !== null || this._bench.state === null;
     byId("plan-progress").hidden = plan === null;
     if (plan === null) return;
     setAttribute(byId("plan-state"), "data-state", plan.state);

@@ -184,6 +184,7 @@ export class PlanForm {
     this._buttons();
     this._socket.call("plan/start", args).then(() => {
       byId("plan-start-box").open = false;
+      byId("plan").scrollTop = 0; // its progress is at the top
     }, this._messages.failure(`start ${name}`));
   }
 

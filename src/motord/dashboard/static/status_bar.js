@@ -19,6 +19,9 @@ export class StatusBar {
     bench.on("lease", () => this._lease());
     bench.on("link", () => this._link());
     bench.on("connection", () => this._connection());
+    // narrow, the head scrolls away but for state and stop, whatever is above them
+    const header = byId("state").parentElement;
+    new ResizeObserver(() => header.style.setProperty("--above", String(byId("state").offsetTop - 6))).observe(header);
   }
 
   /** @param {any} hello */
@@ -37,6 +40,7 @@ export class StatusBar {
     setText(byId("state-name"), state.state);
     setText(byId("state-meaning"), state.fault || this._meaning(state, known.meaning));
     setText(byId("motor"), state.motor + (state.simulated ? " \u00b7 simulated" : ""));
+    setAttribute(byId("identity"), "title", `${state.bench}: ${byId("motor").textContent}`);
     this._trips(state);
     if (state.uptime_s < this._uptime_s - 1) {
       this._messages.say("warning", `The daemon was restarted at ${clock(state.t_ns / 1e9 - state.uptime_s)}. It begins OFF; nothing was commanded.`);
@@ -78,8 +82,8 @@ export class StatusBar {
     const { lease, state } = this._bench;
     const holder = state?.lease?.holder ?? null;
     setAttribute(byId("lease"), "data-held", String(lease.held));
-    setText(byId("lease-text"), lease.held ? "You are in command" : holder ? `${holder} is in command` : "Nobody is in command");
-    const lost = `Lost ${age(state?.lease?.duration_s)} after this page goes.`;
+    setText(byId("lease-text"), lease.held ? "You are in command" : holder ? `${holder} is in command` : state ? "Nobody is in command" : "Not known who is in command");
+    const lost = `Ends with this page, within ${age(state?.lease?.duration_s)}.`;
     setText(byId("lease-why"), lease.held ? lost : lease.why ? `Lost: ${lease.why}` : "");
     const take = byId("take");
     setText(take, lease.held ? "Release" : holder && !holder.startsWith("plan ") ? "Take over\u2026" : "Take control");
@@ -120,7 +124,7 @@ export class StatusBar {
       : !connection.alive ? connection.message || "the daemon does not answer"
       : stale ? "stale" : "live";
     setText(byId("link-text"), text);
-    setText(byId("link-age"), stale && Number.isFinite(age_s) ? `last state ${age(age_s)} ago` : "");
+    setText(byId("link-age"), stale && Number.isFinite(age_s) ? `; last state ${age(age_s)} ago` : "");
     setAttribute(byId("link"), "data-stale", String(stale));
   }
 }

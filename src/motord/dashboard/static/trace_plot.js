@@ -2,7 +2,7 @@
 
 import uPlot from "./vendor/uPlot.esm.js";
 import { InView, element, setText } from "./dom.js";
-import { number, steadyRange } from "./format.js";
+import { decimals, number, STEPS, steadyRange, TIME_STEPS_s } from "./format.js";
 import { titleOf } from "./signals.js";
 import { colour } from "./theme.js";
 import { TraceCanvas } from "./trace_canvas.js";
@@ -80,9 +80,9 @@ export class TracePlot {
       width, height, padding: [8, 16, this._host.axis ? 0 : 2, 0], legend: { show: false }, pxAlign: 0,
       scales: { x: scale, y: scale },
       axes: [
-        { ...axis, size: space, space: 80,
+        { ...axis, size: space, space: 80, incrs: TIME_STEPS_s,
           values: (/** @type {any} */ _u, /** @type {number[]} */ at, /** @type {number} */ _a, /** @type {number} */ _s, /** @type {number} */ step) => at.map((t) => (this._host.axis ? this._host.time(t, step) : "")) },
-        { ...axis, scale: "y", size: AXIS_PX, space: 24,
+        { ...axis, scale: "y", size: AXIS_PX, space: 24, incrs: STEPS,
           values: (/** @type {any} */ _u, /** @type {number[]} */ at, /** @type {number} */ _a, /** @type {number} */ _s, /** @type {number} */ step) => at.map((v) => number(v, decimals(step))) },
       ],
       series: [{}],
@@ -150,9 +150,6 @@ export class TracePlot {
     u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
   }
 }
-
-/** Decimals that distinguish steps of `step`. @param {number} step */
-const decimals = (step) => Math.max(0, Math.min(6, Math.ceil(-Math.log10(step) - 1e-9)));
 
 /** A value, or from minimum to maximum where they differ. @param {number} low @param {number} high @param {number} digits */
 function spanned(low, high, digits) {

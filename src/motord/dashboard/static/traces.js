@@ -2,7 +2,7 @@
 
 import { Buckets } from "./buckets.js";
 import { byId, element, setAttribute, setText } from "./dom.js";
-import { age, clock, number } from "./format.js";
+import { age, beforeNow, clock, decimals } from "./format.js";
 import { FrameTiming } from "./frame_timing.js";
 import { SHARE, grouped, titleOf } from "./signals.js";
 import { onTheme, reducedMotion } from "./theme.js";
@@ -163,10 +163,8 @@ export class Traces {
 
   /** A time of the axis as text: live it counts from now. @param {number} t_s @param {number} step_s */
   _time(t_s, step_s) {
-    const digits = step_s >= 1 ? 0 : Math.min(4, Math.ceil(-Math.log10(step_s)));
-    if (!this._window.live) return clock(this._bench.epoch_s + t_s, digits);
-    if (Math.abs(t_s) < step_s / 2) return "now";
-    return this._window.span_s > 120 ? `${number(t_s / 60, step_s < 60 ? 1 : 0)} min` : `${number(t_s, digits)} s`;
+    const { live, span_s } = this._window;
+    return live ? beforeNow(t_s, step_s, span_s) : clock(this._bench.epoch_s + t_s, Math.min(4, decimals(step_s)));
   }
 
   /** The time at a share of the window as it is drawn. @param {number} share */

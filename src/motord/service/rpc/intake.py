@@ -59,7 +59,8 @@ class Offloaded:
     """An RPC with work that must not delay the supervisor, of at most `max_bytes`.
 
     Before the dispatcher's part `prepare` turns the payload into the request and
-    `RpcContext.prepared`; after it `finish` completes the reply. Both raise RpcError.
+    `RpcContext.prepared`; after it `finish` completes the reply, or returns what renders it. Both
+    raise RpcError.
     """
 
     prepare: Callable[[bytes], tuple[RpcRequest, Any]]
@@ -168,7 +169,7 @@ class Intake:
         offloaded = self._offloaded[name]
         while (item := lane.get()) is not None:
             pending, payload = item
-            outcome: Outcome
+            outcome: Outcome | Document
             try:
                 request, prepared = offloaded.prepare(payload)
                 if time.monotonic() > pending.due_s - CARRY_OUT_S:

@@ -1,6 +1,7 @@
 """The RPC `plan/list`: the plans, their settings, and whether they can run on this bench."""
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import get_args
 
@@ -15,6 +16,7 @@ from motord.sequencing import Plan, PlanError
 from motord.sequencing.settings import Compensation
 from motord.service.bench.bench import Bench
 from motord.service.rpc.dispatcher import RpcContext, handles
+from motord.service.rpc.outstanding import Document
 from motord.service.rpc.plan_forms import setting_fields
 from motord.service.rpc.preconditions import plan_devices
 
@@ -31,12 +33,17 @@ class PlanForm:
 
 
 class AvailablePlans:
-    """Lists the plans. Making the forms takes a while; it is done once."""
+    """Lists the plans. Making the forms takes a while; it is done once.
+
+    The reply is the longest of all: it is made and encoded anew only when an obstacle changes.
+    """
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
         self._lock = threading.Lock()
         self._forms: list[PlanForm] = []
+        self._listed = PlanList(plans=[])
+        self._encoded: tuple[PlanList, bytes] = self._listed, b""
 
     def prepare(self, payload: bytes) -> tuple[rpc.NoArguments, list[PlanForm]]:
         """Make the forms, unless they are made; for a thread that may wait. Raises RpcError."""
@@ -50,12 +57,22 @@ class AvailablePlans:
     def list(self, request: rpc.NoArguments, context: RpcContext) -> PlanList:
         """Return the plans with the settings of this bench, and what keeps one from running."""
         forms: list[PlanForm] = context.prepared
-        return PlanList(
-            plans=[
-                form.listed.model_copy(update={"obstacle": form.error or self._obstacle(form)})
-                for form in forms
-            ]
-        )
+        obstacles = [form.error or self._obstacle(form) for form in forms]
+        if obstacles != [plan.obstacle for plan in self._listed.plans]:
+            self._listed = PlanList(
+                plans=[
+                    form.listed.model_copy(update={"obstacle": obstacle})
+                    for form, obstacle in zip(forms, obstacles, strict=True)
+                ]
+            )
+        return self._listed
+
+    def encode(self, forms: Sequence[PlanForm], listed: PlanList) -> Document:
+        """Return what renders the reply; for the thread that prepared it."""
+        if listed is not self._encoded[0]:
+            self._encoded = listed, listed.to_json()
+        encoded = self._encoded[1]
+        return lambda: encoded
 
     def _obstacle(self, form: PlanForm) -> str:
         try:

@@ -51,7 +51,7 @@ def test_all_of_it_fits_into_80_by_24():
         "12.25 A",
         "24.0 V",
         "41 degC",
-        "40%, 63 degC",
+        "40 %, 63 degC",
         "calibrate running  ███████░░░░░░░░░ 43 %  3.2 min left",
         "12 of 28 points; 3 Nm, 0.7 Hz: capturing",
         "10000 Hz, missed 3; late p50 12 p99 31 max 80 us, work p99 55 us",
@@ -102,6 +102,14 @@ def test_a_trip_is_shown_with_value_limit_and_what_to_do_and_nothing_else_is_los
 @pytest.mark.parametrize("glyphs", [UNICODE, ASCII])
 def test_the_state_is_a_symbol_and_a_word(name, glyphs):
     assert f" {glyphs.state[name]} {name} " in shown(snapshot(state(state=name)), glyphs=glyphs)[1]
+
+
+def test_a_long_holder_leaves_room_for_the_state_and_what_becomes_of_a_command():
+    lease = {"holder": "h" * 64, "remaining_s": 1.5, "duration_s": 2.0}
+    seen = snapshot(state(lease=lease, fault="f" * 90), age_s=3.0, pending="stopping...")
+    line = shown(seen)[1]
+    assert line.startswith(" ● ENABLED (last known)    stopping...")
+    assert "lease: hhh" in line
 
 
 def test_in_ascii_all_of_it_is_ascii():

@@ -72,10 +72,11 @@ def drive_state(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
     line = Text(f" {glyphs.state[state.state]} {state.state}{known} ", STATE_STYLE[state.state])
     if seen.pending:
         line.append("  ").append(f" {seen.pending} ", ALARM)
-    if state.fault:
-        line.append("  ").append(state.fault, "bold")
     holder = state.lease.holder or "nobody"
     who = Text("lease: ").append("held here" if seen.lease_here else holder, "bold")
+    who.truncate(max(width - line.cell_len - 1, 0), overflow="ellipsis")
+    if state.fault:
+        line.append("  ").append(state.fault, "bold")
     return spread(line, who, width)
 
 
@@ -175,10 +176,11 @@ def _values(state: BenchState | None, signal: int, digits: int) -> list[tuple[st
         return [("speed", fixed(tick.speed_Hz, digits, "Hz")), ("  set-point", held)]
     phase = signal - 2
     hot_C = tick.brake_temperature_C
+    hot = f", {hot_C:.0f} degC" if hot_C is not None else ""
     besides = (
         ("  bus", fixed(tick.u_bus_V, 1, "V")),
         ("  inverter", fixed(tick.temperature_C, 0, "degC")),
-        ("  brake", f"{wanted.brake:.0%}" + (f", {hot_C:.0f} degC" if hot_C is not None else "")),
+        ("  brake", fixed(100 * wanted.brake, 0, "%") + hot),
     )
     return [(SIGNALS[signal].label, fixed(tick.i_A[phase], digits, "A")), besides[phase]]
 

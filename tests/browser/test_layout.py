@@ -1,0 +1,122 @@
+"""Where the parts of the page are, whatever they say; what is not known is not claimed."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Locator, expect
+
+from tests.browser import documents
+from tests.browser.chromium import PATH, PHONE, shows, start_plan, take_command
+from tests.browser.conftest import Watched
+from tests.browser.stand_in import Server, StandIn
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
+]
+NARROW = {"width": 1100, "height": 880}
+LONG = "axial-flux 48/16, laboratory prototype number 2 with the wound stator of the year before"
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with Server(StandIn()) as running:
+        yield running
+
+
+def inside(inner: Locator, outer: Locator) -> bool:
+    """Return whether an element and all of its text are within another one."""
+    found = [
+        element.evaluate("e => e.getBoundingClientRect().toJSON()") for element in (inner, outer)
+    ]
+    part, whole = found
+    return bool(
+        part["left"] >= whole["left"]
+        and part["right"] <= whole["right"]
+        and part["top"] >= whole["top"]
+        and part["bottom"] <= whole["bottom"]
+    )
+
+
+@pytest.mark.parametrize("size", [NARROW, PHONE])
+def test_a_long_name_takes_no_room_from_state_lease_and_stop(
+    server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch, size: dict[str, int]
+) -> None:
+    plain = documents.state
+    monkeypatch.setattr(documents, "state", lambda *given: {**plain(*given), "motor": LONG})
+    page = visit(server.urls.operator, size)
+    shows(page, "#motor", LONG)
+    take_command(page)
+    for part, whole in (
+        ("#state-name", "#state"), ("#state-meaning", "#state"), ("#take", "#lease"),
+        ("#lease-text", "#lease"), ("#lease-why", "#lease"), ("#motor", "#identity"),
+        ("#stop-label", "#stop"),
+    ):  # fmt: skip
+        assert inside(page.locator(part), page.locator(whole)), part
+    assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+
+
+def test_on_a_phone_state_and_stop_stay_alone_however_much_stands_above_them(
+    server: Server, visit: Watched
+) -> None:
+    page = visit(server.urls.operator, PHONE)
+    server.stand_in.do(lambda: setattr(server.stand_in, "silent", True))
+    shows(page, "#link", "; last state")
+    page.evaluate("window.scrollTo(0, 900)")
+    for part in ("#state", "#stop"):
+        expect(page.locator(part)).to_be_in_viewport(ratio=1)
+    assert page.locator("#lease").evaluate("e => e.getBoundingClientRect().bottom") <= 1
+    assert page.locator("#link").evaluate("e => e.getBoundingClientRect().bottom") <= 1
+
+
+def test_a_page_that_was_not_let_in_claims_nothing(server: Server, visit: Watched) -> None:
+    visit.expected = "401"
+    page = visit(server.urls.operator[:-4], live=False)
+    shows(page, "#refused-text", "not, or no longer, that of the server")
+    shows(page, "#lease-text", "Not known who is in command")
+    for claim in ("#plan-none", "#calibration-empty"):
+        expect(page.locator(claim)).to_be_hidden()
+
+
+def test_without_a_calibration_it_says_so(
+    server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = documents.state
+    monkeypatch.setattr(documents, "calibrations", list)
+    monkeypatch.setattr(documents, "state", lambda *given: {**plain(*given), "calibration": None})
+    page = visit(server.urls.operator)
+    shows(page, "#calibration-empty", "No calibration is installed")
+    shows(page, "#plan-none", "No plan has run")
+
+
+def test_a_plan_that_was_started_shows_its_progress(server: Server, visit: Watched) -> None:
+    page = visit(server.urls.operator, NARROW)
+    take_command(page)
+    server.stand_in.points_max = 1
+    start_plan(page)
+    expect(page.locator("#plan-title")).to_be_in_viewport(ratio=1)
+    assert page.locator("#plan").evaluate("e => e.scrollTop") == 0
+
+
+def test_what_a_field_asks_for_can_be_read(server: Server, visit: Watched) -> None:
+    page = visit(server.urls.operator)
+    for field in page.locator("[placeholder]").all():
+        assert placeholder_px(field) <= field.evaluate(ROOM)
+
+
+ROOM = """e => {
+  const style = getComputedStyle(e);
+  return e.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+}"""
+
+
+def placeholder_px(field: Locator) -> float:
+    """Return how wide the placeholder of a field is."""
+    return float(
+        field.evaluate("""e => {
+          const context = document.createElement("canvas").getContext("2d");
+          const { fontSize, fontFamily } = getComputedStyle(e);
+          context.font = `${fontSize} ${fontFamily}`;
+          return context.measureText(e.placeholder).width;
+        }""")
+    )
