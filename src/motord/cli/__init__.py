@@ -9,7 +9,7 @@ import typer
 
 from motord.cli.connection_options import with_connection
 from motord.cli.console import CommandGroup, lost_output, outlive_readers, remark, single
-from motord.module_command import shield_from_working_folder
+from motord.process.module_command import shield_from_working_folder
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from motord.cli.connection_options import print_answer
-from motord.signal_handlers import handled
+from motord.process.signal_handlers import handled
 
 
 def emulate(

@@ -11,7 +11,7 @@ from motord.config import Config, load, packaged
 from motord.config.reading import named_files
 from motord.deployment.files import DeployedFile, DeploymentError
 from motord.deployment.unit import STATE, system_unit, user_unit
-from motord.module_command import module_command
+from motord.process.module_command import module_command
 
 UNIT = "motord.service"
 ETC = Path("/etc/motord")

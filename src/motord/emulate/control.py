@@ -16,7 +16,7 @@ from motord.config import Config
 from motord.config.base import what_is_wrong
 from motord.config.faults import Fault
 from motord.emulate import EmulatorError
-from motord.private_folder import PrivateFolderError, base_directory, make_private
+from motord.process.private_folder import PrivateFolderError, base_directory, make_private
 
 BYTES_MAX = 65_536
 RESPONSE_S = 5.0

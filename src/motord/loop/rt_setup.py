@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from motord.config import LoopConfig
 from motord.loop import rt_rights
 from motord.loop.rt_rights import RealtimeItem
-from motord.module_command import module_command
+from motord.process.module_command import module_command
 
 
 class Host:

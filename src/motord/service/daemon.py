@@ -12,6 +12,7 @@ from types import FrameType
 from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
+from motord.process.signal_handlers import handled
 from motord.security.error import SecurityError
 from motord.service.bench.calibrations import state_directory
 from motord.service.build import Daemon, build
@@ -23,7 +24,6 @@ from motord.service.publish.zenoh_api import ApiError
 from motord.service.supervisor import Supervisor
 from motord.shm.run_directory import RunDir, RunDirError
 from motord.shm.shared_records import SharedFileError
-from motord.signal_handlers import handled
 from motord.unix_clock import Clock
 
 

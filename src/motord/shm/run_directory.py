@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from motord.module_command import module_command
-from motord.private_folder import PrivateFolderError, base_directory, make_private
+from motord.process.module_command import module_command
+from motord.process.private_folder import PrivateFolderError, base_directory, make_private
 
 LEFT = ".left-ring"
 LEFT_MAX = 3

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.private_folder import base_directory
+from motord.process.private_folder import base_directory
 from motord.shm import run_directory
 from motord.shm.run_directory import RunDir, RunDirError
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from motord.signal_handlers import handled
+from motord.process.signal_handlers import handled
 
 GIVE_UP_S = 5.0
 """A program that has not ended so long after a signal hangs: the process ends without it."""

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 from motord.cli.bench.shared_token import shared, tokens
 from motord.cli.connection_options import Connection, print_answer
 from motord.cli.console import fail, remark
-from motord.signal_handlers import handled
+from motord.process.signal_handlers import handled
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState

@@ -11,7 +11,7 @@ import typer
 from motord.cli.connection_options import DEFAULT, Connection, print_answer
 from motord.cli.console import fail, group, remark
 from motord.cli.viewers import NICE
-from motord.signal_handlers import handled
+from motord.process.signal_handlers import handled
 
 EXTRA = "the bridge needs the package foxglove-sdk: pip install 'motord[foxglove]'"
 

@@ -19,7 +19,7 @@ from motord.loop.latency import LatencyError, cyclictest
 from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.loop.main import ONE_THREAD
 from motord.loop.steal_time import stolen_ticks
-from motord.module_command import module_command
+from motord.process.module_command import module_command
 from motord.shm.histogram import TimeHistogram
 from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from motord.allowance import Allowance
-from motord.module_command import module_command
+from motord.process.module_command import module_command
 from motord.recorder.protocol import Message, MessageReader
 from motord.service.host.child_faults import ChildFaults
 from motord.service.host.children import Children

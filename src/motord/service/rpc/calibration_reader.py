@@ -23,7 +23,7 @@ from motord.api.requests import (
 )
 from motord.calibration import Calibration, CalibrationError, load
 from motord.config import MotorConfig
-from motord.module_command import module_command
+from motord.process.module_command import module_command
 from motord.service.bench.calibrations import check_given
 from motord.service.rpc.calibration_details import details
 

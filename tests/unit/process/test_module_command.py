@@ -4,10 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from motord import module_command as shown
-from motord.module_command import module_command
+from motord.process import module_command as shown
+from motord.process.module_command import module_command
 
-SOURCES = Path(shown.__file__).parent
+SOURCES = Path(shown.__file__).parents[1]
 WORKER = """
 import multiprocessing, sys
 from motord.cli import main

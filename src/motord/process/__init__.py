@@ -1,0 +1,1 @@
+"""What every process of this program shares: how it is started, how signals end it, its folder."""
