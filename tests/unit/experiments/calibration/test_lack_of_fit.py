@@ -166,6 +166,8 @@ def _rows(groups_Nm: Sequence[np.ndarray]) -> ResidualRows:
         columns=np.ones((points, 1, orders), complex),
         further=np.zeros(0),
         further_columns=np.zeros((0, 1)),
+        gain_lines=np.zeros((points, 0, orders)),
+        gain_further=np.zeros((points, 0, 0)),
     )
 
 

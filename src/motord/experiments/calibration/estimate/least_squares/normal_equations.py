@@ -90,14 +90,14 @@ def _without_pull(law: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Return the law's squares (b, p, p) without what noise of the currents adds to them.
 
     Gains and offsets half as large fulfil the law as well. But what currents with noise, or gains
-    that change, do not add up to would pull all of them towards zero.
+    that change, do not add up to would pull all of them towards zero. So along gains and offsets
+    themselves the law has no slope, whichever way a point deviates.
     """
-    size = np.zeros(theta.size)
+    size, gain = np.zeros(theta.size), np.zeros(theta.size)
     size[ALPHA], size[BETA] = theta[ALPHA], theta[BETA]
-    noise = np.zeros_like(law)
-    share = (law @ size @ size) / max(float(size[ALPHA] @ size[ALPHA]), 1e-300)
-    noise[:, ALPHA, ALPHA] = share[:, None, None] * np.eye(3)
-    return np.asarray(law - noise)
+    gain[ALPHA] = theta[ALPHA]
+    slope = size @ law / max(float(gain @ gain), 1e-300)
+    return np.asarray(law - gain[:, None] * slope[:, None, :])
 
 
 @dataclass(frozen=True)
