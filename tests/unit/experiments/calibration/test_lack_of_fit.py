@@ -60,7 +60,7 @@ def test_a_departure_is_named_and_the_intervals_account_for_it(
     assert finding.severity == "serious"
     if size is not None:
         assert finding.value == pytest.approx(size, rel=0.05 if "encoder" in row else 0.3)
-    if "encoder" in row:
+    if name.startswith("encoder"):
         assert finding.unit == "deg"
         assert "eccentric" in finding.meaning
     assert np.median(errors_over_half_widths(result, truth)) < 1

@@ -5,7 +5,7 @@ chance; of those that gain nearly as much, the one with fewest parameters. Then 
 it in the model. So it is known, too, how far each departure has moved the model's own parameters.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,7 +135,23 @@ def explain(evidence: Evidence, subspace: np.ndarray) -> ExplainedFit:
             found.append(cause)
         chosen.append(best.number)
     fitted = evidence.fitted(evidence.weighed(_gain_variance(evidence, chosen)), chosen)
-    return ExplainedFit(tuple(found), _caused(evidence, chosen, fitted), tuple(chosen), fitted)
+    causes = tuple(_sized(found, evidence, chosen, fitted))
+    return ExplainedFit(causes, _caused(evidence, chosen, fitted), tuple(chosen), fitted)
+
+
+def _sized(
+    found: Sequence[Cause], evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows
+) -> Iterator[Cause]:
+    """Yield the causes with their sizes in a fit with all of them: each would bias the others."""
+    terms = [evidence.effects[number].lines.shape[1] for number in chosen]
+    ends = evidence.rows.columns.shape[1] + np.cumsum(terms)
+    sizes = [
+        fitted.solution[end - count : end]
+        for number, end, count in zip(chosen, ends, terms, strict=True)
+        if evidence.effects[number].name != COGGING
+    ]
+    for cause, size in zip(found, sizes, strict=True):
+        yield replace(cause, size=size)
 
 
 @dataclass(frozen=True)

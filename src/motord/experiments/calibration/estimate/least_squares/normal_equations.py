@@ -3,7 +3,7 @@
 (X'Z (Z'Z)^-1 Z'X) theta = X'Z (Z'Z)^-1 Z'y
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,10 @@ DELAY_SHARE = 0.25
 
 ZOH_SHARE = 0.25
 """Share of the squared sampling period that the currents' steps may act as (a prior)."""
+
+TORQUE_SUMS = ("xx", "xy", "yy", "zx", "zz", "zy")
+LAW_SUMS = ("kirchhoff_xx", "kirchhoff_zx", "kirchhoff_zz")
+"""Sums of torque and of Kirchhoff's law in `TurnSums`."""
 
 _COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
 
@@ -58,8 +62,22 @@ class TurnSums:
 
     def unexplained(self, theta: np.ndarray) -> np.ndarray:
         """Return the sum of squares of each turn's torque that parameters `theta` leave (b,)."""
-        squares = np.einsum("i,bij,j->b", theta, self.xx, theta)
+        squares = (self.xx @ theta) @ theta
         return np.asarray(self.yy - 2 * self.xy @ theta + squares)
+
+    def total(self, weight: np.ndarray) -> "TurnSums":
+        """Return the sums of all turns as one, torque samples weighed by weight (b,)."""
+
+        def weighed(sums: np.ndarray) -> np.ndarray:
+            return np.tensordot(weight, sums, 1)[None]
+
+        return replace(
+            self,
+            **{name: weighed(getattr(self, name)) for name in TORQUE_SUMS},
+            **{name: getattr(self, name).sum(axis=0)[None] for name in LAW_SUMS},
+            samples=self.samples.sum(keepdims=True),
+            point=self.point[:1],
+        )
 
     def kirchhoff_weight(self, theta: np.ndarray) -> float:
         """Return 1 / mean square that Kirchhoff's law leaves; 0 for independent phases."""
@@ -169,10 +187,10 @@ class Regression:
 
 def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarray:
     """Return the coefficients (q, p) of the regressors on the instruments."""
-    instruments = np.einsum("b,bij->ij", weight, zz)
+    instruments = np.tensordot(weight, zz, 1)
     scale = 1 / np.sqrt(np.maximum(np.diag(instruments), 1e-300))
     inverse = np.linalg.pinv(instruments * np.outer(scale, scale), rcond=1e-9, hermitian=True)
-    products = np.einsum("b,bij->ij", weight, zx)
+    products = np.tensordot(weight, zx, 1)
     return np.asarray((scale[:, None] * inverse * scale) @ products)
 
 
