@@ -85,7 +85,7 @@ def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> n
 
 
 def _inner(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the inner product (..., 1) of lines (..., n); orders but 0 count twice, as -h and h."""
+    """Return the inner product (..., 1) of lines (..., n); orders but 0 count for -h and h."""
     products = one.real * other.real + one.imag * other.imag
     return np.asarray(2 * products.sum(axis=-1, keepdims=True) - products[..., :1])
 

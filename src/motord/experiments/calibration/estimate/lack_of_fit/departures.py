@@ -164,9 +164,7 @@ class _Shown:
     gain_variance: float
 
 
-def _cause(
-    evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: np.ndarray
-) -> Cause:
+def _cause(evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: np.ndarray) -> Cause:
     """Return an effect that was found, with what it does to the model besides those chosen."""
     weighed, effect = evidence.weighed(shown.gain_variance), evidence.effects[shown.number]
     so_far = evidence.fitted(weighed, chosen)
@@ -220,9 +218,7 @@ def _ranked(gains: Sequence[Gain], chosen: Sequence[int]) -> list[int]:
     return sorted(open_, key=rank)[:LOOKED_AT]
 
 
-def _significant(
-    evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain]
-) -> _Shown | None:
+def _significant(evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain]) -> _Shown | None:
     """Return the first effect, as ranked, that is more than chance.
 
     And it has to be there in all groups of turns alike.

@@ -82,7 +82,7 @@ class GainDirections:
             return rows
         less = 1 - 1 / np.sqrt(1 + variance * self.spread)
         taken = self.along @ (less[:, :, None] * self.parts(rows))
-        return rows - self._of_points(taken, rows.shape[0])
+        return np.asarray(rows - self._of_points(taken, rows.shape[0]))
 
     def _by_point(self, rows: np.ndarray) -> np.ndarray:
         points, columns = len(self.along), rows.shape[1]

@@ -24,10 +24,6 @@ DELAY_SHARE = 0.25
 ZOH_SHARE = 0.25
 """Share of the squared sampling period that the currents' steps may act as (a prior)."""
 
-TORQUE_SUMS = ("xx", "xy", "yy", "zx", "zz", "zy")
-LAW_SUMS = ("kirchhoff_xx", "kirchhoff_zx", "kirchhoff_zz")
-"""Sums of torque and of Kirchhoff's law in `TurnSums`."""
-
 _COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
 
 
@@ -73,8 +69,15 @@ class TurnSums:
 
         return replace(
             self,
-            **{name: weighed(getattr(self, name)) for name in TORQUE_SUMS},
-            **{name: getattr(self, name).sum(axis=0)[None] for name in LAW_SUMS},
+            xx=weighed(self.xx),
+            xy=weighed(self.xy),
+            yy=weighed(self.yy),
+            zx=weighed(self.zx),
+            zz=weighed(self.zz),
+            zy=weighed(self.zy),
+            kirchhoff_xx=self.kirchhoff_xx.sum(axis=0, keepdims=True),
+            kirchhoff_zx=self.kirchhoff_zx.sum(axis=0, keepdims=True),
+            kirchhoff_zz=self.kirchhoff_zz.sum(axis=0, keepdims=True),
             samples=self.samples.sum(keepdims=True),
             point=self.point[:1],
         )

@@ -243,6 +243,7 @@ class VarianceEquations:
 
     @classmethod
     def of(cls, points: PointScores, blocks: _Blocks) -> "VarianceEquations":
+        """Return the equations that the points' scores give."""
         gain, full = blocks.gain()
         seen = np.flatnonzero(np.diag(gain) > SEEN_SHARE * full)
         q = blocks.squares(points.scores)[seen]
