@@ -181,9 +181,14 @@ class Share:
 
     @property
     def kept(self) -> bool:
-        """Whether the share is as it should be, within what so few trials can show."""
-        slack = SLACK * np.sqrt(0.05 * 0.95 / self.trials)
-        return bool(COVERED[0] - slack <= self.covered <= COVERED[1] + slack)
+        """Whether the share is as it should be, within what so few trials can show.
+
+        A share of 99 % scatters less than the 95 % that it should be.
+        """
+        least, most = COVERED
+        below = SLACK * np.sqrt(0.05 * 0.95 / self.trials)
+        above = SLACK * np.sqrt(most * (1 - most) / self.trials)
+        return bool(least - below <= self.covered <= most + above)
 
 
 def shares(chosen: list[Case], found: list[list[Row]]) -> list[Share]:

@@ -1,4 +1,4 @@
-"""Gains that differ from operating point to operating point are no departure of the bench."""
+"""Gains that differ from point to point, or all in common, are no departure of the bench."""
 
 import numpy as np
 import pytest
@@ -84,3 +84,18 @@ def test_sums_of_squares_are_weighed_by_their_covariance() -> None:
     weighed = equations.by_covariance(spread)
     assert alike[0] < 0.7
     assert weighed == pytest.approx([1.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        Case(0, "star", commands=True, points=8, scatter=0.0, seed=300),
+        Case(3, "star", commands=True, points=3, scatter=0.0, seed=301),
+    ],
+    ids=["seen", "nearly-seen"],
+)
+def test_a_common_gain_that_is_measured_is_no_disagreement_with_kirchhoffs_law(case: Case) -> None:
+    bench, result = case.found()
+    assert bench.truth.delta * np.cbrt(np.prod(bench.truth.alpha)) != pytest.approx(1.0, abs=5e-3)
+    assert [one.name for one in result.findings] == []
+    assert result.alpha_stderr.max() < 1e-3
