@@ -5,6 +5,7 @@ and without 1 % of scatter of the phases' gains between the points; samples from
 that shares no code with the estimator. Exits with 1 if a share is not kept.
 """
 
+import os
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -213,6 +214,7 @@ def shares(chosen: list[Case], found: list[list[Row]]) -> list[Share]:
 def main(count: int = SEEDS, *points: int) -> int:
     """Run all trials and print them; return the exit code."""
     chosen = cases(count, points or tuple(MESHES))
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the pool's processes: one a processor
     with processors() as pool:
         found = list(pool.map(trial, chosen, chunksize=8))
     bad = 0
