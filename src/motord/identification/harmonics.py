@@ -6,6 +6,7 @@ y(theta) = Re sum_h line_h exp(j h theta) = sum_h |line_h| sin(h theta + arg(j l
 from collections.abc import Callable
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from motord.identification.orders import SAMPLES_PER_ORDER
 
@@ -22,55 +23,71 @@ SOLVED = 1e-5
 
 
 def lines_at(count: np.ndarray, values: np.ndarray, counts: int, highest: int) -> np.ndarray:
-    """Return complex amplitudes of orders 0 to `highest` of values (n,) at counts (n,).
+    """Return complex amplitudes of orders 0 to `highest` of values (n,) or (m, n) at counts (n,).
 
     values are Re(sum of line_h exp(j h theta)); line 0 is the mean. See `lines_of_sums`.
     """
+    return lines_of_sums(*transforms(count, values, counts, highest))
+
+
+def transforms(
+    count: np.ndarray, values: np.ndarray, counts: int, highest: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return visits and sums, as `lines_of_sums` wants them, of values (n,) or (m, n) at counts."""
     visits = np.fft.fft(np.bincount(count, minlength=counts))
-    sums = np.fft.rfft(np.bincount(count, values, minlength=counts))
-    return lines_of_sums(visits[np.arange(2 * highest + 1) % counts], sums[: highest + 1])
+    columns = values.reshape(-1, count.size)
+    sums = np.fft.rfft([np.bincount(count, one, minlength=counts) for one in columns])
+    sums = sums.reshape(*values.shape[:-1], -1)
+    return visits[np.arange(2 * highest + 1) % counts], sums[..., : highest + 1]
 
 
 def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
-    """Return lines (h + 1,) of orders 0 to h by damped least squares over all samples.
+    """Return lines (..., h + 1) of orders 0 to h by damped least squares over all samples.
 
-    visits (2 h + 1,): transform of the samples at each angle; sums (h + 1,): that of the sums of
-    their values. With unevenly visited angles the normal matrix is Toeplitz, the spectrum of the
-    visits: multiplied by transforms, solved by conjugate gradients (Hansen 1998, chapters 5 and 6).
+    visits (..., 2 h + 1): transform of the samples at each angle; sums (..., h + 1): that of the
+    sums of their values. With unevenly visited angles the normal matrix is Toeplitz, the spectrum
+    of the visits: multiplied by transforms, solved by conjugate gradients (Hansen 1998, chapters 5
+    and 6).
     """
-    highest, samples = sums.size - 1, visits[0].real
+    highest, samples = sums.shape[-1] - 1, visits[..., :1].real
     damping = DAMPING * (np.arange(highest + 1) * SAMPLES_PER_ORDER / samples) ** 2
-    grid = 1 << (4 * highest + 2).bit_length()
+    grid = next_fast_len(4 * highest + 2, real=True)
     weight = np.fft.irfft(visits, grid) * (grid / samples)
 
     def damped(lines: np.ndarray) -> np.ndarray:
         return np.asarray(seen(lines) + damping * lines)
 
     def seen(lines: np.ndarray) -> np.ndarray:
-        return np.asarray(np.fft.rfft(weight * np.fft.irfft(lines, grid))[: highest + 1])
+        return np.asarray(np.fft.rfft(weight * np.fft.irfft(lines, grid))[..., : highest + 1])
 
     wanted = sums / samples
     lines: np.ndarray = np.zeros_like(wanted)
     for _ in range(DAMPED_ROUNDS):
         lines = lines + _solved(damped, wanted - seen(lines))
-    lines[1:] *= 2
+    lines[..., 1:] *= 2
     return lines
 
 
 def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
-    """Solve product(x) = right by conjugate gradients; orders but 0 count twice, as -h and h."""
-    twice = np.r_[1.0, np.full(right.size - 1, 2.0)]
+    """Solve product(x) = right (..., n), each by itself, by conjugate gradients."""
     x, rest, along = np.zeros_like(right), right, right
-    square = first = twice @ np.abs(rest) ** 2
-    for _ in range(2 * right.size):
-        if square <= SOLVED**2 * first:
+    square = first = _inner(right, right)
+    for _ in range(2 * right.shape[-1]):
+        unsolved = square > SOLVED**2 * first
+        if not unsolved.any():
             break
         moved = product(along)
-        step = square / (twice @ (along.conj() * moved).real)
+        step = np.divide(square, _inner(along, moved), out=np.zeros_like(square), where=unsolved)
         x, rest = x + step * along, rest - step * moved
-        before, square = square, twice @ np.abs(rest) ** 2
-        along = rest + square / before * along
+        before, square = square, _inner(rest, rest)
+        along = rest + np.divide(square, before, out=np.zeros_like(square), where=unsolved) * along
     return x
+
+
+def _inner(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the inner product (..., 1) of lines (..., n); orders but 0 count for -h and h."""
+    products = one.real * other.real + one.imag * other.imag
+    return np.asarray(2 * products.sum(axis=-1, keepdims=True) - products[..., :1])
 
 
 def over_one_turn(lines: np.ndarray, points: int) -> np.ndarray:

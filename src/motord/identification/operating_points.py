@@ -192,7 +192,7 @@ def current_lines(
     """Return the lines (h + 1, 3) of currents (n, 3) over the turn, complex: freed of noise."""
     fewest = min(end - first for first, end in turns)
     highest = max(resolved_order(fewest, counts, MAX_CURRENT_ORDER), 1)
-    return np.column_stack([lines_at(count, column, counts, highest) for column in i_A.T])
+    return lines_at(count, i_A.T, counts, highest).T
 
 
 def _finite(*columns: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from motord.calibration import RmsErrors, RmsPoint, TorqueSpeed
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.basis import cell_gain
-from motord.identification.harmonics import lines_at
+from motord.identification.harmonics import lines_of_sums, transforms
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
 from motord.identification.torque_sensor import order_below_resonance, response
@@ -164,7 +164,9 @@ def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: 
     for begin, end in samples.turns[1::2]:
         odd[begin - first : end - first] = True
     halves = [odd, ~odd] if len(samples.turns) > 1 else [~odd, ~odd]
-    return np.array([lines_at(count[h], steady_Nm[h], counts, highest)[1:] for h in halves])
+    both = [transforms(count[h], steady_Nm[h], counts, highest) for h in halves]
+    visits, sums = map(np.array, zip(*both, strict=True))
+    return lines_of_sums(visits, sums)[:, 1:]
 
 
 def highest_order(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> int:

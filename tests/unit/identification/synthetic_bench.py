@@ -5,6 +5,7 @@ see is sampled from continuous time.
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from scipy import signal
@@ -69,6 +70,13 @@ class Truth:
 SENSOR = TorqueSensorConfig(highpass_time_constant_s=2.0, resonance_Hz=700.0, damping_ratio=0.02)
 
 
+@cache
+def _discrete(system: tuple[tuple[float, ...], ...], dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return numerator and denominator of a system in steps of `dt`."""
+    numerator, denominator, _ = signal.cont2discrete(system, dt, "foh")
+    return numerator.ravel(), denominator
+
+
 @dataclass(frozen=True)
 class Bench:
     """Motor, sensor, truth, and how it is sampled."""
@@ -113,7 +121,7 @@ class Bench:
         ticks["encoder_count"] = self._count(angle_rad[taken])
         ticks["i_age_ns"] = round(age / (self.rate_Hz * fine) * 1e9)
         noise_A = self.current_noise_A * rng.standard_normal((taken.size, 3))
-        command_A = self._command(angle_rad[taken], torque_Nm, calibration)
+        command_A = self._command(angle_rad[taken], k[taken], torque_Nm, calibration)
         for p in range(3):
             ticks[f"i_{'abc'[p]}_A"] = sensed_A[taken - age, p] + noise_A[:, p]
             ticks[f"i_cmd_{'abc'[p]}_A"] = command_A[:, p]
@@ -160,8 +168,10 @@ class Bench:
                 k[:, p] += h.amplitude_V_s_per_rad * np.sin(h.order * electrical + h.phase_rad)
         return k
 
-    def _command(self, angle_rad: np.ndarray, torque_Nm: float, calibration: object) -> np.ndarray:
-        k = self._back_emf(angle_rad)
+    def _command(
+        self, angle_rad: np.ndarray, k: np.ndarray, torque_Nm: float, calibration: object
+    ) -> np.ndarray:
+        """Return commanded currents (n, 3) at angles (n,) with a back-EMF k (n, 3)."""
         if self.motor.connection == "star":
             k = k - k.mean(axis=1, keepdims=True)
         wanted = np.full(angle_rad.size, torque_Nm)
@@ -181,7 +191,7 @@ class Bench:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return (sensed, flowing) currents with gains `alpha` (3,)."""
         beta = np.array(self.truth.beta_A)
-        sensed = self._command(angle_rad, torque_Nm, calibration)
+        sensed = self._command(angle_rad, self._back_emf(angle_rad), torque_Nm, calibration)
         if self.motor.connection == "star":
             surplus = (alpha * sensed + beta).sum(axis=1, keepdims=True)
             sensed = sensed - surplus / alpha.sum()
@@ -200,8 +210,7 @@ class Bench:
 
     @staticmethod
     def _filter(system: tuple[list[float], list[float]], x: np.ndarray, dt: float) -> np.ndarray:
-        numerator, denominator, _ = signal.cont2discrete(system, dt, "foh")
-        b, a = numerator.ravel(), denominator
+        b, a = _discrete(tuple(map(tuple, system)), dt)
         state = signal.lfilter_zi(b, a) * x[0] if abs(a.sum()) > 1e-12 else None
         return signal.lfilter(b, a, x, zi=state)[0]
 

@@ -69,7 +69,7 @@ class WindowModel:
         left_Nm = torque_Nm - made_Nm - self._cogging_Nm[samples.count]
         here = samples.count[samples.whole] * self._bins // self._motor.counts
         columns = [without_drift(samples, left_Nm), *samples.command_A[samples.whole].T]
-        lines = np.column_stack([lines_at(here, one, self._bins, highest) for one in columns])
+        lines = lines_at(here, np.array(columns), self._bins, highest).T.copy()
         lines *= self._first_count_to_middle(highest)[:, None]
         return WindowLines(
             t_ns=int(ticks["t_ns"][-1]),

@@ -1,12 +1,14 @@
 """Uncertainty budget: what data do not show counts in full, what they do show little."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from motord.config import AccuracyConfig
 from motord.config.motor.accuracy import widest
+from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import GainDirections
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     EffectSensitivity,
     WeighedRows,
@@ -66,10 +68,11 @@ def test_nothing_is_uncertain_where_nothing_may_be_wrong() -> None:
 def test_a_sensitivity_is_how_far_a_fit_moves() -> None:
     rng = np.random.default_rng(3)
     x, effect, y = rng.normal(size=(40, 3)), rng.normal(size=(40, 2)), rng.normal(size=40)
-    fit = WeighedRows(y, x, np.ones(1))
+    alike = GainDirections(np.zeros((1, 40, 0)), np.zeros((1, 0)), 20, 0)
+    fit = WeighedRows(y, x, np.ones(1), alike, 0.0)
     one = fit.sensitivity("one", effect)
     size = np.array([0.7, -0.4])
-    moved = WeighedRows(y + effect @ size, x, np.ones(1)).solution - fit.solution
+    moved = replace(fit, y=y + effect @ size).solution - fit.solution
     assert one.shift @ size == pytest.approx(moved)
     best = np.linalg.lstsq(np.column_stack([x, effect]), y, rcond=None)[0][3:]
     assert np.linalg.solve(one.information, one.score) == pytest.approx(best)

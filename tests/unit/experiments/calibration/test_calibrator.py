@@ -208,7 +208,8 @@ def test_a_star_measures_the_common_gain() -> None:
     assert abs(result.delta_epsilon - 1.05) < 4 * result.delta_epsilon_stderr
     assert result.delta_epsilon_stderr < 0.01
     assert np.abs(result.alpha - gauged(truth.alpha)).max() < 0.001
-    assert "disagrees with Kirchhoff's law" in " ".join(result.observable)
+    assert "agrees with Kirchhoff's law" in " ".join(result.observable)
+    assert result.findings == ()  # it is measured: alpha by torque and by law are compared with it
     calibration = result.to_calibration(bench.motor, datetime.now(UTC), ["star.mcap"])
     assert calibration.delta_epsilon_source == "star.mcap"
 

@@ -108,7 +108,13 @@ def test_coloured_noise_is_named_and_does_not_pass_for_white() -> None:
 
 
 def test_what_a_finding_adds_is_named() -> None:
-    result = calibrated("star", 2, gain_scatter=0.01)
+    of = bench("star")
+    calibrator = Calibrator(of.motor, of.sensor)
+    for point in of.mesh(TORQUES_Nm, SPEEDS_Hz, turns=6.5, seed=2):
+        ticks = point.ticks.copy()
+        ticks["i_a_A"] += 0.05 * point.ticks["i_b_A"]
+        calibrator.add(replace(point, ticks=ticks))
+    result = calibrator.joint()
     found = bound_of(result)
     assert "current-sensor-crosstalk" in [one.name for one in result.findings]
     assert found.held_back_by == efficiency.FINDINGS

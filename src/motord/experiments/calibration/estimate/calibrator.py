@@ -157,7 +157,9 @@ class Calibrator:
         fitted, regression, found = self._with_added(first, regression, found)
         if found.added:
             residual = FitResidual.of(regression, fitted, self._motor)
-        agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
+        agreement = None
+        if regression.kirchhoff:
+            agreement = kirchhoff_agreement(regression, rated_A, fitted)
         notes = [] if agreement is None else [agreement.in_words()]
         notes += self._left_out(orders)
         notes += [] if back_emf is None else [back_emf.in_words(self._bench.accuracy)]

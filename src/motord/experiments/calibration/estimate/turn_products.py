@@ -43,6 +43,12 @@ from motord.jit import jit
 BAND_MARGIN = 1.4
 """Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
 
+NOISE_LEVELS = 10.0
+"""Mean squares of noise from which on a line counts as seen: one of 20 000 of noise is as large."""
+
+ROUNDING = 1e-20
+"""Square of a line, in parts of the largest, that is rounding."""
+
 STRIP = 256
 """Samples that are multiplied out at once."""
 
@@ -116,7 +122,7 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         currents=both_triangles(currents)[:, :7, :7],
         samples=turns[:, 1] - turns[:, 0],
         spectrum=TurnSpectrum.of(
-            samples, binned, tables_A.mean(axis=0), velocity_rad_s, basis, sensor
+            samples, binned, beyond_noise(tables_A), velocity_rad_s, basis, sensor
         ),
     )
 
@@ -173,6 +179,24 @@ def instruments(
     second = derivative_over_time(rate, velocity_rad_s)
     zoh = second * basis.back_emf + 0.5 * rate * derivative_over_time(k, velocity_rad_s)
     return i_A, np.column_stack([rate * basis.back_emf, zoh.sum(axis=1)])
+
+
+def beyond_noise(tables_A: np.ndarray) -> np.ndarray:
+    """Return the mean (counts, 3) of two tables (2, counts, 3), with the lines that noise explains
+    left out.
+
+    Where no commands were recorded, noise of the currents is in the tables and in what a fit leaves
+    of the torque alike: what is common to both would look like a departure of the bench.
+    """
+    lines = np.fft.rfft(tables_A, axis=1)
+    noise = np.abs(lines[0] - lines[1]) ** 2 / 4
+    known = noise.max(axis=1) > ROUNDING * np.abs(lines).max() ** 2
+    if not known.any():
+        return np.asarray(tables_A[0])
+    level = np.median(noise[known], axis=0) / np.log(2)  # squares of a line are exponential
+    mean = lines.mean(axis=0)
+    mean[np.abs(mean) ** 2 < NOISE_LEVELS * level] = 0.0
+    return np.asarray(np.fft.irfft(mean, tables_A.shape[1], axis=0))
 
 
 def derivative_over_time(table: np.ndarray, velocity_rad_s: np.ndarray) -> np.ndarray:

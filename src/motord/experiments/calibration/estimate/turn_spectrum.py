@@ -110,12 +110,7 @@ class TurnSpectrum:
         Lines (groups, h) of orders 1 to h, complex: order h is Re(line exp(j h theta)).
         """
         sums = self.sums[:, :, -1] - self.sums[:, :, :-1] @ coefficients
-        return np.array(
-            [
-                lines_of_sums(visits, right)[1:]
-                for visits, right in zip(self.visits, sums, strict=True)
-            ]
-        )
+        return lines_of_sums(self.visits, sums)[:, 1:]
 
 
 def lines_of(visits: np.ndarray, sums: np.ndarray, rounds: int = 6) -> np.ndarray:

@@ -120,14 +120,17 @@ class FitResidual:
         law = kirchhoff_rows(regression, theta)
         prior = np.eye(theta.size)[[DELAY, ZOH]]
         further = np.concatenate([prior, law.columns(theta.size)])
-        subspace = fitted.identifiable.subspace(theta.size)
+        # what is nearly seen is in the intervals: here it is open, or its error is a departure
+        subspace = fitted.identifiable.opened().subspace(theta.size)
         rows = ResidualRows(
             rest_Nm=rest_Nm,
             noise_Nm=noise_Nm,
             groups_Nm=groups_Nm,
             columns=np.einsum("pjh,jk->pkh", own, subspace),
-            further=-further @ theta,
+            further=np.concatenate([-prior @ theta, law.rest]),
             further_columns=further @ subspace,
+            gain_lines=own[:, ALPHA] * theta[ALPHA, None],
+            gain_further=(law.roots[:, :, ALPHA] * theta[ALPHA]).reshape(len(models), -1, 3),
         )
         tried = effects(models, motor, regression.basis.orders[: regression.orders])
         of_law = [np.pad(law.rows(one.law), ((len(prior), 0), (0, 0))) for one in tried]

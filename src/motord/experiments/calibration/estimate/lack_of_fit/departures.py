@@ -5,18 +5,23 @@ chance; of those that gain nearly as much, the one with fewest parameters. Then 
 it in the model. So it is known, too, how far each departure has moved the model's own parameters.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
 from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING, Effect
+from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import (
+    GainDirections,
+    GainScatter,
+)
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     Gain,
     ResidualRows,
     WeighedRows,
 )
+from motord.identification.variance_components import MOST_FREEDOM
 
 FALSE_SHARE = 0.002
 """Probability that noise is taken for a departure, or for an order, over all that are tried."""
@@ -74,6 +79,14 @@ class Evidence:
         of_law = [np.zeros((self.rows.further.size, one.lines.shape[1])) for one in more]
         return replace(self, effects=[*self.effects, *more], further=[*self.further, *of_law])
 
+    def weighed(self, gain_variance: float = 0.0) -> WeighedRows:
+        """Return the rows with the measured noise, and gains that differ from point to point."""
+        return self.rows.weighed(np.ones(self.rows.rest_Nm.shape[1]), gain_variance)
+
+    def all_columns(self, weighed: WeighedRows) -> list[np.ndarray]:
+        """Return the rows of all effects."""
+        return [self.columns(weighed, number) for number in range(len(self.effects))]
+
     def columns(self, weighed: WeighedRows, number: int) -> np.ndarray:
         """Return the rows (n, terms) of an effect."""
         return weighed.effect(self.effects[number].lines, self.further[number])
@@ -107,36 +120,71 @@ def explain(evidence: Evidence, subspace: np.ndarray) -> ExplainedFit:
     Orders of cogging torque among the effects compete with the departures but are none.
     subspace (p, k): what the columns of the rows' model stand for among its p parameters.
     """
-    plain = evidence.rows.weighed(np.ones(evidence.rows.rest_Nm.shape[1]))
-    columns = [evidence.columns(plain, number) for number in range(len(evidence.effects))]
+    plain = evidence.weighed()
+    columns = evidence.all_columns(plain)
     found: list[Cause] = []
     chosen: list[int] = []
     while len(found) < MAX_CAUSES and len(chosen) < MAX_CAUSES + MAX_ORDERS:
-        so_far = evidence.fitted(plain, chosen)
-        gains = so_far.gains(columns)
-        best = _significant(evidence, chosen, gains)
+        best = _significant(evidence, chosen, evidence.fitted(plain, chosen).gains(columns))
         if best is None:
             break
-        number, sigmas = best
-        effect, size = evidence.effects[number], gains[number].size
-        if effect.name == COGGING:
-            chosen.append(number)
-            continue
-        rms_Nm = float(_rms(np.einsum("pth,t->ph", effect.lines, size)).max())
-        if found and rms_Nm < MINOR_SHARE * found[0].rms_Nm:
-            break
-        alike = [n for n in _alike(evidence.effects, gains, number) if n not in chosen]
-        own = slice(0, subspace.shape[1])
-        moved = [
-            evidence.fitted(plain, [*chosen, n]).solution[own] - so_far.solution[own]
-            for n in (number, *alike)
-        ]
-        shifts = np.array(moved) @ subspace.T
-        names = tuple(sorted({evidence.effects[n].name for n in alike}))
-        found.append(Cause(effect.name, effect.order, size, sigmas, rms_Nm, shifts, names))
-        chosen.append(number)
-    fitted = evidence.fitted(plain, chosen)
-    return ExplainedFit(tuple(found), _caused(evidence, chosen, fitted), tuple(chosen), fitted)
+        if evidence.effects[best.number].name != COGGING:
+            cause = _cause(evidence, chosen, best, subspace)
+            if found and cause.rms_Nm < MINOR_SHARE * found[0].rms_Nm:
+                break
+            found.append(cause)
+        chosen.append(best.number)
+    fitted = evidence.fitted(evidence.weighed(_gain_variance(evidence, chosen)), chosen)
+    causes = tuple(_sized(found, evidence, chosen, fitted))
+    return ExplainedFit(causes, _caused(evidence, chosen, fitted), tuple(chosen), fitted)
+
+
+def _sized(
+    found: Sequence[Cause], evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows
+) -> Iterator[Cause]:
+    """Yield the causes with their sizes in a fit with all of them: each would bias the others."""
+    terms = [evidence.effects[number].lines.shape[1] for number in chosen]
+    ends = evidence.rows.columns.shape[1] + np.cumsum(terms)
+    sizes = [
+        fitted.solution[end - count : end]
+        for number, end, count in zip(chosen, ends, terms, strict=True)
+        if evidence.effects[number].name != COGGING
+    ]
+    for cause, size in zip(found, sizes, strict=True):
+        yield replace(cause, size=size)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """An effect that is more than chance, by how many standard errors; gain_variance: from point to
+    point, with it in the model."""
+
+    number: int
+    sigmas: float
+    gain_variance: float
+
+
+def _cause(evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: np.ndarray) -> Cause:
+    """Return an effect that was found, with what it does to the model besides those chosen."""
+    weighed, effect = evidence.weighed(shown.gain_variance), evidence.effects[shown.number]
+    so_far = evidence.fitted(weighed, chosen)
+    gains = so_far.gains(evidence.all_columns(weighed))
+    size = gains[shown.number].size
+    alike = [n for n in _alike(evidence.effects, gains, shown.number) if n not in chosen]
+    own = slice(0, subspace.shape[1])
+    moved = [
+        evidence.fitted(weighed, [*chosen, n]).solution[own] - so_far.solution[own]
+        for n in (shown.number, *alike)
+    ]
+    return Cause(
+        name=effect.name,
+        order=effect.order,
+        size=size,
+        sigmas=shown.sigmas,
+        rms_Nm=float(_rms(np.einsum("pth,t->ph", effect.lines, size)).max()),
+        shifts=np.array(moved) @ subspace.T,
+        alike=tuple(sorted({evidence.effects[n].name for n in alike})),
+    )
 
 
 def _caused(evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows) -> np.ndarray:
@@ -170,35 +218,78 @@ def _ranked(gains: Sequence[Gain], chosen: Sequence[int]) -> list[int]:
     return sorted(open_, key=rank)[:LOOKED_AT]
 
 
-def _significant(
-    evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain]
-) -> tuple[int, float] | None:
-    """Return the first effect, as ranked, that is more than chance, and its standard errors.
+def _significant(evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain]) -> _Shown | None:
+    """Return the first effect, as ranked, that is more than chance.
 
-    Order by order: the noise at an order is the measured one, or what the fit leaves there over the
-    points, if that is more. And it has to be there in all groups of turns alike.
+    And it has to be there in all groups of turns alike.
     """
-    samples = evidence.rows.rest_Nm.size
+    rows, samples = evidence.rows, evidence.rows.rest_Nm.size
     level = FALSE_SHARE / len(evidence.effects)
     for number in _ranked(gains, chosen):
         if _p_value(gains[number], samples) > level:
             continue
-        dispersion = np.ones(evidence.rows.rest_Nm.shape[1])
-        for _ in range(ROUNDS):
-            weighed = evidence.rows.weighed(dispersion)
-            left = evidence.fitted(weighed, [*chosen, number]).left_lines(evidence.rows)
-            dispersion = np.maximum((np.abs(left / evidence.rows.noise_Nm) ** 2).mean(axis=0), 1.0)
-        weighed = evidence.rows.weighed(dispersion)
+        noise = _Noise.of(evidence, [*chosen, number])
+        weighed = rows.weighed(noise.dispersion, noise.scatter.variance)
         columns = evidence.columns(weighed, number)
         so_far = evidence.fitted(weighed, chosen)
         [gain] = so_far.gains([columns])
-        if gain.terms and _p_value(gain, samples) <= level:
-            t, freedom = so_far.robust_t(evidence.rows, columns @ gain.size)
+        effect = columns @ gain.size
+        freedom = min(samples, noise.freedom(so_far.apart(effect), so_far.directions))
+        if gain.terms and _p_value(gain, freedom) <= level:
+            t, freedom = so_far.robust_t(rows, effect)
             if 2 * stats.t.sf(abs(t), freedom) <= level:
-                return number, float(min(np.sqrt(gain.chi_square), abs(t)))
+                sigmas = float(min(np.sqrt(gain.chi_square), abs(t)))
+                return _Shown(number, sigmas, noise.scatter.variance)
     return None
 
 
-def _p_value(gain: Gain, freedom: int) -> float:
+@dataclass(frozen=True)
+class _Noise:
+    """Noise as a fit leaves it: at an order the measured one, or what is left there over the
+    points, if that is more, besides what gains make that differ from point to point.
+
+    dispersion (orders,): variance in parts of the measured one; order_freedom (orders,).
+    """
+
+    dispersion: np.ndarray
+    order_freedom: np.ndarray
+    scatter: GainScatter
+
+    @classmethod
+    def of(cls, evidence: Evidence, chosen: Sequence[int]) -> "_Noise":
+        """Return the noise with the chosen effects in the model."""
+        rows, scatter = evidence.rows, GainScatter()
+        dispersion = np.ones(rows.rest_Nm.shape[1])
+        for _ in range(ROUNDS):
+            weighed = rows.weighed(dispersion, scatter.variance)
+            scatter = evidence.fitted(weighed, chosen).gain_scatter()
+            weighed = rows.weighed(dispersion, scatter.variance)
+            left, freedom = evidence.fitted(weighed, chosen).dispersion()
+            dispersion = np.maximum(dispersion * left, 1.0)
+        return cls(dispersion, freedom, scatter)
+
+    def freedom(self, effect: np.ndarray, directions: GainDirections) -> float:
+        """Return the degrees of freedom (Satterthwaite) of the variance along an effect (n,)."""
+        effect = effect / max(float(np.linalg.norm(effect)), 1e-300)
+        points, orders = len(directions.spread), self.dispersion.size
+        at_order = (effect[: 2 * points * orders] ** 2).reshape(-1, orders).sum(axis=0)
+        estimated = self.dispersion > 1
+        doubt = float((2 * at_order**2 / self.order_freedom)[estimated].sum())
+        along = directions.parts(effect[:, None]).ravel() ** 2
+        doubt += self.scatter.doubt_of(along, directions.spread.ravel())
+        return 2 / max(doubt, 2 / MOST_FREEDOM)
+
+
+def _gain_variance(evidence: Evidence, chosen: Sequence[int]) -> float:
+    """Return by how much gains differ from point to point, with the chosen effects."""
+    variance = 0.0
+    for _ in range(ROUNDS):
+        variance = evidence.fitted(evidence.weighed(variance), chosen).gain_scatter().variance
+        if not variance:
+            break
+    return variance
+
+
+def _p_value(gain: Gain, freedom: float) -> float:
     """Return the probability of so much by chance; freedom: of the noise's estimate."""
     return float(stats.f.sf(gain.chi_square / gain.terms, gain.terms, freedom))

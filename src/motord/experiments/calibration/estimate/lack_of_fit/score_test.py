@@ -7,10 +7,15 @@ parameters would move to X^+ (y - G S^+ b).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+
+from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import (
+    GainDirections,
+    GainScatter,
+)
 
 RESOLVED = 1e-4
 """Part of an effect that the model cannot take the place of, below which nothing is said of it."""
@@ -55,7 +60,9 @@ class ResidualRows:
     """The rest of a fit: lines (points, orders), with noise, and further rows of unit variance.
 
     groups_Nm: of each point, the lines (groups, orders) of groups of its turns. columns
-    (points, p, orders), further_columns (m, p): of the model; further (m,): their rest.
+    (points, p, orders), further_columns (m, p): of the model; further (m,): their rest. gain_lines
+    (points, g, orders), gain_further (points, n, g): what a part of each of g gains at a point
+    makes, in its lines and in its n of the further rows, which are the last of these.
     """
 
     rest_Nm: np.ndarray
@@ -64,30 +71,44 @@ class ResidualRows:
     columns: np.ndarray
     further: np.ndarray
     further_columns: np.ndarray
+    gain_lines: np.ndarray
+    gain_further: np.ndarray
 
-    def weighed(self, dispersion: np.ndarray) -> "WeighedRows":
-        """Return rows whose noise is larger by the root of `dispersion` (orders,)."""
+    def weighed(self, dispersion: np.ndarray, gain_variance: float = 0.0) -> "WeighedRows":
+        """Return rows whose noise is larger by the root of `dispersion` (orders,).
+
+        gain_variance: by which the gains differ from point to point, in parts of them.
+        """
         # a line of noise 1 has 1/2 in its real part
         weight = np.sqrt(2 / dispersion) / self.noise_Nm
-        y = np.concatenate([_real(self.rest_Nm * weight), self.further])
-        return WeighedRows(y, _stacked(self.columns, self.further_columns, weight), weight)
+        points, last, _ = self.gain_further.shape
+        before = self.further.size - points * last
+        gain_lines = self.gain_lines * weight[:, None, :]
+        directions = GainDirections.of(gain_lines, self.gain_further, before)
+        y = np.concatenate([_real(self.rest_Nm * weight), self.further])[:, None]
+        x = _stacked(self.columns, self.further_columns, weight)
+        y, x = (directions.whitened(rows, gain_variance) for rows in (y, x))
+        return WeighedRows(y[:, 0], x, weight, directions, gain_variance)
 
 
 @dataclass(frozen=True)
 class WeighedRows:
-    """y (n,) and X (n, p), weighed."""
+    """y (n,) and X (n, p), weighed and whitened; weight (points, orders) of the lines."""
 
     y: np.ndarray
     x: np.ndarray
     weight: np.ndarray
+    directions: GainDirections
+    gain_variance: float
 
     def effect(self, lines: np.ndarray, further: np.ndarray) -> np.ndarray:
         """Return the rows (n, terms) of an effect: lines (points, terms, orders), (m, terms)."""
-        return _stacked(lines, further, self.weight)
+        rows = _stacked(lines, further, self.weight)
+        return self.directions.whitened(rows, self.gain_variance)
 
     def with_columns(self, more: np.ndarray) -> "WeighedRows":
         """Return the same with columns (n, terms) added to the model."""
-        return WeighedRows(self.y, np.column_stack([self.x, more]), self.weight)
+        return replace(self, x=np.column_stack([self.x, more]))
 
     @cached_property
     def solution(self) -> np.ndarray:
@@ -104,6 +125,32 @@ class WeighedRows:
         """Return the lines (points, orders) that the model's columns leave of those of `rows`."""
         lines = self.left[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
         return np.asarray((lines[0] + 1j * lines[1]) / self.weight)
+
+    def gain_scatter(self) -> GainScatter:
+        """Return by how much the gains differ from point to point, by what is left."""
+        inverse, scale = self._inverse
+        spread = self.directions.spread.ravel()
+        squares = self.directions.parts(self.left[:, None]).ravel() ** 2
+        x = self.directions.parts(self.x * scale).reshape(spread.size, -1)
+        leverage = ((x @ inverse) * x).sum(axis=1)
+        return GainScatter.of(squares * (1 + self.gain_variance * spread), spread, leverage)
+
+    def dispersion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean square that is left at each order, in parts of the noise that these rows
+        assume (orders,), and its degrees of freedom."""
+        inverse, scale = self._inverse
+        points, orders = self.weight.shape
+        lines = slice(0, 2 * points * orders)
+        x = self.x[lines] * scale
+        squares = (self.left[lines] ** 2).reshape(-1, orders).sum(axis=0)
+        freedom = (1 - ((x @ inverse) * x).sum(axis=1)).reshape(-1, orders).sum(axis=0)
+        freedom = np.maximum(freedom, 1.0)
+        return squares / freedom, freedom
+
+    def apart(self, effect: np.ndarray) -> np.ndarray:
+        """Return what the model's columns do not take of a column (n,)."""
+        inverse, scale = self._inverse
+        return np.asarray(effect - self.x @ (scale * (inverse @ (scale * (self.x.T @ effect)))))
 
     def gains(self, effects: Sequence[np.ndarray]) -> list[Gain]:
         """Return what each effect (n, terms) would gain."""
@@ -124,9 +171,9 @@ class WeighedRows:
         kind within a turn: a few bad turns, or an error of the timing, are at all orders at once.
         Without points of several groups nothing is known: 0, and 1.
         """
-        inverse, scale = self._inverse
-        g = effect - self.x @ (scale * (inverse @ (scale * (self.x.T @ effect))))
-        real, imaginary = g[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
+        g = self.apart(effect)
+        plain = self.directions.whitened(g[:, None], self.gain_variance)[:, 0]
+        real, imaginary = plain[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
         along = (real - 1j * imaginary) * self.weight
         white = (real**2 + imaginary**2).sum(axis=1)
         variance, freedom = cluster_variance(rows.groups_Nm, along, white)

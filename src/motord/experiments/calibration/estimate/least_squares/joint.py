@@ -115,16 +115,18 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     weight, kirchhoff_weight = 1 / turns.mean_by_point(turns.yy), 0.0
     identifiable = Identifiability(COMMON, offset_seen=False)
     theta = np.zeros(turns.xy.shape[1])
+    one = np.ones(1)
     for _ in range(ITERATIONS):
-        normals = turns.normals(weight, kirchhoff_weight, theta)
+        normals = turns.total(weight).normals(one, kirchhoff_weight, theta)
         solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
         turns = regression.sums(solution.theta[ALPHA])
         variance = turns.mean_by_point(turns.unexplained(solution.theta))
         weight = 1 / variance
         kirchhoff_weight = turns.kirchhoff_weight(solution.theta) if use_law else 0.0
         theta = solution.theta
-        normals = turns.normals(weight, kirchhoff_weight, theta)
+        normals = turns.total(weight).normals(one, kirchhoff_weight, theta)
         identifiable = assess(normals.information, normals.torque_information, rated_A)
+    normals = turns.normals(weight, kirchhoff_weight, theta)
     solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
     first_turns = np.unique(turns.point, return_index=True)[1]
     return JointFit(

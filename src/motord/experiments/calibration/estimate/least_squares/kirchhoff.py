@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.least_squares.joint import fit
+from motord.experiments.calibration.estimate.least_squares.joint import JointFit, fit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
@@ -68,13 +68,22 @@ class Kirchhoff:
         )
 
 
-def kirchhoff_agreement(regression: Regression, rated_A: float) -> Kirchhoff:
-    """Return whether the torque and Kirchhoff's law give the same alpha."""
+def kirchhoff_agreement(regression: Regression, rated_A: float, fitted: JointFit) -> Kirchhoff:
+    """Return whether the torque and Kirchhoff's law give the same alpha.
+
+    Where the torque alone does not show the common gain, it has that of the fit to both, `fitted`.
+    """
     torque = fit(regression, rated_A, use_law=False)
-    difference = torque.solution.alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
-    least = np.maximum(torque.stderr[ALPHA], 1e-9)
+    by_gain = torque.gain_shift[ALPHA]
+    alpha = torque.solution.alpha + by_gain * (fitted.solution.delta_epsilon - 1)
+    difference = alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
+    variances = torque.stderr[ALPHA] ** 2, (by_gain * fitted.stderr[-1]) ** 2
+    least = np.maximum(np.sqrt(sum(variances)), 1e-9)
     worst = int(np.argmax(np.abs(difference) / least))
-    limit = t_quantile(1 - FALSE_DISAGREEMENT / 6, torque.errors.freedom[worst])  # of three phases
+    freedoms = torque.errors.freedom[worst], fitted.errors.freedom[-1]
+    doubt = sum(v[worst] ** 2 / freedom for v, freedom in zip(variances, freedoms, strict=True))
+    freedom = least[worst] ** 4 / max(doubt, 1e-300)
+    limit = t_quantile(1 - FALSE_DISAGREEMENT / 6, freedom)  # of three phases
     limit = max(limit, AGREEMENT / float(least[worst]))
     errors = float(abs(difference[worst]) / least[worst])
     return Kirchhoff(difference, "abc"[worst], float(difference[worst]), errors, limit)

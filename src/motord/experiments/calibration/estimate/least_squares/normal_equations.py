@@ -3,7 +3,7 @@
 (X'Z (Z'Z)^-1 Z'X) theta = X'Z (Z'Z)^-1 Z'y
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,8 +58,29 @@ class TurnSums:
 
     def unexplained(self, theta: np.ndarray) -> np.ndarray:
         """Return the sum of squares of each turn's torque that parameters `theta` leave (b,)."""
-        squares = np.einsum("i,bij,j->b", theta, self.xx, theta)
+        squares = (self.xx @ theta) @ theta
         return np.asarray(self.yy - 2 * self.xy @ theta + squares)
+
+    def total(self, weight: np.ndarray) -> "TurnSums":
+        """Return the sums of all turns as one, torque samples weighed by weight (b,)."""
+
+        def weighed(sums: np.ndarray) -> np.ndarray:
+            return np.tensordot(weight, sums, 1)[None]
+
+        return replace(
+            self,
+            xx=weighed(self.xx),
+            xy=weighed(self.xy),
+            yy=weighed(self.yy),
+            zx=weighed(self.zx),
+            zz=weighed(self.zz),
+            zy=weighed(self.zy),
+            kirchhoff_xx=self.kirchhoff_xx.sum(axis=0, keepdims=True),
+            kirchhoff_zx=self.kirchhoff_zx.sum(axis=0, keepdims=True),
+            kirchhoff_zz=self.kirchhoff_zz.sum(axis=0, keepdims=True),
+            samples=self.samples.sum(keepdims=True),
+            point=self.point[:1],
+        )
 
     def kirchhoff_weight(self, theta: np.ndarray) -> float:
         """Return 1 / mean square that Kirchhoff's law leaves; 0 for independent phases."""
@@ -90,14 +111,14 @@ def _without_pull(law: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Return the law's squares (b, p, p) without what noise of the currents adds to them.
 
     Gains and offsets half as large fulfil the law as well. But what currents with noise, or gains
-    that change, do not add up to would pull all of them towards zero.
+    that change, do not add up to would pull all of them towards zero. So along gains and offsets
+    themselves the law has no slope, whichever way a point deviates.
     """
-    size = np.zeros(theta.size)
+    size, gain = np.zeros(theta.size), np.zeros(theta.size)
     size[ALPHA], size[BETA] = theta[ALPHA], theta[BETA]
-    noise = np.zeros_like(law)
-    share = (law @ size @ size) / max(float(size[ALPHA] @ size[ALPHA]), 1e-300)
-    noise[:, ALPHA, ALPHA] = share[:, None, None] * np.eye(3)
-    return np.asarray(law - noise)
+    gain[ALPHA] = theta[ALPHA]
+    slope = size @ law / max(float(gain @ gain), 1e-300)
+    return np.asarray(law - gain[:, None] * slope[:, None, :])
 
 
 @dataclass(frozen=True)
@@ -169,10 +190,10 @@ class Regression:
 
 def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarray:
     """Return the coefficients (q, p) of the regressors on the instruments."""
-    instruments = np.einsum("b,bij->ij", weight, zz)
+    instruments = np.tensordot(weight, zz, 1)
     scale = 1 / np.sqrt(np.maximum(np.diag(instruments), 1e-300))
     inverse = np.linalg.pinv(instruments * np.outer(scale, scale), rcond=1e-9, hermitian=True)
-    products = np.einsum("b,bij->ij", weight, zx)
+    products = np.tensordot(weight, zx, 1)
     return np.asarray((scale[:, None] * inverse * scale) @ products)
 
 

@@ -9,8 +9,9 @@ S_j is the scatter of the scores between the turns of a point: noise may have an
 turn. tau_b^2 is the variance by which a block of parameters (gains of the phases, that of the
 torque sensor, offsets, each cogging order) differs from point to point: it is found from what the
 points' scores are more than turns explain (ANOVA estimates of variance components, not negative;
-Searle, Casella and McCulloch 1992). Degrees of freedom are Satterthwaite's, over all that was
-estimated.
+Searle, Casella and McCulloch 1992), by generalised least squares: sums of squares of different
+blocks are correlated, and their covariance weighs them (Browne 1974). Degrees of freedom are
+Satterthwaite's, over all that was estimated.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -36,6 +37,9 @@ ROUNDS = 2
 
 SOLUTIONS = 5
 """Solutions for tau in a round: their weights follow from it as well."""
+
+ALIKE = 1e-6
+"""Part by which sums of squares that show the same are taken to differ."""
 
 SEEN_SHARE = 1e-6
 """Part of a block's scatter below which the fit takes up all of it: the points are too few."""
@@ -216,33 +220,76 @@ def _between(points: PointScores, parts: list[_Parts], influence: np.ndarray) ->
     variance = np.zeros(len(parts))
     for _ in range(ROUNDS):
         blocks = _Blocks.of(points, parts, variance)
-        variance, doubt = _variances(points, blocks)
+        equations = VarianceEquations.of(points, blocks)
+        variance = equations.by_size()
+    variance = equations.by_covariance(_spread(points, blocks, variance, equations.noise))
+    doubt = equations.doubt(variance, _spread(points, blocks, variance, equations.noise))
     caused = influence @ blocks.total @ influence.T
     return VarianceComponents(caused, variance, doubt, (POINTS,) * len(parts))
 
 
-def _variances(points: PointScores, blocks: _Blocks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the variance of each block's parameters between points, and its covariance."""
-    q, noise = blocks.squares(points.scores), blocks.means(points.noise)
-    gain, full = blocks.gain()
-    seen = np.flatnonzero(np.diag(gain) > SEEN_SHARE * full)
-    variance, doubt = np.zeros(q.size), np.zeros((q.size, q.size))
-    if seen.size == 0:
-        return variance, doubt
-    pairs = np.ix_(seen, seen)
-    gain, by_turns, q = gain[pairs], noise[seen].sum(axis=1), q[seen]
-    unit = np.diag(gain)
-    expected = by_turns + q
-    for _ in range(SOLUTIONS):  # the scatter of a sum of squares is in proportion to its mean
-        row = 1 / np.maximum(expected, 1e-300)
-        scaled = nnls(row[:, None] * gain / unit, row * (q - by_turns))[0]
-        expected = by_turns + gain @ (scaled / unit)
-    variance[seen] = scaled / unit
-    inverse = np.zeros_like(gain)
-    active = np.flatnonzero(scaled > 0)
-    inverse[np.ix_(active, active)] = np.linalg.pinv(gain[np.ix_(active, active)])
-    doubt[pairs] = inverse @ _spread(points, blocks, variance, noise)[pairs] @ inverse.T
-    return variance, doubt
+@dataclass(frozen=True)
+class VarianceEquations:
+    """Linear equations for the variance of each block's parameters between points, m of them seen.
+
+    q (m,): sums of squares; noise (blocks, J): what turns make of each, by points; gain (m, m):
+    what unit variances of the parameters add; seen (m,): their blocks.
+    """
+
+    q: np.ndarray
+    noise: np.ndarray
+    gain: np.ndarray
+    seen: np.ndarray
+
+    @classmethod
+    def of(cls, points: PointScores, blocks: _Blocks) -> "VarianceEquations":
+        """Return the equations that the points' scores give."""
+        gain, full = blocks.gain()
+        seen = np.flatnonzero(np.diag(gain) > SEEN_SHARE * full)
+        q = blocks.squares(points.scores)[seen]
+        return cls(q, blocks.means(points.noise), gain[np.ix_(seen, seen)], seen)
+
+    def by_size(self) -> np.ndarray:
+        """Return the variances (blocks,) with each sum of squares in proportion to its mean."""
+        by_turns, unit = self.noise[self.seen].sum(axis=1), np.diag(self.gain)
+        expected = by_turns + self.q
+        scaled = np.zeros(self.q.size)
+        for _ in range(SOLUTIONS if self.q.size else 0):
+            row = 1 / np.maximum(expected, 1e-300)
+            scaled = nnls(row[:, None] * self.gain / unit, row * (self.q - by_turns))[0]
+            expected = by_turns + self.gain @ (scaled / unit)
+        return self._of_blocks(scaled / unit)
+
+    def by_covariance(self, spread: np.ndarray) -> np.ndarray:
+        """Return the variances (blocks,) with the sums weighed by their covariance, that of all.
+
+        Deviations of one block show in the sums of the others. Where these are less than that, a
+        variance cannot come out negative, and equations that all count alike would take it out of
+        the block that shows it best.
+        """
+        if not self.seen.size:
+            return self._of_blocks(self.q)
+        spread, unit = spread[np.ix_(self.seen, self.seen)], np.diag(self.gain)
+        scale = 1 / np.sqrt(np.maximum(np.diag(spread), 1e-300))
+        correlation = spread * np.outer(scale, scale) + ALIKE * np.eye(scale.size)
+        rest = scale * (self.q - self.noise[self.seen].sum(axis=1))
+        rows = np.column_stack([scale[:, None] * self.gain / unit, rest])
+        rows = np.linalg.solve(np.linalg.cholesky(correlation), rows)
+        return self._of_blocks(nnls(rows[:, :-1], rows[:, -1])[0] / unit)
+
+    def doubt(self, variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
+        """Return the covariance (blocks, blocks) of variances, spread: that of all sums."""
+        inverse = np.zeros_like(self.gain)
+        active = np.flatnonzero(variance[self.seen] > 0)
+        inverse[np.ix_(active, active)] = np.linalg.pinv(self.gain[np.ix_(active, active)])
+        doubt, pairs = np.zeros_like(spread), np.ix_(self.seen, self.seen)
+        doubt[pairs] = inverse @ spread[pairs] @ inverse.T
+        return doubt
+
+    def _of_blocks(self, values: np.ndarray) -> np.ndarray:
+        found = np.zeros(len(self.noise))
+        found[self.seen] = values
+        return found
 
 
 def _spread(
