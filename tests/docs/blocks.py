@@ -48,7 +48,7 @@ PRINTED = {
     ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
     ("docs/api.md", "from motord.client import PlanEndedError, connect"): ("0% ", "recorded in "),
     ("docs/api.md", "import asyncio"): (" rad/s\n",),
-    ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state": "OFF"'),
+    ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state":"OFF"'),
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): (),
     ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): (),
     ("docs/recording.md", "from pathlib import Path"): (),
