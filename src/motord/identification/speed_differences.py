@@ -11,7 +11,9 @@ turns differ. Directions have means of their own: friction differs between them.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtri
+
+from motord.intervals import t_quantile
 
 FALSE_SHARE = 0.002
 """Probability at which chance alone makes one of the three significant."""
@@ -112,7 +114,7 @@ def _slope(
     size = float(own @ (values * np.sqrt(weight))) / information
     left = _left(values, weight, columns)
     scatter = max(float(left @ left) / max(values.size - columns.shape[1], 1), 1.0)
-    quantile = float(stats.t.isf(FALSE_SHARE / 2, freedom))
+    quantile = t_quantile(1 - FALSE_SHARE / 2, freedom)
     return SpeedDifference(size, quantile * float(np.sqrt(scatter / information)))
 
 
@@ -124,6 +126,6 @@ def _rest(
     terms = values.size - int(np.linalg.matrix_rank(columns))
     if terms < 1:
         return NOTHING
-    ratio = float(left @ left) / terms / float(stats.f.isf(FALSE_SHARE, terms, freedom))
+    ratio = float(left @ left) / terms / float(fdtri(terms, freedom, 1 - FALSE_SHARE))
     size = float(np.abs(left / np.sqrt(weight)).max())
     return SpeedDifference(size, size / max(float(np.sqrt(ratio)), 1e-300))
