@@ -2,7 +2,7 @@
 
 A file's tests run one after the other in one process, its fixtures once. Files of tests marked
 `system`, which mostly wait for processes of their own, run in as many lanes as `--jobs` says, the
-others in two processes more (`tests/support/schedule.py`). Tests marked `long` take minutes and run
+others in one process more (`tests/support/schedule.py`). Tests marked `long` take minutes and run
 with `--long` only.
 
 `--coverage` measures instead what the tests without processes of their own reach, which must be at
@@ -55,8 +55,8 @@ def pytest(jobs: int, *options: str, **environment: str) -> int:
 
 
 def in_lanes(jobs: int, *options: str) -> int:
-    """Run tests, so many files of `system` tests at a time, in two processes more."""
-    return pytest(jobs + 2, *options, MOTORD_TEST_LANES=str(jobs))
+    """Run tests, so many files of `system` tests at a time, in one process more."""
+    return pytest(jobs + 1, *options, MOTORD_TEST_LANES=str(jobs))
 
 
 def everything(jobs: int, paths: list[str]) -> int:

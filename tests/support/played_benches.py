@@ -1,6 +1,7 @@
 """Daemons of benches as far as others see them on Zenoh: state, token; and routers between them."""
 
 import threading
+import time
 from contextlib import ExitStack, contextmanager, suppress
 
 import zenoh
@@ -15,6 +16,8 @@ from motord.api.messages import (
     SetpointView,
 )
 from tests.support.ports import free_port
+
+PATIENCE_S = 30.0
 
 
 def endpoint():
@@ -132,3 +135,11 @@ def router(*connect):
     listen = endpoint()
     with zenoh.open(router_config([listen], connect)) as session:
         yield listen, session
+
+
+def await_answers(session, bench, count):
+    """Wait until so many daemons of a name answer through a router's session."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    every = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+    while len(list(session.get(key(bench, "state"), **every))) < count:
+        assert time.monotonic() < deadline_s, f"fewer than {count} daemons of {bench!r} answer"

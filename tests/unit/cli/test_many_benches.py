@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from motord.api.messages import RecordingView
 from motord.cli import app
 from motord.cli.bench import overview
-from tests.support.played_benches import endpoint, played, publishing, router
+from tests.support.played_benches import await_answers, endpoint, played, publishing, router
 from tests.unit.archive.test_faults import recordings
 
 
@@ -57,9 +57,10 @@ def test_nobody_is_said():
 def test_two_of_one_name_are_said():
     with (
         played("a", "a") as (one, other),
-        router(one.listen, other.listen) as (listen, _),
+        router(one.listen, other.listen) as (listen, session),
         publishing(one, other),
     ):
+        await_answers(session, "a", 2)
         assert "2 DAEMONS HAVE THIS NAME" in motord("status", "--all", "--connect", listen).stdout
         assert "have the name 'a'" in motord("status", "--connect", listen, code=1).stderr
 
