@@ -43,7 +43,7 @@ class AvailablePlans:
         self._lock = threading.Lock()
         self._forms: list[PlanForm] = []
         self._listed = PlanList(plans=[])
-        self._encoded: tuple[PlanList, bytes] = self._listed, b""
+        self._encoded = self._listed, self._listed.to_json()
 
     def prepare(self, payload: bytes) -> tuple[rpc.NoArguments, list[PlanForm]]:
         """Make the forms, unless they are made; for a thread that may wait. Raises RpcError."""
