@@ -2,7 +2,10 @@
 //
 // A link carries batches, each after its length (u16, little-endian). A batch holds transport
 // messages; a FRAME holds network messages up to its end, FRAGMENTs one network message in parts.
-// Numbers are variable-length, as in protobuf.
+// Each priority has frames and fragments of its own. Numbers are variable-length, as in protobuf.
+//
+// A client has to agree on priorities (QOS): routers up to Zenoh 1.10 never send one that does not
+// anything more once they have dropped a message for it.
 import { randomBytes } from "node:crypto";
 import { connect } from "node:net";
 
@@ -15,7 +18,9 @@ const [INTEREST, RESPONSE_FINAL, PUSH, DECLARE, OAM] = [0x19, 0x1a, 0x1d, 0x1e, 
 const [DECLARE_KEY, UNDECLARE_KEY, DECLARE_SUBSCRIBER, DECLARE_FINAL] = [0, 1, 2, 0x1a];
 const PUT = 1;
 const EXTENSIONS = 0x80; // flag Z of every header
-const [PATCH, FIRST, DROP] = [7, 2, 3]; // extensions: of INIT, and of fragments if it was agreed on
+const [QOS, PATCH] = [1, 7]; // extensions of INIT; QOS is of frames and fragments, too
+const [FIRST, DROP] = [2, 3]; // of fragments, agreed on by PATCH
+const DATA = 5; // the priority that is not written
 const [FLAG_5, FLAG_6] = [0x20, 0x40]; // their meaning is each message's own
 
 class Reader {
@@ -49,20 +54,20 @@ class Reader {
   slice() {
     return this.bytes(this.number());
   }
-  // Skip the extensions of a message and return which there were.
+  // Return the extensions of a message by id: a number, bytes, or true.
   extensions(header) {
-    const found = new Set();
+    const found = new Map();
     for (let more = header & EXTENSIONS; more; ) {
       const own = this.byte();
-      this.body(own);
-      found.add(own & 0x0f);
+      found.set(own & 0x0f, this.body(own));
       more = own & EXTENSIONS;
     }
     return found;
   }
   body(header) {
-    if ((header & 0x60) === 0x20) this.number();
-    if ((header & 0x60) === 0x40) this.slice();
+    if ((header & 0x60) === 0x20) return this.number();
+    if ((header & 0x60) === 0x40) return this.slice();
+    return true;
   }
 }
 
@@ -80,7 +85,7 @@ export class Subscriber {
     this.key = key;
     this.received = received;
     this.keys = new Map(); // that the router has declared, by number
-    this.parts = null; // of a fragmented message, null until its first
+    this.parts = new Map(); // of the fragmented message of each priority, from its first on
     this.pending = Buffer.alloc(0);
     this.socket = connect(port, host, () => this.send(this.init(batch_size)));
     this.socket.on("data", (data) => this.take(data));
@@ -107,7 +112,7 @@ export class Subscriber {
     zid[15] |= 1; // an id does not end with zeros
     const head = Buffer.from([INIT | FLAG_6 | EXTENSIONS, VERSION, CLIENT | (15 << 4)]);
     const sizes = Buffer.from([RESOLUTION_32_BIT, batch_size & 0xff, batch_size >> 8]);
-    return Buffer.concat([head, zid, sizes, Buffer.from([PATCH | 0x20, 1])]);
+    return Buffer.concat([head, zid, sizes, Buffer.from([QOS | EXTENSIONS, PATCH | 0x20, 1])]);
   }
 
   take(data) {
@@ -145,18 +150,24 @@ export class Subscriber {
       case FRAGMENT: {
         reader.number(); // sequence number
         const marks = reader.extensions(header);
-        const part = Buffer.from(reader.rest());
-        if (marks.has(FIRST)) this.parts = [];
-        if (marks.has(DROP)) this.parts = null; // the router gave the rest of it up
-        this.parts?.push(part);
-        if (header & FLAG_6 || !this.parts) return undefined; // more follow
-        const whole = new Reader(Buffer.concat(this.parts));
-        this.parts = null;
-        return this.network(whole);
+        const whole = this.assembled(marks, Buffer.from(reader.rest()), !(header & FLAG_6));
+        return whole && this.network(new Reader(whole));
       }
       default:
         throw new Error(`transport message ${header & 0x1f}`);
     }
+  }
+
+  // Return the message that a fragment completes, if it does.
+  assembled(marks, part, last) {
+    const priority = (marks.get(QOS) ?? DATA) & 7;
+    if (marks.has(FIRST)) this.parts.set(priority, []);
+    if (marks.has(DROP)) this.parts.delete(priority); // the router gave the rest of it up
+    const parts = this.parts.get(priority);
+    parts?.push(part);
+    if (!last || !parts) return undefined;
+    this.parts.delete(priority);
+    return Buffer.concat(parts);
   }
 
   opened(reader, header) {
@@ -164,7 +175,9 @@ export class Subscriber {
     reader.bytes(1 + (reader.byte() >> 4)); // id of the router
     if (header & FLAG_6) reader.bytes(3); // sizes
     const cookie = reader.slice();
-    if (!reader.extensions(header).has(PATCH)) throw new Error("a router older than Zenoh 1.1");
+    const agreed = reader.extensions(header);
+    if (!agreed.has(PATCH)) throw new Error("a router older than Zenoh 1.1");
+    if (!agreed.has(QOS)) throw new Error("a router without priorities (transport/unicast/qos)");
     const open = [Buffer.from([OPEN | FLAG_6]), number(LEASE_S), number(0), slice(cookie)];
     this.send(Buffer.concat(open));
   }

@@ -2,12 +2,15 @@
 
 import signal
 import subprocess
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from motord.client import ClientError
 from motord.schema import Flag, State
+from motord.sequencing.capture import final
+from motord.sequencing.quality import GOOD
 from tests.system.daemons import (
     PATIENCE_S,
     Program,
@@ -42,6 +45,16 @@ def check_ticks(ticks):
     assert np.array_equal(steps - 1, np.diff(missed))
     late = ticks["flags"][1:] & Flag.AFTER_GAP > 0
     assert np.array_equal(late, steps > 1)
+
+
+def check_takes(takes):
+    """Takes of a point are numbered, and each but the last was poor."""
+    for take, following in pairwise(takes):
+        if final(take):
+            assert (following["index"], following["take"]) == (take["index"] + 1, 1)
+        else:
+            assert take["quality"] != GOOD
+            assert (following["index"], following["take"]) == (take["index"], take["take"] + 1)
 
 
 def test_a_run_by_hand_from_enable_to_sigterm(running):
@@ -108,14 +121,17 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
     assert noted["recording"] == view.recording
     [note] = [event for event in plan_run.events() if event["kind"] == "note"]
     assert (note["message"], note["t_ns"]) == ("fan switched on", noted["t_ns"])
-    points = plan_run.operating_points()
+    takes = plan_run.operating_points()
+    points = [take for take in takes if final(take)]
     assert [p["index"] for p in points] == [0, 1]
+    check_takes(takes)
     assert [(p.point, p.state, p.rms_error_percent) for p in mesh.points] == [
-        (p["index"], "done", p["rms_error_percent"]) for p in points
+        (p["index"], "done" if p["quality"] == GOOD else "poor", p["rms_error_percent"])
+        for p in points
     ]
     ticks = plan_run.ticks(("tick", "plan_point", "missed", "flags"))
     check_ticks(ticks)
-    for point in points:
+    for point in takes:
         inside = (ticks["tick"] >= point["tick_start"]) & (ticks["tick"] <= point["tick_end"])
         assert (ticks["plan_point"][inside] == point["index"]).all()
     numbers = np.concatenate([run.ticks(("tick",))["tick"] for run in running.runs()])

@@ -189,12 +189,14 @@ class VirtualService:
         self.bench.loop_up()
 
     def step(self, steps=1, lost=0):
-        """Let `steps` times 10 ms pass."""
+        """Let `steps` times 10 ms pass; the disk takes none of it."""
         for _ in range(steps):
             self.now_ns += STEP_NS
             self.bench.step(self.loop.run(), lost, self.now_ns)
             self.queue.step(self.now_ns)
             self.dispatcher.step(self.now_ns)
+            self.journal.settle()
+            self.queue.file.settle()
 
     def run_s(self, seconds, token=None):
         """Let `seconds` pass, with the lease renewed if `token` is given."""
