@@ -31,10 +31,12 @@ CONNECT_S = 30.0
 
 
 STALE_S = 1.0
+LEASE_S = 60.0
+"""The longest there may be: a test's client that is kept from running renews too late."""
 """The shortest limit of a patient bench that a busy computer exceeds."""
 
 
-def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0):
+def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0, lease_s=LEASE_S):
     """Make a bench patient with a computer that stalls, and give it a name and a port."""
     text = re.sub(r'^name = "\w+"', f'name = "{name}"', text, count=1, flags=re.MULTILINE)
     text = re.sub(
@@ -58,15 +60,15 @@ def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0):
         )
         text = text[:start] + section + text[end:]
     text = re.sub(r"^\[zenoh\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
-    return f'{text}\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\nlease_s = 4.0\n'
+    return f'{text}\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\nlease_s = {lease_s}\n'
 
 
-def write_sim(folder, name="system"):
+def write_sim(folder, name="system", lease_s=LEASE_S):
     """Write the packaged simulated bench for a test into `folder`."""
     text = config.packaged("sim.toml").read_text()
     text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
     path = folder / f"{name}.toml"
-    path.write_text(patient(text, name))
+    path.write_text(patient(text, name, lease_s=lease_s))
     return path
 
 

@@ -45,7 +45,7 @@ def write_bench(folder, recording=""):
     path = write_sim(folder, "isolated")
     text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_HZ}")
     text = re.sub(r"^ring_s = .*$", f"ring_s = {RING_S}", text, flags=re.MULTILINE)
-    text = text.replace("lease_s = 4.0", "lease_s = 20.0\ntick_rate_Hz = 1000.0")
+    text = text.replace("\nlease_s =", "\ntick_rate_Hz = 1000.0\nlease_s =")
     path.write_text(f"{text}\n[recording]\n{recording}\n")
     return path
 

@@ -90,3 +90,11 @@ def test_a_board_that_is_a_process_may_have_waited_itself(monkeypatch):
     forgive("a test", "INVERTER_FAULT", kept, limit_s=1.0, board_is_a_process=True)
     with pytest.raises(AssertionError, match="no stall of 1 s"):
         forgive("a test", "INVERTER_FAULT", kept, limit_s=1.0)
+
+
+def test_a_rotor_that_waited_is_not_where_its_speed_would_have_taken_it(monkeypatch):
+    kept = stalled(0.29, monkeypatch)
+    with pytest.raises(AssertionError, match=r"no stall of 0\.3 s"):
+        forgive("a test", "ENCODER_IMPLAUSIBLE", kept, limit_s=1.0)
+    forgive("a test", "ENCODER_IMPLAUSIBLE", kept, limit_s=1.0, missed=106)
+    assert len(stalls.FORGIVEN) == 1
