@@ -16,6 +16,7 @@ from motord.recording.reader import open_run
 from tests.firmware.images import emulated, with_other_layout
 from tests.support import stalls
 from tests.system.daemons import (
+    LONG_LEASE_S,
     Program,
     daemon,
     forgive,
@@ -48,7 +49,7 @@ class Bench:
         self.folder = folder
         self.truth_path = folder / "truth.mcap"
         self.path = write_bench(folder)
-        text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S)
+        text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S, LONG_LEASE_S)
         self.path.write_text(text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n"))
         assert config.load(self.path).bridge.heartbeat_timeout_s == INVERTER_TIMEOUT_S
 

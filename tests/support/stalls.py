@@ -21,9 +21,8 @@ LINE = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 """What comes of heartbeats or commands that stayed away: only if the loop itself missed so long, or
 what carries and judges them (a board in QEMU) was kept from running."""
 QUARTER_TURN_S = 0.3
-"""An emulated rotor that waits for its host has not turned on for so long: at 0.8 Hz, which no test
-of that kind exceeds, it is a quarter of a turn from where its speed would have taken it, and further
-than an encoder's jump may be."""
+"""A rotor that waits for its host so long is a quarter of a turn behind where its speed would have
+taken it, at the 0.8 Hz that tests on the wire do not exceed, and no jump may be larger."""
 FORGIVEN: list[str] = []
 """Reported by `tests.conftest` when all tests are over."""
 

@@ -35,7 +35,7 @@ threading.Event().wait()
 
 
 def test_no_torque_is_left_when_the_lease_of_a_stopped_commander_ends(tmp_path):
-    with daemon(tmp_path, write_sim(tmp_path, lease_s=4.0)) as running:
+    with daemon(tmp_path, write_sim(tmp_path)) as running:
         command = [
             *(sys.executable, "-c", HOLDER, running.config.bench.name, running.endpoint),
             str(TORQUE_NM),

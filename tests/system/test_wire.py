@@ -13,6 +13,7 @@ from motord.recording.reader import open_run
 from motord.schema import State
 from tests.support import stalls
 from tests.system.daemons import (
+    LONG_LEASE_S,
     PATIENCE_S,
     STALE_S,
     Program,
@@ -86,7 +87,8 @@ def check_torque(truth, motor, torque_Nm, tolerance):
 def wire(tmp_path, request):
     """A bench whose inverter waits 1 s for commands, or as long as the test's parameter says."""
     bench = write_bench(tmp_path, drag_Nm_s_per_rad=DRAG_NM_S_PER_RAD)
-    text = patient(bench.read_text(), "wire", 500, getattr(request, "param", 1.0))
+    inverter_timeout_s = getattr(request, "param", 1.0)
+    text = patient(bench.read_text(), "wire", 500, inverter_timeout_s, LONG_LEASE_S)
     text = text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")
     bench.write_text(text)
     truth = tmp_path / "truth.mcap"
