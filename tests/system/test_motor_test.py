@@ -4,8 +4,10 @@ import json
 import os
 import pty
 import re
+import select
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -103,11 +105,12 @@ class Operator:
 
     def end(self):
         """Wait for the end; return the exit code and all that was shown."""
-        try:
-            while data := os.read(self._terminal, 4096):
-                self._shown += data
-        except OSError:  # the other end is closed
-            pass
+        end_s = time.monotonic() + PATIENCE_S
+        with suppress(OSError):  # the other end is closed
+            while True:
+                left_s = max(end_s - time.monotonic(), 0)
+                assert select.select([self._terminal], [], [], left_s)[0], self._shown.decode()
+                self._shown += os.read(self._terminal, 4096)
         os.close(self._terminal)
         return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1]), self._shown.decode()
 

@@ -9,6 +9,7 @@ import typer
 
 from motord.cli.connection_options import with_connection
 from motord.cli.console import CommandGroup, lost_output, outlive_readers, remark, single
+from motord.process.interrupts import recover_lost_interrupts
 from motord.process.module_command import shield_from_working_folder
 
 COMMANDS = {
@@ -97,6 +98,7 @@ def _root(
 def main() -> None:
     """Run the command line: exit code 0 done, 1 failed, 2 wrong usage."""
     shield_from_working_folder()
+    recover_lost_interrupts()
     outlive_readers()
     code: Any = 0
     try:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 from motord.cli.bench.shared_token import shared, tokens
 from motord.cli.connection_options import Connection, print_answer
 from motord.cli.console import fail, remark
+from motord.process.interrupts import AGAIN
 from motord.process.signal_handlers import handled
 
 if TYPE_CHECKING:
@@ -70,21 +71,22 @@ def interrupted_once() -> Iterator[Callable[[], None]]:
     """Let the first of the signals raise KeyboardInterrupt in the block.
 
     Later ones do not disturb the clearing up, nor does any after a call of what is yielded. Those
-    that are ignored stay so (nohup).
+    that are ignored stay so (nohup). One that was lost is raised again.
     """
-    held_off = False
+    raised = held_off = False
 
     def hold_off() -> None:
         nonlocal held_off
         held_off = True
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if not held_off:
-            hold_off()
+        nonlocal raised
+        if not held_off and (not raised or number == AGAIN):
+            raised = True
             raise KeyboardInterrupt
 
     is_main = threading.current_thread() is threading.main_thread()
-    taken = [n for n in _ENDING if is_main and signal.getsignal(n) is not signal.SIG_IGN]
+    taken = [n for n in (*_ENDING, AGAIN) if is_main and signal.getsignal(n) is not signal.SIG_IGN]
     with handled(taken, interrupt):
         yield hold_off
 

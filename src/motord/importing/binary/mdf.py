@@ -185,7 +185,7 @@ def _mdf() -> Any:
 def _opened(opener: Any, file: BinaryIO) -> Any:
     """Return the open file; of one that is damaged asammdf's destructor stays silent."""
     hook = sys.unraisablehook
-    sys.unraisablehook = lambda _: None
+    sys.unraisablehook = lambda lost: None if isinstance(lost.exc_value, Exception) else hook(lost)
     try:
         try:
             return opener(file)
