@@ -2,9 +2,9 @@
 
 import math
 import random
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -194,11 +194,12 @@ def test_bound_is_below_what_it_saw_last(steps: list[tuple[int, int]]) -> None:
         assert bound.at(t_ns) <= value_ns + 1
 
 
-def test_loop_clock_takes_the_shortest_delay() -> None:
+def test_loop_clock_takes_the_shortest_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monotonic_ns, ahead_ns = 7 * SECOND_NS, 3600 * SECOND_NS
+    stood_still = SimpleNamespace(time_ns=lambda: START_NS, monotonic_ns=lambda: monotonic_ns)
+    monkeypatch.setattr("motord.hal.bridge.clock.time", stood_still)
     clock = LoopClock()
-    ahead_ns = 3600 * SECOND_NS
     for late_ns in (5 * MS, 0, 2 * MS):
-        clock.observe(time.monotonic_ns() + ahead_ns - late_ns)
-    assert abs(clock.now_ns() - time.monotonic_ns() - ahead_ns) < MS
-    system_ns = time.time_ns()
-    assert abs(clock.from_system(system_ns) - clock.now_ns()) < MS
+        clock.observe(monotonic_ns + ahead_ns - late_ns)
+    assert clock.now_ns() == monotonic_ns + ahead_ns
+    assert clock.from_system(START_NS - MS) == clock.now_ns() - MS

@@ -156,9 +156,14 @@ class _Interrupt:
     came: bool = False
 
     def abort_plan(self) -> "PlanProgress":
-        """Ramp down, disable, end the plan."""
+        """Ramp down, disable, end the plan. Raises MotorTestInterruptedError."""
+        from motord.client import ClientError
+
         self.came = True
-        return self.commander.abort_plan()
+        try:
+            return self.commander.abort_plan()
+        except ClientError as error:
+            raise MotorTestInterruptedError(f"interrupted; {error}") from error
 
 
 def _store(storages: Mapping[str, AnalysisStorage], results: "Sequence[AnalysedRecordings]") -> str:

@@ -232,6 +232,22 @@ def test_an_interrupt_aborts_the_plan_and_ends_the_station(monkeypatch, bench, a
     assert seen.lines[-1] == "1 tested: 0 pass, 0 fail, 0 undecidable, 1 error"
 
 
+def test_an_interrupt_ends_the_station_where_the_plan_cannot_be_aborted(
+    monkeypatch, bench, analysed
+):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    def no_reply():
+        raise ClientError("timeout", "bench b has not answered within 10 s")
+
+    bench.during, bench.abort_plan = interrupted, no_reply
+    seen = Terminal(monkeypatch, "1\n")
+    assert seen.code == 1
+    assert "interrupted; bench b has not answered within 10 s" in seen.lines
+    assert seen.lines[-1] == "1 tested: 0 pass, 0 fail, 0 undecidable, 1 error"
+
+
 def test_a_motor_that_is_powered_after_its_test_is_said(monkeypatch, bench, analysed):
     monkeypatch.setattr(station, "REST_S", -1.0)
     rest = bench.state()
