@@ -1,6 +1,18 @@
-"""`python -m motord`."""
+"""The command `motord`, and `python -m motord`."""
 
-from motord.cli import main
+import sys
+
+
+def main() -> None:
+    """Run the command line; one that is interrupted before it has begun says so, too."""
+    try:
+        from motord.cli import main as command_line
+
+        command_line()
+    except KeyboardInterrupt:
+        sys.stderr.write("motord: interrupted\n")
+        sys.exit(1)
+
 
 if __name__ == "__main__":
     main()

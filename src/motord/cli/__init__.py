@@ -48,6 +48,10 @@ COMMANDS = {
 """Command to `module:object`; the object is a function or a typer app."""
 
 
+INTERRUPTED_WHILE_READ = 130
+"""What Typer ends with if it is interrupted while it reads the command line."""
+
+
 class _Commands(CommandGroup):
     """Imports a command's module only when it is asked for."""
 
@@ -105,6 +109,9 @@ def main() -> None:
         app()
     except SystemExit as done:
         code = done.code
+        if code == INTERRUPTED_WHILE_READ:
+            remark("motord: interrupted")
+            code = 1
     if lost := lost_output():
         remark(f"motord: cannot write the output: {lost}")
         code = code or 1

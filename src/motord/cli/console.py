@@ -99,9 +99,19 @@ class CommandGroup(TyperGroup):
         except KeyboardInterrupt:
             fail("interrupted")
         except Exception as error:
+            if interrupt_was_converted(error):
+                fail("interrupted")
             if (message := explanation(error)) is None:
                 raise
             fail(message)
+
+
+def interrupt_was_converted(error: Exception) -> bool:
+    """Return whether an error is an interrupt that compiled code reports as an error of its own.
+
+    pydantic does, of one that comes while it builds a model.
+    """
+    return "KeyboardInterrupt" in str(error) and type(error).__module__.startswith("pydantic_core")
 
 
 def explanation(error: Exception) -> str | None:

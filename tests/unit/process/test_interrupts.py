@@ -4,8 +4,14 @@ import signal
 import subprocess
 import sys
 import textwrap
+from typing import NoReturn
 
 import pytest
+from pydantic_core import SchemaError
+
+import motord.cli
+from motord.__main__ import main
+from motord.cli.console import interrupt_was_converted
 
 PROGRAM = """
 import os, sys, time, weakref
@@ -69,12 +75,42 @@ def test_without_recovery_it_is_lost() -> None:
 
 
 def test_the_command_line_recovers_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    import motord.cli
-
     recovered = []
     monkeypatch.setattr(motord.cli, "recover_lost_interrupts", lambda: recovered.append(True))
     monkeypatch.setattr(motord.cli, "outlive_readers", lambda: None)
     monkeypatch.setattr(sys, "argv", ["motord", "--version"])
     with pytest.raises(SystemExit):
-        motord.cli.main()
+        main()
     assert recovered == [True]
+
+
+@pytest.mark.parametrize(
+    ("where", "raised"),
+    [
+        ("motord.cli.main", KeyboardInterrupt()),  # while modules are loaded
+        ("motord.cli.app", SystemExit(130)),  # while the command line is read
+        ("typer.core.TyperGroup.invoke", KeyboardInterrupt()),
+        ("typer.core.TyperGroup.invoke", SchemaError("validator:\n  KeyboardInterrupt: ")),
+    ],
+)
+def test_an_interrupted_command_says_so_in_one_line(
+    where: str,
+    raised: BaseException,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def interrupted(*_: object, **__: object) -> NoReturn:
+        raise raised
+
+    monkeypatch.setattr(motord.cli, "recover_lost_interrupts", lambda: None)
+    monkeypatch.setattr(motord.cli, "outlive_readers", lambda: None)
+    monkeypatch.setattr(sys, "argv", ["motord", "status"])
+    monkeypatch.setattr(where, interrupted)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert (ended.value.code, capsys.readouterr().err) == (1, "motord: interrupted\n")
+
+
+def test_an_error_of_the_program_is_none() -> None:
+    assert not interrupt_was_converted(ValueError("KeyboardInterrupt"))
+    assert not interrupt_was_converted(SchemaError("a model that makes no sense"))
