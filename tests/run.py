@@ -19,6 +19,8 @@ from pathlib import Path
 
 COVERAGE_PERCENT = 90
 ROOT = Path(__file__).resolve().parent.parent
+LONG_S = 3600
+"""A test marked `long` that takes longer waits for ever."""
 NO_TESTS = 5
 """What pytest ends with if there are none of a kind in what it was asked for."""
 SAME_EVERY_TIME = {
@@ -100,7 +102,7 @@ def main() -> int:
         chosen = ("-m", "not system and not slow and not long", *QUICK, *left_out)
         return pytest(options.jobs, *chosen, **few)
     if options.long:
-        return in_lanes(options.jobs, "-m", "long", *options.paths)
+        return in_lanes(options.jobs, "-m", "long", f"--timeout={LONG_S}", *options.paths)
     return (covered if options.coverage else everything)(options.jobs, options.paths)
 
 

@@ -55,6 +55,8 @@ class StandIn:
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.held_back: set[str] = set()
         """Calibrations that are shown only when they are no longer in here."""
+        self.waited_for: list[str] = []
+        """Those that were asked for meanwhile."""
         self.given_late: list[str] = []
         self.points_per_s = 2.0
         self.points_max = 1000
@@ -92,6 +94,7 @@ class StandIn:
         own = self.queue.requests[what] if group == "queue" else None
         reply: dict[str, Any] = (own or getattr(self, "_" + name.replace("/", "_")))(**arguments)
         if (wanted := arguments.get("id")) in self.held_back:
+            self.waited_for.append(wanted)
             while wanted in self.held_back:
                 await asyncio.sleep(BLOCK_S)
             self.given_late.append(wanted)

@@ -3,7 +3,7 @@
 import base64
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,14 @@ def commands(server: Server) -> list[str]:
 def waits(page: Page, condition: str, argument: Any = None) -> None:
     """Wait until a condition in JavaScript holds."""
     page.wait_for_function(condition, arg=argument, timeout=PATIENCE_MS)
+
+
+def until(page: Page, condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds, while the page goes on."""
+    end_s = time.monotonic() + PATIENCE_MS / 1000
+    while not condition():
+        assert time.monotonic() < end_s
+        page.wait_for_timeout(20)
 
 
 def test_a_person_operates_by_hand(server, visit: Watched):
@@ -406,10 +414,7 @@ def test_a_hidden_page_gets_no_traces(server, visit: Watched):
 
 def received(page: Page, frames: list[str], kind: str, count: int) -> None:
     """Wait until so many frames of a kind have come."""
-    until_s = time.monotonic() + PATIENCE_MS / 1000
-    while frames.count(kind) < count:
-        assert time.monotonic() < until_s, frames
-        page.wait_for_timeout(20)  # lets the frames come
+    until(page, lambda: frames.count(kind) >= count)
 
 
 def kind_of(received: dict[str, Any]) -> str:
@@ -509,11 +514,11 @@ def test_a_calibration_that_comes_late_is_not_shown_in_the_place_of_another(serv
     chosen, late = documents.IDS
     server.stand_in.held_back.add(late)
     page.select_option("#calibration-choice", late)
+    until(page, lambda: late in server.stand_in.waited_for)
     page.select_option("#calibration-choice", chosen)
     shows(page, "#calibration-content", "In force")
     server.stand_in.held_back.clear()
-    while late not in server.stand_in.given_late:
-        page.wait_for_timeout(10)
+    until(page, lambda: late in server.stand_in.given_late)
     page.fill("#note", "the late answer is here by now")
     page.keyboard.press("Enter")
     shows(page, "#messages", "Noted")

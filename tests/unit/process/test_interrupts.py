@@ -74,10 +74,16 @@ def test_without_recovery_it_is_lost() -> None:
     assert "KeyboardInterrupt" in said
 
 
+def leave_the_process_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the command line change nothing of the process that it runs in."""
+    for name in ("shield_from_working_folder", "recover_lost_interrupts", "outlive_readers"):
+        monkeypatch.setattr(motord.cli, name, lambda: None)
+
+
 def test_the_command_line_recovers_it(monkeypatch: pytest.MonkeyPatch) -> None:
     recovered = []
+    leave_the_process_alone(monkeypatch)
     monkeypatch.setattr(motord.cli, "recover_lost_interrupts", lambda: recovered.append(True))
-    monkeypatch.setattr(motord.cli, "outlive_readers", lambda: None)
     monkeypatch.setattr(sys, "argv", ["motord", "--version"])
     with pytest.raises(SystemExit):
         main()
@@ -102,8 +108,7 @@ def test_an_interrupted_command_says_so_in_one_line(
     def interrupted(*_: object, **__: object) -> NoReturn:
         raise raised
 
-    monkeypatch.setattr(motord.cli, "recover_lost_interrupts", lambda: None)
-    monkeypatch.setattr(motord.cli, "outlive_readers", lambda: None)
+    leave_the_process_alone(monkeypatch)
     monkeypatch.setattr(sys, "argv", ["motord", "status"])
     monkeypatch.setattr(where, interrupted)
     with pytest.raises(SystemExit) as ended:
