@@ -31,10 +31,10 @@ CONNECT_S = 30.0
 
 
 STALE_S = 1.0
+"""The shortest limit of a patient bench that a busy computer exceeds."""
 LEASE_S = 4.0
 LONG_LEASE_S = 60.0
 """For tests whose processes take all that the processors have: their client may renew late."""
-"""The shortest limit of a patient bench that a busy computer exceeds."""
 
 
 def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0, lease_s=LEASE_S):
@@ -64,12 +64,12 @@ def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0, lease_s=LEASE_S):
     return f'{text}\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\nlease_s = {lease_s}\n'
 
 
-def write_sim(folder, name="system"):
+def write_sim(folder, name="system", lease_s=LEASE_S):
     """Write the packaged simulated bench for a test into `folder`."""
     text = config.packaged("sim.toml").read_text()
     text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
     path = folder / f"{name}.toml"
-    path.write_text(patient(text, name))
+    path.write_text(patient(text, name, lease_s=lease_s))
     return path
 
 

@@ -1,9 +1,22 @@
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
 from motord.hal.base import DeviceError
 from motord.hal.wire_rig import WireRig
-from tests.contract.benches import new_command, new_feedback
+from tests.contract.benches import (
+    Bench,
+    bridge_can,
+    can_dq,
+    can_udp,
+    new_command,
+    new_feedback,
+    serial,
+    wires,
+)
+from tests.contract.peers import Drive, until
 
 
 class Recorder:
@@ -67,3 +80,41 @@ def test_one_that_fails_does_not_keep_the_other_from_stopping(what: str, victim:
     with pytest.raises(DeviceError):
         getattr(rig, what)()
     assert log == [f"inverter.{what}", f"bridge.{what}"]
+
+
+def read_anew(bench: Bench, ends: tuple[Any, ...]) -> int:
+    """Let the other ends speak until there is a sample of each; return the link errors."""
+    feedback, first = new_feedback(), new_feedback()
+    bench.driver.read(bench.clock.now_ns(), first)
+
+    def anew() -> bool:
+        for end in ends:
+            end.step()
+        bench.driver.read(bench.clock.now_ns(), feedback)
+        return all(feedback[name][0] > first[name][0] for name in bench.times)
+
+    until(anew)
+    return int(feedback["link_errors"][0])
+
+
+@pytest.mark.parametrize("make", [can_udp, can_dq, serial, bridge_can, wires])
+def test_what_overflows_before_the_first_read_is_no_link_error(make: Callable[[], Bench]) -> None:
+    """As a bridge's samples do while its inverter takes its time to open; what is lost later is."""
+    bench = make()
+    try:
+        bench.driver.open()
+        for end in bench.peers:
+            end.stop()
+            if not isinstance(end, Drive):
+                end.dropped += 11  # as it reports when it is read again
+            end.lose = 100  # their numbers show, once it speaks again, that they are missing
+            for _ in range(20):
+                end.speak()
+            end.lose = 0
+        assert read_anew(bench, bench.peers) == 0
+        assert read_anew(bench, bench.peers) == 0
+        for end in bench.peers:
+            end.lose = 2
+        until(lambda: read_anew(bench, bench.peers) >= 2 * len(bench.peers))
+    finally:
+        bench.close()

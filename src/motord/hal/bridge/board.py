@@ -46,6 +46,9 @@ class BridgeLink(Protocol):
     def receive(self) -> list[frames.Numbered]:
         """Return the good frames that have arrived, the oldest first."""
 
+    def restart(self) -> None:
+        """Take the next good frame as the first of a stream: nothing is missing before it."""
+
     def send(self, frame: frames.Frame, number: int) -> None:
         """Send a frame."""
 
@@ -135,10 +138,21 @@ class Bridge:
         feedback["encoder_gray"] = sample.encoder_gray
         feedback["torque_Nm"] = sample.torque_counts * self._torque_Nm_per_count
         feedback["bridge_status"] = sample.status
+        feedback["link_errors"] += self._link_errors()
+
+    def _link_errors(self) -> int:
+        """Return the errors since the first read.
+
+        What overflowed before it, as when the inverter takes its time to open, is none of them:
+        neither the gap in the frames' numbers nor what the board says that it had to drop.
+        """
         errors = self._lost_by_board + (self._link.errors if self._link is not None else 0)
         if self._errors_before is None:
             self._errors_before = errors
-        feedback["link_errors"] += errors - self._errors_before
+            self._board_errors = -1
+            if self._link is not None:
+                self._link.restart()
+        return errors - self._errors_before
 
     def write(self, command: np.ndarray) -> None:
         """Send heartbeat and enable-line request."""

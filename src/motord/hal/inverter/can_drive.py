@@ -68,6 +68,7 @@ class CanDrive:
         errors = self._state.errors + self._feedback.errors
         if self._errors_before is None:
             self._errors_before = errors
+            self._feedback.restart()  # what overflowed while nobody read is no error of the link
         feedback["link_errors"] += errors - self._errors_before
         if self._state.off:
             feedback["inverter_status"] |= int(InverterStatus.BUS_OFF)

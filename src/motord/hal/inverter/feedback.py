@@ -57,6 +57,11 @@ class CanFeedback:
         """Return the frames lost, corrupt or repeated so far."""
         return sum(m.check.errors for m in self._incoming.values())
 
+    def restart(self) -> None:
+        """Take the next frame of each message as its first: none is missing before it."""
+        for incoming in self._incoming.values():
+            incoming.check.restart()
+
     def missing(self) -> list[MessageCodec]:
         """Return the messages of which no good frame has come yet."""
         return [m.codec for m in self._incoming.values() if not m.t_ns]

@@ -26,17 +26,33 @@ class FrameDecoder:
     def __init__(self, check: SequenceCheck | None = None) -> None:
         self._judges = check is None
         self._check = check or SequenceCheck(SEQUENCE_MODULUS)
+        self._cut_off = False  # a frame had begun before the last restart
 
     @property
     def errors(self) -> int:
         """Return the frames lost, corrupt or repeated so far; it never falls."""
         return self._check.errors
 
+    def restart(self) -> None:
+        """Take the next good frame as the first of a stream: nothing is missing before it."""
+        self._check.restart()
+        self._cut_off = self._is_within_frame()
+
+    def _is_within_frame(self) -> bool:
+        raise NotImplementedError
+
+    def _corrupt(self) -> None:
+        """Count a corrupt frame, unless it had begun before a restart."""
+        if not self._cut_off:
+            self._check.corrupt()
+        self._cut_off = False
+
     def _counting(self, numbered: Numbered | None) -> Numbered | None:
         """Return a frame if it counts; None is a corrupt one."""
         if numbered is None:
-            self._check.corrupt()
+            self._corrupt()
             return None
+        self._cut_off = False
         if not self._judges:
             return numbered
         if type(numbered.frame) is Hello:
@@ -52,6 +68,9 @@ class StreamDecoder(FrameDecoder):
         self._rest = b""
         self._overlong = False
 
+    def _is_within_frame(self) -> bool:
+        return bool(self._rest) or self._overlong
+
     def feed(self, data: bytes) -> list[Numbered]:
         """Return the frames that `data` completes and that count, oldest first."""
         pieces = (self._rest + data).split(DELIMITER)
@@ -60,7 +79,7 @@ class StreamDecoder(FrameDecoder):
         for piece in pieces:
             if self._overlong:
                 self._overlong = False
-                self._check.corrupt()
+                self._corrupt()
             elif piece:
                 fits = len(piece) <= MAX_STUFFED_BYTES
                 numbered = self._counting(decode(piece) if fits else None)
