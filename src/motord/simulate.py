@@ -12,6 +12,7 @@ from motord.config import Config, load, packaged
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
+from motord.untrusted import read_text
 from motord.virtual.bench import rig_and_faults
 from motord.virtual.channels import channel_readings
 from motord.virtual.mesh import MeshPiece, run_points
@@ -33,7 +34,7 @@ class PlanSource:
     @classmethod
     def of(cls, path: Path | None = None) -> "PlanSource":
         """Return the bench of a file, or the packaged simulated bench. Raises ConfigError."""
-        return cls(load(path), (path or packaged("sim.toml")).read_text(encoding="utf-8"))
+        return cls(load(path), read_text(path or packaged("sim.toml")))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from motord.archive.error import ConflictError
 from motord.atomic_write import write_whole
 from motord.recording.damage import utc
+from motord.untrusted import parse_json
 
 SUFFIX = ".json"
 
@@ -57,12 +58,12 @@ def read(copy: Path) -> ArchiveManifest | None:
     """Return the manifest of a copy, None if there is none. Raises ConflictError, OSError."""
     path = manifest_of(copy)
     try:
-        content = json.loads(path.read_bytes())
+        content = parse_json(path.read_bytes())
         manifest = ArchiveManifest(**content)
         if {name: type(value) for name, value in content.items()} == _TYPES:
             return manifest
     except FileNotFoundError:
         return None
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError):
         pass
     raise ConflictError(f"{path}: not a manifest of the archive; it is left alone")

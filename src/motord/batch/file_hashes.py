@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from motord.atomic_write import write_whole
+from motord.untrusted import parse_json
 
 RACY_NS = 2_000_000_000
 """Of a file that changed so shortly before it was looked at no hash is kept: clocks of file systems
@@ -49,7 +50,7 @@ class FileHashes:
 
     def _read(self) -> dict[str, list[int | str]]:
         with suppress(OSError, ValueError):
-            found = json.loads(self._path.read_bytes())
+            found = parse_json(self._path.read_bytes())
             if isinstance(found, dict):
                 return found
         return {}

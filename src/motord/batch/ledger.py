@@ -13,6 +13,7 @@ from motord.results.error import ResultsError
 from motord.results.folders.folder import LocalFolder
 from motord.results.store import ResultsStore
 from motord.results.stored_result import StoredResult
+from motord.untrusted import parse_json
 
 FOLDER = ".ledger"
 """In the results store, which passes over it."""
@@ -60,7 +61,7 @@ class Ledger:
     def find(self, analysis: LedgerEntry) -> LedgerEntry | None:
         """Return what became of an analysis; None if it is to be made."""
         with suppress(OSError, ValueError, TypeError):
-            entry = LedgerEntry(**json.loads(self._path(analysis).read_bytes()))
+            entry = LedgerEntry(**parse_json(self._path(analysis).read_bytes()))
             if entry.failure or (entry.stored and self._store.has(entry.stored)):
                 return entry
         return None

@@ -1,7 +1,6 @@
 """Answers as values of a bench file, judged by the models that will read it."""
 
 import math
-import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -12,6 +11,7 @@ from motord.bench_file.questions import BACK_EMF, Question
 from motord.config import ConfigError
 from motord.config.base import what_is_wrong
 from motord.config.text.descriptions import field_of
+from motord.untrusted import parse_toml
 
 
 def parse(question: Question, text: str) -> Any:
@@ -44,8 +44,8 @@ def _takes_text(key: str) -> bool:
 def _value(text: str) -> Any:
     """Return a number or a bool as TOML has it, anything else as text."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
         return text
 
 

@@ -31,6 +31,7 @@ from motord.config.base import what_is_wrong
 from motord.findings import Finding
 from motord.learned import LearnedTorque
 from motord.uncertainty_budget import Contribution
+from motord.untrusted import parse_json, read_text
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
 
@@ -220,7 +221,7 @@ def from_json(content: object, where: str) -> Calibration:
 def load(path: Path) -> Calibration:
     """Read and check a calibration file. Raises CalibrationError."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path))
     except OSError as error:
         raise CalibrationError(f"{path}: cannot read it: {error.strerror}") from error
     except ValueError as error:

@@ -17,13 +17,18 @@ def _not_too_large(value: float) -> float:
 
 
 def _not_too_small(value: float) -> float:
-    if value < SMALLEST:
+    if 0 < value < SMALLEST:
         raise ValueError(f"no quantity that is above 0 is below {SMALLEST:g}")
     return value
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_not_too_large)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_not_too_large)]
+NonNegative = Annotated[
+    float,
+    Field(ge=0, allow_inf_nan=False),
+    AfterValidator(_not_too_large),
+    AfterValidator(_not_too_small),
+]
 Positive = Annotated[
     float,
     Field(gt=0, allow_inf_nan=False),
@@ -32,6 +37,12 @@ Positive = Annotated[
 ]
 """Bounds come before validators: those that come after one are not in the JSON schema, from which
 reference and forms are made."""
+CPUS_MAX = 8192
+"""The kernel knows no more."""
+BitRate = Annotated[int, Field(gt=0, le=100_000_000)]
+"""Bit/s of a line; no interface does more."""
+Mask = Annotated[int, Field(ge=0, lt=2**64)]
+"""Bits of a signal, or a value of it: CAN has no signal of more than 64 bits."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 

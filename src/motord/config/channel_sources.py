@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, JsonValue, Tag
 
-from motord.config.base import Section
+from motord.config.base import BitRate, Section
 from motord.config.devices import CanBusConfig
 from motord.config.devices.slow_devices import ModbusLinkConfig, RegisterKind
 
@@ -88,7 +88,7 @@ class SerialSource(Section):
     """`"serial"`."""
     port: Annotated[str, Field(min_length=1)]
     """Serial port; several channels may be in its lines."""
-    baud: Annotated[int, Field(gt=0)] = 9600
+    baud: BitRate = 9600
     """Baud rate."""
     pattern: Annotated[str, AfterValidator(_one_value)]
     """Regular expression that is looked for in a line: its named group, or its first, is a number.

@@ -1,7 +1,6 @@
 """From TOML to a checked bench; whatever is wrong is named with file, line and key."""
 
 import difflib
-import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from importlib import resources
@@ -14,6 +13,7 @@ from motord.config.base import ConfigError, Section, what_is_wrong
 from motord.config.bench import Config
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
+from motord.untrusted import parse_toml, read_text
 
 
 def packaged(name: str) -> Path:
@@ -34,14 +34,14 @@ def load_motor(path: Path) -> MotorFile:
 def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
     """Return text and content of a TOML file. Raises ConfigError for one that cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except OSError as error:
         raise ConfigError(f"{path}: cannot read it: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not a text file in UTF-8 (byte {error.start})") from error
     try:
-        return text, tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        return text, parse_toml(text)
+    except ValueError as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
 
 
@@ -58,7 +58,7 @@ _Model = TypeVar("_Model", bound=Section)
 
 def check_text(path: Path, text: str) -> Config:
     """Check the text of a bench file that is to be at `path`. Raises ConfigError."""
-    data = tomllib.loads(text)
+    data = parse_toml(text)
     _resolve_files(path, data)
     return validate(Config, path, text, data)
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.base import CPUS_MAX, Finite, NonNegative, Positive, Section
 from motord.config.channels import Channels
 from motord.config.devices import BridgeConfig, InverterConfig
 from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
@@ -50,7 +50,7 @@ class LoopConfig(Section):
 
     rate_Hz: Annotated[int, Field(ge=RATE_MIN_HZ, le=RATE_MAX_HZ)] = 1000
     """Rate of the loop."""
-    cpu: Annotated[int, Field(ge=0)] | None = None
+    cpu: Annotated[int, Field(ge=0, lt=CPUS_MAX)] | None = None
     """Processor that the loop is bound to; left out: any."""
     priority: Annotated[int, Field(ge=1, le=98)] = 80
     """Priority in the scheduling class SCHED_FIFO."""

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from motord.untrusted import parse_json
+
 _LENGTH = struct.Struct("<I")
 _ALIGNMENT = 4
 _NO_FLOATS = np.empty(0, np.float32)
@@ -48,8 +50,8 @@ def decode(message: bytes) -> tuple[dict[str, Any], NDArray[np.float32]]:
             "header and floats are multiples of 4 bytes"
         )
     try:
-        header = json.loads(message[_LENGTH.size : end])
-    except (ValueError, RecursionError) as error:
+        header = parse_json(message[_LENGTH.size : end])
+    except ValueError as error:
         raise FrameError(f"the header is not JSON: {error}") from None
     if not isinstance(header, dict) or not isinstance(header.get("kind"), str):
         raise FrameError('the header is no JSON object with a "kind"')

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from motord.atomic_write import write_whole
+from motord.untrusted import parse_json
 
 
 class DeploymentError(Exception):
@@ -123,7 +124,7 @@ class Deployment:
 
     def _content(self) -> dict[str, Any] | None:
         try:
-            content = json.loads(self._manifest.read_text())
+            content = parse_json(self._manifest.read_text())
             if isinstance(content["request"], dict) and isinstance(content["files"], dict):
                 return dict(content)
         except FileNotFoundError:

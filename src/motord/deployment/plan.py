@@ -2,7 +2,6 @@
 
 import os
 import sys
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from motord.config.reading import named_files
 from motord.deployment.files import DeployedFile, DeploymentError
 from motord.deployment.unit import STATE, system_unit, user_unit
 from motord.process.module_command import module_command
+from motord.untrusted import parse_toml, read_text
 
 UNIT = "motord.service"
 ETC = Path("/etc/motord")
@@ -116,9 +116,9 @@ def _shipped(name: str, path: str) -> DeployedFile:
 
 def _bench_files(bench_file: Path) -> Iterator[DeployedFile]:
     """Yield the bench file and what it names by relative paths, as files next to it."""
-    text = bench_file.read_text(encoding="utf-8")
+    text = read_text(bench_file)
     yield DeployedFile(BENCH, text, kept=True)
-    for table, key, name in named_files(tomllib.loads(text)):
+    for table, key, name in named_files(parse_toml(text)):
         named = Path(name)
         if name.startswith("package:"):
             continue
@@ -145,7 +145,7 @@ def _bench_files(bench_file: Path) -> Iterator[DeployedFile]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except UnicodeDecodeError:
         raise DeploymentError(
             f"{path}: not a text file in UTF-8: convert it, or put it into {ETC} and name it by "

@@ -17,6 +17,7 @@ from motord.config.base import what_is_wrong
 from motord.config.faults import Fault
 from motord.emulate import EmulatorError
 from motord.process.private_folder import PrivateFolderError, base_directory, make_private
+from motord.untrusted import parse_json
 
 BYTES_MAX = 65_536
 RESPONSE_S = 5.0
@@ -65,10 +66,10 @@ class ControlSocket:
         except BlockingIOError:
             return None
         try:
-            return Fault.model_validate(json.loads(data)), sender
+            return Fault.model_validate(parse_json(data)), sender
         except ValidationError as error:
             return "; ".join(what_is_wrong(error)), sender
-        except (ValueError, RecursionError):
+        except ValueError:
             return "not JSON", sender
 
     def respond(self, receiver: str, response: dict[str, Any]) -> None:
@@ -91,7 +92,7 @@ def inject(config: Config, fault: dict[str, Any]) -> dict[str, Any]:
         try:
             make_private(path.parent)
             ours.sendto(json.dumps(fault).encode(), str(path))
-            response: dict[str, Any] = json.loads(ours.recv(BYTES_MAX))
+            response: dict[str, Any] = parse_json(ours.recv(BYTES_MAX))
         except PrivateFolderError as error:
             raise EmulatorError(str(error)) from error
         except TimeoutError:

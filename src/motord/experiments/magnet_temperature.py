@@ -6,7 +6,6 @@ with c the coefficient of `[motor]` and T the mean over the capture of the chann
 "magnet". Where T is not known f is nan. Without coefficient or channel f is 1: nothing changes.
 """
 
-import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import nan, sqrt
@@ -18,6 +17,7 @@ from motord.experiments.subject import AnalysisError, Subject
 from motord.findings import Finding
 from motord.identification.operating_points import PointData
 from motord.recording.reader import Run
+from motord.untrusted import parse_toml
 
 FACTOR_RANGE = 0.5
 """Magnets do not change by more."""
@@ -143,7 +143,7 @@ def _readings(run: Run, channel: str) -> tuple[np.ndarray, np.ndarray]:
 def _recorded_channel(run: Run) -> str:
     """Return the channel that the recorded bench has for the magnets, "" for none."""
     try:
-        channels = tomllib.loads(run.metadata["config"]).get("channels", [])
+        channels = parse_toml(run.metadata["config"]).get("channels", [])
         return next((str(one["name"]) for one in channels if one.get("role") == "magnet"), "")
     except (KeyError, TypeError, AttributeError, ValueError):
         return ""

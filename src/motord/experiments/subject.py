@@ -1,6 +1,5 @@
 """What was recorded: the bench, its motor and its torque sensor."""
 
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,6 +22,7 @@ from motord.config.motor.accuracy import widest
 from motord.config.reading import load_motor
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run, bounds_of, open_run
+from motord.untrusted import parse_toml
 
 Settings = TypeVar("Settings", bound=Section)
 
@@ -214,7 +214,7 @@ def _with_serial(subjects: Sequence[Subject]) -> list[Subject]:
 def _recorded(run: Run) -> Subject:
     try:
         motor = MotorConfig.model_validate(run.metadata["motor"])
-        bench = tomllib.loads(run.metadata["config"])
+        bench = parse_toml(run.metadata["config"])
         sensor = TorqueSensorConfig.model_validate(bench.get("torque_sensor", {}))
         accuracy = AccuracyConfig.model_validate(bench.get("accuracy", {}))
     except (KeyError, TypeError, ValueError) as error:

@@ -1,6 +1,5 @@
 """Commands of the supervisor to the recorder: JSON objects, one a line."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 from motord.recorder.blackbox import BlackBoxRequest, checked_event
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
+from motord.untrusted import parse_json
 
 TIME_MAX_NS = (1 << 63) - 1
 
@@ -20,7 +20,7 @@ def handle(session: Session, line: bytes, now_s: float) -> None:
     What cannot be carried out is the session's `error`.
     """
     try:
-        command = json.loads(line)
+        command = parse_json(line)
         _carry_out(session, command, now_s)
     except RecordError as error:
         session.error = str(error)

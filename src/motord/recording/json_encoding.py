@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from motord.untrusted import parse_json
+
 JSON_KEYS = "json_keys"
 """Key of a metadata record that lists, with commas, the keys whose values are JSON."""
 
@@ -50,7 +52,7 @@ def from_strings(strings: Mapping[str, str]) -> dict[str, Any]:
     """Return the values of a metadata record made by `to_strings`. Raises ValueError."""
     encoded = set(filter(None, strings.get(JSON_KEYS, "").split(",")))
     return {
-        key: json.loads(text) if key in encoded else text
+        key: parse_json(text) if key in encoded else text
         for key, text in strings.items()
         if key != JSON_KEYS
     }
@@ -66,7 +68,7 @@ def repaired(strings: Mapping[str, str]) -> dict[str, str]:
 
 def _is_json(text: str) -> bool:
     try:
-        json.loads(text)
+        parse_json(text)
     except ValueError:
         return False
     return True

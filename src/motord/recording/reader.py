@@ -1,6 +1,5 @@
 """Recordings read straight into arrays, in constant memory, whole or damaged."""
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from motord.recording.table import Table
 from motord.recording.topics import Topic
 from motord.recording.writer import FORMAT, METADATA, METADATA_END
 from motord.schema import TICK, TRUTH, Record
+from motord.untrusted import parse_json
 from motord.wire.ticks.blocks import Block
 
 
@@ -186,6 +186,6 @@ class Run:
             if isinstance(part, SingleMessage) and part.channel == channel
         )
         try:
-            return [json.loads(payload) for payload in payloads]
+            return [parse_json(payload) for payload in payloads]
         except ValueError as error:
             raise RecordError(f"{self.path}: a message of {topic} is not JSON") from error

@@ -9,6 +9,7 @@ from typing import Any
 from motord.results.error import ResultsError
 from motord.results.figures import figures
 from motord.results.stored_result import StoredResult, file_digest
+from motord.untrusted import parse_json, read_text
 
 
 def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
@@ -18,12 +19,12 @@ def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
     Raises ResultsError.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path))
         json.dumps(content, ensure_ascii=False).encode()  # no halves of characters
         digest, changed_s = file_digest(path), path.stat().st_mtime
     except OSError as error:
         raise ResultsError(f"{path}: cannot read it: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ResultsError(f"{path}: no result of an analysis: no valid JSON: {error}") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(schema, str) or schema not in experiments:

@@ -5,11 +5,11 @@ shown: what counts is the certificate and the roles file of the bench.
 """
 
 import ssl
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 from motord.security.error import SecurityError
+from motord.untrusted import parse_toml, read_bytes, read_text
 
 CA, CERTIFICATE, KEY, ABOUT = "ca.pem", "certificate.pem", "key.pem", "identity.toml"
 
@@ -42,14 +42,14 @@ def load(folder: Path) -> Identity:
     """Return the identity in `folder`. Raises SecurityError for files missing or not fitting."""
     path = folder / ABOUT
     try:
-        about = tomllib.loads(path.read_text(encoding="utf-8"))
+        about = parse_toml(read_text(path))
         identity = Identity(folder.resolve(), str(about["name"]), str(about["role"]))
     except OSError as error:
         raise SecurityError(
             f"{path}: cannot read it: {error.strerror}; an identity is a folder made by "
             "`motord security add`"
         ) from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError) as error:
+    except (ValueError, KeyError) as error:
         raise SecurityError(f"{path}: not an identity: {error}") from None
     check_files(identity.ca, identity.certificate, identity.key)
     return identity
@@ -59,7 +59,7 @@ def check_files(ca: Path, certificate: Path, key: Path) -> None:
     """Check that the files can be read and that key and certificate fit. Raises SecurityError."""
     for path in (ca, certificate, key):
         try:
-            path.read_bytes()
+            read_bytes(path)
         except OSError as error:
             raise SecurityError(f"{path}: cannot read it: {error.strerror}") from None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

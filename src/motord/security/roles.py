@@ -2,13 +2,13 @@
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 
 from motord.atomic_write import write_whole
 from motord.security.error import SecurityError
+from motord.untrusted import parse_toml, read_text
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,62}")
 """What a certificate may be called: it is a common name, a key of TOML and a name of a folder."""
@@ -39,10 +39,10 @@ def check_name(name: str) -> str:
 def read(path: Path) -> dict[str, Role]:
     """Return the roles by common name. Raises SecurityError."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = parse_toml(read_text(path))
     except OSError as error:
         raise SecurityError(f"{path}: cannot read the roles: {error.strerror}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:
         raise SecurityError(f"{path}: not valid TOML: {error}") from None
     table = content.get("roles")
     if not isinstance(table, dict) or content.keys() != {"roles"}:

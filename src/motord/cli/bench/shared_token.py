@@ -12,6 +12,7 @@ from pathlib import Path
 
 from motord.recording.file_names import newest_first
 from motord.shm.run_directory import RunDir
+from motord.untrusted import parse_json
 
 _STATE, _START_TIME = 0, 19
 """Fields of /proc/PID/stat behind the name: state, and start time in clock ticks since boot."""
@@ -56,7 +57,7 @@ def tokens(bench: str) -> list[str]:
 
 def _token_in(path: Path) -> str | None:
     try:
-        return str(json.loads(path.read_text())["token"])
+        return str(parse_json(path.read_text())["token"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -1,11 +1,12 @@
 """A plan's settings as they are typed: KEY=VALUE."""
 
-import json
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from motord.untrusted import parse_json
 
 if TYPE_CHECKING:
     from motord.client import Client
@@ -53,5 +54,5 @@ def value_of(text: str) -> Any:
     """Return what was typed as a JSON value: a number, a list (also without brackets), or text."""
     for candidate in (text, f"[{text}]"):
         with suppress(ValueError):
-            return json.loads(candidate)
+            return parse_json(candidate)
     return text

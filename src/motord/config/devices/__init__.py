@@ -11,7 +11,7 @@ from pydantic import (
     model_validator,
 )
 
-from motord.config.base import NonNegative, Positive, Section
+from motord.config.base import BitRate, NonNegative, Positive, Section
 from motord.config.devices.can_signals import CanSignalMap, DqConfig
 from motord.config.devices.canopen import CanopenConfig
 from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
@@ -35,11 +35,11 @@ class CanBusConfig(Section):
     """`socketcan`, the kernel's, or any other interface of python-can."""
     channel: str = "can0"
     """Name of the interface, as that kind of interface has it."""
-    bitrate: Annotated[int, Field(gt=0)] | None = None
+    bitrate: BitRate | None = None
     """Nominal bit rate (bit/s); `socketcan` has it from `ip link`."""
     fd: bool = True
     """CAN FD."""
-    data_bitrate: Annotated[int, Field(gt=0)] | None = None
+    data_bitrate: BitRate | None = None
     """Bit rate of the data of FD frames (bit/s)."""
     options: dict[str, str | int | float | bool] = Field(default_factory=dict)
     """Passed to python-can as they are; `socketcan` has none."""
@@ -195,7 +195,7 @@ class BridgeConfig(DeviceConfig):
     """Bus and identifiers of a board on CAN."""
     port: str = ""
     """Serial port; better one of `/dev/serial/by-id/`, which survives a reboot."""
-    baud: Annotated[int, Field(gt=0)] = 2_000_000
+    baud: BitRate = 2_000_000
     """Baud rate of the serial port."""
     rate_Hz: Annotated[int, Field(ge=RATE_MIN_HZ, le=RATE_MAX_HZ)] | None = None
     """Samples of encoder and torque; left out: the loop's rate."""

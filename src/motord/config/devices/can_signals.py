@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import Finite, Positive, Section
+from motord.config.base import Finite, Mask, Positive, Section
 from motord.config.timing import DELAY_MAX_S
 
 Phases = tuple[str, str, str] | tuple[()]
@@ -26,9 +26,9 @@ class CanSignalMap(Section):
     """Current command along q, in place of phase currents."""
     command_enable: str
     """Signal that enables; "" for a drive that is always on."""
-    command_enable_value: Annotated[int, Field(ge=0)] = 1
+    command_enable_value: Mask = 1
     """What enables."""
-    command_disable_value: Annotated[int, Field(ge=0)] = 0
+    command_disable_value: Mask = 0
     """What disables."""
     command_constants: dict[str, Finite] = Field(default_factory=dict)
     """Other signals of the command and their values."""
@@ -58,21 +58,21 @@ class CanSignalMap(Section):
     """Counters, of each message of feedback that has one."""
     feedback_crc: tuple[str, ...] = ()
     """CRCs, of each message of feedback that has one."""
-    status_ready_mask: Annotated[int, Field(ge=0)] = 1
+    status_ready_mask: Mask = 1
     """Bits that are all set while the power stage follows commands; 0: it does not say."""
-    status_fault_mask: Annotated[int, Field(ge=0)] = 2
+    status_fault_mask: Mask = 2
     """Bits of which any means a fault; 0: it does not say."""
-    status_timeout_mask: Annotated[int, Field(ge=0)] = 4
+    status_timeout_mask: Mask = 4
     """Bits of which any means that commands were missing; 0: it does not say."""
-    status_enable_line_mask: Annotated[int, Field(ge=0)] = 8
+    status_enable_line_mask: Mask = 8
     """Bits of which any means that the enable line is closed; 0: it does not say."""
-    status_ready_value: Annotated[int, Field(ge=0)] | None = None
+    status_ready_value: Mask | None = None
     """The masked bits have this value when ready, instead."""
-    status_fault_value: Annotated[int, Field(ge=0)] | None = None
+    status_fault_value: Mask | None = None
     """The masked bits have this value at a fault, instead."""
-    status_timeout_value: Annotated[int, Field(ge=0)] | None = None
+    status_timeout_value: Mask | None = None
     """The masked bits have this value when commands were missing, instead."""
-    status_enable_line_value: Annotated[int, Field(ge=0)] | None = None
+    status_enable_line_value: Mask | None = None
     """The masked bits have this value while the line is closed, instead."""
 
     @property

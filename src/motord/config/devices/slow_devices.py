@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.base import BitRate, Finite, NonNegative, Positive, Section
 from motord.config.devices import DeviceConfig
 from motord.config.timing import INTERVALS_MIN, SLOW_SILENCE_MAX_S
 
@@ -31,7 +31,7 @@ class ModbusLinkConfig(Section):
     """Port of a device on TCP."""
     serial_port: str = ""
     """Port of a device on RTU; two devices may share it."""
-    baud: Annotated[int, Field(gt=0)] = 115_200
+    baud: BitRate = 115_200
     """Baud rate of the serial port."""
     parity: Literal["N", "E", "O"] = "N"
     """Parity: none, even or odd."""

@@ -55,15 +55,21 @@ class MotorConfig(Section):
     """`"acb"` if phases b and c are exchanged at the inverter."""
 
     @model_validator(mode="after")
-    def _table_fits(self) -> "MotorConfig":
+    def _back_emf_fits(self) -> "MotorConfig":
+        name = "[motor] back_emf"
         if isinstance(self.back_emf, BackEmfTable):
-            values, name = self.back_emf.values, self.back_emf.file or "[motor] back_emf"
-            if values.shape[0] != self.counts:
+            name, shape = self.back_emf.file or name, self.back_emf.values.shape
+            if shape[0] != self.counts:
+                raise ValueError(f"{name}: the table is {shape}, expected ({self.counts}, 3)")
+        else:
+            highest = max(harmonic.order for harmonic in self.back_emf)
+            if highest * self.pole_pairs > self.counts / 2:
                 raise ValueError(
-                    f"{name}: the back-EMF table is {values.shape}, expected ({self.counts}, 3)"
+                    f"{name}: order {highest} is {highest} x {self.pole_pairs} periods in a turn, "
+                    f"more than {self.counts} counts show (Nyquist: {self.counts // 2})"
                 )
-            if not (np.abs(values).max(axis=0) > 0).all():
-                raise ValueError(f"{name}: the back-EMF table has a phase that is zero all over")
+        if not (np.abs(self.back_emf_table()).max(axis=0) > 0).all():
+            raise ValueError(f"{name}: there is a phase that is zero all over")
         return self
 
     @model_validator(mode="after")

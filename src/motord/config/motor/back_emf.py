@@ -1,6 +1,5 @@
 """The back-EMF of a motor: harmonics, or a measured table over the encoder."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,6 +7,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from motord.config.base import ConfigError, Finite, Section
+from motord.untrusted import parse_json, read_text
 
 
 class BackEmfHarmonic(Section):
@@ -45,7 +45,7 @@ def read_back_emf_table(path: Path) -> BackEmfTable:
     Only `k_V_s_per_rad`, shape (counts, 3), is needed of it.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path))
         return BackEmfTable(file=str(path), k_V_s_per_rad=content["k_V_s_per_rad"])
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the back-EMF table: {error.strerror}") from error

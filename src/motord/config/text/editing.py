@@ -2,11 +2,11 @@
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from motord.config.base import ConfigError
+from motord.untrusted import parse_toml
 
 Value = str | int | float
 
@@ -34,7 +34,7 @@ def toml_key(key: str) -> str:
 
 def with_table(text: str, table: str) -> str:
     """Return a TOML `text` that has `[table]`: an empty one is added at its end if it has none."""
-    return text if table in tomllib.loads(text) else f"{text.rstrip()}\n\n[{table}]\n"
+    return text if table in parse_toml(text) else f"{text.rstrip()}\n\n[{table}]\n"
 
 
 def with_values(text: str, table: str, values: Mapping[str, Value], where: str) -> str:
@@ -46,9 +46,9 @@ def with_values(text: str, table: str, values: Mapping[str, Value], where: str) 
     """
     lines = text.splitlines()
     try:
-        wanted = tomllib.loads(text)
+        wanted = parse_toml(text)
         head = lines.index(next(line for line in lines if _is_head(line, table)))
-    except (tomllib.TOMLDecodeError, StopIteration):
+    except (ValueError, StopIteration):
         raise ConfigError(f"{where}: there is no table [{table}] to write to") from None
     missing = []
     for key, value in values.items():
@@ -61,8 +61,8 @@ def with_values(text: str, table: str, values: Mapping[str, Value], where: str) 
     lines[head + 1 : head + 1] = missing
     edited = "\n".join(lines) + "\n"
     try:
-        understood = tomllib.loads(edited) == wanted
-    except tomllib.TOMLDecodeError:
+        understood = parse_toml(edited) == wanted
+    except ValueError:
         understood = False
     if not understood:
         keys = ", ".join(f"{key} = {toml_value(value)}" for key, value in values.items())

@@ -15,6 +15,7 @@ from motord.experiments.friction.settings import FrictionConfig
 from motord.experiments.subject import AnalysisError, captured_ticks
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run
+from motord.untrusted import read_bytes
 
 COLUMNS = ("t_ns", "encoder_count", "torque_set_Nm")
 
@@ -44,7 +45,7 @@ def inertia_of(file: Path | None, settings: FrictionConfig) -> Inertia:
 
 def _read_inertia(file: Path) -> Inertia:
     try:
-        found = _InertiaFile.model_validate_json(file.read_bytes())
+        found = _InertiaFile.model_validate_json(read_bytes(file))
     except ValidationError:
         raise AnalysisError(f"{file}: is no result of `motord analyse inertia -o FILE`") from None
     return Inertia(found.inertia_kg_m2, found.uncertainty_kg_m2 / found.inertia_kg_m2, file.name)

@@ -1,6 +1,5 @@
 """A pass of learning: from what it left at the operating points to a better calibration."""
 
-import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
@@ -30,6 +29,7 @@ from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 from motord.sequencing.settings import COMPENSATE
+from motord.untrusted import parse_toml
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def zero_order_hold(inverter: InverterConfig, sample_age_s: float = 0.0) -> Zero
 def recorded_hold(run: Run) -> ZeroOrderHold | None:
     """Return the timing of the currents in a run; None if its bench file does not say."""
     try:
-        table = tomllib.loads(run.metadata["config"])["inverter"]
+        table = parse_toml(run.metadata["config"])["inverter"]
         given = {name: table[name] for name in ("actuation_delay_s", "lag_s") if name in table}
         inverter = InverterConfig.model_validate(given)
     except (KeyError, TypeError, ValueError):

@@ -9,7 +9,6 @@ well because it answers at once: a file that a crash left has no index and has t
 and it may have been moved away, or never have been made (`[recording] required = false`).
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from motord.sequencing.capture import final
+from motord.untrusted import parse_json
 
 FORMAT = 1
 ENDS = ("done", "aborted", "failed")
@@ -116,9 +116,9 @@ def read(content: bytes) -> ParsedJournal:
     parsed = ParsedJournal()
     for line in content.split(b"\n")[:-1]:  # what follows the last newline is not whole
         try:
-            log = _with_line(parsed.log, json.loads(line))
+            log = _with_line(parsed.log, parse_json(line))
             parsed = ParsedJournal(log, parsed.size + len(line) + 1)
-        except (ValueError, KeyError, TypeError, RecursionError):  # ValidationError among them
+        except (ValueError, KeyError, TypeError):  # ValidationError among them
             break
     return parsed
 

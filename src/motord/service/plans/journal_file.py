@@ -1,7 +1,6 @@
 """The journal's file, written by a thread: a disk that stalls blocks no other."""
 
 import errno
-import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from motord.atomic_write import sync_folder
 from motord.recorder.background import Background
 from motord.recording.json_encoding import to_json
 from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote, read
+from motord.untrusted import parse_json
 
 BACKLOG_BYTES = 1 << 20
 
@@ -74,7 +74,7 @@ class Journal:
         if self.log is None:
             return
         line = _line(content)
-        self.log = self.log.with_line(json.loads(line))
+        self.log = self.log.with_line(parse_json(line))
         self._writer.do(lambda: self._disk.append(line), len(line))
 
 

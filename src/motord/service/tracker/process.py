@@ -6,7 +6,6 @@ ring from now on: those before may be of another calibration. It runs when nobod
 processor, and ends with stdin. Nobody waits for it: ticks that it reads too late it does without.
 """
 
-import json
 import os
 import select
 import sys
@@ -32,6 +31,7 @@ from motord.service.tracker.protocol import (
     TrackerReport,
 )
 from motord.shm.run_directory import RunDir
+from motord.untrusted import parse_json
 
 LOOK_S = 0.25
 """Time between two looks at the ring."""
@@ -77,7 +77,7 @@ class Tracking:
 
     def handle(self, line: bytes) -> None:
         """Carry out a command. Raises CalibrationError if there is no such file."""
-        command = json.loads(line)
+        command = parse_json(line)
         try:
             if command["do"] == "start":
                 self._start(command["tracker"], Path(command["calibration"]))

@@ -14,6 +14,7 @@ from cantools.database.can import Database, Message, Signal
 from cantools.database.errors import Error as DatabaseError
 
 from motord.config import CanConfig, CanSignalMap, ConfigError
+from motord.untrusted import read_text
 from motord.wire.can.codec import (
     COMMAND_SLOTS,
     DQ_COMMAND_SLOTS,
@@ -42,7 +43,7 @@ def load(can: CanConfig) -> InverterCodec:
 def read_database(path: Path) -> Database:
     """Parse a DBC file. Raises ConfigError."""
     try:
-        text = path.read_text(encoding="cp1252", errors="replace")
+        text = read_text(path, "cp1252", "replace")
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the DBC: {error.strerror}") from error
     try:
