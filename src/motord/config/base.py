@@ -23,12 +23,9 @@ def _not_too_small(value: float) -> float:
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_not_too_large)]
-NonNegative = Annotated[
-    float,
-    Field(ge=0, allow_inf_nan=False),
-    AfterValidator(_not_too_large),
-    AfterValidator(_not_too_small),
-]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_not_too_large)]
+ZeroOrPositive = Annotated[NonNegative, AfterValidator(_not_too_small)]
+"""0, or what has an inverse."""
 Positive = Annotated[
     float,
     Field(gt=0, allow_inf_nan=False),

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from motord.config import LoopConfig
+from motord.config.base import CPUS_MAX
 from motord.loop import rt_rights, rt_setup
 from motord.loop.rt_rights import RealtimeItem
 
@@ -37,7 +38,7 @@ def test_probe_answers_for_this_machine_and_changes_nothing_here() -> None:
 
 
 def test_absent_cpu_is_said_with_those_there_are() -> None:
-    cpu = rt_setup.probe(LoopConfig(cpu=100_000)).items[NAMES.index("CPU")]
+    cpu = rt_setup.probe(LoopConfig(cpu=CPUS_MAX - 1)).items[NAMES.index("CPU")]
     assert not cpu.granted
     assert f"{min(os.sched_getaffinity(0))}" in cpu.how
 
@@ -45,6 +46,7 @@ def test_absent_cpu_is_said_with_those_there_are() -> None:
 UNPRIVILEGED = """
 import os, resource
 from motord.config import LoopConfig
+from motord.config.base import CPUS_MAX
 from motord.loop import rt_setup
 resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.base import Finite, NonNegative, Positive, Section, ZeroOrPositive
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.motor.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
 
@@ -61,13 +61,6 @@ class MotorConfig(Section):
             name, shape = self.back_emf.file or name, self.back_emf.values.shape
             if shape[0] != self.counts:
                 raise ValueError(f"{name}: the table is {shape}, expected ({self.counts}, 3)")
-        else:
-            highest = max(harmonic.order for harmonic in self.back_emf)
-            if highest * self.pole_pairs > self.counts / 2:
-                raise ValueError(
-                    f"{name}: order {highest} is {highest} x {self.pole_pairs} periods in a turn, "
-                    f"more than {self.counts} counts show (Nyquist: {self.counts // 2})"
-                )
         if not (np.abs(self.back_emf_table()).max(axis=0) > 0).all():
             raise ValueError(f"{name}: there is a phase that is zero all over")
         return self
@@ -146,7 +139,7 @@ class SensorHighpass:
 class TorqueSensorConfig(SensorHighpass, Section):
     """`[torque_sensor]`: the sensor's data sheet; a high-pass of 0 s passes the mean."""
 
-    highpass_time_constant_s: NonNegative = 0.0
+    highpass_time_constant_s: ZeroOrPositive = 0.0
     """High-pass of a sensor that does not show a steady torque (piezo); 0: it passes the mean."""
     resonance_Hz: NonNegative = 0.0
     """Resonance of the motor's mount on the sensor; 0: none."""

@@ -13,7 +13,7 @@ from motord.untrusted import parse_json, read_text
 class BackEmfHarmonic(Section):
     """One order h of the back-EMF of phase a: k_a = A sin(h pole_pairs theta + phase)."""
 
-    order: Annotated[int, Field(ge=1)]
+    order: Annotated[int, Field(ge=1, le=1000)]
     """Electrical order."""
     amplitude_V_s_per_rad: Finite
     """Peak voltage over mechanical speed."""
