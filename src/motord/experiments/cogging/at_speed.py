@@ -61,7 +61,6 @@ class SpeedCogging:
     jerky: bool
     motion_left_counts: float
     turns: int
-    samples: int
     speed_ripple: float
     order: np.ndarray
     line_Nm: np.ndarray
@@ -119,7 +118,6 @@ def at_speed(
         jerky=driven.jerky,
         motion_left_counts=driven.left_rad * motor.counts / (2 * np.pi),
         turns=len(driven.turns),
-        samples=rows.size,
         speed_ripple=float(np.ptp(speeds) / (2 * speeds.mean())),
         order=order,
         line_Nm=line_Nm,
