@@ -4,11 +4,12 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
+def write_whole(path: Path, content: str | bytes, *, sync: bool = True) -> None:
     """Write `path` in one step: a temporary file next to it, synced, then renamed. Raises OSError.
 
     Until then `path` holds what it held before. A link stays a link; a pipe or a device is
-    written to as it is. Text is written as UTF-8.
+    written to as it is. Text is written as UTF-8. Without `sync` a file that was written may be
+    empty or absent after a power cut: for what can be made again.
     """
     data = content.encode() if isinstance(content, str) else content
     if path.exists() and not path.is_file():
@@ -20,12 +21,14 @@ def write_whole(path: Path, content: str | bytes) -> None:
         with temporary.open("wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                os.fsync(file.fileno())
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
-    sync_folder(path.parent)
+    if sync:
+        sync_folder(path.parent)
 
 
 def sync_folder(folder: Path) -> None:
