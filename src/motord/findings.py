@@ -29,7 +29,7 @@ class Finding:
         """Return name, value and limit."""
         return f"{self.name}, {self.value:.3g} {self.unit} (limit {self.limit:.3g})"
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return the finding as one line of text."""
         return f"{self.severity}: {self.figure()}: {self.meaning}; {self.action}"
 

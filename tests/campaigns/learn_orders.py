@@ -141,7 +141,7 @@ def main() -> int:
         config = departing(Path(folder), ECCENTRIC)
         made = calibrate_virtual(config, seed, pool=pool)
         print("added", *(one.order for one in made.added_orders))
-        print(*(finding.in_words() for finding in made.findings or ()), sep="\n")
+        print(*(finding.to_text() for finding in made.findings or ()), sep="\n")
         kept &= smoothed("eccentric encoder", config, made, seed, 0.2, pool)
     print("kept" if kept else "NOT kept")
     return 0 if kept else 1

@@ -8,7 +8,7 @@ PAGE = ROOT / "docs" / "how-to" / "compensate-in-a-drive.md"
 
 def test_the_table_of_formats_is_the_registry() -> None:
     expected = [
-        f"| `{one.name}` | {one.drive} | {one.stores_in_words} | `{one.parameter}` |"
+        f"| `{one.name}` | {one.drive} | {one.stored_text} | `{one.parameter}` |"
         for one in FORMATS.values()
     ]
     lines = PAGE.read_text(encoding="utf-8").splitlines()

@@ -15,7 +15,7 @@ from motord.calibration import (
     RmsPoint,
     VarianceShare,
     by_magnitude,
-    in_words,
+    format_duration,
     load,
 )
 from motord.config import BackEmfHarmonic, MotorConfig
@@ -68,9 +68,9 @@ def test_a_bound_is_kept_and_files_from_before_have_none(tmp_path: Path) -> None
     made = make(cramer_rao=bound)
     made.save(tmp_path / "c.json")
     assert load(tmp_path / "c.json").cramer_rao == bound
-    assert bound.in_words()[1].endswith("(ripple); most of the rest: findings")
+    assert bound.to_text()[1].endswith("(ripple); most of the rest: findings")
     alone = bound.model_copy(update={"shares": bound.shares[:1]})
-    assert alone.in_words()[1].endswith("(ripple)")
+    assert alone.to_text()[1].endswith("(ripple)")
     assert "cramer_rao" not in make().to_json()
     assert make().id != made.id
 
@@ -198,7 +198,7 @@ def test_save_failing_leaves_the_old_file_and_nothing_else(
     ],
 )
 def test_age_text(seconds: float, expected: str) -> None:
-    assert in_words(seconds) == expected
+    assert format_duration(seconds) == expected
     assert make().age(CREATED + timedelta(seconds=seconds)) == expected
 
 

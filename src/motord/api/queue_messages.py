@@ -37,7 +37,7 @@ class QueueWait(Section):
             raise ValueError("give until, or a channel with either below or above")
         return self
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return the condition, as in `winding below 40`."""
         if self.until is not None:
             return f"until {self.until}"

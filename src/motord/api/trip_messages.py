@@ -49,7 +49,7 @@ class TripReport(PublishedMessage):
         changes = {"causes": [*self.causes, *causes], "values": {**self.values, **added}}
         return self.model_copy(update=changes)
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return the report as one line of text."""
         reason = self.reason.partition("-> TRIPPED: ")[2] or self.reason
         box = f"; black box: {self.blackbox}" if self.blackbox else ""

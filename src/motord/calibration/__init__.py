@@ -5,8 +5,8 @@ from motord.calibration.cramer_rao import CramerRao as CramerRao
 from motord.calibration.cramer_rao import VarianceShare as VarianceShare
 from motord.calibration.file import Calibration as Calibration
 from motord.calibration.file import CalibrationError as CalibrationError
+from motord.calibration.file import format_duration as format_duration
 from motord.calibration.file import from_json as from_json
-from motord.calibration.file import in_words as in_words
 from motord.calibration.file import load as load
 from motord.calibration.parts import AddedOrder as AddedOrder
 from motord.calibration.parts import CalibratedMotor as CalibratedMotor

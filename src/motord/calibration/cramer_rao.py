@@ -62,7 +62,7 @@ class CramerRao(Part):
         """Efficiency of the predicted ripple."""
         return self.quantities[-1].efficiency
 
-    def in_words(self) -> list[str]:
+    def to_text(self) -> list[str]:
         """Return what a calibration's text says of it, a line each."""
         most = f"; most of the rest: {self.held_back_by}" if self.held_back_by else ""
         return [
@@ -72,7 +72,7 @@ class CramerRao(Part):
         ]
 
     @property
-    def noise_in_words(self) -> str:
+    def noise_text(self) -> str:
         """What the bound is of."""
         white, encoder, currents = (
             f"{1e3 * each:.2g} mNm"

@@ -174,7 +174,7 @@ class Calibration(Part):
 
     def age(self, now: datetime | None = None) -> str:
         """Return how long ago it was made, in words, such as "3 days"."""
-        return in_words(self.age_s(now or datetime.now(UTC)))
+        return format_duration(self.age_s(now or datetime.now(UTC)))
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of the file.
@@ -229,7 +229,7 @@ def load(path: Path) -> Calibration:
     return from_json(content, str(path))
 
 
-def in_words(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return a duration in words: "40 seconds", "3 hours", "12 days"."""
     if seconds < 0:
         return "less than nothing (made in the future: is the clock right?)"

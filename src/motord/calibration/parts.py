@@ -68,7 +68,7 @@ class Harmonic(Part):
         return plus_minus(amplitude_mNm, 1e3 * self.half_width_Nm)
 
     @property
-    def phase_in_words(self) -> str:
+    def phase_text(self) -> str:
         """The phase with half of its interval; nothing where it says nothing."""
         half_rad = self.phase_half_width_rad
         if half_rad is None:

@@ -43,9 +43,9 @@ def carry_out(commands: Commands, *, may_fail: bool = False) -> list[str]:
         except (OSError, subprocess.TimeoutExpired) as error:
             done = subprocess.CompletedProcess(command, 1, "", str(error))
         if done.returncode != 0 and not may_fail:
-            said = (done.stderr or done.stdout).strip().replace("\n", "; ")
+            why = (done.stderr or done.stdout).strip().replace("\n", "; ")
             raise DeploymentError(
-                f"`{' '.join(command)}` failed: {said or f'exit code {done.returncode}'}. What was "
+                f"`{' '.join(command)}` failed: {why or f'exit code {done.returncode}'}. What was "
                 "written stays; the same command goes on from here"
             )
     return steps
@@ -72,8 +72,8 @@ def limits_of(pid: int) -> dict[str, str]:
 def recent_lines(count: int, *, user: bool) -> list[str]:
     """Return the newest lines of the unit's log."""
     whose = ("--user-unit", UNIT) if user else ("--unit", UNIT)
-    said = _output(("journalctl", *whose, f"--lines={count}", "--no-pager", "--output=short-iso"))
-    return [line for line in said.splitlines() if not line.startswith("-- ")]
+    log = _output(("journalctl", *whose, f"--lines={count}", "--no-pager", "--output=short-iso"))
+    return [line for line in log.splitlines() if not line.startswith("-- ")]
 
 
 def _user(user: bool) -> tuple[str, ...]:

@@ -112,7 +112,7 @@ class Analysis(Generic[Result]):
         """Yield what the terminal shows of the result, then its findings."""
         yield from self.text(result, recordings)
         for finding in findings_of(result):
-            yield f"- {finding.in_words()}"
+            yield f"- {finding.to_text()}"
 
 
 def findings_of(result: Any) -> tuple[Finding, ...]:

@@ -59,7 +59,7 @@ class ReferredBackEmf:
         )
         return sqrt(sum(one**2 / 3 for one in half_widths))
 
-    def in_words(self, accuracy: AccuracyConfig) -> str:
+    def to_text(self, accuracy: AccuracyConfig) -> str:
         """Return what was corrected, and what that adds to the uncertainty."""
         per_K, reference_C = _law(self.motor)
         temperatures_C = [reference_C + (factor - 1.0) / per_K for factor in self.factors]
@@ -73,7 +73,7 @@ class ReferredBackEmf:
     def finding(self, accuracy: AccuracyConfig) -> Finding:
         """Return the same as a note."""
         return Finding(
-            "back-emf-referred", 100 * self.shift, 0.0, "%", "note", self.in_words(accuracy),
+            "back-emf-referred", 100 * self.shift, 0.0, "%", "note", self.to_text(accuracy),
             "state [accuracy] magnet_temperature_K and back_emf_temperature_percent if they are "
             "smaller",
         )  # fmt: skip

@@ -9,13 +9,13 @@ from motord.recording.reader import Run
 
 def points_left_out(runs: Iterable[Run]) -> tuple[Finding, ...]:
     """Return a finding if points were recorded of which no take is of good quality."""
-    said = [sentence for run in runs for sentence in _poor(run)]
-    if not said:
+    reasons = [sentence for run in runs for sentence in _poor(run)]
+    if not reasons:
         return ()
     return (
         Finding(
-            "points-left-out", len(said), 0, "points", "warning",
-            f"left out, as they are not of good quality: {listed(said, 5)}",
+            "points-left-out", len(reasons), 0, "points", "warning",
+            f"left out, as they are not of good quality: {listed(reasons, 5)}",
             "take these points again",
         ),
     )  # fmt: skip

@@ -157,9 +157,9 @@ def check_plan(run: Run, *needed: str, hint: str = "") -> None:
     """Raise AnalysisError if a run is not of one of the plans; hint: for one that names none."""
     name = plan_name(run)
     if name not in needed:
-        said = f"is of the plan {name}" if name else "names no plan"
+        of_plan = f"is of the plan {name}" if name else "names no plan"
         raise AnalysisError(
-            f"{run.path}: {said}; needed: {' or '.join(needed)}{'' if name else hint}"
+            f"{run.path}: {of_plan}; needed: {' or '.join(needed)}{'' if name else hint}"
         )
 
 

@@ -28,8 +28,8 @@ def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
         raise ResultsError(f"{path}: no result of an analysis: no valid JSON: {error}") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(schema, str) or schema not in experiments:
-        said = f"its schema is {schema!r}" if schema else "it names no schema"
-        raise ResultsError(f"{path}: no result of an analysis: {said}")
+        reason = f"its schema is {schema!r}" if schema else "it names no schema"
+        raise ResultsError(f"{path}: no result of an analysis: {reason}")
     found = figures(content)
     if not found:
         raise ResultsError(f"{path}: no result of an analysis: it has no figures")

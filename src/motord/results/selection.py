@@ -101,8 +101,8 @@ def either(
     known = {name for name in known if ", " not in name}
     if unknown is None:
         raise ResultsError(f"{a} and {b} are not both serial numbers, recordings or versions")
-    said = "no serial number, recording or version"
-    raise ResultsError(f"{said} {unknown!r}{_proposed(unknown, known)}")
+    nothing = "no serial number, recording or version"
+    raise ResultsError(f"{nothing} {unknown!r}{_proposed(unknown, known)}")
 
 
 def _require_one_motor(name: str, rows: Sequence[ResultRow]) -> None:

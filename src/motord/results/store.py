@@ -28,7 +28,7 @@ class Added:
     figures: int
     new: bool
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return what became of it, as a line."""
         if self.new:
             return f"stored {self.figures} figures in {self.path}"

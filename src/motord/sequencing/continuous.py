@@ -138,7 +138,7 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
             break
         visit = yield from _unless_reached(point, pace)
         if visit.reached is not None:
-            why = f"targets reached: {visit.reached.in_words(settings.targets)}"
+            why = f"targets reached: {visit.reached.to_text(settings.targets)}"
             break
         planned_s += visit.takes * own_s
         takes_s += visit.takes_s

@@ -45,7 +45,7 @@ class Precision:
             and all(self.half_widths.get(name, float("inf")) <= targets[name] for name in targets)
         )
 
-    def in_words(self, targets: Mapping[str, float]) -> str:
+    def to_text(self, targets: Mapping[str, float]) -> str:
         """Return what is reached next to what is wanted, as "beta_A 0.03 of 0.02"."""
         known = ((name, self.half_widths.get(name)) for name in targets)
         parts = [

@@ -45,7 +45,7 @@ class Shift:
         self._decisions[serial] = decision
         self._last = serial
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return the counts as a line."""
         each = ", ".join(f"{count} {decision}" for decision, count in self.counts.items())
         return f"{self.counts.total()} tested: {each}"

@@ -136,7 +136,7 @@ def test_every_file_names_calibration_unit_residual_and_what_is_not_compensated(
         assert line in text or json.dumps(line)[1:-1] in text
     words = "\n".join(made.lines())
     assert made.calibration.id in words
-    assert made.columns[0].left.in_words() in words
+    assert made.columns[0].left.to_text() in words
     assert "not compensated: gains of the phases 0.8, 1.118, 1.118" in words
     assert "not compensated: offsets of the phases 1, -0.4, -0.6 A" in words
     assert "drive angle = 28.6479 deg + forwards angle of the bench" in words

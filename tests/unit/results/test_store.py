@@ -118,7 +118,7 @@ def test_the_same_analysis_is_stored_once(tmp_path, again):
     added = store.add(result(0, **again))
     assert not added.new
     assert added.path == before
-    assert "duplicate result" in added.in_words()
+    assert "duplicate result" in added.to_text()
     assert [path.read_bytes() for path in (tmp_path / "s").iterdir()] == [content]
 
 

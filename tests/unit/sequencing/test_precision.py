@@ -37,4 +37,4 @@ def test_targets_are_reached_when_all_are_and_nothing_is_in_the_way(
     ],
 )
 def test_what_is_known_stands_next_to_what_is_wanted(precision: Precision, expected: str) -> None:
-    assert precision.in_words(BOTH) == expected
+    assert precision.to_text(BOTH) == expected

@@ -50,7 +50,7 @@ def test_the_shift_counts_and_remembers():
     for serial, decision in (("1", "fail"), ("2", "error"), ("1", "pass")):
         shift.add(serial, decision)
     assert (shift.earlier("1"), shift.earlier("2"), shift.earlier("3")) == ("pass", "error", "")
-    assert shift.in_words() == "3 tested: 1 pass, 1 fail, 0 undecidable, 1 error"
+    assert shift.to_text() == "3 tested: 1 pass, 1 fail, 0 undecidable, 1 error"
 
 
 def test_the_newest_certificate_of_exactly_this_serial_number_counts(tmp_path):

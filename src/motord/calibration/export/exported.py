@@ -46,7 +46,7 @@ class DriveFormat:
         layout = self.layout
         if not self.resizable or not isinstance(layout, TableLayout):
             raise CalibrationError(
-                f"--length and --bits are not for {self.name}: it is {self.stores_in_words}"
+                f"--length and --bits are not for {self.name}: it is {self.stored_text}"
             )
         if bits is not None and layout.bits is None:
             raise CalibrationError(f"--bits is not for {self.name}: its values are decimals")
@@ -54,10 +54,10 @@ class DriveFormat:
         return replace(self, layout=size)
 
     @property
-    def stores_in_words(self) -> str:
+    def stored_text(self) -> str:
         """What is stored, as text."""
         units = " and ".join(f"{one} ({UNITS[one]})" for one in self.quantities)
-        return f"{self.layout.in_words}, {units}"
+        return f"{self.layout.to_text}, {units}"
 
 
 @dataclass(frozen=True)
@@ -105,13 +105,13 @@ class Exported:
         c, motor = self.calibration, self.calibration.motor
         lines = [
             f"motord calibration {c.id} of {c.created:%Y-%m-%d}, motor {motor.name} {motor.serial}",
-            f"{self.format.parameter}: {self.format.stores_in_words}",
+            f"{self.format.parameter}: {self.format.stored_text}",
             f"drive angle = {degrees(self.frame.zero_rad):g} deg "
             f"{'-' if self.frame.backwards else '+'} forwards angle of the bench; added to the "
             "drive's own command",
-            f"cogging torque: {self.uncompensated.in_words()}",
+            f"cogging torque: {self.uncompensated.to_text()}",
         ]
-        lines += [f"left of it by {one.quantity}: {one.left.in_words()}" for one in self.columns]
+        lines += [f"left of it by {one.quantity}: {one.left.to_text()}" for one in self.columns]
         if self.left_out:
             orders = ", ".join(f"{n} ({1e3 * size:.2g} mNm)" for n, size in self.left_out)
             lines.append(f"not stored, beyond what the table can have: order {orders}")
@@ -124,7 +124,7 @@ class Exported:
             "format": self.format.name,
             "calibration": self.calibration.id,
             "parameter": self.format.parameter,
-            "stored": self.format.stores_in_words,
+            "stored": self.format.stored_text,
             "source": self.format.source,
             "zero_rad": self.frame.zero_rad,
             "backwards": self.frame.backwards,

@@ -35,7 +35,7 @@ class DriveLayout(Protocol):
         """Number of angles in a turn between which what is read has no steps or corners."""
 
     @property
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """What it is, as text."""
 
 
@@ -76,7 +76,7 @@ class TableLayout:
         return self.length
 
     @property
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """What it is, as text."""
         kind = f"integers of {self.bits} bits" if self.bits else "floats of 32 bits"
         between = "linear between them" if self.interpolation == "linear" else "held to the next"
@@ -147,7 +147,7 @@ class HarmonicLayout:
         return 2 * self.highest
 
     @property
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """What it is, as text."""
         return f"the {self.count} largest harmonics up to order {self.highest}"
 

@@ -34,7 +34,7 @@ class ResidualRipple:
             "worst_percent": 100 * self.worst_Nm / self.rated_torque_Nm,
         }
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return it as text."""
         c = self.content()
         return (

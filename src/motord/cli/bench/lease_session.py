@@ -164,7 +164,7 @@ class _Watched:
         self.rank, before = max(self.rank, rank), self.rank
         self.moved, moved = self.moved or moves, self.moved
         if rank < before or rank == _RANK["TRIPPED"] or (state.state == "OFF" and state.fault):
-            why = state.trip.in_words() if state.trip is not None else state.fault
+            why = state.trip.to_text() if state.trip is not None else state.fault
             return f"the bench is {state.state}" + (f": {why}" if why else "")
         if moved and not moves and state.state != "ENABLED":
             return f"the bench is {state.state}, and what was set is undone: see `motord events`"

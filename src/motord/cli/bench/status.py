@@ -115,7 +115,7 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
     if state.tracking is not None:
         rows.append(("tracked", short(state.tracking, state.t_ns)))
     rows.append(("recording", wording.recording(state)))
-    rows += [("fault", said) for said in state.faults.values()]
+    rows += [("fault", fault_text) for fault_text in state.faults.values()]
     rows.append(("loop", wording.loop(state)))
     if state.realtime and not state.realtime.get("granted", True):
         rows.append(("real time", "not all rights granted: `motord check --rt` says which"))

@@ -103,7 +103,7 @@ def precision(plan: "PlanView") -> str:
     """Return how precise a plan is by now, next to its targets; "" of a plan without."""
     from motord.sequencing.observation import Precision
 
-    return Precision(0, plan.precision, plan.obstacle).in_words(plan.targets)
+    return Precision(0, plan.precision, plan.obstacle).to_text(plan.targets)
 
 
 def plan_progress(plan: "PlanView") -> str:

@@ -192,7 +192,7 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
     lines.append(f"delta eps    {c['delta_epsilon']:.4f} ({c['delta_epsilon_source']})")
     lines += [
         f"order {h.order:4d}   {h.in_mNm()} mNm"
-        + (f", phase {h.phase_in_words} rad" if h.phase_in_words else "")
+        + (f", phase {h.phase_text} rad" if h.phase_text else "")
         for h in (Harmonic.model_validate(one) for one in c["tau_cog_harmonics"])
     ]
     for name in ("before", "after"):
@@ -201,6 +201,6 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
     lines += [f"- {text}" for text in c["observable"]]
     if c.get("cramer_rao"):
-        lines += [f"- {text}" for text in CramerRao.model_validate(c["cramer_rao"]).in_words()]
-    lines += [f"- {Finding(**one).in_words()}" for one in c.get("findings") or ()]
+        lines += [f"- {text}" for text in CramerRao.model_validate(c["cramer_rao"]).to_text()]
+    lines += [f"- {Finding(**one).to_text()}" for one in c.get("findings") or ()]
     return lines

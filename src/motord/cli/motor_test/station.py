@@ -33,7 +33,7 @@ def run_station(tests: MotorTests, folder: Path, *, as_json: bool) -> int:
     station = _Station(tests, folder, as_json=as_json)
     with interrupted_once(), suppress(KeyboardInterrupt):
         station.serve(lines)
-    station.say(station.shift.in_words(), {"summary": dict(station.shift.counts)})
+    station.say(station.shift.to_text(), {"summary": dict(station.shift.counts)})
     return 0 if station.all_stored and not station.shift.counts["error"] else 1
 
 
@@ -121,13 +121,13 @@ class _Station:
         if tested.not_stored:
             self.all_stored = False
             remark(f"motord: {tested.not_stored}")
-        self.say(self.shift.in_words())
+        self.say(self.shift.to_text())
 
     def _failed(self, serial: str, why: str) -> None:
         self.shift.add(serial, "error")
         self._show("error", serial)
         self.say(why, {"decision": "error", "serial": serial, "error": why})
-        self.say(self.shift.in_words())
+        self.say(self.shift.to_text())
 
     def _show(self, decision: str, text: str) -> None:
         if not self._as_json:

@@ -136,8 +136,8 @@ def _forecast(
     outline["forecast"] = [as_dict(each) for each in found]
     forecasts = {each.point.index: forecast_text(each) for each in found}
     print_answer(outline, "\n".join(_outline_lines(outline, forecasts)), as_json)
-    if said := warning(found, name):
-        fail(said)
+    if warned := warning(found, name):
+        fail(warned)
 
 
 def _outline_lines(outline: dict[str, Any], forecasts: dict[int, str]) -> list[str]:

@@ -52,8 +52,8 @@ def _calibration(client: "Client") -> "Calibration":
 
 def as_dict(each: "Forecast") -> dict[str, Any]:
     """Return a forecast as JSON has it."""
-    said = {name: getattr(each, name) for name in ("simulated", "trouble", "quality")}
-    return {"index": each.point.index, **said}
+    shown = {name: getattr(each, name) for name in ("simulated", "trouble", "quality")}
+    return {"index": each.point.index, **shown}
 
 
 def forecast_text(each: "Forecast") -> str:

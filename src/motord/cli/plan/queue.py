@@ -230,7 +230,7 @@ def _item(item: "QueueItem") -> str:
     plan = item.plan
     settings = " ".join(f"{name}={value}" for name, value in plan.settings.items())
     policy = plan.on_failure + (f" {plan.retries}" if plan.on_failure == "retry" else "")
-    waits = "; ".join(wait.in_words() for wait in plan.wait)
+    waits = "; ".join(wait.to_text() for wait in plan.wait)
     parts = (
         f"{item.id:4d}  {item.state:11} {plan.name}", settings,
         f"serial {plan.serial}" if plan.serial else "",

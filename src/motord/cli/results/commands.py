@@ -82,7 +82,7 @@ def add(
             failed.append(str(error))
             continue
         if not as_json:
-            print_line(f"{file}: {done[-1].in_words()}")
+            print_line(f"{file}: {done[-1].to_text()}")
     if as_json:
         print_json(
             [{"file": str(one.path), "figures": one.figures, "new": one.new} for one in done]

@@ -55,7 +55,7 @@ class AnalysisStorage:
         from motord.batch.stored import stored_result
 
         result = stored_result(self._experiment, self._settings, content, recordings, self._serial)
-        remark(self._store.add(result).in_words())
+        remark(self._store.add(result).to_text())
 
 
 def named(store: str | None) -> str:

@@ -71,17 +71,17 @@ def _by_questions(
     template = template or _choose("Which bench", {n: t.summary for n, t in TEMPLATES.items()})
     if template in TEMPLATES and TEMPLATES[template].real:
         inverter = inverter or _choose("Inverter", INVERTERS)
-    said: dict[str, str] = {}
+    given: dict[str, str] = {}
 
     def ask(question: Question, default: str) -> str:
-        said[question.key] = _prompt(question, said.get(question.key, default))
-        return said[question.key]
+        given[question.key] = _prompt(question, given.get(question.key, default))
+        return given[question.key]
 
     while True:
         try:
             return template, *new_bench_file(template, inverter, answers, ask, file)
         except ConfigError as error:
-            if not said:  # options alone are wrong
+            if not given:  # options alone are wrong
                 raise
             remark(f"This does not go together: {error}\nOnce more; Enter keeps an answer.")
 

@@ -59,14 +59,14 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
             (
                 str(h.order),
                 h.in_mNm(),
-                h.phase_in_words,
+                h.phase_text,
             )
             for h in c.tau_cog_harmonics
         ],
     )
     if c.budget:
         yield _uncertainties(c.budget)
-    for note in (*c.observable, *(c.cramer_rao.in_words() if c.cramer_rao else ())):
+    for note in (*c.observable, *(c.cramer_rao.to_text() if c.cramer_rao else ())):
         yield f"- {note}"
     if (age := found.result.current_delay_s) is not None:
         age_us = plus_minus(1e6 * age[0], 1e6 * coverage_factor(age[2]) * age[1])

@@ -102,7 +102,7 @@ def _budget(page: Page, contributions: Sequence[Contribution]) -> None:
 
 def _cramer_rao(page: Page, found: CramerRao) -> None:
     page.heading("Cram\u00e9r-Rao bound")
-    page.points([*found.in_words(), found.noise_in_words])
+    page.points([*found.to_text(), found.noise_text])
     rows = [
         [f"{one.quantity} ({one.unit or 1})", f"{one.bound:.2g}", f"{one.efficiency:.2f}"]
         for one in found.quantities

@@ -132,15 +132,15 @@ class Friction:
     @property
     def notes(self) -> list[str]:
         """What is worth knowing of the result, in sentences."""
-        said = [
+        lines = [
             f"{one.direction}: no Stribeck part seen down to {one.speed_min_rad_s:.3g} rad/s: at "
             f"most {one.stribeck_limit_Nm:.2g} Nm there"
             for one in self.directions
             if one.stribeck is None
         ]
         share = coverage_factor() * self.inertia.relative_uncertainty
-        said.append(
+        lines.append(
             f"all torques are in proportion to the inertia, {self.inertia.kg_m2:.5g} kg m2 "
             f"({self.inertia.source}, +-{100 * share:.2g} %)"
         )
-        return said
+        return lines

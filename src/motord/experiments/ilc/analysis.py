@@ -19,7 +19,7 @@ from motord.experiments.ilc.estimate import (
     settled,
     unlearned,
 )
-from motord.experiments.ilc.order_list import Unreached, reach_in_words, to_learn, unreached
+from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
 from motord.experiments.ilc.seen import SeenRipple, seen_by
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
 from motord.experiments.subject import AnalysisError, Subject, check_applied
@@ -180,7 +180,7 @@ def learn(
         calibration.with_learned(learned, created),
         left,
         unreached=tuple(one for each in seen for one in unreached(each, orders)),
-        reach=tuple(reach_in_words(one_each[speed], sensor) for speed in sorted(one_each)),
+        reach=tuple(reach_text(one_each[speed], sensor) for speed in sorted(one_each)),
     )
 
 

@@ -48,7 +48,7 @@ class Unreached:
     amplitude_Nm: float
     why: Why
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return the order and the reason."""
         return f"{self.order} ({1e3 * self.amplitude_Nm:.1f} mNm: {_WHY[self.why]})"
 
@@ -56,7 +56,7 @@ class Unreached:
 def in_lines(found: Sequence[Unreached]) -> Iterator[str]:
     """Yield for each point which orders its torque shows that are not corrected, and why."""
     for (torque_Nm, speed_Hz), group in groupby(found, lambda one: (one.torque_Nm, one.speed_Hz)):
-        orders = ", ".join(one.in_words() for one in group)
+        orders = ", ".join(one.to_text() for one in group)
         yield f"{torque_Nm:g} Nm, {speed_Hz:g} /s: not corrected, order {orders}"
 
 
@@ -117,7 +117,7 @@ def unreached(point: SeenRipple, orders: Sequence[int]) -> tuple[Unreached, ...]
     return tuple(found)
 
 
-def reach_in_words(point: SeenRipple, sensor: TorqueSensorConfig) -> str:
+def reach_text(point: SeenRipple, sensor: TorqueSensorConfig) -> str:
     """Return up to which order the torque is corrected and seen at the speed of a point."""
     words = [
         f"{point.speed_Hz:g} /s: corrected up to order {min(point.highest, point.order.size)}",

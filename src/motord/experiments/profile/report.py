@@ -14,7 +14,7 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
         [
             (f"{found.speed_rms_Hz.value:.3g} turns/s", "speed error, RMS"),
             (f"{found.torque_rms_Nm.value:.3g} Nm", "torque error, RMS"),
-            (f"{in_words(found.energy_J)} J", "mechanical energy of a cycle"),
+            (f"{with_interval(found.energy_J)} J", "mechanical energy of a cycle"),
         ]
     )
     page.heading("Torque and speed over time")
@@ -70,16 +70,16 @@ def cycle_rows(found: ProfileTracking) -> list[list[str]]:
 def mean_rows(found: ProfileTracking) -> list[list[str]]:
     """Return name and value of each mean."""
     return [
-        ["mechanical energy (J)", in_words(found.energy_J)],
-        ["mechanical power (W)", in_words(found.power_mean_W)],
-        ["torque (Nm)", in_words(found.torque_mean_Nm)],
-        ["speed (turns/s)", in_words(found.speed_mean_Hz)],
-        ["speed error, RMS (turns/s)", in_words(found.speed_rms_Hz)],
-        ["torque error, RMS (Nm)", in_words(found.torque_rms_Nm)],
+        ["mechanical energy (J)", with_interval(found.energy_J)],
+        ["mechanical power (W)", with_interval(found.power_mean_W)],
+        ["torque (Nm)", with_interval(found.torque_mean_Nm)],
+        ["speed (turns/s)", with_interval(found.speed_mean_Hz)],
+        ["speed error, RMS (turns/s)", with_interval(found.speed_rms_Hz)],
+        ["torque error, RMS (Nm)", with_interval(found.torque_rms_Nm)],
     ]
 
 
-def in_words(found: CycleMean) -> str:
+def with_interval(found: CycleMean) -> str:
     """Return a mean with half of its interval, if that is known."""
     if found.high is None:
         return f"{found.value:.4g}"

@@ -175,13 +175,13 @@ class ProfileTracking:
     @property
     def notes(self) -> list[str]:
         """What is worth knowing of the result, in sentences."""
-        said = [f"torque: {self.torque_source}"]
+        lines = [f"torque: {self.torque_source}"]
         if len(self.cycles) == 1:
-            said.append(
+            lines.append(
                 "one cycle shows no scatter: an interval is that of the torque's scale alone; set "
                 "repeats to 3 or more"
             )
-        return said
+        return lines
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -31,7 +31,7 @@ def _draw(axes: Axes, one: FigureTrend) -> None:
     line = one.mean + one.slope.value * (one.hours - one.hours.mean())
     style = "-" if one.drifts else (0, (4, 3))
     axes.plot(one.hours, line, color=AFTER, linestyle=style, linewidth=1.1)
-    slope = f"{one.in_words()} {one.slope_unit}".replace("+-", "\u00b1")
+    slope = f"{one.to_text()} {one.slope_unit}".replace("+-", "\u00b1")
     axes.set_title(f"{one.name}: {slope}" + (", drifts" if one.drifts else ""))
     axes.set_ylabel(one.unit)
     low, high = np.min(one.values), np.max(one.values)

@@ -38,7 +38,7 @@ def rows(found: SoakResult) -> list[list[str]]:
     """Return a row for each figure."""
     return [
         [
-            one.name, f"{one.mean:.4g}", one.unit, one.in_words(),
+            one.name, f"{one.mean:.4g}", one.unit, one.to_text(),
             "yes" if one.drifts else "no" if one.slope.p_value is not None else "?",
         ]
         for one in found.trends

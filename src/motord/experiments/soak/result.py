@@ -82,7 +82,7 @@ class FigureTrend:
         """Mean of the values."""
         return float(self.values.mean())
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return the slope with half of its interval, if that is known."""
         half = self.slope.half_width
         if half is None:
@@ -132,7 +132,7 @@ class SoakResult:
             yield Finding(
                 f"drift of {one.name}", one.slope.value, one.slope.half_width or 0.0,
                 one.slope_unit, "warning",
-                f"it changes by {one.in_words()} {one.slope_unit} over {self.hours:.3g} h, from "
+                f"it changes by {one.to_text()} {one.slope_unit} over {self.hours:.3g} h, from "
                 f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
                 WARMS_UP if one.unit == "degC" else DRIFTS,
             )  # fmt: skip

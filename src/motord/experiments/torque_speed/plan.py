@@ -66,19 +66,19 @@ def _generating(place: tuple[float, float]) -> bool:
 
 def _outlook(config: Config, beyond: Mapping[tuple[float, float], str]) -> str:
     """Return which points are left out, and what stands in the way of the analysis."""
-    said = []
+    reasons = []
     if beyond:
         (torque_Nm, speed_Hz), why = next(iter(beyond.items()))
-        said.append(
+        reasons.append(
             f"{len(beyond)} points are beyond the envelope and left out, such as {torque_Nm:g} Nm "
             f"at {speed_Hz:g} Hz: {why}"
         )
     if config.torque_sensor.highpass_time_constant_s > 0:
-        said.append(
+        reasons.append(
             "the torque sensor does not show the mean torque ([torque_sensor] "
             "highpass_time_constant_s): mechanical power will not be known"
         )
-    return "; ".join(said)
+    return "; ".join(reasons)
 
 
 def power_points(

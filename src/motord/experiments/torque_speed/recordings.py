@@ -50,8 +50,8 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: {'; '.join(left_out[:3]) or 'no good operating point'}")
     source = own.bus_current_channel or own.power_channel
-    said = (*findings(points, subject), *points_left_out(runs))
-    return EfficiencyMap(tuple(points), source, tuple(left_out), said)
+    all_findings = (*findings(points, subject), *points_left_out(runs))
+    return EfficiencyMap(tuple(points), source, tuple(left_out), all_findings)
 
 
 def _check_mean(sensor: TorqueSensorConfig) -> None:

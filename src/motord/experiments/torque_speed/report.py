@@ -47,9 +47,9 @@ def fill(page: Page, found: EfficiencyMap) -> None:
     page.table(HEADER, [row(one) for one in found.points], numbers=True)
     reasons = [f"{one.label}: {one.efficiency_reason}" for one in found.points]
     page.points(
-        [said for one, said in zip(found.points, reasons, strict=True) if one.efficiency_reason]
+        [reason for one, reason in zip(found.points, reasons, strict=True) if one.efficiency_reason]
     )
-    page.points([f"left out: {said}" for said in found.left_out])
+    page.points([f"left out: {reason}" for reason in found.left_out])
     _fill_budget(page, found)
 
 

@@ -147,7 +147,7 @@ def read_in_bulk(bus: can.BusABC, settings: Mapping[str, object]) -> None:
     port = getattr(bus, "serialPortOrig", None)
     if not isinstance(port, serial.Serial):
         return
-    holder.serialPortOrig = said = BytesIO()
+    holder.serialPortOrig = written = BytesIO()
     if settings.get("btr") is not None:
         holder.set_bitrate_reg(settings["btr"])
     elif settings.get("bitrate") is not None:
@@ -155,4 +155,4 @@ def read_in_bulk(bus: can.BusABC, settings: Mapping[str, object]) -> None:
     else:
         holder.open()
     holder.serialPortOrig = port  # to be closed if it cannot be taken
-    holder.serialPortOrig = BulkPort(port, said.getvalue())
+    holder.serialPortOrig = BulkPort(port, written.getvalue())

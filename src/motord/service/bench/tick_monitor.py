@@ -179,7 +179,7 @@ class TickMonitor:
         """Return the causes, what to do, and the path of the black box, in one line."""
         if self.trip is None:
             return f"{trip_text(self.trip_bits)}; then `motord reset`"
-        return self.trip.in_words()
+        return self.trip.to_text()
 
     def trips(self) -> tuple[list[TripView], str]:
         """Return the causes that are latched (in OFF: that prevent enabling) and the first one."""

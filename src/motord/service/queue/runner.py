@@ -221,12 +221,12 @@ class QueueRunner:
         kept = first is not None and first.id == item.id
         self._done += not kept
         self._failed += state == "failed"
-        said = f"{_name(item)} {state}" + (f": {message}" if message else "")
-        self._event(said + (", skipped" if state == "failed" and not kept else ""))
+        outcome = f"{_name(item)} {state}" + (f": {message}" if message else "")
+        self._event(outcome + (", skipped" if state == "failed" and not kept else ""))
         if not self._active:
             return
         if kept and first is not None and first.state != "queued":
-            self.pause(said)
+            self.pause(outcome)
         elif self._pausing:
             self.pause(self._message)
 

@@ -62,12 +62,12 @@ class Waits:
         assert wait.channel is not None
         value = value_of(wait.channel)
         if value is None or not math.isfinite(value):
-            self.message = f"waits for {wait.in_words()}; {valueless(wait.channel)}"
+            self.message = f"waits for {wait.to_text()}; {valueless(wait.channel)}"
             if now_ns - self._valued_ns >= VALUELESS_S * 1e9:
                 raise WaitFailedError(f"{valueless(wait.channel)} for {VALUELESS_S:g} s")
             return False
         self._valued_ns = now_ns
-        self.message = f"waits for {wait.in_words()}; it is {value:.4g}"
+        self.message = f"waits for {wait.to_text()}; it is {value:.4g}"
         if wait.below is not None:
             return value < wait.below
         return wait.above is not None and value > wait.above

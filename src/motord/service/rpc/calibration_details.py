@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from motord.api.replies import CalibrationDetails, Interval
-from motord.calibration import Calibration, in_words
+from motord.calibration import Calibration, format_duration
 
 CURVE_MAX = 2048
 """Values of the cogging torque over a turn; of more counts every so many-th one is given."""
@@ -40,7 +40,7 @@ def details(calibration: Calibration, path: Path) -> CalibrationDetails:
 def aged(found: CalibrationDetails, in_force: str) -> CalibrationDetails:
     """Return the same now: how old it is, and whether it is the one `in_force`."""
     age_s = (datetime.now(UTC) - datetime.fromisoformat(found.created)).total_seconds()
-    now = {"age_s": age_s, "age": in_words(age_s), "in_force": found.id == in_force}
+    now = {"age_s": age_s, "age": format_duration(age_s), "in_force": found.id == in_force}
     return found.model_copy(update=now)
 
 

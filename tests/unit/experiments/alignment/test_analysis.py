@@ -179,7 +179,7 @@ def test_findings_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> 
         offset_stderr_rad=0.002,
         left_out=found.rests.size // 2,
     )
-    text = " ".join(one.in_words() for one in odd.findings)
+    text = " ".join(one.to_text() for one in odd.findings)
     assert "does not show the rotor's swings" in text
     assert "phase b: sensed current is 1.30 times the commanded one" in text
     assert "stops are left out" in text

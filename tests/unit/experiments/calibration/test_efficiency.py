@@ -96,7 +96,7 @@ def test_gains_that_differ_between_points_are_named() -> None:
     found = bound_of(calibrated("independent", 1, gain_scatter=0.01))
     assert found.efficiency < 0.2
     assert found.held_back_by == scatter.POINTS
-    assert f"most of the rest: {scatter.POINTS}" in found.in_words()[1]
+    assert f"most of the rest: {scatter.POINTS}" in found.to_text()[1]
     assert found.white_noise_Nm == pytest.approx(0.0517, rel=0.06)
 
 

@@ -78,8 +78,8 @@ def test_serious_findings_are_accepted_as_the_refusal_says(
             shown = client.rpc("calibration/show")["findings"]
         assert [one["name"] for one in shown] == ["torque-left", "one direction", "few turns"]
         for finding in found:
-            assert f"- {finding.in_words()}" in run("show").stdout
-            assert f"- {finding.in_words()}" in run("show", "--id", serious.id).stdout
+            assert f"- {finding.to_text()}" in run("show").stdout
+            assert f"- {finding.to_text()}" in run("show", "--id", serious.id).stdout
         assert "in spite of torque-left, one direction" in run("", group="status").stdout
 
 

@@ -224,7 +224,7 @@ def test_what_the_correction_adds_is_by_sensor_and_coefficient() -> None:
     assert back_emf.standard_uncertainty(accuracy) == pytest.approx(
         np.hypot(0.001 * 3.0, 0.03 * 0.2) / 3**0.5
     )
-    assert "magnets of 40.0 to 60.0 degC" in back_emf.in_words(accuracy)
+    assert "magnets of 40.0 to 60.0 degC" in back_emf.to_text(accuracy)
     assert ReferredBackEmf.of(motor, (1.0, 1.0)) is None
 
 

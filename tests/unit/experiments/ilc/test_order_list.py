@@ -5,7 +5,7 @@ import pytest
 
 from motord.config import TorqueSensorConfig
 from motord.experiments.ilc.estimate import Learning, left_by, over_orders, refine, unlearned
-from motord.experiments.ilc.order_list import in_lines, reach_in_words, shown, to_learn, unreached
+from motord.experiments.ilc.order_list import in_lines, reach_text, shown, to_learn, unreached
 from motord.experiments.ilc.seen import SeenRipple
 from motord.identification import IdentifyError
 from motord.learned import MAX_ORDERS
@@ -58,11 +58,11 @@ def test_orders_out_of_reach_are_named_with_the_reason() -> None:
 
 def test_the_reach_names_what_limits_it() -> None:
     sensor = TorqueSensorConfig(highpass_time_constant_s=0.1, resonance_Hz=120.0)
-    text = reach_in_words(ripple({}), sensor)
+    text = reach_text(ripple({}), sensor)
     assert "corrected up to order 100, seen up to 120 (the mount resonates at 120 Hz)" in text
     assert "noise is larger up to order 2 (the sensor's high-pass)" in text
     stiff = TorqueSensorConfig(highpass_time_constant_s=0.0, resonance_Hz=0.0)
-    assert reach_in_words(ripple({}), stiff).startswith(
+    assert reach_text(ripple({}), stiff).startswith(
         "0.7 /s: corrected up to order 100, seen up to 120; noise"
     )
 

@@ -159,13 +159,13 @@ class Controls:
 
     def _carry_out(self, what: str, call: Callable[[], str]) -> None:
         try:
-            said, alarming = call(), False
+            outcome, alarming = call(), False
         except ClientError as error:
-            said, alarming = f"{what}: {refusal_text(error)}", True
+            outcome, alarming = f"{what}: {refusal_text(error)}", True
         except Exception as error:  # what fails here must not end the screen
-            said, alarming = f"{what}: {error}", True
+            outcome, alarming = f"{what}: {error}", True
         self._command = ""
-        self._say(said, alarming=alarming)
+        self._say(outcome, alarming=alarming)
 
     def pause_or_resume(self) -> None:
         """Pause the plan, or go on with it."""

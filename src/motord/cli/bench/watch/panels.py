@@ -102,7 +102,7 @@ def wrapped(label: str, text: str, width: int, style: str = "none") -> list[Text
 
 def faults(state: BenchState) -> list[Text]:
     """Return what is wrong with parts of the daemon; nothing if all is well."""
-    lines = [row("fault", (said, "bold")) for said in state.faults.values()]
+    lines = [row("fault", (text, "bold")) for text in state.faults.values()]
     lines += [
         row("process", (f"{name} does not run: {process.exit or 'ended'}", "bold"))
         for name, process in state.processes.items()
@@ -254,8 +254,8 @@ def channels(state: BenchState, width: int) -> list[Text]:
     """Return the slow channels, those that are not ok first, as many on a line as it takes."""
     lines: list[Text] = []
     for one in sorted(state.channels, key=lambda one: one.status == "ok"):
-        said = f"{wording.number(one.value)} {one.unit}".rstrip()
-        text, style = (said, "none") if one.status == "ok" else (wording.channel(one), "bold")
+        shown = f"{wording.number(one.value)} {one.unit}".rstrip()
+        text, style = (shown, "none") if one.status == "ok" else (wording.channel(one), "bold")
         part = Text(f"{one.name} {text}", style)
         if lines and lines[-1].cell_len + part.cell_len + 2 <= width:
             lines[-1].append("; ").append_text(part)

@@ -160,9 +160,9 @@ class Calibrator:
         agreement = None
         if regression.kirchhoff:
             agreement = kirchhoff_agreement(regression, rated_A, fitted)
-        notes = [] if agreement is None else [agreement.in_words()]
+        notes = [] if agreement is None else [agreement.to_text()]
         notes += self._left_out(orders)
-        notes += [] if back_emf is None else [back_emf.in_words(self._bench.accuracy)]
+        notes += [] if back_emf is None else [back_emf.to_text(self._bench.accuracy)]
         left = residual.explained()
         result = with_lack_of_fit(
             result_of(

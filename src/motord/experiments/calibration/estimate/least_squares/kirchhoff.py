@@ -56,7 +56,7 @@ class Kirchhoff:
         """Whether noise, or the model's accuracy, explains the difference."""
         return self.errors <= self.limit
 
-    def in_words(self) -> str:
+    def to_text(self) -> str:
         """Return whether the two agree."""
         size = f"{100 * self.difference:+.2f} % in phase {self.phase}"
         if self.agrees:
