@@ -25,7 +25,7 @@ from tests.unit.emulate.benches import write_bench
 COUNT_RAD = 2 * np.pi / 4096
 CONVERSIONS = 16
 TORQUE_NM = 3.0
-DRAG_NM_S_PER_RAD = 0.6
+DRAG = {"viscous_Nm_s_per_rad": "0.6"}
 """In the place of a brake: 3 Nm turn the rotor at 5 rad/s."""
 OFF_A = 0.05
 
@@ -77,7 +77,7 @@ class CoreLink:
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
-    path = write_bench(tmp_path, drag_Nm_s_per_rad=DRAG_NM_S_PER_RAD)
+    path = write_bench(tmp_path, rig=DRAG)
     text = path.read_text().replace('driver = "modbus"', 'driver = "none"')
     text = text.replace('interface = "udp_multicast"', 'interface = "virtual"')
     text = re.sub(r'channel = "[\d.]+"', f'channel = "{tmp_path}"', text)

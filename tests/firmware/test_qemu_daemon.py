@@ -26,7 +26,7 @@ from tests.system.daemons import (
     wait_until,
 )
 from tests.system.test_wire import hold
-from tests.unit.emulate.benches import write_bench
+from tests.unit.emulate.benches import NO_OFFSETS, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -48,7 +48,7 @@ class Bench:
     def __init__(self, folder):
         self.folder = folder
         self.truth_path = folder / "truth.mcap"
-        self.path = write_bench(folder)
+        self.path = write_bench(folder, rig=NO_OFFSETS)
         text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S, LONG_LEASE_S)
         self.path.write_text(text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n"))
         assert config.load(self.path).bridge.heartbeat_timeout_s == INVERTER_TIMEOUT_S
@@ -90,7 +90,9 @@ def steady(client, lease, states_in_a_row=5):
     """Enable the bench, and keep it so until the rotor has stood for some states; see `hold`.
 
     The machine sees the rig as late as the computer lets it. Of a rotor that stands this changes
-    nothing; what it is for one that turns is shown in virtual time (`test_in_the_loop`).
+    nothing; one that moved would jump from sample to sample by more than its fine tracks can tell,
+    as if these were stuck. What it is for one that turns is shown in virtual time
+    (`test_in_the_loop`).
     """
     return hold(
         client, lease, 0.0, 0.0, states_in_a_row, INVERTER_TIMEOUT_S, board_is_a_process=True
@@ -105,7 +107,6 @@ def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
         ticks = between(running.runs()[-1].ticks(), begun, held)
     truth = between(truth_of(bench, devices), begun, held)
     assert len(ticks) > 100
-    # the offsets of the current sensors have moved the rotor a little, and there it stays
     rest_rad = truth["angle_rad"][-len(truth) // 4 :]
     apart_rad = ticks["angle_rad"][-len(ticks) // 4 :] - np.median(rest_rad)
     assert np.abs((apart_rad + np.pi) % (2 * np.pi) - np.pi).max() < 3 * COUNT_RAD

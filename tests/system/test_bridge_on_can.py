@@ -10,7 +10,7 @@ from motord.hal.bridge.drift_estimator import DRIFT_MAX
 from tests.system.daemons import daemon, emulator, patient
 from tests.system.test_daemon import check_ticks
 from tests.system.test_wire import check_torque, hold, open_run_truth
-from tests.unit.emulate.benches import DRAG_NM_S_PER_RAD, write_bench
+from tests.unit.emulate.benches import DRAG, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -25,7 +25,7 @@ def on_can(text: str) -> str:
 
 
 def test_three_newton_metres_with_the_bridge_on_can(tmp_path):
-    bench = write_bench(tmp_path, drag_Nm_s_per_rad=DRAG_NM_S_PER_RAD)
+    bench = write_bench(tmp_path, rig=DRAG)
     name = f"bridge-on-can-{time.time_ns()}"
     text = patient(bench.read_text(), "x", 500).replace('name = "x"', f'name = "{name}"')
     bench.write_text(on_can(text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")))

@@ -24,7 +24,7 @@ from tests.system.daemons import (
     wait_until,
 )
 from tests.system.test_daemon import alive, check_ticks
-from tests.unit.emulate.benches import DRAG_NM_S_PER_RAD, write_bench
+from tests.unit.emulate.benches import DRAG, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -85,7 +85,7 @@ def check_torque(truth, motor, torque_Nm, tolerance):
 @pytest.fixture
 def wire(tmp_path, request):
     """A bench whose inverter waits 1 s for commands, or as long as the test's parameter says."""
-    bench = write_bench(tmp_path, drag_Nm_s_per_rad=DRAG_NM_S_PER_RAD)
+    bench = write_bench(tmp_path, rig=DRAG)
     inverter_timeout_s = getattr(request, "param", 1.0)
     text = patient(bench.read_text(), "wire", 500, inverter_timeout_s, LONG_LEASE_S)
     text = text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")

@@ -26,30 +26,29 @@ PLACES = {
 """Bridge port, port of the CAN frames and Modbus ports in the files of config/."""
 
 
-DRAG_NM_S_PER_RAD = 0.13
+DRAG = {"viscous_Nm_s_per_rad": "0.13"}
 """3 Nm turn a rotor with such bearings at 23 rad/s, below `trip_speed_rad_s`, without a brake."""
+NO_OFFSETS = {"beta_A": "[0.0, 0.0, 0.0]"}
+"""A rotor that rests stays where it is when the power stage is switched on."""
 
 
 def write_bench(
     folder: Path,
     changes: dict[str, str] | None = None,
     source: Path = EMULATED,
-    drag_Nm_s_per_rad: float | None = None,
+    rig: dict[str, str] | None = None,
 ) -> Path:
     """Write a file of config/ with ports of its own into `folder`; `changes` replaces text.
 
-    `drag_Nm_s_per_rad` gives the rig other bearings, in a file of its own next to the bench's.
+    `rig` has other values of the rig by their keys, for a file of its own next to the bench's.
     """
     text = source.read_text()
-    if drag_Nm_s_per_rad is not None:
-        rig, found = re.subn(
-            r"^(viscous_Nm_s_per_rad) = .*$",
-            rf"\1 = {drag_Nm_s_per_rad}",
-            packaged("report.rig.toml").read_text(),
-            flags=re.MULTILINE,
-        )
-        assert found == 1
-        (folder / "rig.toml").write_text(rig)
+    if rig is not None:
+        truth = packaged("report.rig.toml").read_text()
+        for key, value in rig.items():
+            truth, found = re.subn(rf"^{key} = .*$", f"{key} = {value}", truth, flags=re.MULTILINE)
+            assert found == 1
+        (folder / "rig.toml").write_text(truth)
         text = text.replace('"package:report.rig.toml"', '"rig.toml"')
     bridge, can, brake, drive = PLACES[source.stem]
     ours = {
