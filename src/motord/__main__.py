@@ -12,6 +12,10 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("motord: interrupted\n")
         sys.exit(1)
+    finally:
+        exec(
+            ""
+        )  # or an interrupt in an exec, as dataclasses are made by, ends `python -m` by SIGINT
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 from typing import NoReturn
 
 import pytest
@@ -119,3 +120,31 @@ def test_an_interrupted_command_says_so_in_one_line(
 def test_an_error_of_the_program_is_none() -> None:
     assert not interrupt_was_converted(ValueError("KeyboardInterrupt"))
     assert not interrupt_was_converted(SchemaError("a model that makes no sense"))
+
+
+ENTRY = """
+import sys
+import motord.cli
+from motord.__main__ import main
+
+def command_line():
+    try:
+        exec("raise KeyboardInterrupt")
+    except KeyboardInterrupt:
+        sys.exit(1)
+
+motord.cli.main = command_line
+if "as it is" in sys.argv:
+    command_line()
+main()
+"""
+
+
+@pytest.mark.parametrize(("how", "code"), [("with ours", 1), ("as it is", -signal.SIGINT)])
+def test_an_interrupt_in_an_exec_that_was_taken_does_not_end_the_process(
+    how: str, code: int, tmp_path: Path
+) -> None:
+    """Python remembers it until the next exec, and ends `python -m` as if nobody had taken it."""
+    (tmp_path / "entry.py").write_text(ENTRY)
+    done = subprocess.run([sys.executable, "-m", "entry", how], cwd=tmp_path, check=False)
+    assert done.returncode == code
