@@ -48,7 +48,9 @@ def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0, lease_s=LEASE_S):
     loop += f"ring_s = {RING_S}\nenable_timeout_s = 10.0\n"
     loop += "spin = false\n"  # loops of several benches leave each other and the rest their time
     text = text.replace("[loop]\n", f"[loop]\n{loop}")
-    text = text.replace("[limits]\n", "[limits]\nencoder_jump_rad = 1.5\n")
+    # emulated devices that are kept waiting answer to what was asked of them before
+    errors = f"torque_error_s = {STALE_S}\ncurrent_error_s = {STALE_S}\n"
+    text = text.replace("[limits]\n", f"[limits]\nencoder_jump_rad = 1.5\n{errors}")
     for table in ("[inverter.can]\n", "[bridge]\n"):
         text = text.replace(table, f"{table}connect_timeout_s = {CONNECT_S}\n")
     for table, timeout in (("inverter", inverter_timeout_s), ("bridge", 1.0)):
