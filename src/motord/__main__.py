@@ -13,9 +13,9 @@ def main() -> None:
         sys.stderr.write("motord: interrupted\n")
         sys.exit(1)
     finally:
-        exec(
-            ""
-        )  # or an interrupt in an exec, as dataclasses are made by, ends `python -m` by SIGINT
+        # CPython remembers an interrupt in an exec, as dataclasses are made by, until the next one,
+        # and ends `python -m` by SIGINT though it was taken
+        exec("")
 
 
 if __name__ == "__main__":

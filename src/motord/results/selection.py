@@ -101,8 +101,9 @@ def either(
     known = {name for name in known if ", " not in name}
     if unknown is None:
         raise ResultsError(f"{a} and {b} are not both serial numbers, recordings or versions")
-    nothing = "no serial number, recording or version"
-    raise ResultsError(f"{nothing} {unknown!r}{_proposed(unknown, known)}")
+    raise ResultsError(
+        f"no serial number, recording or version {unknown!r}{_proposed(unknown, known)}"
+    )
 
 
 def _require_one_motor(name: str, rows: Sequence[ResultRow]) -> None:

@@ -45,8 +45,6 @@ def run(path: str, *, period_us: int, loops: int, cpu: int, priority: int) -> li
         raise LatencyError(f"{path}: {error}") from error
     latencies_ns = parse(done.stdout)
     if done.returncode != 0 or not latencies_ns:
-        lines_now = (
-            done.stderr.strip() or done.stdout.strip() or "it printed no latencies"
-        ).splitlines()
-        raise LatencyError(f"{path} ended with code {done.returncode}: {lines_now[-1]}")
+        output = done.stderr.strip() or done.stdout.strip() or "it printed no latencies"
+        raise LatencyError(f"{path} ended with code {done.returncode}: {output.splitlines()[-1]}")
     return latencies_ns
