@@ -105,8 +105,9 @@ class PieceDecoder(FrameDecoder):
         super().__init__(check)
         self._joiner = PieceJoiner()
 
-    def _is_within_frame(self) -> bool:
-        return self._joiner.is_within_body
+    def restart(self) -> None:
+        """Take the next good frame as the first of a stream: nothing is missing before it."""
+        self._start_over(within_frame=self._joiner.is_within_body)
 
     def feed(self, piece: bytes) -> Numbered | None:
         """Return the frame that `piece` completes, if it counts."""

@@ -33,13 +33,9 @@ class FrameDecoder:
         """Return the frames lost, corrupt or repeated so far; it never falls."""
         return self._check.errors
 
-    def restart(self) -> None:
-        """Take the next good frame as the first of a stream: nothing is missing before it."""
+    def _start_over(self, *, within_frame: bool) -> None:
         self._check.restart()
-        self._cut_off = self._is_within_frame()
-
-    def _is_within_frame(self) -> bool:
-        raise NotImplementedError
+        self._cut_off = within_frame
 
     def _corrupt(self) -> None:
         """Count a corrupt frame, unless it had begun before a restart."""
@@ -68,8 +64,9 @@ class StreamDecoder(FrameDecoder):
         self._rest = b""
         self._overlong = False
 
-    def _is_within_frame(self) -> bool:
-        return bool(self._rest) or self._overlong
+    def restart(self) -> None:
+        """Take the next good frame as the first of a stream: nothing is missing before it."""
+        self._start_over(within_frame=bool(self._rest) or self._overlong)
 
     def feed(self, data: bytes) -> list[Numbered]:
         """Return the frames that `data` completes and that count, oldest first."""
