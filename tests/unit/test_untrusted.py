@@ -1,11 +1,15 @@
 """Files, JSON and TOML of others: an OSError or a ValueError, whatever they are."""
 
 import os
+import re
+import tomllib
 
 import pytest
+from pydantic import TypeAdapter, ValidationError
 
 from motord import untrusted
 from motord.config import ConfigError, load
+from motord.config.base import BitRate, Mask
 from motord.untrusted import parse_json, parse_toml, read_bytes, read_text
 
 DEEP = 100_000
@@ -68,25 +72,44 @@ def test_a_bench_file_is_refused_in_one_line(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("field", "value"),
+    ("field", "value", "places"),
     [
-        ("rig", '"\\u0000"'),
-        ("order", "65536"),
-        ("order", "1" * 30),
-        ("highpass_time_constant_s", "5e-324"),
+        ("rig", '"\\u0000"', 1),
+        ("order", "65536", 1),
+        ("order", "1" * 30, 1),
+        ("amplitude_V_s_per_rad", "0.0", 4),
+        ("highpass_time_constant_s", "5e-324", 1),
     ],
 )
-def test_what_a_bench_file_cannot_mean_is_refused(tmp_path, field, value):
+def test_what_a_bench_file_cannot_mean_is_refused(tmp_path, field, value, places):
     from motord.config import packaged
     from motord.virtual import VirtualBench
 
-    lines = packaged("sim.toml").read_text().replace('rig = "', 'rig = "package:').splitlines()
-    given = [n for n, line in enumerate(lines) if f"{field} = " in line]
-    start = lines[given[0]].index(f"{field} = ") + len(f"{field} = ")
-    rest = lines[given[0]][start:].partition(",")[1:]
-    lines[given[0]] = lines[given[0]][:start] + value + "".join(rest)
+    text = packaged("sim.toml").read_text().replace('rig = "', 'rig = "package:')
+    given = rf"\b{field} = [^,}}\n]+"
+    text, found = re.subn(given, lambda _: f"{field} = {value}", text, count=places)
+    assert found == places
     path = tmp_path / "bench.toml"
-    path.write_text("\n".join(lines))
+    path.write_text(text)
     with pytest.raises(ConfigError) as caught:
         VirtualBench(load(path))
     assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(("kind", "most"), [(BitRate, 100_000_000), (Mask, 2**64 - 1)])
+def test_whole_numbers_end_where_devices_do(kind, most):
+    assert TypeAdapter(kind).validate_python(most) == most
+    for beyond in (most + 1, 10**30):
+        with pytest.raises(ValidationError):
+            TypeAdapter(kind).validate_python(beyond)
+
+
+def test_a_recording_of_a_bench_file_from_a_windows_editor_says_what_it_is_of(tmp_path):
+    from motord.config import packaged
+    from motord.recorder import main as recorder
+
+    path = tmp_path / "bench.toml"
+    text = packaged("sim.toml").read_text().replace('rig = "', 'rig = "package:')
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    metadata = recorder._metadata(load(path), path)
+    assert tomllib.loads(metadata["config"])["bench"]["name"] == "sim"

@@ -27,6 +27,7 @@ from motord.recording.errors import RecordError
 from motord.recording.json_encoding import to_line
 from motord.recording.metadata import describe
 from motord.shm.run_directory import RunDir
+from motord.untrusted import read_text
 
 DRAIN_S = 0.05
 """Time between two looks at the ring."""
@@ -158,7 +159,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _metadata(config: Config, path: Path) -> dict[str, object]:
-    return describe(config, path.read_text(encoding="utf-8"))
+    return describe(config, read_text(path))
 
 
 def _record_daemon_death(session: Session, config: Config, path: Path, now_s: float) -> None:

@@ -25,6 +25,7 @@ from motord.service.supervisor import Supervisor
 from motord.shm.run_directory import RunDir, RunDirError
 from motord.shm.shared_records import SharedFileError
 from motord.unix_clock import Clock
+from motord.untrusted import read_text
 
 
 class LoopFailedError(Exception):
@@ -82,7 +83,7 @@ def run(
     """
     config_path = config_path.resolve()
     config = config_file.load(config_path)
-    toml = config_path.read_text(encoding="utf-8")
+    toml = read_text(config_path)
     if config.zenoh.tls is not None:
         process.check(config.zenoh.tls)
     descriptors.raise_limit()
