@@ -4,12 +4,11 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, content: str | bytes, *, sync: bool = True) -> None:
+def write_whole(path: Path, content: str | bytes) -> None:
     """Write `path` in one step: a temporary file next to it, synced, then renamed. Raises OSError.
 
     Until then `path` holds what it held before. A link stays a link; a pipe or a device is
-    written to as it is. Text is written as UTF-8. Without `sync` a file that was written may be
-    empty or absent after a power cut: for what can be made again.
+    written to as it is. Text is written as UTF-8.
     """
     data = content.encode() if isinstance(content, str) else content
     if path.exists() and not path.is_file():
@@ -21,14 +20,12 @@ def write_whole(path: Path, content: str | bytes, *, sync: bool = True) -> None:
         with temporary.open("wb") as file:
             file.write(data)
             file.flush()
-            if sync:
-                os.fsync(file.fileno())
+            os.fsync(file.fileno())
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
-    if sync:
-        sync_folder(path.parent)
+    sync_folder(path.parent)
 
 
 def sync_folder(folder: Path) -> None:

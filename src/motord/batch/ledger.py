@@ -41,7 +41,6 @@ class Ledger:
 
     A result is stored before it is entered, and an entry counts only while its result is there. So
     whoever is killed in between analyses again, and the store finds the result to be there already.
-    For the same reason no entry is waited for until the disk has it.
     Raises ResultsError for a store at a URL.
     """
 
@@ -80,7 +79,7 @@ class Ledger:
     def _enter(self, analysis: LedgerEntry, **outcome: str) -> None:
         content = {**asdict(analysis), "settings": dict(analysis.settings), **outcome}
         lines = json.dumps(content, separators=(",\n ", ": "))
-        write_whole(self._path(analysis), f"{lines}\n", sync=False)
+        write_whole(self._path(analysis), f"{lines}\n")
 
     def _path(self, analysis: LedgerEntry) -> Path:
         of = (analysis.sha256, analysis.experiment, analysis.version, dict(analysis.settings))

@@ -236,11 +236,11 @@ def test_killed_at_any_write_nothing_is_twice_and_nothing_is_missing(tmp_path_fa
 def _kill(patched, at, *, after):
     left = iter(range(at, -1, -1))
 
-    def write(path, content, **how):
+    def write(path, content):
         now = next(left, -1) == 0
         if now and not after:
             raise KilledHereError
-        write_whole(path, content, **how)
+        write_whole(path, content)
         if now:
             raise KilledHereError
 
