@@ -6,29 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.config import load, packaged
+from motord.config import load
 from motord.schema import State
 from tests.support.virtual_wire import on_the_wire
 from tests.unit.emulate.benches import EMULATED, write_bench
 
 DQ = EMULATED.with_name("dq.toml")
 OWN_AXES = 'direction = -1\nd_axis_rad = 0.6\nscale = 1.2247\nangle = "turning"\n'
-DRAG_NM_S_PER_RAD = 0.6
+DRAG = {"viscous_Nm_s_per_rad": "0.6"}
 """In the place of a brake: 3 Nm turn the rotor at 5 rad/s."""
 TORQUE_NM = 3.0
 
 
 def write_dq_bench(folder: Path, axes: str) -> Path:
     """Write config/dq.toml without brake and external drive, and a drive with axes of its own."""
-    rig = packaged("star.rig.toml").read_text()
-    rig, found = re.subn(
-        r"^(viscous_Nm_s_per_rad) = .*$", rf"\1 = {DRAG_NM_S_PER_RAD}", rig, flags=re.M
-    )
-    assert found == 1
-    (folder / "rig.toml").write_text(rig)
-    path = write_bench(folder, source=DQ)
-    text = path.read_text().replace('"package:star.rig.toml"', '"rig.toml"')
-    text = text.replace('driver = "modbus"', 'driver = "none"')
+    path = write_bench(folder, source=DQ, rig=DRAG)
+    text = path.read_text().replace('driver = "modbus"', 'driver = "none"')
     text = text.replace('interface = "udp_multicast"', 'interface = "virtual"')
     text = re.sub(r'channel = "[\d.]+"', f'channel = "{folder}"', text)
     text = re.sub(r"^(options|rig_patience_s) = .*\n", "", text, flags=re.M)

@@ -44,12 +44,13 @@ def write_bench(
     """
     text = source.read_text()
     if rig is not None:
-        truth = packaged("report.rig.toml").read_text()
+        [name] = re.findall(r'^rig = "package:(.*)"', text, flags=re.MULTILINE)
+        truth = packaged(name).read_text()
         for key, value in rig.items():
             truth, found = re.subn(rf"^{key} = .*$", f"{key} = {value}", truth, flags=re.MULTILINE)
             assert found == 1
         (folder / "rig.toml").write_text(truth)
-        text = text.replace('"package:report.rig.toml"', '"rig.toml"')
+        text = text.replace(f'"package:{name}"', '"rig.toml"')
     bridge, can, brake, drive = PLACES[source.stem]
     ours = {
         f'"{bridge}"': f'"{folder / "bridge"}"',
