@@ -287,6 +287,27 @@ def test_pause_zoom_and_cursor(server, visit: Watched):
     expect(page.locator("#span")).to_have_value("20")
 
 
+def test_a_selection_outlives_another_size(server, visit: Watched):
+    page = visit(server.urls.operator)
+    waits(page, TALLEST + "> 0; }")
+    page.click("#pause-traces")
+    box = page.locator(".plot").nth(0).bounding_box()
+    assert box is not None
+    x, y = box["x"] + 100, box["y"] + 40
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 80, y, steps=3)
+    waits(page, "() => document.querySelector('.u-select').offsetWidth > 60")
+    page.evaluate("() => { window.before = document.querySelector('canvas.traces'); }")
+    page.evaluate("() => { document.querySelector('#plots').style.paddingRight = '40px'; }")
+    waits(page, "() => document.querySelector('canvas.traces') !== window.before")
+    waits(page, TALLEST + "> 0; }")
+    page.mouse.move(x + 90, y)
+    waits(page, "() => document.querySelector('.u-select').offsetWidth > 60")
+    page.mouse.up()
+    waits(page, "() => !document.querySelector('#span-other').hidden")
+
+
 def test_a_note_is_a_mark(server, visit: Watched):
     page = visit(server.urls.operator)
     page.locator("h1").click()

@@ -54,17 +54,36 @@ export class TracePlot {
     return element("div", { class: "legend" }, title, ...rows);
   }
 
-  /** Make it anew, for a size, a theme or a layout. @param {Buckets} buckets */
+  /** Make it anew, for a theme or a layout. @param {Buckets} buckets */
   build(buckets) {
     this.uplot?.destroy();
     this.uplot = null;
-    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { width, height } = this._size();
     if (width < 20 || height < 20) return;
     this._axes = NO_AXES;
     this.uplot = new uPlot(this._options(width, height), [[0, 1]], this.canvas);
     this._drawAxes(-1, 0, true);
+    this._overlay(buckets);
+  }
+
+  /** Fit it to its place and to other rows of buckets; a selection that is being drawn goes on. @param {Buckets} buckets */
+  fit(buckets) {
+    const { uplot } = this;
+    const size = this._size();
+    if (uplot === null || size.width < 20 || size.height < 20) return this.build(buckets);
+    if (size.width !== uplot.width || size.height !== uplot.height) uplot.batch(() => uplot.setSize(size));
+    this._overlay(buckets);
+  }
+
+  _size() {
+    return { width: this.canvas.clientWidth, height: this.canvas.clientHeight };
+  }
+
+  /** @param {Buckets} buckets */
+  _overlay(buckets) {
     const { over } = this.uplot;
     this._width = over.clientWidth;
+    this._traceCanvas?.element.remove();
     this._traceCanvas = new TraceCanvas(this._width, over.clientHeight, this._traces, buckets);
     over.prepend(this._traceCanvas.element);
   }

@@ -59,7 +59,7 @@ export class Traces {
   /** @param {any} header @param {Float32Array} floats */
   take(header, floats) {
     if (header.view !== VIEW || header.live !== this._window.live) return;
-    if (this._buckets.take(header, floats)) this._rebuild();
+    if (this._buckets.take(header, floats)) this._fit();
     this._lost = header.lost;
     this._timing.take(header);
     this._dirty = true;
@@ -148,10 +148,15 @@ export class Traces {
     this.refresh();
   }
 
+  _fit() {
+    for (const plot of this._plots) plot.fit(this._buckets);
+    this.refresh();
+  }
+
   _resized() {
     clearTimeout(this._timer);
     this._timer = setTimeout(() => {
-      this._rebuild();
+      this._fit();
       if (this._groups.size) this._ask();
     }, 100);
   }
