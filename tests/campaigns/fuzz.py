@@ -47,6 +47,7 @@ TARGETS: dict[str, Callable[[], Target]] = {
     "roles": files.roles_file,
     "calibration": files.calibration_file,
     "mcap": files.recording,
+    "json": files.recording_json,
 }
 
 

@@ -75,6 +75,11 @@ def write_sim(folder, name="system", lease_s=LEASE_S):
     return path
 
 
+def journal(folder):
+    """Return what is on the disk of the plan's journal, which its thread writes; "" before."""
+    return "".join(p.read_text() for p in (folder / "state" / "motord" / "plans").glob("*.jsonl"))
+
+
 _numbers = count()
 
 

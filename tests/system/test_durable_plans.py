@@ -9,7 +9,7 @@ import pytest
 
 from motord.client import ClientError
 from motord.identification.operating_points import split
-from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import PATIENCE_S, daemon, journal, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -35,11 +35,6 @@ def kill_everything(running, client):
         os.kill(pid, signal.SIGKILL)
     assert running.wait() == -signal.SIGKILL
     wait_until(lambda: not any(map(alive, pids)), "the processes to be gone")
-
-
-def journal(folder):
-    """Return what is on the disk of the plan's journal, which its thread writes; "" before."""
-    return "".join(p.read_text() for p in (folder / "state" / "motord" / "plans").glob("*.jsonl"))
 
 
 def followed(client, token, condition):

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from tests.system.daemons import daemon, runtime_of, wait_for, wait_until, write_sim
+from tests.system.daemons import daemon, journal, runtime_of, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -80,6 +80,8 @@ def test_three_plans_of_which_one_fails_with_each_policy_then_kill_9(tmp_path, m
         assert (state.queue.running, state.queue.next, state.lease.holder) == (
             9, 7, "plan cogging"
         )  # fmt: skip
+        run_id = client.plan().run_id
+        wait_until(lambda: run_id in journal(tmp_path), "the journal to be on the disk")
         pids = [view.pid for view in client.state().processes.values() if view.pid]
         for pid in (first.process.pid, *pids):
             os.kill(pid, signal.SIGKILL)

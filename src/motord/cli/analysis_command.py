@@ -3,7 +3,8 @@
 import inspect
 import json
 import resource
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from inspect import Parameter, Signature
 from pathlib import Path
 from pkgutil import resolve_name
@@ -137,7 +138,8 @@ def _run(
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     with phase_bars(silent=given["as_json"]) as progress:
         recordings = Recordings.open(paths, config, progress)
-        result = analysis.estimate(recordings, **options)
+        with _naming_recordings(paths, [config, *options.values()]):
+            result = analysis.estimate(recordings, **options)
     content = analysis.to_json(result, recordings)
     if output and analysis.save:
         analysis.save(result, output)
@@ -156,6 +158,22 @@ def _run(
         print_files(output, report)
     if storage is not None:
         storage.add(content, recordings)
+
+
+@contextmanager
+def _naming_recordings(paths: Sequence[Path], others: Iterable[object]) -> Iterator[None]:
+    """Have an error of the analysis that names neither recordings nor another file name them."""
+    from motord.experiments.subject import AnalysisError
+    from motord.findings import listed
+    from motord.identification import IdentifyError
+
+    files = [*paths, *(one for one in others if isinstance(one, Path))]
+    try:
+        yield
+    except (AnalysisError, IdentifyError) as error:
+        if paths and not any(path.name in str(error) for path in files):
+            error.args = (f"{listed([str(path) for path in paths], 3)}: {error}",)
+        raise
 
 
 def _storage(

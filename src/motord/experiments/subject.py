@@ -144,13 +144,12 @@ def bench_of(path: Path) -> Config | None:
 
 def plan_name(run: Run) -> str:
     """Return the plan that a run is of, "" if it does not say."""
-    return str(run.metadata.get("plan", {}).get("name", ""))
+    return str(run.plan_metadata.get("name", ""))
 
 
 def motor_serial(run: Run) -> str:
     """Return the serial number of the motor that a run is of, "" if it does not say."""
-    motor = run.metadata.get("motor")
-    return str(motor.get("serial", "")) if isinstance(motor, dict) else ""
+    return str(run.motor_metadata.get("serial", ""))
 
 
 def check_plan(run: Run, *needed: str, hint: str = "") -> None:
@@ -185,7 +184,7 @@ def plan_settings(recordings: Recordings, plan: str, section: type[Settings]) ->
 
 def recorded_settings(run: Run, section: type[Settings]) -> Settings:
     """Return the settings that the plan of a run had. Raises AnalysisError if there are none."""
-    given = run.metadata.get("plan", {}).get("settings", {})
+    given = run.plan_metadata.get("settings", {})
     known = {name: value for name, value in given.items() if name in section.model_fields}
     try:
         return section.model_validate(known)

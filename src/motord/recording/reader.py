@@ -14,6 +14,7 @@ from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of
 from motord.recording.mcap.chunk_decoder import SingleMessage
 from motord.recording.mcap.chunk_source import ChunkSource, Span
+from motord.recording.schema_check import misfit
 from motord.recording.table import Table
 from motord.recording.topics import Topic
 from motord.recording.writer import FORMAT, METADATA, METADATA_END
@@ -98,6 +99,21 @@ class Run:
         return self.tick_table.columns
 
     @property
+    def plan_metadata(self) -> dict[str, Any]:
+        """What the metadata say of the plan: `name`, `settings`; empty where they say nothing."""
+        return self._part_of_metadata("plan", {"name": "string", "settings": "object"})
+
+    @property
+    def motor_metadata(self) -> dict[str, Any]:
+        """What the metadata say of the motor, as in a bench file; empty where they say nothing."""
+        return self._part_of_metadata("motor", {"name": "string", "serial": "string"})
+
+    def _part_of_metadata(self, name: str, types: Mapping[str, str]) -> dict[str, Any]:
+        part = self.metadata.get(name)
+        schema = {"properties": {key: {"type": kind} for key, kind in types.items()}}
+        return part if isinstance(part, dict) and not misfit(part, schema) else {}
+
+    @property
     def damage(self) -> Damage | None:
         """What is missing, as far as has been seen: all of it after `check()` or a full read."""
         return self.source.damage
@@ -125,19 +141,19 @@ class Run:
 
     def events(self) -> list[dict[str, Any]]:
         """Return the events in the order in which they were written."""
-        return self._objects(topics.EVENTS.name)
+        return self._objects(topics.EVENTS)
 
     def states(self) -> list[dict[str, Any]]:
         """Return the bench's states by name, in order; none in files from before they had them."""
-        return self._objects(topics.STATES.name)
+        return self._objects(topics.STATES)
 
     def plan(self) -> list[dict[str, Any]]:
         """Return the plan's messages in the order in which they were written."""
-        return self._objects(topics.PLANS.name)
+        return self._objects(topics.PLANS)
 
     def operating_points(self) -> list[dict[str, Any]]:
         """Return the operating points in the order in which they were captured."""
-        return self._objects(topics.OPERATING_POINTS.name)
+        return self._objects(topics.OPERATING_POINTS)
 
     def channels(self) -> dict[str, "SlowChannel"]:
         """Return the slow channels, by name; none in files from before there were any."""
@@ -155,7 +171,7 @@ class Run:
         if name not in self.channels():
             known = ", ".join(self.channels()) or "none"
             raise RecordError(f"{self.path}: has no channel {name}; it has {known}")
-        readings = self._objects(f"{topics.CHANNEL_TOPIC}{name}")
+        readings = self._objects(topics.channel_topic(0, name, "", 0.0))
         times_ns = np.array([reading["t_ns"] for reading in readings], np.int64)
         found = (reading.get("value") for reading in readings)
         values = np.array([np.nan if one is None else one for one in found], float)
@@ -175,8 +191,8 @@ class Run:
         layout = None if number is None else self.source.layouts.get(number)
         return Table(self.source, layout, record)
 
-    def _objects(self, topic: str) -> list[dict[str, Any]]:
-        channel = self.source.number(topic)
+    def _objects(self, topic: Topic) -> list[dict[str, Any]]:
+        channel = self.source.number(topic.name)
         if channel is None:
             return []
         payloads = (
@@ -185,7 +201,14 @@ class Run:
             for part in chunk.messages
             if isinstance(part, SingleMessage) and part.channel == channel
         )
+        return [self._object(topic, n, payload) for n, payload in enumerate(payloads, 1)]
+
+    def _object(self, topic: Topic, number: int, payload: bytes) -> dict[str, Any]:
+        where = f"{self.path}: message {number} of {topic.name}"
         try:
-            return [parse_json(payload) for payload in payloads]
+            content: dict[str, Any] = parse_json(payload)
         except ValueError as error:
-            raise RecordError(f"{self.path}: a message of {topic} is not JSON") from error
+            raise RecordError(f"{where} is not JSON") from error
+        if wrong := misfit(content, topic.content):
+            raise RecordError(f"{where} is not what motord writes: {wrong}")
+        return content

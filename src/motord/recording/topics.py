@@ -1,12 +1,13 @@
 """The topics of a recording: schema, channel and layout of the messages of each."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mcap.records import Channel, Schema
 
 from motord.recording import event_log
+from motord.recording.schema_check import JsonSchema
 from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import descriptor_set
@@ -20,11 +21,16 @@ MESSAGE_BYTES = "message_bytes"
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: its MCAP records, which have one number, and the layout of its messages if fixed."""
+    """A topic: its MCAP records, which have one number, and what its messages look like.
+
+    record: layout of the messages, if it is fixed.
+    """
 
     schema: Schema
     channel: Channel
     record: Record | None = None
+    content: JsonSchema = field(default_factory=dict)
+    """JSON Schema of its messages, if they are JSON."""
 
     @property
     def number(self) -> int:
@@ -50,19 +56,26 @@ def _block_topic(number: int, record: Record) -> Topic:
 
 
 def _json_topic(
-    number: int, name: str, title: str, properties: dict[str, Any], schema_name: str = ""
+    number: int,
+    name: str,
+    title: str,
+    properties: dict[str, Any],
+    *,
+    required: tuple[str, ...] = (),
+    schema_name: str = "",
 ) -> Topic:
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": title,
         "type": "object",
         "properties": {"t_ns": _property("integer", "Unix time, ns"), **properties},
-        "required": ["t_ns"],
+        "required": ["t_ns", *required],
     }
     data = json.dumps(schema, indent=1).encode()
     return Topic(
         Schema(data=data, encoding=JSON_SCHEMA, id=number, name=schema_name or title),
         Channel(id=number, message_encoding=JSON, metadata={}, schema_id=number, topic=name),
+        content=schema,
     )
 
 
@@ -89,7 +102,8 @@ EVENTS = _json_topic(
         "level": _property("integer", "2 information, 3 warning, 4 error"),
         "name": _property("string", "kind, as foxglove.Log has it"),
     },
-    event_log.SCHEMA_NAME,
+    required=("kind",),
+    schema_name=event_log.SCHEMA_NAME,
 )
 PLANS = _json_topic(4, "/plan", "motord.Plan", {})
 OPERATING_POINTS = _json_topic(
@@ -110,9 +124,22 @@ OPERATING_POINTS = _json_topic(
         "compensate": _property("integer", "what was compensated: 1 currents, 2 cogging"),
         "repetition": _property("integer", "of a soak: which repetition, from 1"),
         "inner_index": _property("integer", "of a soak: number of the point in the inner plan"),
-        "temperatures": _property(
-            "object", "mean_C and change_K of channels with a role, by name; null where not known"
+        "driven": _property("boolean", "the rotor was driven from outside"),
+        "turns_from_start": _property(
+            "boolean", "whole turns count from the first tick, not from the encoder's zero"
         ),
+        "induced": _property("object", "errors put on the currents: alpha, beta_A"),
+        "temperatures": {
+            "type": "object",
+            "additionalProperties": {
+                "type": "object",
+                "properties": {
+                    "mean_C": {"type": "number"},
+                    "change_K": {"type": "number"},
+                },
+            },
+            "description": "mean and change of channels with a role; null where not known",
+        },
         "take": _property(
             "integer", "which take of the point this is; of several the last good one counts"
         ),
@@ -121,6 +148,9 @@ OPERATING_POINTS = _json_topic(
         ),
         "mean_error_percent": _property("number", "mean of the same, if the sensor passes it"),
     },
+    required=(
+        *("index", "torque_Nm", "speed_Hz", "tick_start", "tick_end", "t_start_ns", "t_end_ns"),
+    ),
 )
 STATES = _json_topic(
     6,

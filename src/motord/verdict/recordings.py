@@ -78,11 +78,10 @@ def _result(name: str, recordings: Recordings) -> Mapping[str, Any]:
 
 
 def _check_motor(run: Run, motor_type: MotorType, serial: str) -> None:
-    motor = run.metadata.get("motor", {})
-    if motor.get("name") != motor_type.motor:
+    name = run.motor_metadata.get("name", "")
+    if name != motor_type.motor:
         raise AnalysisError(
-            f"{run.path}: is of the motor {motor.get('name', '')!r}; the motor type is for "
-            f"{motor_type.motor!r}"
+            f"{run.path}: is of the motor {name!r}; the motor type is for {motor_type.motor!r}"
         )
     for known in recorded_serials(run):
         check_same_serial(str(run.path), known, serial)
@@ -90,8 +89,7 @@ def _check_motor(run: Run, motor_type: MotorType, serial: str) -> None:
 
 def recorded_serials(run: Run) -> set[str]:
     """Return the serial numbers that a recording has: of its motor, of the notes of a test."""
-    motor = run.metadata.get("motor")
-    noted = note_of(str(motor.get("name", "")) if isinstance(motor, dict) else "")
+    noted = note_of(str(run.motor_metadata.get("name", "")))
     lines = str(run.metadata.get("notes", "")).splitlines()
     serials = {line.removeprefix(noted) for line in lines if line.startswith(noted)}
     return {*serials, motor_serial(run)} - {""}
@@ -119,7 +117,7 @@ def _digests(paths: Sequence[Path]) -> Iterator[str]:
 
 def _used(run: Run, digest: str) -> UsedRecording:
     start_ns, damage = run.end.get("t_start_ns"), run.damage
-    compensates = run.metadata.get("plan", {}).get("settings", {}).get("compensate", "off") != "off"
+    compensates = run.plan_metadata.get("settings", {}).get("compensate", "off") != "off"
     return UsedRecording(
         path=str(run.path),
         sha256=digest,

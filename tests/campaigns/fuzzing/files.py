@@ -8,17 +8,26 @@ from pathlib import Path
 
 from motord.calibration import CalibrationError
 from motord.calibration import load as load_calibration
+from motord.cli.record.commands import _lines
 from motord.config import ConfigError, load, packaged
+from motord.experiments.operator_notes import add_operator_notes
+from motord.experiments.subject import Recordings, motor_serial, plan_name
 from motord.importing.mapping import load_map
+from motord.recording import topics
+from motord.recording.captures import captures
 from motord.recording.errors import RecordError
+from motord.recording.info import describe
+from motord.recording.plan_columns import plan_columns
 from motord.recording.reader import open_run
 from motord.recording.recovery import recover
+from motord.recording.writer import RunWriter
+from motord.report.html import Page
 from motord.security import roles
 from motord.security.error import SecurityError
 from motord.security.roles import Role
 from tests.campaigns.fuzzing.mutate import mutate_bytes, mutate_json, mutate_text, some_bytes
 from tests.unit.importing.tables import MAP
-from tests.unit.recording.runs import write_run
+from tests.unit.recording.runs import START_NS, point_of, tick_block, write_run
 from tests.unit.service.test_installation import calibration
 
 RECOVER_EVERY = 20
@@ -102,6 +111,39 @@ def calibration_file() -> File:
         return mutate_bytes(rng, json.dumps(content).encode())
 
     return File("calibration.json", make, load_calibration, CalibrationError)
+
+
+def recording_json() -> File:
+    """Recordings with an operating point, an event, a plan or motor that another program wrote."""
+    ticks = tick_block(60)
+    whole = {
+        "point": point_of(ticks[10:50])
+        | {"temperatures": {"coil": {"mean_C": 30.0}}, "turns": 2.0},
+        "event": {"kind": "note", "message": "warm", "data": {"by": "anna"}},
+        "plan": {"name": "calibrate", "settings": {"turns": 2}},
+        "motor": {"name": "AFPM-7", "serial": "47"},
+    }
+
+    def make(rng: random.Random) -> bytes:
+        changed = rng.choice(list(whole))
+        content = {**whole, changed: mutate_json(rng, whole[changed])}
+        with tempfile.TemporaryDirectory(dir=_memory()) as folder:
+            path = Path(folder) / "run.mcap"
+            with RunWriter(path, {name: content[name] for name in ("plan", "motor")}) as writer:
+                writer.ticks(ticks)
+                for topic, name in ((topics.OPERATING_POINTS, "point"), (topics.EVENTS, "event")):
+                    if isinstance(content[name], dict):
+                        writer._message(topic, START_NS, content[name])
+            return path.read_bytes()
+
+    def read(path: Path) -> None:
+        run = open_run(path)
+        list(captures(run))
+        plan_name(run), motor_serial(run), plan_columns(run.metadata)
+        list(_lines(describe(run)))
+        add_operator_notes(Page("notes"), Recordings((run,)))
+
+    return File("run.mcap", make, read, RecordError)
 
 
 def recording() -> File:

@@ -283,3 +283,18 @@ def test_a_motord_in_a_home_is_no_service_of_the_system(
     assert "/home/anna/venv" in done.stderr
     assert "python3 -m venv /opt/motord" in done.stderr
     assert ran == []
+
+
+def test_without_udev_running_it_is_left_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(host, "UDEV_SOCKET", tmp_path / "control")
+    reload = [("udevadm", "control", "--reload"), ("true",)]
+    left_out = "left out udevadm control --reload: udev does not run"
+    assert host.carry_out(reload) == [left_out, "ran true"]
+    (tmp_path / "control").touch()
+    (tmp_path / "udevadm").write_text("#!/bin/sh\necho it is asleep >&2; exit 1\n")
+    (tmp_path / "udevadm").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(host.DeploymentError, match="`udevadm control --reload` failed: it is asl"):
+        host.carry_out(reload)

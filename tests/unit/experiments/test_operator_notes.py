@@ -6,12 +6,9 @@ from motord.experiments.operator_notes import SHOWN_MAX, add_operator_notes
 from motord.experiments.subject import Recordings
 from motord.recording.writer import RunWriter
 from motord.report.html import Page
-from tests.unit.recording.runs import METADATA, PERIOD_NS, START_NS, tick_block
+from tests.unit.recording.runs import METADATA, PERIOD_NS, START_NS, point_of, tick_block
 
-POINT = {
-    "index": 3, "torque_Nm": 2.0, "speed_Hz": 0.7, "quality": "ok",
-    "t_start_ns": START_NS + 20 * PERIOD_NS, "t_end_ns": START_NS + 60 * PERIOD_NS,
-}  # fmt: skip
+POINT = point_of(tick_block(61)[20:]) | {"index": 3, "torque_Nm": 2.0, "speed_Hz": 0.7}
 
 
 def page_of(path: Path, notes: str, texts: dict[int, str]) -> str:

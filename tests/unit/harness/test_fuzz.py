@@ -34,6 +34,11 @@ def test_an_exception_is_found(monkeypatch):
     assert any(where.startswith("KeyError in ") for where in outcome.wrong)
 
 
+def test_a_recording_that_nobody_checks_is_found(monkeypatch):
+    monkeypatch.setattr("motord.recording.reader.misfit", lambda value, schema: "")
+    assert {where.split()[0] for where in fuzz.run("json", 200).wrong} >= {"KeyError", "TypeError"}
+
+
 def test_a_silent_error_is_found(monkeypatch):
     def silent(path):
         raise ConfigError("wrong")

@@ -23,7 +23,7 @@ from motord.recording.file_names import part_of
 from motord.recording.reader import open_run
 from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir
-from tests.unit.recording.runs import METADATA, tick_block
+from tests.unit.recording.runs import METADATA, point_of, tick_block
 
 CONFIG = packaged("sim.toml")
 
@@ -327,7 +327,7 @@ def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
     supervisor.until(lambda r: r.ticks == 1000)
     supervisor.link.event(1, "state", "ENABLED", {"a": 1})
     supervisor.link.plan(2, {"plan": "calibrate"})
-    supervisor.link.operating_point(3, {"index": 0})
+    supervisor.link.operating_point(3, point_of(tick_block(5)))
     supervisor.link.stop("plan done")
     supervisor.until(lambda r: not r.recording)
     run = open_run(Path(supervisor.last.file))

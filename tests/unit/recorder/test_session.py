@@ -25,7 +25,7 @@ from motord.recording.storage import free_bytes, obstacle
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingWriter
-from tests.unit.recording.runs import METADATA, PERIOD_NS, START_NS, same, tick_block
+from tests.unit.recording.runs import METADATA, PERIOD_NS, START_NS, point_of, same, tick_block
 
 CAPACITY = 256
 PLENTY = 10**12
@@ -132,7 +132,7 @@ def test_a_point_comes_after_its_ticks_so_that_a_file_cut_off_has_both_or_neithe
     bench.start()
     for last in (40, 90):
         bench.loop(50)
-        content = {"index": 0, "tick_start": 0, "tick_end": last}
+        content = point_of(tick_block(last + 1))
         bench.do(do="operating_point", t_ns=START_NS, content=content)
     bench.stop()
     [file] = bench.files()
@@ -202,19 +202,20 @@ def test_messages_are_recorded_and_forgotten_without_a_recording(bench):
     bench.do(do="event", t_ns=1, content={"kind": "early", "message": "not recorded"})
     bench.do(do="plan", t_ns=1, content={})
     bench.do(do="operating_point", t_ns=1, content={})
+    point = point_of(tick_block(5))
     bench.start()
     bench.loop(5)
     bench.do(do="event", t_ns=2, content={"kind": "state", "message": "READY"})
     bench.do(do="event", t_ns=3, content={"kind": "state", "message": "X", "data": {"a": 1}})
     bench.do(do="plan", t_ns=4, content={"plan": "verify"})
-    bench.do(do="operating_point", t_ns=5, content={"index": 7})
+    bench.do(do="operating_point", t_ns=5, content=point)
     bench.stop()
     run = open_run(bench.files()[0])
     assert [(e["t_ns"], e["kind"], e["data"]) for e in run.events()] == [
         (2, "state", {}), (3, "state", {"a": 1}),
     ]  # fmt: skip
     assert run.plan() == [{"t_ns": 4, "plan": "verify"}]
-    assert run.operating_points() == [{"t_ns": 5, "index": 7}]
+    assert run.operating_points() == [{"t_ns": 5, **point}]
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,15 @@ def same(a: np.ndarray, b: np.ndarray) -> bool:
     return a.dtype == b.dtype and all(a[n].tobytes() == b[n].tobytes() for n in a.dtype.names)
 
 
+def point_of(ticks: np.ndarray) -> dict[str, Any]:
+    """Return the operating point that was captured with `ticks`."""
+    (first, first_ns), (last, last_ns) = (ticks[at][["tick", "t_ns"]].item() for at in (0, -1))
+    return {
+        "index": 0, "torque_Nm": 3.0, "speed_Hz": 1.0, "tick_start": first, "tick_end": last,
+        "t_start_ns": first_ns, "t_end_ns": last_ns, "quality": "ok",
+    }  # fmt: skip
+
+
 def write_run(path: Path, count: int = 1000, **options: Any) -> np.ndarray:
     """Write a run of `count` ticks, truth, events, a plan and a point; return the ticks."""
     ticks = tick_block(count)
@@ -56,4 +65,4 @@ def write_everything(writer: RunWriter, ticks: np.ndarray) -> None:
         if start == 300:
             writer.plan(t_ns, {"plan": "calibrate", "step": 3})
         if start == 500:
-            writer.operating_point(t_ns, {"index": 0, "torque_Nm": 3.0, "quality": "ok"})
+            writer.operating_point(t_ns, point_of(ticks[400 : start + 1]))

@@ -8,9 +8,7 @@ from typer.testing import CliRunner
 from motord.cli.record.commands import app
 from motord.recording.file_names import part_of
 from motord.recording.writer import RunWriter
-from tests.unit.recording.runs import METADATA, tick_block, write_run
-
-POINT = {"index": 0, "torque_Nm": 3.0, "speed_Hz": 0.7, "turns": 24.0, "quality": "ok"}
+from tests.unit.recording.runs import METADATA, point_of, tick_block, write_run
 
 
 def call(*arguments: object, code: int = 0) -> str:
@@ -53,7 +51,8 @@ def test_info_of_a_calibration_run(tmp_path):
     block = tick_block(100)
     with RunWriter(tmp_path / "run.mcap", metadata) as writer:
         writer.ticks(block[block["tick"] != 50])
-        writer.operating_point(int(block["t_ns"][-1]), POINT)
+        point = point_of(block) | {"speed_Hz": 0.7, "turns": 24.0}
+        writer.operating_point(int(block["t_ns"][-1]), point)
     text = call("info", tmp_path / "run.mcap")
     assert "AFPM-7, serial 47" in text
     for part in ("calibrate", "99 in", "1 periods without a tick", "3.00 Nm  0.700 Hz"):

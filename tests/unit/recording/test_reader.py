@@ -43,7 +43,15 @@ from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import descriptor_set
-from tests.unit.recording.runs import PERIOD_NS, START_NS, same, tick_block, truth_block, write_run
+from tests.unit.recording.runs import (
+    PERIOD_NS,
+    START_NS,
+    point_of,
+    same,
+    tick_block,
+    truth_block,
+    write_run,
+)
 
 COUNT = 700
 CHUNK_S = 0.1
@@ -82,7 +90,7 @@ def test_everything_comes_back(whole):
     assert run.events() == [event_message(t_ns, "state", "ENABLED", {"tick": 100, "x": None})]
     assert run.plan() == [{"t_ns": START_NS + 300 * PERIOD_NS, "plan": "calibrate", "step": 3}]
     assert run.operating_points() == [
-        {"t_ns": START_NS + 500 * PERIOD_NS, "index": 0, "torque_Nm": 3.0, "quality": "ok"}
+        {"t_ns": START_NS + 500 * PERIOD_NS, **point_of(tick_block(501)[400:])}
     ]
     assert run.columns == TICK_DTYPE.names
     assert run.damage is None
@@ -469,8 +477,42 @@ def test_an_event_that_is_no_json_is_reported(tmp_path):
     content = path.read_bytes().replace(b'"kind"', b'"kind:')
     chunk = open_run(path).source.structure.chunks[0]
     path.write_bytes(content[: chunk.offset + 33] + bytes(4) + content[chunk.offset + 37 :])
-    with pytest.raises(RecordError, match="a message of /event is not JSON"):
+    with pytest.raises(RecordError, match=r"run\.mcap: message 1 of /event is not JSON"):
         open_run(path).events()
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"tick_end": None}, "it has no tick_end"),
+        ({"index": "0"}, "index is '0': type integer is needed"),
+        ({"t_end_ns": 10**30}, "t_end_ns is 1000000000000000000000000000000: type integer"),
+        ({"compensate": None}, "compensate is None: type integer is needed"),
+        ({"driven": 1}, "driven is 1: type boolean is needed"),
+        ({"temperatures": {"coil": {"mean_C": "30"}}}, "temperatures.coil.mean_C is '30': type"),
+    ],
+)
+def test_an_operating_point_of_another_shape_is_refused(tmp_path, changes, why):
+    path, ticks = tmp_path / "run.mcap", tick_block(3)
+    with RunWriter(path, {}) as writer:
+        writer.ticks(ticks)
+        writer.operating_point(
+            START_NS, point_of(ticks) | {"temperatures": {"a": {"mean_C": None}}}
+        )
+        writer.operating_point(START_NS, point_of(ticks) | changes)
+    with pytest.raises(
+        RecordError, match=r"run\.mcap: message 2 of /operating_point is not"
+    ) as caught:
+        open_run(path).operating_points()
+    assert why in str(caught.value)
+
+
+def test_metadata_of_another_shape_say_nothing(tmp_path):
+    for number, plan in enumerate(("calibrate", {"name": 3}, {"name": "a", "settings": []})):
+        path = tmp_path / f"{number}.mcap"
+        with RunWriter(path, {"plan": plan, "motor": [plan]}) as writer:
+            writer.ticks(tick_block(3))
+        assert open_run(path).plan_metadata == open_run(path).motor_metadata == {}
 
 
 def minimal(*records: Any, footer: Footer | None = None) -> bytes:
@@ -581,6 +623,7 @@ def open_descriptors():
 
 
 def test_a_run_gives_its_descriptor_back(whole):
+    gc.collect()  # what other tests have left
     before = open_descriptors()
     run = open_run(whole)
     assert len(open_descriptors()) == len(before) + 1

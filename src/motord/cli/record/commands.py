@@ -125,8 +125,8 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             yield f"{name + ':':18}{value}"
     for p in points:
         yield (
-            f"  {p.get('index', '?'):>3}  {p.get('torque_Nm', 0):6.2f} Nm "
-            f"{p.get('speed_Hz', 0):6.3f} Hz  {p.get('turns', 0):5.1f} turns  {p.get('quality')}"
+            f"  {p['index']:>3}  {p['torque_Nm']:6.2f} Nm {p['speed_Hz']:6.3f} Hz  "
+            f"{p.get('turns') or 0:5.1f} turns  {p.get('quality', '')}"
         )
 
 

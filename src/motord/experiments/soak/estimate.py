@@ -65,7 +65,7 @@ def _plan_of(runs: Sequence[Run]) -> str:
     found = []
     for run in runs:
         check_plan(run, NAME)
-        plan = run.metadata["plan"]
+        plan = run.plan_metadata
         settings = plan.get("settings", {})
         identity = (plan.get("run_id", ""), settings.get("plan"), settings.get("inner"))
         found.append((run, identity))

@@ -118,7 +118,7 @@ def read(content: bytes) -> ParsedJournal:
         try:
             log = _with_line(parsed.log, parse_json(line))
             parsed = ParsedJournal(log, parsed.size + len(line) + 1)
-        except (ValueError, KeyError, TypeError):  # ValidationError among them
+        except (ArithmeticError, KeyError, TypeError, ValueError):  # ValidationError among them
             break
     return parsed
 

@@ -19,6 +19,7 @@ from motord.results.store import ResultsStore
 from motord.schema import TICK_DTYPE
 from motord.simulate import PlanSource, record_plan
 from tests.unit.experiments.test_cli import run
+from tests.unit.recording.runs import point_of
 
 SETTINGS = {
     "plan": "verify", "repeats": 12, "pause_s": 300.0, "compensate": "off",
@@ -179,9 +180,9 @@ def test_what_is_no_soak_or_another_one_is_refused(drifted: Path, tmp_path: Path
         trends(plain)
     unnumbered = tmp_path / "unnumbered.mcap"
     with RunWriter(unnumbered, {**open_run(drifted).metadata}) as writer:
-        writer.ticks(captured(0, 0, np.random.default_rng(1), 0.0))
-        point = {"index": 0, "torque_Nm": 1.0, "speed_Hz": 1.0, "t_start_ns": 1, "tick_start": 1}
-        writer.operating_point(START_NS, point)
+        ticks = captured(0, 0, np.random.default_rng(1), 0.0)
+        writer.ticks(ticks)
+        writer.operating_point(START_NS, point_of(ticks))
     with pytest.raises(AnalysisError, match="no good operating point"):
         trends(unnumbered)
     with pytest.raises(AnalysisError, match="no good operating point"):
