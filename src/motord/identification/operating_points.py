@@ -11,6 +11,7 @@ from motord.identification import IdentifyError
 from motord.identification.harmonics import lines_at
 from motord.identification.orders import resolved_order
 from motord.identification.resample import interpolate, rising, uncrowded
+from motord.identification.signal_condition import SignalFault, require_change, signal_faults
 from motord.identification.turning import continuous_turns
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
@@ -52,7 +53,7 @@ class Samples:
     t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
     command_A (n, 3): commands where they were recorded (commanded), else the sensed currents;
     turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
-    all currents are nan.
+    all currents are nan. faults: signals that are clipped or frozen.
     """
 
     torque_set_Nm: float
@@ -66,6 +67,7 @@ class Samples:
     turns: tuple[tuple[int, int], ...]
     commanded: bool = True
     back_emf_factor: float = 1.0
+    faults: tuple[SignalFault, ...] = ()
 
     @property
     def label(self) -> str:
@@ -152,6 +154,7 @@ def prepare(point: PointData, counts: int) -> Samples:
         good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
     turns = continuous_turns(count, counts, label, from_start=point.turns_from_start)
+    require_change({"torque_Nm": torque_Nm[good]}, label)
     i_A = np.ascontiguousarray(i_A[good])
     command_A = _commands(ticks, good) if sensed.any() else None
     return Samples(
@@ -166,7 +169,17 @@ def prepare(point: PointData, counts: int) -> Samples:
         turns=turns,
         commanded=command_A is not None,
         back_emf_factor=point.back_emf_factor,
+        faults=_faults(ticks[good], len(turns)),
     )
+
+
+def _faults(ticks: np.ndarray, turns: int) -> tuple[SignalFault, ...]:
+    """Return what is wrong with torque and currents; currents as sampled, not as interpolated."""
+    commands = dict(zip(CURRENTS, COMMANDS, strict=True))
+    names = ticks.dtype.names or ()
+    known = {one: ticks[name] for one, name in commands.items() if name in names}
+    signals = {name: ticks[name] for name in ("torque_Nm", *known)}
+    return signal_faults(signals, turns, known)
 
 
 def require_currents(samples: Samples) -> None:

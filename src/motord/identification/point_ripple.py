@@ -17,6 +17,7 @@ from motord.identification.basis import cell_gain
 from motord.identification.harmonics import lines_of_sums, transforms
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
+from motord.identification.signal_condition import SignalFault
 from motord.identification.torque_sensor import order_below_resonance, response
 
 
@@ -29,6 +30,7 @@ class PointRipple:
     line_Nm (n,): complex amplitude, order h being Re(line exp(j h theta)); noise_Nm (n,): its
     standard error; even_odd_Nm (2, n): the lines of even and of odd turns. One whole turn alone
     does not show its noise, which is in the RMS then: noise_Nm is nan, stderr_percent None.
+    faults: signals that are clipped or frozen.
     """
 
     JSON: ClassVar = (
@@ -47,6 +49,7 @@ class PointRipple:
     line_Nm: np.ndarray
     noise_Nm: np.ndarray
     even_odd_Nm: np.ndarray
+    faults: tuple[SignalFault, ...] = ()
 
     @property
     def label(self) -> str:
@@ -131,6 +134,7 @@ def ripple_of(
         line_Nm=even_odd.mean(axis=0),
         noise_Nm=noise_Nm,
         even_odd_Nm=even_odd,
+        faults=samples.faults,
     )
 
 

@@ -338,6 +338,7 @@ def point(index, first, last, quality="ok", take=1):
     return {
         "index": index, "tick_start": first, "tick_end": last, "quality": quality, "take": take,
         "t_start_ns": START_NS, "t_end_ns": START_NS, "compensate": int(Compensate(0)),
+        "torque_Nm": 1.0, "speed_Hz": 1.0,
     }  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
 
+from motord.identification import IdentifyError
 from motord.identification.operating_points import COMMANDS, CURRENTS
 from motord.identification.turning import unwrap_counts
 
@@ -46,12 +47,17 @@ Rests: TypeAlias = np.recarray[Any, Any]
 
 
 def rests_of(sweeps: Sequence[np.ndarray], counts: int, pole_pairs: int) -> Rests:
-    """Return the stops in the ticks of `sweeps`, each with the columns REQUIRED."""
+    """Return the stops in the ticks of `sweeps`, each with the columns REQUIRED.
+
+    Raises IdentifyError if there are no ticks.
+    """
     parts = [
         _rests(ticks, number, counts, pole_pairs)
         for number, ticks in enumerate(sweeps)
         if ticks.size
     ]
+    if not parts:
+        raise IdentifyError("no ticks were recorded while the current vector turned")
     return np.concatenate(parts).view(np.recarray)
 
 

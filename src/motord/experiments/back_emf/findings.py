@@ -8,6 +8,7 @@ import numpy as np
 from motord.config import SEQUENCE
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_finding
+from motord.experiments.signal_findings import signal_findings
 from motord.findings import Finding
 from motord.identification.rotor.driven_rotor import JERKY, Driven
 
@@ -30,6 +31,7 @@ def findings(found: MeasuredBackEmf, driven: Sequence[Driven]) -> tuple[Finding,
         *_orders(found),
         *_motion(driven),
         *left_out_finding(found.left_out, used_s),
+        *signal_findings((one.label, one.faults) for one in driven),
     )
 
 

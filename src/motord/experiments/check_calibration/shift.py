@@ -23,6 +23,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
 from motord.experiments.calibration.estimate.turn_products import accumulate
 from motord.experiments.check_calibration.law_shift import LawShift, law_shift
 from motord.experiments.check_calibration.line_fit import LineFit
+from motord.experiments.signal_findings import signal_findings
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
 from motord.identification.operating_points import PointData, Samples, prepare, require_currents
@@ -86,6 +87,8 @@ def parameter_shift(
 ) -> ParameterShift:
     """Return by how much the calibration would have to move. Raises IdentifyError."""
     recorded = [prepare(point, motor.counts) for point in points]
+    for fault in signal_findings((one.label, one.faults) for one in recorded):
+        raise IdentifyError(f"nothing can be said: {fault.meaning}; {fault.action}")
     has_law = motor.connection == "star" and not any(map(is_missing, recorded))
     samples = [without_sensor(one, calibration, motor, sensor) for one in recorded]
     _check_turns(samples)

@@ -17,6 +17,7 @@ from motord.experiments.cogging.at_speed import (
 from motord.experiments.cogging.directions import directions
 from motord.experiments.cogging.findings import findings
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
+from motord.experiments.signal_findings import signal_findings
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
 from motord.identification.rotor.driven_rotor import prepare
@@ -36,7 +37,8 @@ def measure(
         found = [at_speed(one, motor, sensor, others) for one in driven]
     recorded_s = sum(float(one.t_s[-1] - one.t_s[0]) for one in driven)
     measured = replace(_average(found, motor), left_out=left_out)
-    return replace(measured, findings=findings(measured, recorded_s))
+    faults = signal_findings((one.label, one.faults) for one in driven)
+    return replace(measured, findings=(*findings(measured, recorded_s), *faults))
 
 
 def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCogging:

@@ -22,6 +22,7 @@ from motord.experiments.ilc.estimate import (
 from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
 from motord.experiments.ilc.seen import SeenRipple, seen_by
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
+from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied
 from motord.findings import Finding
 from motord.identification.operating_points import PointData, Samples, prepare
@@ -212,7 +213,11 @@ def _prepared(point: PointData, subject: Subject) -> Samples:
             f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz was not taken with everything applied "
             "(compensate = on): use a run of the plan `learn`"
         )
-    return prepare(point, subject.motor.counts)
+    samples = prepare(point, subject.motor.counts)
+    if samples.faults:
+        [finding, *_] = signal_findings([(samples.label, samples.faults)])
+        raise AnalysisError(f"nothing is learned: {finding.meaning}; {finding.action}")
+    return samples
 
 
 def _empty(

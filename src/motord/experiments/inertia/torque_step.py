@@ -161,6 +161,7 @@ def _fit(
         ]
     )[sliding]
     scale = np.abs(columns).max(axis=0)
+    scale[scale == 0] = 1.0
     p, _, rank, _ = np.linalg.lstsq(columns / scale, angle_rad[sliding], rcond=1e-10)
     if rank < columns.shape[1]:
         raise IdentifyError("a step cannot tell inertia from friction; let it coast for longer")

@@ -29,6 +29,7 @@ from motord.experiments.subject import (
     recorded_settings,
 )
 from motord.identification.operating_points import CURRENTS, good_points
+from motord.identification.signal_condition import require_change
 from motord.recording.reader import Run, bounds_of
 from motord.uncertainty_budget import totals
 
@@ -150,6 +151,8 @@ def _signals(
         torque_Nm = _passed(torque_Nm, decay) + currents_Nm - fast_Nm
     captured = ticks["plan_point"] == int(point["index"])
     ticks, torque_Nm = ticks[captured], torque_Nm[captured]
+    label = f"{run.path}: cycle {int(point['index']) + 1}"
+    require_change({"torque_Nm": ticks["torque_Nm"]}, label)
     if not ticks.size:
         return _Signals(*(np.empty(0),) * 6)
     at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from math import hypot
 
+from motord.experiments.signal_findings import signal_findings
 from motord.findings import Finding, listed
 from motord.identification.point_ripple import PointRipple
 
@@ -12,7 +13,8 @@ SURE = 3.0
 
 def findings(ripples: Sequence[PointRipple]) -> tuple[Finding, ...]:
     """Return what is questionable about the ripple of the points."""
-    return (*_one_turn(ripples), *_worse(ripples))
+    faults = signal_findings((one.label, one.faults) for one in ripples)
+    return (*_one_turn(ripples), *_worse(ripples), *faults)
 
 
 def _one_turn(ripples: Sequence[PointRipple]) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ from motord.experiments.soak.trend import drifting, slope
 from motord.experiments.subject import AnalysisError, Recordings, Subject, check_plan
 from motord.identification.operating_points import good_points
 from motord.identification.point_ripple import rms_error_percent
+from motord.identification.signal_condition import require_change
 from motord.intervals import LEVEL
 from motord.recording.reader import Run, bounds_of
 
@@ -96,12 +97,14 @@ def _points(run: Run, subject: Subject) -> Iterable[PointFigures]:
         ticks = ticks[ticks["plan_point"] == int(point["index"])]
         if not ticks.size:
             continue
+        label = f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz"
+        require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {label}")
         span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
         yield PointFigures(
             run=run.path.name,
             repetition=int(point["repetition"]),
             place=place,
-            label=f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz",
+            label=label,
             t_ns=sum(span_ns) / 2,
             missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
             figures=_figures(ticks, subject),

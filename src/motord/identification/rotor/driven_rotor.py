@@ -1,7 +1,7 @@
 """Driven operating points made ready: samples in time order, motion, whole turns."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from motord.identification.motion import Motion
 from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
 from motord.identification.resample import rising
+from motord.identification.signal_condition import SignalFault, require_change, signal_faults
 from motord.identification.turning import Turn, segments, unwrapped, whole_turns
 
 CURRENT_SHARE = 0.02
@@ -33,7 +34,7 @@ class Driven:
     places in these n; motion: of all n. grid: points a turn of the angle, 0 if it has none;
     rounding_rad: RMS of the encoder's rounding; left_rad: RMS of what the smooth motion leaves of
     the measured angle, of that part which samples share with the next: noise has none.
-    back_emf_factor: that of the point.
+    back_emf_factor: that of the point; faults: what is wrong with its signals.
     """
 
     label: str
@@ -47,6 +48,7 @@ class Driven:
     rounding_rad: float
     left_rad: float
     back_emf_factor: float = 1.0
+    faults: tuple[SignalFault, ...] = ()
 
     @property
     def jerky(self) -> bool:
@@ -122,7 +124,13 @@ def _prepare(
     for group in groups:
         for turn in group:
             reasons[turn.first : turn.end] = ""
-    driven = [_segment(point, group, ticks, t_s, position_rad, grid, motor) for group in groups]
+    signals = {name: ticks[name] for name in names}
+    require_change(signals, label)
+    faults = signal_faults(signals, sum(map(len, groups)), {})
+    driven = [
+        replace(_segment(point, group, ticks, t_s, position_rad, grid, motor), faults=faults)
+        for group in groups
+    ]
     return driven, spans_left_out(f"point {number}, {label}", all_s, good, reasons)
 
 

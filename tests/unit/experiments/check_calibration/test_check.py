@@ -76,6 +76,18 @@ def unchanged() -> Taken:
     return take(rig(SEED)[0])
 
 
+def test_signals_that_show_nothing_are_no_verdict(unchanged: Taken) -> None:
+    inside = unchanged.ticks["torque_Nm"][unchanged.ticks["plan_point"] >= 0]
+    for low, high, why in (
+        (-np.inf, 0.8 * inside.max(), "torque_Nm is cut off at an end of its range"),
+        (0.1, 0.1, r"torque_Nm is 0\.1 from the first sample to the last"),
+    ):
+        ticks = unchanged.ticks.copy()
+        ticks["torque_Nm"] = np.clip(ticks["torque_Nm"], low, high)
+        with pytest.raises(IdentifyError, match=why):
+            replace(unchanged, ticks=ticks).checked()
+
+
 def inverter(truth: RigTruth, **changes: object) -> RigTruth:
     return truth.model_copy(update={"inverter": truth.inverter.model_copy(update=changes)})
 

@@ -35,6 +35,7 @@ from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
 from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf, referred
+from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import PhaseProgress, Subject
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
@@ -52,6 +53,7 @@ from motord.identification.orders import (
     resolved_order,
 )
 from motord.identification.point_ripple import PointRipple, point_ripple
+from motord.identification.signal_condition import SignalFault
 from motord.identification.zero_sequence import is_missing
 from motord.recording.captures import captures
 from motord.recording.reader import Run
@@ -99,6 +101,7 @@ class Calibrator:
         self._factors: list[float] = []  # back-EMF over that at the reference temperature
         self._residual = ResidualEstimator(motor, self._orders)
         self._ripples: list[PointRipple] = []
+        self._faults: list[tuple[str, tuple[SignalFault, ...]]] = []
 
     @classmethod
     def of_runs(
@@ -131,6 +134,7 @@ class Calibrator:
             (self._unknown if isnan(samples.back_emf_factor) else self._short).append(samples.label)
             return
         self._factors.append(samples.back_emf_factor)
+        self._faults.append((samples.label, samples.faults))
         self._points.append(accumulate(samples, self._basis, self._sensor))
         if self._motor.connection == "star" and is_missing(samples):
             self._bare.append(samples)
@@ -141,7 +145,14 @@ class Calibrator:
 
     def result(self, method: Method) -> CalibrationResult:
         """Return what all points together give. Raises IdentifyError."""
-        return self.joint() if method == "joint" else self.residual()
+        faults = signal_findings(self._faults)
+        try:
+            found = self.joint() if method == "joint" else self.residual()
+        except IdentifyError as error:
+            if not faults:
+                raise
+            raise IdentifyError(f"{faults[0].meaning}; {faults[0].action} ({error})") from error
+        return replace(found, findings=(*found.findings, *faults))
 
     def joint(self) -> CalibrationResult:
         """Return the result of the joint estimator. Raises IdentifyError."""

@@ -67,7 +67,7 @@ class LiveCalibration:
         last = self._unconfirmed
         if self._captures < AGAIN * last.captures:
             return Precision(self._captures, _wider(found, last.half_widths), last.obstacle)
-        result = self._calibrator.joint()
+        result = self._calibrator.result("joint")
         serious = [one.name for one in result.findings if one.severity == "serious"]
         obstacle = f"findings: {', '.join(serious)}" if serious else ""
         precision = Precision(self._captures, _wider(found, of_result(result)), obstacle)

@@ -1,0 +1,108 @@
+"""Signals that do not show what they measure: clipped at the end of a range, or frozen.
+
+Both leave figures that look sound: a torque that does not change has no ripple, and a mean of
+peaks that were cut off is too small with a small scatter.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from motord.identification import IdentifyError
+
+CLIPPED_SHARE = 0.005
+"""Of the samples that are at one end of the signal, from which on it may be clipped."""
+CLIPPED_OVER_NEXT = 10.0
+"""So many times as many samples are at the end as at any of the levels next to it: a sine that is
+rounded has 2.4 times as many."""
+BAND = 1e-3
+"""Part of the range within which values that differ by rounding count as one level."""
+LEVELS_MIN = 20
+"""Fewer different values are steps of a converter, of which one may well be the most frequent."""
+COMMAND_SHARE = 0.02
+"""What commands span while their current is at its end, of all that they span: less is a current
+whose reference is flat there."""
+FROZEN_TURN = 0.125
+FROZEN_RUNS = 20.0
+"""A value is frozen that stays for this part of a turn, and for so many times the mean time."""
+
+
+@dataclass(frozen=True)
+class SignalFault:
+    """What is wrong with a signal, in which share of its samples."""
+
+    signal: str
+    kind: Literal["clipped", "frozen"]
+    share: float
+
+
+def require_change(signals: Mapping[str, np.ndarray], label: str) -> None:
+    """Raise IdentifyError if a signal (n,) has one value all the time; label: of the point."""
+    for name, values in signals.items():
+        if values.size > 1 and values.max() == values.min():
+            raise IdentifyError(
+                f"{label}: {name} is {values[0]:.4g} from the first sample to the last, while the "
+                "rotor turned: the sensor is dead or not connected, or its converter hangs"
+            )
+
+
+def require_sound(signals: Mapping[str, np.ndarray], turns: float, label: str) -> None:
+    """Raise IdentifyError also if a signal (n,) is clipped or frozen for a part of the turns."""
+    require_change(signals, label)
+    for one in signal_faults(signals, turns, {}):
+        raise IdentifyError(
+            f"{label}: {one.signal} is {one.kind} in {one.share:.2%} of the samples"
+        )
+
+
+def signal_faults(
+    signals: Mapping[str, np.ndarray], turns: float, commands: Mapping[str, np.ndarray]
+) -> tuple[SignalFault, ...]:
+    """Return what is wrong with signals (n,) of a rotor that turned so often meanwhile.
+
+    commands (n,): what a signal with a command was to be; it is clipped only where that differs.
+    """
+    return tuple(
+        SignalFault(name, kind, share)
+        for name, values in signals.items()
+        for kind, share in _faults(values, turns, commands.get(name))
+    )
+
+
+def _faults(
+    values: np.ndarray, turns: float, command: np.ndarray | None
+) -> Iterator[tuple[Literal["clipped", "frozen"], float]]:
+    values = values[np.isfinite(values)] if command is None else values
+    if values.size < LEVELS_MIN or values.max() == values.min():
+        return
+    ends = [values == end for end in (values.max(), values.min())]
+    clipped = [at for at in ends if _is_clipped(values, at, command)]
+    if clipped:
+        yield "clipped", float(np.mean(np.logical_or.reduce(clipped)))
+    elif share := _frozen_share(values, turns):
+        yield "frozen", share
+
+
+def _is_clipped(values: np.ndarray, at: np.ndarray, command: np.ndarray | None) -> bool:
+    if at.mean() < CLIPPED_SHARE or at.sum() < LEVELS_MIN:
+        return False
+    if command is not None and np.ptp(command[at]) < COMMAND_SHARE * np.ptp(command):
+        return False
+    levels, counts = np.unique(values, return_counts=True)
+    if levels.size < LEVELS_MIN:
+        return False
+    from_end = np.abs(levels - values[at][0])
+    by_distance = np.argsort(from_end)[1:]
+    band = from_end[by_distance] // (BAND * np.ptp(levels))
+    next_bands = np.bincount(band.astype(int), counts[by_distance], 4)[:4]
+    most = max(counts[by_distance[:3]].max(), next_bands.max())
+    return bool(at.sum() > CLIPPED_OVER_NEXT * most)
+
+
+def _frozen_share(values: np.ndarray, turns: float) -> float:
+    changes = np.flatnonzero(np.diff(values))
+    runs = np.diff(changes, prepend=-1, append=values.size - 1)
+    longest = max(FROZEN_TURN * values.size / max(turns, 1.0), FROZEN_RUNS * float(runs.mean()))
+    return float(runs[runs >= longest].sum() / values.size)

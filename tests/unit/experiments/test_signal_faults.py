@@ -1,0 +1,85 @@
+"""What analyses say of recordings whose signals are dead, clipped or frozen."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.cli.analysis_command import app as analyse
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
+from tests.unit.experiments.conftest import Recorded
+from tests.unit.experiments.test_cli import run
+
+Change = Callable[[np.ndarray], None]
+
+
+def dead(ticks: np.ndarray) -> None:
+    ticks["torque_Nm"] = 0.1
+
+
+def clipped(ticks: np.ndarray) -> None:
+    inside = np.abs(ticks["torque_Nm"][ticks["plan_point"] >= 0])
+    end = 0.85 * float(inside.max())
+    ticks["torque_Nm"] = np.clip(ticks["torque_Nm"], -end, end)
+
+
+def frozen(ticks: np.ndarray) -> None:
+    [place] = np.nonzero(ticks["plan_point"] == 1)
+    ticks["torque_Nm"][place[1000:2500]] = ticks["torque_Nm"][place[1000]]
+
+
+def clipped_current(ticks: np.ndarray) -> None:
+    inside = np.abs(ticks["i_b_A"][ticks["plan_point"] >= 0])
+    end = 0.95 * float(inside.max())
+    ticks["i_b_A"] = np.clip(ticks["i_b_A"], -end, end)
+
+
+def changed(source: Path, path: Path, change: Change) -> Path:
+    """Write a recording with other ticks."""
+    before = open_run(source)
+    ticks = before.ticks().copy()
+    change(ticks)
+    with RunWriter(path, before.metadata) as writer:
+        writer.ticks(ticks)
+        for point in before.operating_points():
+            writer.operating_point(point["t_ns"], point)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "finding"),
+    [
+        ("calibrate", clipped, "torque-clipped"),
+        ("calibrate", frozen, "torque-frozen"),
+        ("calibrate", clipped_current, "i_b_A-clipped"),
+        ("verify", clipped, "torque-clipped"),
+        ("verify", frozen, "torque-frozen"),
+    ],
+)
+def test_a_serious_finding_names_the_signal(
+    recorded: Recorded, tmp_path: Path, kind: str, change: Change, finding: str
+) -> None:
+    path = changed(recorded.off, tmp_path / "run.mcap", change)
+    code, out, error = run(analyse, kind, path)
+    assert code == 0, error
+    assert f"serious: {finding}" in " ".join(out.split())
+
+
+@pytest.mark.parametrize("kind", ["calibrate", "verify", "cogging"])
+def test_a_torque_that_never_changes_is_refused(
+    recorded: Recorded, tmp_path: Path, kind: str
+) -> None:
+    path = changed(recorded.off, tmp_path / "run.mcap", dead)
+    code, _, error = run(analyse, kind, path)
+    assert code == 1
+    assert f"{path}: " in error
+    assert "torque_Nm is 0.1 from the first sample to the last" in error
+
+
+@pytest.mark.parametrize("kind", ["calibrate", "verify"])
+def test_sound_signals_have_no_such_finding(recorded: Recorded, kind: str) -> None:
+    _, out, _ = run(analyse, kind, recorded.off)
+    assert "clipped" not in out
+    assert "frozen" not in out

@@ -1,0 +1,77 @@
+"""Clipped and frozen signals are found; sound ones, however coarse, are not."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.identification import IdentifyError
+from motord.identification.signal_condition import require_change, signal_faults
+
+TURNS, SAMPLES = 6, 24_000
+
+
+def torque(seed, *, noise=0.01, step=0.0, hold=1, orders=6):
+    """Return torque of some turns (n,): mean, random lines, noise; rounded, and sampled slowly."""
+    rng = np.random.default_rng(seed)
+    theta = 2 * np.pi * TURNS * np.arange(SAMPLES) / SAMPLES
+    lines = zip(rng.integers(1, 150, orders), rng.normal(0, 0.3, orders), strict=True)
+    values = 3.0 + sum(size * np.sin(order * theta + order) for order, size in lines)
+    values = values + rng.normal(0.0, noise, SAMPLES)
+    values = np.repeat(values[::hold], hold)[:SAMPLES]
+    return np.round(values / step) * step if step else values
+
+
+def kinds(values, **commands):
+    return [one.kind for one in signal_faults({"x": values}, TURNS, commands)]
+
+
+@given(
+    st.integers(0, 10_000), st.sampled_from([0.0, 1e-3, 0.02, 0.2]),
+    st.sampled_from([0.0, 1e-3, 0.01, 0.1, 1.0]), st.sampled_from([1, 2, 5, 20]),
+    st.integers(0, 6),
+)  # fmt: skip
+def test_a_sound_signal_has_no_fault_however_coarse_or_slow(seed, noise, step, hold, orders):
+    values = torque(seed, noise=noise, step=step, hold=hold, orders=orders)
+    assert kinds(values) == []
+
+
+@given(
+    st.integers(0, 10_000), st.sampled_from([1e-3, 0.02]), st.sampled_from([0.0, 1e-3]),
+    st.sampled_from([1, 5]), st.sampled_from([1, -1]),
+)  # fmt: skip
+def test_a_clipped_signal_is_found_at_either_end(seed, noise, step, hold, side):
+    values = side * torque(seed, noise=noise, step=step, hold=hold)
+    end = np.quantile(values, 0.97)
+    [fault] = signal_faults({"x": np.minimum(values, end)}, TURNS, {})
+    assert (fault.signal, fault.kind) == ("x", "clipped")
+    assert 0.02 < fault.share < 0.06
+
+
+@given(st.integers(0, 10_000), st.sampled_from([1, 5, 20]), st.sampled_from([0.0, 0.01]))
+def test_a_value_that_stays_is_found(seed, hold, step):
+    values = torque(seed, hold=hold, step=step)
+    values[5_000:6_000] = values[5_000]  # a quarter of a turn
+    [fault] = signal_faults({"x": values}, TURNS, {})
+    assert (fault.kind, fault.share) == ("frozen", pytest.approx(1 / 24, abs=0.002))
+
+
+def test_a_current_is_clipped_only_where_its_command_is_not_flat():
+    theta = 2 * np.pi * 8 * TURNS * np.arange(SAMPLES) / SAMPLES
+    noise = np.random.default_rng(1).normal(0, 0.01, SAMPLES)
+    sine, flat = 10 * np.sin(theta), np.clip(15 * np.sin(theta), -10, 10)
+    for command, end, expected in (
+        (sine, 9, ["clipped"]), (flat, 9, ["clipped"]), (sine, 99, []), (flat, 99, []),
+    ):  # fmt: skip
+        sensed = np.round(np.clip(command + noise, -end, end) / 0.05) * 0.05
+        assert kinds(sensed, x=command) == expected
+
+
+def test_a_current_of_none_is_no_fault():
+    assert kinds(np.zeros(SAMPLES), x=np.zeros(SAMPLES)) == []
+
+
+def test_what_never_changes_is_refused():
+    with pytest.raises(IdentifyError, match=r"2 Nm, 1 Hz: torque_Nm is 0\.1 from the first"):
+        require_change({"torque_Nm": np.full(9, 0.1)}, "2 Nm, 1 Hz")
+    require_change({"torque_Nm": np.array([0.1, 0.2])}, "2 Nm, 1 Hz")
