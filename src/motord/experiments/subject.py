@@ -197,19 +197,14 @@ def recorded_settings(run: Run, section: type[Settings]) -> Settings:
 def captured_ticks(run: Run, columns: Sequence[str]) -> Iterator[np.ndarray]:
     """Yield the ticks of each good operating point of a run, in time order.
 
-    Raises AnalysisError if a column is not a finite number all the time.
+    Ticks of which a column is missing (nan), as in a recording from elsewhere, are left out.
     """
     for point in good_points(run.operating_points()):
         ticks = run.ticks(("plan_point", *columns), **bounds_of(point))
-        ticks = ticks[ticks["plan_point"] == int(point["index"])]
+        whole = ticks["plan_point"] == int(point["index"])
         for name in columns:
-            wrong = int(np.sum(~np.isfinite(ticks[name])))
-            if wrong:
-                raise AnalysisError(
-                    f"{run.path}: point {point['index']}: {name} is no number in {wrong} of "
-                    f"{ticks.size} ticks; take it again"
-                )
-        yield ticks
+            whole &= np.isfinite(ticks[name])
+        yield ticks[whole]
 
 
 def _with_serial(subjects: Sequence[Subject]) -> list[Subject]:

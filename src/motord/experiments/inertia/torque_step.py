@@ -24,6 +24,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from motord.config import TorqueSensorConfig
 from motord.identification import IdentifyError
+from motord.identification.signal_condition import require_change
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
 """Columns of the ticks of a step."""
@@ -76,6 +77,7 @@ def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorCo
     """Return what one step tells. Raises IdentifyError naming it."""
     name = f"step {index + 1}"
     t_s, begin = _since_step(ticks, name)
+    require_change({"torque_Nm": ticks["torque_Nm"]}, name)
     angle_rad = np.unwrap(ticks["encoder_count"] * (2 * pi / counts))[begin:]
     angle_rad -= angle_rad[0]
     measured_Nm = _torque_since(t_s, ticks["torque_Nm"].astype(float), begin, sensor)

@@ -90,6 +90,20 @@ def test_acceleration_from_a_recording(steps: Path, tmp_path: Path) -> None:
     assert "torque as commanded" in output
 
 
+def test_ticks_without_a_torque_are_left_out(steps: Path, tmp_path: Path) -> None:
+    run, path = open_run(steps), tmp_path / "gaps.mcap"
+    ticks = run.ticks().copy()
+    ticks["torque_Nm"][::7] = np.nan
+    with RunWriter(path, run.metadata) as writer:
+        writer.ticks(ticks)
+        for point in run.operating_points():
+            writer.operating_point(point["t_ns"], point)
+    found = [
+        analysis.acceleration([each], Subject.of_runs([each])) for each in (run, open_run(path))
+    ]
+    assert found[1].inertia_kg_m2 == pytest.approx(found[0].inertia_kg_m2, rel=2e-3)
+
+
 def test_a_bench_file_says_what_the_springs_really_are(swings: Path, tmp_path: Path) -> None:
     text = packaged("inertia.toml").read_text()
     stiffer = text.replace("stiffness_N_per_m = 3", "stiffness_N_per_m = 4")

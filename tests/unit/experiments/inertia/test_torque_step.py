@@ -119,6 +119,7 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
         (changed(good, torque_set_Nm=0.0), "no step of torque from rest"),
         (changed(good, encoder_count=0), "did not turn on in one direction"),
         (changed(good, torque_Nm=-good["torque_Nm"]), "its sign"),
+        (changed(good, torque_Nm=0.1), r"torque_Nm is 0\.1 from the first sample to the last"),
         (changed(good, t_ns=good["t_ns"] // 10), r"at rest for 0.1 s only"),
         (changed(good, t_ns=good["t_ns"][::-1]), "times do not rise"),
     )
