@@ -10,6 +10,10 @@ MEANINGS = {
         "is cut off at an end of its range, so that peaks are missing and figures too small",
         "use the sensor's larger range, or smaller torques; check gain and supply of its converter",
     ),
+    "stuck": (
+        "has a line that never changes, so that half of the angles never come",
+        "look at the encoder's plug and lines; `motord check` reads it",
+    ),
     "frozen": (
         "keeps one value while the rotor turns, so that ripple is missing",
         "look for a loose plug or a converter that hangs; take these points again",

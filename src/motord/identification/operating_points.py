@@ -11,7 +11,12 @@ from motord.identification import IdentifyError
 from motord.identification.harmonics import lines_at
 from motord.identification.orders import resolved_order
 from motord.identification.resample import interpolate, rising, uncrowded
-from motord.identification.signal_condition import SignalFault, require_change, signal_faults
+from motord.identification.signal_condition import (
+    SignalFault,
+    require_change,
+    signal_faults,
+    stuck_lines,
+)
 from motord.identification.turning import continuous_turns
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
@@ -169,17 +174,18 @@ def prepare(point: PointData, counts: int) -> Samples:
         turns=turns,
         commanded=command_A is not None,
         back_emf_factor=point.back_emf_factor,
-        faults=_faults(ticks[good], len(turns)),
+        faults=_faults(ticks[good], len(turns), counts),
     )
 
 
-def _faults(ticks: np.ndarray, turns: int) -> tuple[SignalFault, ...]:
-    """Return what is wrong with torque and currents; currents as sampled, not as interpolated."""
+def _faults(ticks: np.ndarray, turns: int, counts: int) -> tuple[SignalFault, ...]:
+    """Return what is wrong with the signals; currents as sampled, not as interpolated."""
     commands = dict(zip(CURRENTS, COMMANDS, strict=True))
     names = ticks.dtype.names or ()
     known = {one: ticks[name] for one, name in commands.items() if name in names}
     signals = {name: ticks[name] for name in ("torque_Nm", *known)}
-    return signal_faults(signals, turns, known)
+    lines = stuck_lines(ticks["encoder_count"].astype(np.int64), counts)
+    return (*signal_faults(signals, turns, known), *lines)
 
 
 def require_currents(samples: Samples) -> None:

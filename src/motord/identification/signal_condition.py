@@ -24,6 +24,8 @@ LEVELS_MIN = 20
 COMMAND_SHARE = 0.02
 """What commands span while their current is at its end, of all that they span: less is a current
 whose reference is flat there."""
+SAMPLES_A_COUNT = 0.25
+"""Samples, for each count of the encoder, from which on each of its lines changes."""
 FROZEN_TURN = 0.125
 FROZEN_RUNS = 20.0
 """A value is frozen that stays for this part of a turn, and for so many times the mean time."""
@@ -34,7 +36,7 @@ class SignalFault:
     """What is wrong with a signal, in which share of its samples."""
 
     signal: str
-    kind: Literal["clipped", "frozen"]
+    kind: Literal["clipped", "frozen", "stuck"]
     share: float
 
 
@@ -69,6 +71,23 @@ def signal_faults(
         for name, values in signals.items()
         for kind, share in _faults(values, turns, commands.get(name))
     )
+
+
+def stuck_lines(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
+    """Return an encoder whose counts (n,), of whole turns, show a line that never changes.
+
+    Of a binary or a Gray code alike; the share is that of the counts which never come then. Too few
+    samples, steps of one size and counts that are no power of two tell nothing.
+    """
+    if counts & (counts - 1) or count.size < SAMPLES_A_COUNT * counts:
+        return ()
+    if np.unique(np.diff(count) % counts).size < 2:
+        return ()
+    for code in (count, count ^ (count >> 1)):
+        changing = np.bitwise_or.reduce(code) & ~np.bitwise_and.reduce(code)
+        if int(changing) & (counts - 1) != counts - 1:
+            return (SignalFault("encoder_count", "stuck", 0.5),)
+    return ()
 
 
 def _faults(

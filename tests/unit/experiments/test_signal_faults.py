@@ -30,6 +30,10 @@ def frozen(ticks: np.ndarray) -> None:
     ticks["torque_Nm"][place[1000:2500]] = ticks["torque_Nm"][place[1000]]
 
 
+def stuck(ticks: np.ndarray) -> None:
+    ticks["encoder_count"] |= 512
+
+
 def clipped_current(ticks: np.ndarray) -> None:
     inside = np.abs(ticks["i_b_A"][ticks["plan_point"] >= 0])
     end = 0.95 * float(inside.max())
@@ -54,6 +58,8 @@ def changed(source: Path, path: Path, change: Change) -> Path:
         ("calibrate", clipped, "torque-clipped"),
         ("calibrate", frozen, "torque-frozen"),
         ("calibrate", clipped_current, "i_b_A-clipped"),
+        ("calibrate", stuck, "encoder_count-stuck"),
+        ("verify", stuck, "encoder_count-stuck"),
         ("verify", clipped, "torque-clipped"),
         ("verify", frozen, "torque-frozen"),
     ],

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
-from motord.identification.signal_condition import require_change, signal_faults
+from motord.identification.signal_condition import require_change, signal_faults, stuck_lines
 
 TURNS, SAMPLES = 6, 24_000
 
@@ -75,3 +75,45 @@ def test_what_never_changes_is_refused():
     with pytest.raises(IdentifyError, match=r"2 Nm, 1 Hz: torque_Nm is 0\.1 from the first"):
         require_change({"torque_Nm": np.full(9, 0.1)}, "2 Nm, 1 Hz")
     require_change({"torque_Nm": np.array([0.1, 0.2])}, "2 Nm, 1 Hz")
+
+
+def turning(seed, counts=4096, turns_Hz=1.0, samples=5000):
+    """Return encoder counts (n,) of a rotor that turns unevenly, sampled at 1 kHz."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(samples) * 1e-3
+    turned = turns_Hz * t_s + 0.02 * np.sin(2 * np.pi * turns_Hz * t_s) + rng.uniform()
+    return np.floor(turned * counts).astype(np.int64) % counts
+
+
+def gray(count):
+    return count ^ (count >> 1)
+
+
+def binary(code):
+    for shift in (1, 2, 4, 8):
+        code = code ^ (code >> shift)
+    return code
+
+
+@given(st.integers(0, 10_000), st.sampled_from([256, 1024, 4096]), st.floats(-20, 20))
+def test_an_encoder_whose_lines_all_change_is_sound(seed, counts, turns_Hz):
+    if abs(turns_Hz) > 0.5:
+        assert stuck_lines(turning(seed, counts, turns_Hz), counts) == ()
+
+
+@pytest.mark.parametrize("bit", range(12))
+@pytest.mark.parametrize("high", [False, True])
+def test_a_line_that_never_changes_is_found(bit, high):
+    def held(code):
+        return code | 1 << bit if high else code & ~(1 << bit)
+
+    count = turning(bit)
+    for broken in (held(count), binary(held(gray(count)))):
+        [fault] = stuck_lines(broken, 4096)
+        assert (fault.signal, fault.kind) == ("encoder_count", "stuck")
+
+
+def test_of_few_samples_even_steps_and_odd_numbers_of_counts_nothing_is_said():
+    assert stuck_lines(turning(1)[:1000] & ~1, 4096) == ()
+    assert stuck_lines(np.arange(8192) * 16 % 4096, 4096) == ()
+    assert stuck_lines(turning(1, 1000) & ~1, 1000) == ()

@@ -76,3 +76,28 @@ def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
     )
     with pytest.raises(IdentifyError, match=f"{common:.2f} times as large as the back-EMF says"):
         check_fit(fitted)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "advice"),
+    [
+        (1.2, "take more turns and larger torques"),
+        (6.0, "repeat from turn to turn .* sign and gain"),
+    ],
+)
+def test_more_turns_are_asked_for_only_where_noise_is_what_is_left(misfit, advice) -> None:
+    solution = Solution(np.ones(9), np.ones(3), 1.0)
+    fitted = JointFit(
+        solution,
+        VarianceComponents.known(0.01 * np.eye(10), "data"),
+        OPEN,
+        np.full(2, 0.02),
+        1.0,
+        1e-4,
+        np.zeros((2, 9, 9)),
+        np.eye(9),
+        np.eye(10, 9),
+        np.zeros(10),
+    )
+    with pytest.raises(IdentifyError, match=rf"known to \+-0\.1 only.*{advice}"):
+        check_fit(fitted, lambda: misfit)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isnan
 
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
@@ -9,7 +10,7 @@ from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import MIN_TURNS, check_fit, check_points
 from motord.experiments.calibration.estimate.efficiency import cramer_rao
-from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, misfit
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.lack_of_fit.widened import with_lack_of_fit
@@ -277,7 +278,7 @@ class Calibrator:
             fitted, regression = with_zero_sequence(
                 fitted, self._bare, basis, orders, self._sensor, rated_A
             )
-        check_fit(fitted)
+        check_fit(fitted, partial(misfit, regression, fitted))
         return fitted, regression
 
     def _samples(self, point: PointData) -> Samples:

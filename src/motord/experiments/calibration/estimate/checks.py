@@ -1,6 +1,6 @@
 """Checks of operating points before the fit, and of the fit: each refusal says what is missing."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -29,6 +29,9 @@ MAX_ALPHA_STDERR = 0.05
 ALPHA_RANGE = (0.5, 2.0)
 """Gains that an inverter's current sensors can have; anything else is a fault."""
 
+
+REPEATS = 5.0
+"""Misfit, in standard errors, beyond which what a fit leaves is none of noise."""
 
 COMMON_GAIN_RANGE = (0.5, 2.0)
 """Products of torque sensor's and current sensors' gain errors that there can be."""
@@ -91,16 +94,24 @@ def _check_phases(points: Sequence[TurnProducts]) -> None:
             )
 
 
-def check_fit(fitted: JointFit) -> None:
-    """Raise IdentifyError if a fit is no calibration."""
+def check_fit(fitted: JointFit, misfit: Callable[[], float] = lambda: 1.0) -> None:
+    """Raise IdentifyError if a fit is no calibration. misfit: see `lack_of_fit.analysis`."""
     alpha, stderr = fitted.solution.alpha, fitted.stderr[ALPHA]
     if not (np.isfinite(fitted.solution.vector).all() and np.isfinite(stderr).all()):
         raise IdentifyError(NO_GAINS)
     worst = int(np.argmax(stderr))
     if stderr[worst] > MAX_ALPHA_STDERR:
+        known = f"alpha of phase {'abc'[worst]} is known to +-{stderr[worst]:.2g} only"
+        if misfit() > REPEATS:
+            raise IdentifyError(
+                f"{known}: {fitted.noise_Nm.mean():.2g} Nm of the torque repeat from turn to turn "
+                "and are neither of the currents nor cogging torque, so that more turns do not "
+                "help; check sign and gain of the torque sensor, the encoder's lines and the "
+                "back-EMF"
+            )
         raise IdentifyError(
-            f"alpha of phase {'abc'[worst]} is known to +-{stderr[worst]:.2g} only "
-            f"(torque noise {fitted.noise_Nm.mean():.2g} Nm): take more turns and larger torques"
+            f"{known} (torque noise {fitted.noise_Nm.mean():.2g} Nm): take more turns and larger "
+            "torques"
         )
     low, high = ALPHA_RANGE
     for phase in range(3):

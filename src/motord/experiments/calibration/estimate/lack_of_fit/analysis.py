@@ -197,6 +197,13 @@ def _sensitivities(
             yield replace(one, shift=subspace @ one.shift[own])
 
 
+def misfit(regression: Regression, fitted: JointFit) -> float:
+    """Return the RMS of the lines that a fit leaves, in their standard errors: 1 for noise."""
+    groups_Nm, noise_Nm = _rest(regression, fitted.solution.theta)
+    rest_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
+    return float(np.sqrt(np.mean(np.abs(rest_Nm / noise_Nm) ** 2)))
+
+
 def _rest(regression: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
     """Return the lines (groups, orders) that parameters theta (p,) leave in each point.
 

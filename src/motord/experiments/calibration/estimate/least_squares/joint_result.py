@@ -83,7 +83,10 @@ def with_observability(result: CalibrationResult, fitted: JointFit) -> Calibrati
     else:
         notes.append(
             "common gain delta epsilon: not seen (it makes mean torque only); assumed to be 1, "
-            "product of alpha set to 1" + NEARLY_SEEN * fitted.identifiable.gain_nearly
+            "product of alpha set to 1, and the sign of the measured torque to be right (if not, "
+            "gains come out as 1 / alpha; gain_steps show it)"
+            + NEARLY_SEEN
+            * fitted.identifiable.gain_nearly
         )
     if fitted.identifiable.offset_seen:
         notes.append("common offset of the currents: measured")
