@@ -57,9 +57,9 @@ def changed(source: Path, path: Path, change: Change) -> Path:
     [
         ("calibrate", clipped, "torque-clipped"),
         ("calibrate", frozen, "torque-frozen"),
-        ("calibrate", clipped_current, "i_b_A-clipped"),
-        ("calibrate", stuck, "encoder_count-stuck"),
-        ("verify", stuck, "encoder_count-stuck"),
+        ("calibrate", clipped_current, "current-b-clipped"),
+        ("calibrate", stuck, "encoder-stuck"),
+        ("verify", stuck, "encoder-stuck"),
         ("verify", clipped, "torque-clipped"),
         ("verify", frozen, "torque-frozen"),
     ],
