@@ -156,7 +156,8 @@ class Executor:
         """End at once if the bench tripped, or left ENABLED without being asked."""
         if seen.state is State.TRIPPED:
             causes = ", ".join(t.name or "" for t in Trip if t & seen.trip_bits)
-            self._stop_here(PlanState.FAILED, f"the bench tripped: {causes}")
+            step = f" (step: {self._demand.label})" if self._demand.label else ""
+            self._stop_here(PlanState.FAILED, f"the bench tripped: {causes}{step}")
             return True
         expected = self.state is PlanState.RUNNING and self._demand.enabled
         if expected and self._was_enabled and seen.state in (State.OFF, State.READY):

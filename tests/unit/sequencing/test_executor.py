@@ -145,7 +145,8 @@ def test_a_trip_ends_the_plan_and_names_the_cause() -> None:
     runner.bench.state, runner.bench.trip_bits = State.TRIPPED, int(Trip.OVER_CURRENT)
     runner.finish()
     assert runner.executor.state is PlanState.FAILED
-    assert runner.executor.message == "the bench tripped: OVER_CURRENT"
+    message = "the bench tripped: OVER_CURRENT (step: 1 Nm, 0.5 Hz: capturing)"
+    assert runner.executor.message == message
     assert runner.demand == Demand()
 
 

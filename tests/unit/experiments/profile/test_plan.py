@@ -94,7 +94,8 @@ def test_without_its_checks_one_trips_and_the_search_finds_the_smallest(
     monkeypatch.setattr(profile_plan, "check", lambda *_, **__: None)
     trips = cache(lambda rows: tripped(tmp_path, rows) != "")
     rows = find(coarse, lambda rows: trips(tuple(rows)), settings=few)
-    assert tripped(tmp_path, rows) == f"profile: the bench tripped: {Trip.I2T.name}"
+    playing = f"profile: the bench tripped: {Trip.I2T.name} (step: cycle 1 of 1: playing)"
+    assert tripped(tmp_path, rows) == playing
     assert rows == [(0.0, 0.0, 0.0), (4.0, 5, 1.0), (8.0, 5, 1.0)]
     monkeypatch.undo()
     assert tripped(tmp_path, rows) == ""
