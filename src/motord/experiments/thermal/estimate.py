@@ -33,6 +33,9 @@ that have none get a large standard error, not none."""
 LEAST_RISE_K = 1.0
 """Rise of the first node below which nothing is found."""
 
+MOST_A = 1e6
+"""RMS currents above this are no machine's."""
+
 READINGS_MAX = 4000
 """Readings of a channel that are fitted; of more, means of successive ones."""
 
@@ -180,6 +183,9 @@ def modelled(
 
 
 def _check(course: ThermalCourse) -> None:
+    rms_A = float(np.sqrt(course.squares_A2.mean() / 3))
+    if rms_A > MOST_A:
+        raise IdentifyError(f"currents of {rms_A:.3g} A RMS: is their scale right?")
     for each in course.readings.values():
         valid = int(np.isfinite(each.value_C).sum())
         if valid < LEAST_READINGS:

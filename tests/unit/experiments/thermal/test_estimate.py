@@ -210,6 +210,12 @@ def test_too_little_to_fit_is_refused_by_the_channel(value_C: np.ndarray, why: s
         measure(changed(course(2), "winding", value_C), COPPER)
 
 
+def test_currents_of_no_machine_are_refused() -> None:
+    whole = course(1)
+    with pytest.raises(IdentifyError, match=r"currents of .*e\+1[0-9] A RMS: is their scale right"):
+        measure(replace(whole, squares_A2=1e36 * whole.squares_A2), COPPER)
+
+
 def test_correlated_noise_widens_the_intervals() -> None:
     white, slow = (
         measure(course(1, correlation=rho), COPPER).time_constants[0].time_constant_stderr_s
