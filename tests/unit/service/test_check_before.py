@@ -264,8 +264,8 @@ def test_a_trip_in_the_check_fails_the_plan(service):
     trip(service)
     last = to_the_end(service)[-1]
     assert (last.plan, last.state) == (PLAN, "failed")
-    said = "check of the calibration before it: the bench tripped: OVER_SPEED (step: 5.1 Nm, "
-    assert last.message.startswith(said)
+    cause = "the bench tripped: OVER_SPEED (step: 5.1 Nm, about 1.4 Hz: capturing)"
+    assert last.message == f"check of the calibration before it: {cause}"
     assert begun(service) == [CHECK]
 
 

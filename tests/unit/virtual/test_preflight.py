@@ -55,7 +55,8 @@ def test_a_point_that_would_trip_is_named_with_the_cause_and_the_others_are_not(
     low, high = forecast(config, torques_Nm=(1.0, 5.0))
     assert low.fine
     assert not high.fine
-    assert high.trouble.startswith("the bench tripped: OVER_CURRENT (step: ")
+    step = "-5 Nm, -1 Hz: waiting for the speed"
+    assert high.trouble == f"the bench tripped: OVER_CURRENT (step: {step})"
 
 
 def test_a_supply_that_is_out_of_bounds_is_found():
@@ -66,7 +67,8 @@ def test_a_supply_that_is_out_of_bounds_is_found():
 def test_a_brake_that_is_too_weak_is_found():
     config = changed(load(), brake={"torque_max_Nm": 60.0})  # it is 20 Nm strong
     [each] = forecast(config, torques_Nm=(5.0,))
-    assert each.trouble.startswith("the bench tripped: OVER_SPEED (step: ")
+    step = "5 Nm, 1 Hz: waiting for the speed"
+    assert each.trouble == f"the bench tripped: OVER_SPEED (step: {step})"
 
 
 def test_a_speed_that_is_not_reached_in_time_is_found():

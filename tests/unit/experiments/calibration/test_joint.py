@@ -13,6 +13,14 @@ from motord.identification.variance_components import VarianceComponents
 OPEN = Identifiability(COMMON, offset_seen=False)
 
 
+def fit_of(
+    solution: Solution, errors: VarianceComponents, identifiable: Identifiability, noise: np.ndarray
+) -> JointFit:
+    """Return a fit of two points with one cogging order."""
+    information = np.zeros((2, 9, 9)), np.eye(9), np.eye(10, 9), np.zeros(10)
+    return JointFit(solution, errors, identifiable, noise, 1.0, 1e-4, *information)
+
+
 def test_equations_without_an_answer_are_refused() -> None:
     with pytest.raises(IdentifyError, match="do not separate alpha, beta and cogging"):
         solve(np.zeros((9, 9)), np.zeros(9), OPEN)
@@ -22,18 +30,7 @@ def test_gains_that_do_not_exist_are_refused() -> None:
     theta = np.full(9, np.nan)
     errors = VarianceComponents.known(np.eye(10), "data")
     solution = Solution(theta, theta[:3], 1.0)
-    fitted = JointFit(
-        solution,
-        errors,
-        OPEN,
-        np.zeros(2),
-        1.0,
-        1e-4,
-        np.zeros((2, 9, 9)),
-        np.eye(9),
-        np.eye(10, 9),
-        np.zeros(10),
-    )
+    fitted = fit_of(solution, errors, OPEN, np.zeros(2))
     with pytest.raises(IdentifyError, match="no gains fit this torque"):
         check_fit(fitted)
 
@@ -62,18 +59,7 @@ def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
     identifiable = Identifiability(None, offset_seen=True)
     solution = Solution(theta, np.ones(3), common)
     errors = VarianceComponents.known(1e-6 * np.eye(10), "data")
-    fitted = JointFit(
-        solution,
-        errors,
-        identifiable,
-        np.full(2, 0.02),
-        1.0,
-        1e-4,
-        np.zeros((2, 9, 9)),
-        np.eye(9),
-        np.eye(10, 9),
-        np.zeros(10),
-    )
+    fitted = fit_of(solution, errors, identifiable, np.full(2, 0.02))
     with pytest.raises(IdentifyError, match=f"{common:.2f} times as large as the back-EMF says"):
         check_fit(fitted)
 
@@ -87,17 +73,8 @@ def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
 )
 def test_more_turns_are_asked_for_only_where_noise_is_what_is_left(misfit, advice) -> None:
     solution = Solution(np.ones(9), np.ones(3), 1.0)
-    fitted = JointFit(
-        solution,
-        VarianceComponents.known(0.01 * np.eye(10), "data"),
-        OPEN,
-        np.full(2, 0.02),
-        1.0,
-        1e-4,
-        np.zeros((2, 9, 9)),
-        np.eye(9),
-        np.eye(10, 9),
-        np.zeros(10),
+    fitted = fit_of(
+        solution, VarianceComponents.known(0.01 * np.eye(10), "data"), OPEN, np.full(2, 0.02)
     )
     with pytest.raises(IdentifyError, match=rf"known to \+-0\.1 only.*{advice}"):
         check_fit(fitted, lambda: misfit)
