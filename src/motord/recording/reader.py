@@ -12,9 +12,9 @@ from motord.recording import topics
 from motord.recording.damage import Damage
 from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of
+from motord.recording.json_encoding import misfit
 from motord.recording.mcap.chunk_decoder import SingleMessage
 from motord.recording.mcap.chunk_source import ChunkSource, Span
-from motord.recording.schema_check import misfit
 from motord.recording.table import Table
 from motord.recording.topics import Topic
 from motord.recording.writer import FORMAT, METADATA, METADATA_END

@@ -7,7 +7,7 @@ from typing import Any
 from mcap.records import Channel, Schema
 
 from motord.recording import event_log
-from motord.recording.schema_check import JsonSchema
+from motord.recording.json_encoding import JsonSchema
 from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import descriptor_set

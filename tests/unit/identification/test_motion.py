@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.identification.motion import Motion
+from motord.identification.rotor.motion import Motion
 from motord.identification.turning import whole_turns
 
 TURN = 2 * np.pi

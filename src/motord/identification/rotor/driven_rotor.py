@@ -8,10 +8,10 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.identification import IdentifyError
 from motord.identification.left_out import PART, LeftOut, spans_left_out
-from motord.identification.motion import Motion
 from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
 from motord.identification.resample import rising
+from motord.identification.rotor.motion import Motion
 from motord.identification.signal_condition import SignalFault, require_change, signal_faults
 from motord.identification.turning import Turn, segments, unwrapped, whole_turns
 
