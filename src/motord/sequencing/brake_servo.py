@@ -1,12 +1,26 @@
-"""The brake as a slow actuator of speed: feed-forward from its curve, integral correction."""
+"""The brake as a slow actuator of speed: feed-forward from its curve, integral correction.
+
+The integral acts on the error of torque that an error of speed stands for, by the slope of the
+brake's curve: towards the critical speed, where the curve is flat, a little excitation moves the
+speed a lot. It waits while the torque ramps: a rotor that is on its way is no departure from the
+curve. A speed is approached from below, with a reserve of torque: a rotor beyond the critical speed
+runs away from a brake whose torque falls with the speed.
+"""
 
 import math
 from dataclasses import dataclass
 
 from motord.config import BrakeConfig
+from motord.sequencing.observation import Observation
 
-GAIN_PER_S = 1.2
-"""Relative change of the squared excitation per second for a relative speed error of one."""
+GAIN_PER_S = 2.0
+"""Relative change of the squared excitation per second for a relative torque error of one."""
+CROSSOVER = 0.4
+"""The largest gain, in parts of the excitation's corner frequency (rad/s)."""
+SLOPE_MIN = 0.1
+"""The least slope of the curve at which a speed is held: below 0.9 of the critical speed."""
+RESERVE = 1.25
+"""A speed is approached with an excitation that could hold this much more than the torque."""
 SHIFT_MAX = 8.0
 """Largest factor by which the servo may depart from the configured curve, either way."""
 TRUST_ERROR = 0.1
@@ -30,6 +44,12 @@ def brake_torque_Nm(brake: BrakeConfig, excitation: float, speed_rad_s: float) -
         return 0.0
     ratio = speed_rad_s / brake.critical_speed_rad_s
     return excitation**2 * brake.torque_max_Nm * 2 * ratio / (1 + ratio * ratio)
+
+
+def slope(brake: BrakeConfig, speed_rad_s: float) -> float:
+    """Return d ln(torque) / d ln(speed) of the brake: 1 at rest, 0 at the critical speed."""
+    squared = (speed_rad_s / brake.critical_speed_rad_s) ** 2
+    return (1 - squared) / (1 + squared)
 
 
 def speed_held_rad_s(brake: BrakeConfig, excitation: float, torque_Nm: float) -> float:
@@ -62,15 +82,22 @@ class BrakeServo:
     _t_ns: int | None = None
     _learned: float = 0.0
     _on_speed_s: float = 0.0
+    _set_Nm: float | None = None
 
-    def start(self, t_ns: int) -> None:
-        """Begin to integrate at `t_ns`, from what was learned of the brake."""
-        self._t_ns = t_ns
-        self.drop_unproven()
+    def start(self, speed_Hz: float = 0.0) -> None:
+        """Begin to integrate anew, from what was learned of the brake while the speed was right.
 
-    def drop_unproven(self) -> None:
-        """Go back to what was learned of the brake while the speed was right."""
-        self.shift, self._on_speed_s = self._learned, 0.0
+        With the RESERVE for an approach to `speed_Hz`: none where the curve itself leaves so much.
+        """
+        part = abs(brake_torque_Nm(self.brake, 1.0, 2 * math.pi * speed_Hz))
+        reserve = math.log(max(RESERVE * part / self.brake.torque_max_Nm, 1.0))
+        self.shift, self._on_speed_s = self._learned + reserve, 0.0
+        self._t_ns = self._set_Nm = None
+
+    @property
+    def on_speed(self) -> bool:
+        """Whether the newest speed was within TRUST_ERROR of the wanted one."""
+        return self._on_speed_s > 0.0
 
     def lead_s(self, before: float, after: float) -> float:
         """Return how long the brake must lead the torque if its excitation changes so (s)."""
@@ -82,14 +109,43 @@ class BrakeServo:
         configured = excitation_for(self.brake, torque_Nm, 2 * math.pi * speed_Hz)
         return min(configured * math.exp(0.5 * self.shift), 1.0)
 
+    def follow(self, seen: Observation, torque_Nm: float, speed_Hz: float) -> float:
+        """Return the excitation for a torque and a speed, after what was seen of the rotor.
+
+        While the torque ramps, the brake is not corrected, and holds the larger of the torque asked
+        for and the one that is in force when the excitation has followed.
+        """
+        dt_s, set_Nm = self._elapsed_s(seen.t_ns), seen.torque_set_Nm
+        before_Nm, self._set_Nm = self._set_Nm, set_Nm
+        if math.isclose(set_Nm, torque_Nm, rel_tol=1e-6):
+            lead = self._integrate(dt_s, seen.speed_Hz, speed_Hz)
+            return min(self.excitation(torque_Nm, speed_Hz) * math.exp(0.5 * lead), 1.0)
+        fallen_Nm = 0.0 if before_Nm is None else max(abs(before_Nm) - abs(set_Nm), 0.0)
+        falls_Nm_per_s = fallen_Nm / dt_s if dt_s else 0.0
+        then_Nm = abs(set_Nm) - falls_Nm_per_s * self.brake.excitation_time_constant_s
+        return self.excitation(max(abs(torque_Nm), then_Nm), speed_Hz)
+
     def correct(self, t_ns: int, speed_Hz: float, wanted_Hz: float) -> None:
         """Move towards more brake if `speed_Hz` is above `wanted_Hz`, towards less if below."""
+        self._integrate(self._elapsed_s(t_ns), speed_Hz, wanted_Hz)
+
+    def _elapsed_s(self, t_ns: int) -> float:
+        """Return the time since the observation before, 0 if there was none."""
         dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
         self._t_ns = t_ns
-        dt_s = min(max(dt_s, 0.0), 0.5)
+        return min(max(dt_s, 0.0), 0.5)
+
+    def _integrate(self, dt_s: float, speed_Hz: float, wanted_Hz: float) -> float:
+        """Move the departure; return what is added to it until the speed is right.
+
+        That part is proportional, its zero is the pole of the excitation.
+        """
         error = max(min(speed_Hz / wanted_Hz - 1.0, 1.0), -1.0)
         limit = math.log(SHIFT_MAX)
-        self.shift = max(min(self.shift + GAIN_PER_S * error * dt_s, limit), -limit)
+        gain_per_s = min(GAIN_PER_S, CROSSOVER / self.brake.excitation_time_constant_s)
+        torque_error = error * max(slope(self.brake, 2 * math.pi * wanted_Hz), SLOPE_MIN)
+        self.shift = max(min(self.shift + gain_per_s * torque_error * dt_s, limit), -limit)
         self._on_speed_s = self._on_speed_s + dt_s if abs(error) <= TRUST_ERROR else 0.0
         if self._on_speed_s >= TRUST_S:
             self._learned = self.shift
+        return gain_per_s * torque_error * self.brake.excitation_time_constant_s

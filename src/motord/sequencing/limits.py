@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 
 from motord.config import Config
-from motord.sequencing.brake_servo import brake_torque_Nm
+from motord.sequencing.brake_servo import SLOPE_MIN, brake_torque_Nm, slope
 from motord.sequencing.settings import PlanError
 
 SPEED_MARGIN = 0.8
@@ -43,7 +43,13 @@ def check_speed(config: Config, speed_Hz: float) -> None:
 
 
 def check_brake(config: Config, torque_Nm: float, speed_Hz: float) -> None:
-    """Refuse a torque that the brake cannot hold at a speed. Raises PlanError."""
+    """Refuse a torque that the brake cannot hold at a speed, or not stably. Raises PlanError."""
+    if slope(config.brake, 2 * math.pi * speed_Hz) < SLOPE_MIN:
+        raise PlanError(
+            f"the brake holds no speed of {speed_Hz:g} Hz: near and above [brake] "
+            f"critical_speed_rad_s = {config.brake.critical_speed_rad_s:g} its torque no longer "
+            f"rises with the speed ({2 * math.pi * speed_Hz:.3g} rad/s asked)"
+        )
     most_Nm = abs(brake_torque_Nm(config.brake, 1.0, 2 * math.pi * speed_Hz))
     if abs(torque_Nm) > most_Nm:
         raise PlanError(

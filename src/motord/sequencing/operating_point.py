@@ -27,7 +27,7 @@ def operating_point(point: OperatingPoint, mesh: MeshConfig, servo: BrakeServo) 
 
     While they are captured the brake is left alone.
     """
-    servo.drop_unproven()
+    servo.start(point.speed_Hz)
     demand = replace(
         (yield None).demand,
         enabled=True,
@@ -38,7 +38,6 @@ def operating_point(point: OperatingPoint, mesh: MeshConfig, servo: BrakeServo) 
         label=f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz",
     )
     raised = yield from lead_torque(servo, demand.labelled("bringing the brake up"))
-    servo.start(raised.t_ns)
     reached = yield from within(
         mesh.settle_timeout_s,
         hold_speed(
@@ -74,10 +73,10 @@ def hold_speed(
     servo: BrakeServo, demand: Demand, until: Callable[[Observation], bool]
 ) -> Motion[Observation]:
     """Correct the brake with each observation until one fulfils `until`; return that one."""
+    seen = yield None
     while True:
-        brake = servo.excitation(demand.torque_Nm, demand.speed_Hz)
+        brake = servo.follow(seen, demand.torque_Nm, demand.speed_Hz)
         seen = yield replace(demand, brake=brake)
-        servo.correct(seen.t_ns, seen.speed_Hz, demand.speed_Hz)
         if until(seen):
             return seen
 

@@ -34,7 +34,7 @@ def look(servo, speed_Hz, seconds, begun_ns=0):
 
 def learnt(servo):
     """Let the servo learn that the brake is weaker than configured, and hold its speed."""
-    servo.start(0)
+    servo.start()
     t_ns = look(servo, 1.4 * WANTED_HZ, 1.0)
     return look(servo, WANTED_HZ, 2 * TRUST_S, t_ns)
 
@@ -55,10 +55,10 @@ def test_it_departs_from_the_configured_curve_only_so_far(speed_Hz, seconds):
 
 
 def test_what_was_learnt_with_the_speed_held_is_kept(servo):
-    t_ns = learnt(servo)
+    learnt(servo)
     shift = servo.shift
     assert shift > 0.3
-    servo.start(t_ns)
+    servo.start()
     assert servo.shift == shift
 
 
@@ -68,7 +68,7 @@ def test_what_was_learnt_of_a_rotor_out_of_sight_is_forgotten(servo, seen_Hz):
     shift = servo.shift
     t_ns = look(servo, seen_Hz, 1.0, t_ns)
     assert abs(servo.shift - shift) > 0.3
-    servo.start(t_ns)
+    servo.start()
     assert servo.shift == shift
 
 
@@ -78,7 +78,7 @@ def test_a_speed_passed_through_teaches_nothing(servo):
     t_ns = look(servo, 0.0, 0.5, t_ns)
     t_ns = look(servo, WANTED_HZ, 0.5 * TRUST_S, t_ns)
     look(servo, 3.0, 0.1, t_ns)
-    servo.start(t_ns)
+    servo.start()
     assert servo.shift == shift
 
 

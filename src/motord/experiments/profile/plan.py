@@ -159,7 +159,7 @@ def _play(
 
     What is demanded is that of the middle of the time until the next observation.
     """
-    servo.start(began.t_ns)
+    servo.start()
     seen, step_s, followed, start_s = began, 0.0, began, None
     while True:
         at_s = course.begins_s + seen.since_s(began)

@@ -168,16 +168,15 @@ def _heat(point: OperatingPoint, own: ThermalConfig, brake: BrakeConfig) -> Moti
     servo, began = None, (yield None)
     if point.speed_Hz:
         servo = BrakeServo(brake)
+        servo.start(point.speed_Hz)
         began = yield from lead_torque(servo, demand.labelled("bringing the brake up"))
-        servo.start(began.t_ns)
     demand = replace(demand, plan_point=point.index)
     seen, watch = began, TemperatureWatch(own, own.heating_max_s)
     while not (ended_by := watch.ended_by(seen.since_s(began), heating=True)):
         if servo is not None:
-            demand = replace(demand, brake=servo.excitation(point.torque_Nm, point.speed_Hz))
+            brake_excitation = servo.follow(seen, point.torque_Nm, point.speed_Hz)
+            demand = replace(demand, brake=brake_excitation)
         seen = yield demand.labelled(watch.label)
-        if servo is not None:
-            servo.correct(seen.t_ns, seen.speed_Hz, point.speed_Hz)
         if seen.since_s(began) > SPEED_WITHIN_S:
             _check_turning(seen, point.speed_Hz)
         watch.take(seen.channels, heating=True)

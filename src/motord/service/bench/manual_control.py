@@ -57,16 +57,14 @@ class ManualControl:
             if (seen.t_ns - self._lead_from_ns) * 1e-9 < self._lead_s:
                 return
             s.torque_Nm = self._torque_Nm
-            self._servo.start(seen.t_ns)
         elif s.speed_Hz is not None and s.torque_Nm != 0.0:
-            self._servo.correct(seen.t_ns, seen.speed_Hz, s.speed_Hz)
-            s.brake = self._servo.excitation(s.torque_Nm, s.speed_Hz)
+            s.brake = self._servo.follow(seen, s.torque_Nm, s.speed_Hz)
 
     def rest(self) -> None:
         """No torque, no speed, open brake, standing drive."""
         self.drop_torque()
         self._setpoint.rest()
-        self._servo.drop_unproven()
+        self._servo.start()
 
     def drop_torque(self) -> None:
         """No more torque; brake and drive stay as they are."""
@@ -87,6 +85,8 @@ class ManualControl:
     def _apply(self, request: SetpointChange) -> None:
         s = self._setpoint
         torque_Nm, speed_Hz = self.resulting(request)
+        if speed_Hz is not None and (speed_Hz != s.speed_Hz or not self._servo.on_speed):
+            self._servo.start(speed_Hz)
         if request.compensate is not None:
             s.compensate = COMPENSATE[request.compensate]
         if request.drive_Hz is not None:
@@ -100,9 +100,13 @@ class ManualControl:
             s.torque_Nm = torque_Nm
 
     def _set_brake(self, torque_Nm: float, speed_Hz: float | None) -> float:
-        """Set the brake for torque and speed; return how long it must lead the torque (s)."""
+        """Set the brake for torque and speed; return how long it must lead the torque (s).
+
+        A torque that falls is braked until it has fallen.
+        """
         s = self._setpoint
         if speed_Hz is None or torque_Nm == 0.0:
             return 0.0
-        before, s.brake = s.brake, self._servo.excitation(torque_Nm, speed_Hz)
+        held_Nm = max(torque_Nm, s.torque_Nm, key=abs)
+        before, s.brake = s.brake, self._servo.excitation(held_Nm, speed_Hz)
         return self._servo.lead_s(before, s.brake)
