@@ -37,7 +37,7 @@ def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
     assert recorded.metadata["plan"]["name"] == "calibrate"
     assert recorded.metadata["plan"]["settings"]["turns"] == 3
     assert len(recorded.operating_points()) == 1
-    assert recorded.ticks(["tick"]).size == round(result["bench_s"] * 1000)
+    assert recorded.ticks(["tick"]).size / 1000 == pytest.approx(result["bench_s"], abs=0.051)
     assert recorded.truth(["t_ns"]).size == recorded.ticks(["tick"]).size
     code, _, err = run("calibrate", *SMALL, "-o", path)
     assert code == 1

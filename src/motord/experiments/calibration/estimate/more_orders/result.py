@@ -55,6 +55,7 @@ def with_added_orders(
         findings=(
             *result.findings,
             *_findings(found, harmonics),
+            *_hidden(found),
             *(_common_offset(harmonics, pole_pairs) if common_offset_lost else ()),
         ),
     )
@@ -130,6 +131,24 @@ def _findings(found: Search, harmonics: Sequence[Harmonic]) -> Iterator[Finding]
         )
 
 
+def _hidden(found: Search) -> Iterator[Finding]:
+    """Yield a finding for each order of which offsets hide a part, and the rest is hinted at."""
+    for trial in found.imitated:
+        if np.isnan(trial.stderr_Nm) and trial.p_value < HINT:
+            yield Finding(
+                name="common-offset-or-cogging",
+                value=1e3 * trial.part_Nm,
+                limit=1e3 * stats.norm.isf(HINT / 2) * trial.part_stderr_Nm,
+                unit="mNm",
+                severity="warning",
+                meaning=f"there seems to be cogging torque of order {trial.order}, and an offset "
+                "that all phases have in common looks like it but for its phase: their sum is "
+                "right, it was taken for that offset, whose interval holds as much of it again",
+                action=f"more operating points decide it (over {len(found.levels)} orders tried "
+                "it may be chance); measure the offsets at rest",
+            )
+
+
 def _common_offset(harmonics: Sequence[Harmonic], pole_pairs: int) -> Iterator[Finding]:
     """Yield a finding: common offset and cogging at odd multiples of 3 p make the same torque."""
     alike = [h for h in harmonics if h.order % (6 * pole_pairs) == 3 * pole_pairs]
@@ -163,7 +182,7 @@ def _imitated(trial: OrderTrial, level: float) -> str:
     if np.isnan(trial.stderr_Nm):
         return (
             f"cogging order {trial.order} and the currents' offsets cannot be separated: taken "
-            "as offsets"
+            f"as offsets, which 1 mNm of it moves by {1e-3 * trial.offset_A_per_Nm:.2g} A"
         )
     if trial.p_value < HINT:
         return (

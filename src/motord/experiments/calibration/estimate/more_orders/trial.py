@@ -41,9 +41,11 @@ TOLERANCE = 10.0
 class OrderTrial:
     """An order that was tried.
 
-    stderr_Nm: of its amplitude, nan where other parameters imitate it; clear: whether none comes
-    near to that; offset_A_per_Nm: by how much it moves the offsets if it is there and left out;
-    offset_shift_A (3,): by how much they would move with it; offset_stderr_A: how well these, less
+    stderr_Nm: of its amplitude, nan where other parameters imitate it; part_Nm, part_stderr_Nm: the
+    amplitude of what they do not imitate of it; clear: whether none comes near to that;
+    offset_A_per_Nm: by how much it moves the offsets if it is there and left out; offset_shift_A
+    (3,): by how much they would move with it, what they imitate taken as large as what they do not;
+    offset_stderr_A: how well these, less
     what all have in common, are known with it; predicts: whether torques predict each other.
     """
 
@@ -52,6 +54,8 @@ class OrderTrial:
     p_value: float
     bic: float
     stderr_Nm: float
+    part_Nm: float
+    part_stderr_Nm: float
     clear: bool
     offset_A_per_Nm: float
     offset_shift_A: np.ndarray
@@ -98,9 +102,9 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
     offset_stderr_A = float((apart_A / np.sqrt(np.maximum(values, 1e-12 * whole))).max())
     seen = values > SEPARABLE * whole
     if not seen.any():
-        no = np.zeros(3)
+        no, nan = np.zeros(3), float("nan")
         return OrderTrial(
-            order, 0.0, 1.0, 0.0, float("nan"), False, offset_A, no, offset_stderr_A, False
+            order, 0.0, 1.0, 0.0, nan, 0.0, nan, False, offset_A, no, offset_stderr_A, False
         )
     part, terms = vectors[:, seen], int(seen.sum())
     size = (part.T @ score) / values[seen]
@@ -113,15 +117,19 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
         predicts = p_value < FALSE_SHARE and _predicts(
             problem, effect, problem.rest - problem.columns @ step
         )
+    part_Nm = float(np.linalg.norm(size))
+    hidden_A = part_Nm * np.linalg.norm(moves_A @ vectors[:, ~seen], axis=1)
     return OrderTrial(
         order=order,
         gain=gain,
         p_value=p_value,
         bic=bic,
         stderr_Nm=float(values[0] ** -0.5) if seen.all() else float("nan"),
+        part_Nm=part_Nm,
+        part_stderr_Nm=float(values[seen].min() ** -0.5),
         clear=bool(values[0] > CLEAR * whole),
         offset_A_per_Nm=offset_A,
-        offset_shift_A=-moves_A @ part @ size,
+        offset_shift_A=np.hypot(moves_A @ part @ size, hidden_A),
         offset_stderr_A=offset_stderr_A,
         predicts=predicts,
     )
