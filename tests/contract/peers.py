@@ -6,6 +6,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -276,6 +277,8 @@ class Identity:
 class Board(Peer):
     """A bridge board behind a pseudo-terminal; the host opens `port`."""
 
+    _unsent = b""
+
     def __init__(self, identity: Identity | None = None) -> None:
         self.identity = identity or Identity()
         self.line_closed = True
@@ -299,6 +302,7 @@ class Board(Peer):
         super().__init__()
 
     def connect(self) -> None:
+        self._unsent = b""
         self._fd, self._host_fd = os.openpty()
         tty.setraw(self._host_fd)
         os.set_blocking(self._fd, False)
@@ -316,9 +320,9 @@ class Board(Peer):
             self._send(self._hello())
         self.receive(self.left_s())
         if self.raw:
-            os.write(self._fd, self.raw)
+            self.transmit(self.raw)
             self.raw = b""
-        if self.due() and self.streaming and not self.silent:
+        if self.due() and self.streaming and not self.silent and self.drained():
             self.speak()
 
     def receive(self, timeout_s: float = 0.0) -> None:
@@ -383,16 +387,24 @@ class Board(Peer):
         if self.corrupt:
             self.corrupt -= 1
             data[3] ^= 0x41
-        try:
-            self.transmit(data)
-        except BlockingIOError:
-            self.dropped += 1
+        self.transmit(data)
 
     def coded(self, frame: frames.Frame) -> bytearray:
         return bytearray(frames.encode(frame, self._sequence))
 
-    def transmit(self, data: bytearray) -> None:
-        os.write(self._fd, data)
+    def transmit(self, data: bytes | bytearray) -> None:
+        self._unsent += data
+        self.drained()
+
+    def drained(self) -> bool:
+        """Send what the line takes; return whether that is all, so that more may be said.
+
+        A host that does not read for a while misses nothing by that: it is load that decides.
+        """
+        if self._unsent:
+            with suppress(BlockingIOError):
+                self._unsent = self._unsent[os.write(self._fd, self._unsent) :]
+        return not self._unsent
 
 
 class CanBoard(Board):

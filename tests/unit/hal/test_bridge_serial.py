@@ -97,6 +97,16 @@ def test_what_the_board_lost_counts_too(pair: tuple[SerialBridge, Board]) -> Non
     until(lambda: read(driver).link_errors == 7)
 
 
+def test_a_host_that_does_not_read_for_a_while_misses_nothing(
+    pair: tuple[SerialBridge, Board],
+) -> None:
+    driver, board = pair
+    until(lambda: bool(board._unsent))  # nobody reads: the line is full
+    first_ns = read(driver).t_ns
+    until(lambda: read(driver).t_ns > first_ns + 100_000_000)
+    assert read(driver).link_errors == 0
+
+
 def test_noise_is_passed_over(pair: tuple[SerialBridge, Board]) -> None:
     driver, board = pair
     assert read(driver).link_errors == 0
