@@ -109,8 +109,12 @@ class BrakeServo:
         configured = excitation_for(self.brake, torque_Nm, 2 * math.pi * speed_Hz)
         return min(configured * math.exp(0.5 * self.shift), 1.0)
 
-    def follow(self, seen: Observation, torque_Nm: float, speed_Hz: float) -> float:
+    def follow(
+        self, seen: Observation, torque_Nm: float, speed_Hz: float, torque_part: float = 1.0
+    ) -> float:
         """Return the excitation for a torque and a speed, after what was seen of the rotor.
+
+        The motor makes torque_part times what it is asked for, by gains that are induced.
 
         While the torque ramps, the brake is not corrected, and holds the larger of the torque asked
         for and the one that is in force when the excitation has followed.
@@ -119,11 +123,12 @@ class BrakeServo:
         before_Nm, self._set_Nm = self._set_Nm, set_Nm
         if math.isclose(set_Nm, torque_Nm, rel_tol=1e-6):
             lead = self._integrate(dt_s, seen.speed_Hz, speed_Hz)
-            return min(self.excitation(torque_Nm, speed_Hz) * math.exp(0.5 * lead), 1.0)
+            held = self.excitation(torque_part * torque_Nm, speed_Hz)
+            return min(held * math.exp(0.5 * lead), 1.0)
         fallen_Nm = 0.0 if before_Nm is None else max(abs(before_Nm) - abs(set_Nm), 0.0)
         falls_Nm_per_s = fallen_Nm / dt_s if dt_s else 0.0
         then_Nm = abs(set_Nm) - falls_Nm_per_s * self.brake.excitation_time_constant_s
-        return self.excitation(max(abs(torque_Nm), then_Nm), speed_Hz)
+        return self.excitation(torque_part * max(abs(torque_Nm), then_Nm), speed_Hz)
 
     def correct(self, t_ns: int, speed_Hz: float, wanted_Hz: float) -> None:
         """Move towards more brake if `speed_Hz` is above `wanted_Hz`, towards less if below."""

@@ -16,6 +16,11 @@ class Induced:
     offset_A: tuple[float, float, float] = (0.0, 0.0, 0.0)
     cogging: float = 1.0
 
+    @property
+    def torque_part(self) -> float:
+        """By how much the mean torque is another than that asked for: the mean of the gains."""
+        return sum(self.gain) / len(self.gain)
+
 
 NOTHING_INDUCED = Induced()
 

@@ -52,20 +52,25 @@ def operating_point(point: OperatingPoint, mesh: MeshConfig, servo: BrakeServo) 
         demand.labelled("settling"),
         until=lambda seen: seen.since_s(reached) >= mesh.settle_s,
     )
-    brake = servo.excitation(point.torque_Nm, point.speed_Hz)
+    brake = servo.excitation(point.induced.torque_part * point.torque_Nm, point.speed_Hz)
     seen = yield from capture(point, demand.labelled("capturing", brake=brake))
     return account(point, seen, quality_at_speed(seen, point.speed_Hz, mesh))
 
 
 def lead_torque(servo: BrakeServo, demand: Demand) -> Motion[Observation]:
-    """Let a rising brake lead the torque, so that the rotor does not run away meanwhile."""
+    """Let a rising brake lead the torque, so that the rotor does not run away meanwhile.
+
+    What is induced waits, too.
+    """
     seen = yield None
-    brake = servo.excitation(demand.torque_Nm, demand.speed_Hz)
+    brake = servo.excitation(demand.induced.torque_part * demand.torque_Nm, demand.speed_Hz)
     lead_s = servo.lead_s(seen.demand.brake, brake)
     if lead_s:
         before_Nm, torque_Nm = seen.demand.torque_Nm, demand.torque_Nm
         torque_Nm = min(before_Nm, torque_Nm, key=abs) if before_Nm * torque_Nm > 0 else 0.0
-        seen = yield from wait(replace(demand, brake=brake, torque_Nm=torque_Nm), lead_s)
+        induced = seen.demand.induced if torque_Nm else demand.induced
+        before = replace(demand, brake=brake, torque_Nm=torque_Nm, induced=induced)
+        seen = yield from wait(before, lead_s)
     return seen
 
 
@@ -75,7 +80,8 @@ def hold_speed(
     """Correct the brake with each observation until one fulfils `until`; return that one."""
     seen = yield None
     while True:
-        brake = servo.follow(seen, demand.torque_Nm, demand.speed_Hz)
+        part = demand.induced.torque_part
+        brake = servo.follow(seen, demand.torque_Nm, demand.speed_Hz, part)
         seen = yield replace(demand, brake=brake)
         if until(seen):
             return seen

@@ -74,7 +74,7 @@ def test_neither_a_rise_nor_a_fall_of_the_torque_lets_the_rotor_run_away(torques
 class IntegratesMeanwhile(BrakeServo):
     """Takes a rotor that is on its way for a brake that is too strong."""
 
-    def follow(self, seen: Observation, torque_Nm: float, speed_Hz: float) -> float:
+    def follow(self, seen: Observation, torque_Nm: float, speed_Hz: float, *_: float) -> float:
         self.correct(seen.t_ns, seen.speed_Hz, speed_Hz)
         return self.excitation(torque_Nm, speed_Hz)
 
@@ -82,7 +82,7 @@ class IntegratesMeanwhile(BrakeServo):
 class FallsAtOnce(BrakeServo):
     """Lets the brake go while the torque still falls."""
 
-    def follow(self, seen: Observation, torque_Nm: float, speed_Hz: float) -> float:
+    def follow(self, seen: Observation, torque_Nm: float, speed_Hz: float, *_: float) -> float:
         super().follow(seen, torque_Nm, speed_Hz)
         return self.excitation(torque_Nm, speed_Hz)
 

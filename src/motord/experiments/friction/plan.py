@@ -6,13 +6,22 @@ from functools import partial
 from math import copysign
 from typing import Any
 
-from motord.config import BrakeConfig, Config
+from motord.config import BrakeConfig, Config, LimitsConfig
 from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, take_points
+from motord.sequencing.free_rotor import runaway
 from motord.sequencing.limits import check_speed, check_torque
-from motord.sequencing.motions import Capture, Motion, hold, restartable, wait, within
+from motord.sequencing.motions import (
+    Capture,
+    Motion,
+    guarded,
+    hold,
+    restartable,
+    wait,
+    within,
+)
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
 
@@ -53,7 +62,10 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name=NAME,
         points=tuple(_point(index, own) for index in range(2 * own.repeats)),
-        motion=partial(take_points, partial(coast_down, own=own, brake=config.brake)),
+        motion=partial(
+            take_points,
+            partial(coast_down, own=own, brake=config.brake, limits=config.limits),
+        ),
         point_s=coast_down_s,
         settings={**own.model_dump(mode="json"), "compensate": "off"},
         needs="",
@@ -79,7 +91,9 @@ def coast_down_s(_: OperatingPoint) -> float:
 
 
 @restartable
-def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -> Motion[Capture]:
+def coast_down(
+    point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig, limits: LimitsConfig
+) -> Motion[Capture]:
     """Accelerate to the start speed, end the torque, capture until the stop speed."""
     began = yield None
     sign = copysign(1.0, point.torque_Nm)
@@ -90,7 +104,9 @@ def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -
     )
     if began.demand.brake:
         yield from wait(free.labelled("releasing the brake"), release_s(brake))
-    accelerate = _accelerate(free.labelled("accelerating"), point)
+    accelerate = guarded(
+        _accelerate(free.labelled("accelerating"), point), runaway(limits, point.torque_Nm)
+    )
     yield from within(own.timeout_s, accelerate, lambda seen: _too_slow(seen, own))
     ending = free.labelled("ending the torque")
     off = hold(ending, lambda seen: seen.torque_set_Nm == 0.0)

@@ -5,12 +5,21 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from motord.config import AccelerationConfig, BrakeConfig, Config
+from motord.config import AccelerationConfig, BrakeConfig, Config, LimitsConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan
 from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, take_points
+from motord.sequencing.free_rotor import runaway
 from motord.sequencing.limits import check_speed, check_torque
-from motord.sequencing.motions import Capture, Motion, hold, restartable, wait, within
+from motord.sequencing.motions import (
+    Capture,
+    Motion,
+    guarded,
+    hold,
+    restartable,
+    wait,
+    within,
+)
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen, compensation
 
@@ -37,7 +46,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
         ),
         motion=partial(
             take_points,
-            partial(torque_step, own=own, brake=config.brake),
+            partial(torque_step, own=own, brake=config.brake, limits=config.limits),
             compensate=int(flags),
         ),
         point_s=partial(torque_step_s, own, config.brake),
@@ -52,7 +61,7 @@ def torque_step_s(own: AccelerationConfig, brake: BrakeConfig, _: OperatingPoint
 
 @restartable
 def torque_step(
-    point: OperatingPoint, own: AccelerationConfig, brake: BrakeConfig
+    point: OperatingPoint, own: AccelerationConfig, brake: BrakeConfig, limits: LimitsConfig
 ) -> Motion[Capture]:
     """Stop the rotor and let it rest, step the torque up to a speed, follow it while it coasts.
 
@@ -72,6 +81,7 @@ def torque_step(
         captured.labelled("accelerating", torque_Nm=point.torque_Nm),
         lambda seen: abs(seen.speed_Hz) >= own.stop_speed_Hz,
     )
+    accelerate = guarded(accelerate, runaway(limits, point.torque_Nm))
     yield from within(limit_s, accelerate, partial(_too_slow, own.stop_speed_Hz), since=began)
     seen = yield from wait(captured.labelled("coasting"), own.coast_s)
     moved = f"not settled: moved by {moved_rad:.2g} rad at rest"
