@@ -44,7 +44,7 @@ def mesh(rng: np.random.Generator) -> dict[str, Any]:
 
 DRAWS: Mapping[str, Draw] = {
     "verify": lambda rng: {**mesh(rng), "compensate": "off"},
-    "learn": mesh,
+    "learn": lambda rng: {**mesh(rng), "turns": 4},
     "calibrate": lambda rng: {**mesh(rng), "directions": str(rng.choice(["both", "forwards"]))},
     "torque-speed": lambda rng: {
         **mesh(rng),
@@ -56,7 +56,7 @@ DRAWS: Mapping[str, Draw] = {
         "speed_Hz": between(rng, 0.3, 3.2),
         "scaled_gain": between(rng, 0.3, 0.95),
         "directions": str(rng.choice(["both", "forwards"])),
-        "turns": 2,
+        "turns": 3,
     },
     "sensitivity": lambda rng: {
         "torque_Nm": between(rng, 1.0, 6.0),

@@ -14,9 +14,9 @@ TRIPS_TODAY = {
 
 @pytest.mark.parametrize("name", [name for name in [*DRAWS, "quick"] if name not in TRIPS_TODAY])
 def test_legal_settings_do_not_trip(name: str) -> None:
-    for seed in SEEDS:
-        kind, why = outcome(*drawn(name, seed), seed)
-        assert kind != "TRIPPED", why
+    outcomes = [outcome(*drawn(name, seed), seed) for seed in SEEDS]
+    assert [why for kind, why in outcomes if kind == "TRIPPED"] == []
+    assert any(kind in ("ran", "failed") for kind, _ in outcomes)  # not all are refused
 
 
 @pytest.mark.parametrize("name", ["inertia-acceleration", "friction"])

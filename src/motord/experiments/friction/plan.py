@@ -7,11 +7,11 @@ from math import copysign
 from typing import Any
 
 from motord.config import BrakeConfig, Config, LimitsConfig
+from motord.experiments.free_rotor import runaway
 from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, take_points
-from motord.sequencing.free_rotor import runaway
 from motord.sequencing.limits import check_speed, check_torque
 from motord.sequencing.motions import (
     Capture,

@@ -6,10 +6,10 @@ from functools import partial
 from typing import Any
 
 from motord.config import AccelerationConfig, BrakeConfig, Config, LimitsConfig
+from motord.experiments.free_rotor import runaway
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan
 from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, take_points
-from motord.sequencing.free_rotor import runaway
 from motord.sequencing.limits import check_speed, check_torque
 from motord.sequencing.motions import (
     Capture,
