@@ -49,7 +49,7 @@ DRAWS: Mapping[str, Draw] = {
     "torque-speed": lambda rng: {
         **mesh(rng),
         "speeds_Hz": [float(rng.choice([-1, 1])) * s for s in some(rng, 0.3, 3.2)],
-        "drive_torque_Nm": between(rng, 0.0, 1.5),
+        "drive_torque_Nm": between(rng, 0.0, 6.0),
     },
     "check-calibration": lambda rng: {
         "torque_Nm": between(rng, 0.5, 6.0),

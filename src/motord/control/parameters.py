@@ -13,9 +13,6 @@ from motord.learned import COEFFICIENTS_MAX, LearnedTorque
 if TYPE_CHECKING:
     from motord.calibration import Calibration
 
-CURRENT_ERROR, TORQUE_ERROR = 0.25, 0.3
-"""Parts of limits.current_A and limits.torque_Nm by which currents and torque may be off."""
-
 
 def build(
     config: Config, calibration: "Calibration | None" = None
@@ -26,6 +23,7 @@ def build(
     coefficients (COEFFICIENTS_MAX,) in Nm. Without a calibration alpha is 1, beta 0, the rest zero.
     """
     motor = config.motor
+    back_emf_V_s_per_rad = motor.back_emf_table().copy()
     parameters = np.zeros(1, PARAMETERS)
     p = parameters[0]
     p.period_s = 1.0 / config.loop.rate_Hz
@@ -51,7 +49,8 @@ def build(
         cogging_Nm[:] = calibration.tau_cog_Nm
         if calibration.learned:
             _fill_learned(p, learned_Nm, calibration.learned)
-    return parameters, motor.back_emf_table().copy(), cogging_Nm, learned_Nm
+    p.torque_per_A = np.abs(back_emf_V_s_per_rad).max()
+    return parameters, back_emf_V_s_per_rad, cogging_Nm, learned_Nm
 
 
 def settling_ns(config: Config) -> int:
@@ -88,8 +87,8 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.bus_V_min, p.bus_V_max = limits.bus_V_min, limits.bus_V_max
     p.encoder_jump_rad = limits.encoder_jump_rad
     p.link_errors_per_s = limits.link_errors_per_s
-    p.current_error_A = limits.current_error_A or CURRENT_ERROR * limits.current_A
-    p.torque_error_Nm = limits.torque_error_Nm or TORQUE_ERROR * limits.torque_Nm
+    p.current_error_A = limits.current_error_allowed_A
+    p.torque_error_Nm = limits.torque_error_allowed_Nm
     p.settling_ns = settling_ns(config)
     oldest_s = config.inverter.stale_after_s + 1e-9 * settling_ns(config)
     # a tick may be late by a period, and two commands count at least

@@ -98,10 +98,13 @@ def remember_command(
 ) -> None:
     """Keep the command of this tick, its torque, and whether this had to be less than asked for.
 
-    A gain that is induced in all phases is part of what was asked for.
+    A gain that is induced in all phases is part of what was asked for. The torque of an offset that
+    is induced depends on the rotor's angle, which may not be known yet: the most of it is kept.
     """
     gain = 1.0 + (s.induced_gain[0] + s.induced_gain[1] + s.induced_gain[2]) / 3.0
     m.torque_asked_Nm = gain * m.torque_set_Nm
+    offset = s.induced_offset_A
+    m.induced_Nm = p.torque_per_A * (abs(offset[0]) + abs(offset[1]) + abs(offset[2]))
     place = m.newest + 1 if m.newest + 1 < p.commands else 0
     m.newest = place
     m.commands = min(m.commands + 1, p.commands)
@@ -113,14 +116,17 @@ def remember_command(
 
 @jit
 def torque_error(p: np.record, m: np.record, torque_Nm: float, missed: int) -> float:
-    """Return by how much (Nm) the measured torque is further from the set-point than its share.
+    """Return by how much (Nm) the measured torque is further from the set-point than it may be.
 
-    The set-point of the tick before goes through the sensor's high-pass. Call once a tick; missed:
-    ticks that the loop has missed since the tick before.
+    That is its share, and what induced offsets make at most. Both of the tick before go through the
+    sensor's high-pass: what |x| <= A leaves is within A plus the mean that was taken for A. Call
+    once a tick; missed: ticks that the loop has missed since the tick before.
     """
     decay = p.torque_decay if missed == 0 else p.torque_decay ** (1 + missed)
     m.torque_expected_Nm = decay * (m.torque_expected_Nm + m.torque_asked_Nm - m.torque_before_Nm)
     m.torque_before_Nm = m.torque_asked_Nm
+    m.induced_mean_Nm += (1.0 - decay) * (m.induced_Nm - m.induced_mean_Nm)
     apart_Nm = abs(torque_Nm - float(m["torque_expected_Nm"]))
-    excess_Nm = float(apart_Nm - TORQUE_SHARE * abs(m.torque_asked_Nm))
+    may_Nm = TORQUE_SHARE * abs(m.torque_asked_Nm) + m.induced_Nm + m.induced_mean_Nm
+    excess_Nm = float(apart_Nm - may_Nm)
     return excess_Nm if math.isfinite(apart_Nm) else 0.0

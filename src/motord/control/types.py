@@ -106,6 +106,7 @@ PARAMETERS = record_dtype(
         ("link_errors_per_s", "f8"),
         ("current_error_A", "f8"),
         ("torque_error_Nm", "f8"),
+        ("torque_per_A", "f8"),  # Nm/A, the most that a phase makes of its current
         ("settling_ns", "i8"),  # from the start of a tick until its current has settled
         ("commands", "i8"),  # how many are remembered
         ("lasts_ns", "i8", (32,)),  # for how long each trip's condition may hold
@@ -144,6 +145,8 @@ MEMORY = record_dtype(
         ("torque_expected_Nm", "f8"),  # set-point as the torque sensor should show it
         ("torque_asked_Nm", "f8"),  # set-point with the gain that is induced
         ("torque_before_Nm", "f8"),  # the same a tick before
+        ("induced_Nm", "f8"),  # the most torque that induced offsets make
+        ("induced_mean_Nm", "f8"),  # what the torque sensor's high-pass takes for its mean
         # encoder tracks: time and angle of the newest code, angle since the start, and at which
         # angle each track last changed
         ("tracks_ns", "i8"),

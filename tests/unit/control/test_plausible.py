@@ -142,6 +142,51 @@ def test_torque_that_is_limited_on_purpose_is_no_fault() -> None:
     assert until_trip(bench, 300)[0] == 0
 
 
+OFFSETS_A = np.array([10.0, -5.0, -5.0])
+
+
+def most_Nm(bench: Bench) -> float:
+    """Return what `OFFSETS_A` make at most: each phase where its back-EMF is largest."""
+    table = bench.config.motor.back_emf_table()
+    return float(np.abs(table).max() * np.abs(OFFSETS_A).sum())
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("beyond", [-0.05, 0.05])
+def test_what_offsets_that_are_induced_make_at_most_is_no_fault(beyond: float) -> None:
+    bench = at_torque(0.0)
+    bench.setpoint["induced_offset_A"] = OFFSETS_A
+    bench.error_Nm = -(most_Nm(bench) + 1.5 + beyond)
+    assert bool(until_trip(bench, 150)[0]) == (beyond > 0)
+
+
+def test_an_offset_that_ended_allows_nothing_any_more() -> None:
+    bench = at_torque(0.0)
+    bench.setpoint["induced_offset_A"] = OFFSETS_A
+    bench.ticks(50)
+    bench.setpoint["induced_offset_A"] = 0.0
+    bench.error_Nm = 1.55
+    assert 100 <= until_trip(bench, 150)[0] <= 103
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_high_pass_answers_an_offset_and_its_end(sign: float) -> None:
+    """A rotor that is held: its torque comes, is taken for the mean, goes; the answer swings."""
+    tau_s = 0.5
+    bench = at_torque(0.0, torque_sensor={"highpass_time_constant_s": tau_s})
+    held_Nm, mean_Nm = sign * most_Nm(bench), 0.0
+    decay = math.exp(-1 / bench.config.loop.rate_Hz / tau_s)
+    for torque_Nm, offsets_A in ((held_Nm, OFFSETS_A), (-held_Nm, OFFSETS_A), (0.0, np.zeros(3))):
+        bench.setpoint["induced_offset_A"] = offsets_A
+        for _ in range(1500):
+            mean_Nm += (1.0 - decay) * (torque_Nm - mean_Nm)
+            bench.error_Nm = torque_Nm - mean_Nm
+            bench.ticks(1)
+        assert bench.tick["state"][0] == State.ENABLED
+    bench.error_Nm = 1.7
+    assert until_trip(bench, 150)[0]
+
+
 @pytest.mark.kernel
 def test_a_gain_that_is_induced_is_asked_for() -> None:
     bench = at_torque(3.0)

@@ -52,6 +52,15 @@ def test_only_a_trip_by_i2t_says_what_a_warm_winding_takes_away():
     assert trip_values(Trip.I2T, seen)[DERATING] == {"value": 0.25, "limit": 1.0}
 
 
+def test_the_limit_of_the_torque_holds_what_offsets_that_are_induced_make():
+    seen = window(np.zeros(3, TICK_DTYPE))
+    _, limit_Nm = _of(Trip.TORQUE_IMPLAUSIBLE, trip_values(Trip.TORQUE_IMPLAUSIBLE, seen))
+    induced = replace(seen, induced_offset_A=(4.0, -2.0, -2.0))
+    _, wider_Nm = _of(Trip.TORQUE_IMPLAUSIBLE, trip_values(Trip.TORQUE_IMPLAUSIBLE, induced))
+    most_Nm = 8.0 * np.abs(load().motor.back_emf_table()).max()
+    assert wider_Nm - limit_Nm == pytest.approx(most_Nm)
+
+
 FAULTS = [
     (Trip.INVERTER_FAULT, "inverter_fault", {}),
     (Trip.INVERTER_FAULT, "inverter_off", {}),

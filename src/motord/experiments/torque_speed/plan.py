@@ -9,13 +9,14 @@ from typing import Any
 from motord.config import BrakeConfig, Config
 from motord.experiments.torque_speed.envelope import Envelope
 from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
-from motord.sequencing import Observation, OperatingPoint, Plan, PlanError
+from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import BrakeServo, release_s
 from motord.sequencing.capture import account, capture, take_points
 from motord.sequencing.mesh import serpentine
 from motord.sequencing.motions import (
     Capture,
     Motion,
+    guarded,
     hold,
     near_speed,
     restartable,
@@ -28,6 +29,10 @@ from motord.sequencing.settings import chosen, compensation
 
 STOPPED_HZ = 0.05
 """Speed below which a rotor that was driven counts as stopped."""
+
+LOADING_S = 2.0
+"""Time over which a torque against the drive rises: slowly, so that a belt that slips is seen
+before the motor, which nothing brakes then, has run away backwards."""
 
 
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:
@@ -127,21 +132,39 @@ def driven_power_point(
         label=f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz",
     )
     if began.demand.brake:
+        braked = demand.labelled("lowering the torque", brake=began.demand.brake, drive_rad_s=0.0)
+        yield from hold(braked, lambda seen: seen.torque_set_Nm == 0.0)
         yield from wait(demand.labelled("releasing the brake", drive_rad_s=0.0), release_s(brake))
-    for what, torque_Nm in (("turning", 0.0), ("loading", point.torque_Nm)):
-        reaches = near_speed(point.speed_Hz, own.drive_speed_tolerance, since=(yield None))
-        under = demand.labelled(what, torque_Nm=torque_Nm)
-        yield from within(own.settle_timeout_s, hold(under, reaches), _slips)
-    loaded = demand.labelled("settling", torque_Nm=point.torque_Nm)
-    yield from wait(loaded, own.settle_s)
-    seen = yield from capture(point, replace(loaded, label=f"{demand.label}: capturing"))
+    reaches = near_speed(point.speed_Hz, own.drive_speed_tolerance, since=(yield None))
+    turning = hold(demand.labelled("turning"), reaches)
+    yield from within(own.settle_timeout_s, turning, _slips)
+    seen = yield from guarded(_load_and_capture(point, own, demand), _overpowered)
     quality = quality_at_speed(seen, point.speed_Hz, tolerant)
     return account(point, seen, quality, driven=True)
 
 
+def _load_and_capture(
+    point: OperatingPoint, own: TorqueSpeedConfig, demand: Demand
+) -> Motion[Observation]:
+    began = seen = yield None
+    while (part := seen.since_s(began) / LOADING_S) < 1.0:
+        seen = yield demand.labelled("loading", torque_Nm=part * point.torque_Nm)
+    loaded = replace(demand, torque_Nm=point.torque_Nm)
+    reaches = near_speed(point.speed_Hz, own.drive_speed_tolerance, since=seen)
+    holding = hold(loaded.labelled("waiting for the speed"), reaches)
+    yield from within(own.settle_timeout_s, holding, _slips)
+    yield from wait(loaded.labelled("settling"), own.settle_s)
+    return (yield from capture(point, loaded.labelled("capturing")))
+
+
+def _overpowered(seen: Observation) -> str:
+    """Return why the plan ends where the motor turns the rotor its own way, "" if not."""
+    return _slips(seen) if seen.speed_Hz * seen.demand.speed_Hz < 0.0 else ""
+
+
 def _slips(seen: Observation) -> str:
     return (
-        f"{seen.demand.label}: the rotor turns at {seen.turn_speed_Hz:.3g} Hz; does the drive "
+        f"{seen.demand.label}: the rotor turns at {seen.speed_Hz:.3g} Hz; does the drive "
         "answer, does the belt slip at this torque (drive_torque_Nm)?"
     )
 

@@ -223,6 +223,7 @@ class Bench:
     def _watch_channels(self, now_ns: int) -> None:
         self.channels.step(now_ns)
         self.setpoint.channels_beyond = len(self.channels.tripping)
+        self.monitor.induced_offset_A = self.setpoint.induced.offset_A
         self.setpoint.i2t_derating = self.monitor.i2t_derating = self.channels.i2t_derating
         if self.channels.tripping:  # else what tripped it is kept for the trip's report
             self.monitor.channels = self.channels.tripping

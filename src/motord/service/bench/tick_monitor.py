@@ -3,7 +3,7 @@
 Pure: blocks of ticks in, views and events out.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -48,6 +48,7 @@ class TickMonitor:
         self.channels: ValuesAndLimits = {}
         """Of the slow channels that trip the bench."""
         self.i2t_derating = 0.0
+        self.induced_offset_A: Sequence[float] = (0.0, 0.0, 0.0)
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self.last: np.void | None = None
         self.read_ns = 0  # monotonic, when the newest tick was read
@@ -130,8 +131,9 @@ class TickMonitor:
     def _values(self, bits: int, row: int) -> ValuesAndLimits:
         """Return value and limit for each cause in `bits`, as of a row of the newest block."""
         window = replace(
-            self._recent.until(row), channels=self.channels, i2t_derating=self.i2t_derating
-        )
+            self._recent.until(row), channels=self.channels, i2t_derating=self.i2t_derating,
+            induced_offset_A=self.induced_offset_A,
+        )  # fmt: skip
         return trip_values(bits, window)
 
     def _report_change(self, old: State, new: State, row: int, tick: np.void) -> None:

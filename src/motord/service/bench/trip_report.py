@@ -5,7 +5,7 @@ all of the kernel's memory. For a condition on a status word the value is how lo
 s, and the limit is how long it may.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,7 +27,8 @@ class TripWindow:
     """The ticks up to the trip, shape (n,), the kernel's parameters, and the torque expected then.
 
     `expected_Nm`: what the torque sensor should show, after its high-pass; `channels`: the slow
-    channels that trip the bench; `i2t_derating`: the part of i2t_time_s that a warm winding takes.
+    channels that trip the bench; `i2t_derating`: the part of i2t_time_s that a warm winding takes;
+    `induced_offset_A`: what is put on the phases' currents on purpose.
     """
 
     ticks: np.ndarray
@@ -35,6 +36,7 @@ class TripWindow:
     parameters: np.record
     channels: ValuesAndLimits = field(default_factory=dict)
     i2t_derating: float = 0.0
+    induced_offset_A: Sequence[float] = (0.0, 0.0, 0.0)
 
     @property
     def last(self) -> Any:
@@ -147,7 +149,8 @@ def _current_error_A(w: TripWindow) -> float:
 
 def _torque_limit_Nm(w: TripWindow) -> float:
     before_Nm = abs(float(w.ticks["torque_set_Nm"][-2:][0]))
-    return float(w.parameters.torque_error_Nm) + TORQUE_SHARE * before_Nm
+    induced_Nm = float(w.parameters.torque_per_A) * sum(map(abs, w.induced_offset_A))
+    return float(w.parameters.torque_error_Nm) + TORQUE_SHARE * before_Nm + induced_Nm
 
 
 _BRIDGE_FAULT = BridgeStatus.FAULT | BridgeStatus.ENCODER_INVALID
