@@ -6,6 +6,7 @@ from typing import Any
 from motord.config import Config
 from motord.config.experiments import broken_experiments, plan_kinds
 from motord.sequencing import Plan, PlanError
+from motord.sequencing.limits import check_torque_changes
 
 
 def build(name: str, config: Config, settings: Mapping[str, Any] | None = None) -> Plan:
@@ -15,4 +16,8 @@ def build(name: str, config: Config, settings: Mapping[str, Any] | None = None) 
         known = f"no plan '{name}'; there are: {', '.join(kinds)}"
         raise PlanError("; ".join([known, *broken_experiments()]))
     plan: Plan = kinds[name].maker()(config, settings or {})
+    try:
+        check_torque_changes(config, (0.0, *(point.torque_Nm for point in plan.points)))
+    except PlanError as error:
+        raise PlanError(f"{name}: {error}") from error
     return plan

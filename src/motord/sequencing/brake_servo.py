@@ -5,6 +5,10 @@ brake's curve: towards the critical speed, where the curve is flat, a little exc
 speed a lot. It waits while the torque ramps: a rotor that is on its way is no departure from the
 curve. A speed is approached from below, with a reserve of torque: a rotor beyond the critical speed
 runs away from a brake whose torque falls with the speed.
+
+The gain is also scheduled by the rotor: J dw/dt = T - T_brake(w) is a lag of J w / (T slope), long
+for a heavy rotor at little torque, in which an integral of the usual gain winds up. J is taken from
+the impulse that each approach needed.
 """
 
 import math
@@ -17,6 +21,12 @@ GAIN_PER_S = 2.0
 """Relative change of the squared excitation per second for a relative torque error of one."""
 CROSSOVER = 0.4
 """The largest gain, in parts of the excitation's corner frequency (rad/s)."""
+ROTOR_CROSSOVER = 0.5
+"""The largest gain, in parts of the rotor's corner frequency: damping of 0.35, as more is slow."""
+WEIGHED_PART = 0.25
+"""Part of the wanted speed that a rotor has gained when its inertia is taken from it."""
+STANDS_PER_S = 0.1
+"""Part of the wanted speed, a second, below which a rotor is not on its way."""
 SLOPE_MIN = 0.1
 """The least slope of the curve at which a speed is held: below 0.9 of the critical speed."""
 RESERVE = 1.25
@@ -83,6 +93,12 @@ class BrakeServo:
     _learned: float = 0.0
     _on_speed_s: float = 0.0
     _set_Nm: float | None = None
+    _excitation: float = 0.0
+    _inertia_kg_m2: float = 0.0
+    _weighed: bool = False
+    _before_rad_s: float = 0.0
+    _gained_rad_s: float = 0.0
+    _impulse_Nm_s: float = 0.0
 
     def start(self, speed_Hz: float = 0.0) -> None:
         """Begin to integrate anew, from what was learned of the brake while the speed was right.
@@ -93,6 +109,7 @@ class BrakeServo:
         reserve = math.log(max(RESERVE * part / self.brake.torque_max_Nm, 1.0))
         self.shift, self._on_speed_s = self._learned + reserve, 0.0
         self._t_ns = self._set_Nm = None
+        self._weighed, self._gained_rad_s, self._impulse_Nm_s = False, 0.0, 0.0
 
     @property
     def on_speed(self) -> bool:
@@ -119,16 +136,44 @@ class BrakeServo:
         While the torque ramps, the brake is not corrected, and holds the larger of the torque asked
         for and the one that is in force when the excitation has followed.
         """
-        dt_s, set_Nm = self._elapsed_s(seen.t_ns), seen.torque_set_Nm
-        before_Nm, self._set_Nm = self._set_Nm, set_Nm
-        if math.isclose(set_Nm, torque_Nm, rel_tol=1e-6):
-            lead = self._integrate(dt_s, seen.speed_Hz, speed_Hz)
+        dt_s = self._elapsed_s(seen.t_ns)
+        self._weigh(dt_s, torque_part * seen.torque_set_Nm, seen.speed_Hz, speed_Hz)
+        if math.isclose(seen.torque_set_Nm, torque_Nm, rel_tol=1e-6):
+            far = seen.speed_Hz / speed_Hz < 1.0 - WEIGHED_PART
+            on_its_way = far and not self._weighed and self._gained_rad_s != 0.0
+            passed_s = 0.0 if on_its_way else dt_s
+            lead = self._integrate(passed_s, seen.speed_Hz, speed_Hz, torque_part * torque_Nm)
             held = self.excitation(torque_part * torque_Nm, speed_Hz)
-            return min(held * math.exp(0.5 * lead), 1.0)
-        fallen_Nm = 0.0 if before_Nm is None else max(abs(before_Nm) - abs(set_Nm), 0.0)
+            self._excitation = min(held * math.exp(0.5 * lead), 1.0)
+        else:
+            then_Nm = max(abs(torque_Nm), self._falling_Nm(dt_s, seen.torque_set_Nm))
+            self._excitation = self.excitation(torque_part * then_Nm, speed_Hz)
+        self._set_Nm = seen.torque_set_Nm
+        return self._excitation
+
+    def _falling_Nm(self, dt_s: float, set_Nm: float) -> float:
+        """Return the torque that is in force when the excitation has followed, if it falls."""
+        fallen_Nm = 0.0 if self._set_Nm is None else max(abs(self._set_Nm) - abs(set_Nm), 0.0)
         falls_Nm_per_s = fallen_Nm / dt_s if dt_s else 0.0
-        then_Nm = abs(set_Nm) - falls_Nm_per_s * self.brake.excitation_time_constant_s
-        return self.excitation(torque_part * max(abs(torque_Nm), then_Nm), speed_Hz)
+        return abs(set_Nm) - falls_Nm_per_s * self.brake.excitation_time_constant_s
+
+    def _weigh(self, dt_s: float, torque_Nm: float, speed_Hz: float, wanted_Hz: float) -> None:
+        """Take the inertia from the first good part of an approach, without a stop in between."""
+        if self._weighed:
+            return
+        speed_rad_s, wanted_rad_s = 2 * math.pi * speed_Hz, 2 * math.pi * wanted_Hz
+        gained_rad_s = speed_rad_s - self._before_rad_s
+        self._before_rad_s = speed_rad_s
+        if gained_rad_s / wanted_rad_s <= STANDS_PER_S * dt_s:
+            self._gained_rad_s = self._impulse_Nm_s = 0.0
+            return
+        known = math.exp(-self._learned)
+        braked_Nm = known * brake_torque_Nm(self.brake, self._excitation, speed_rad_s)
+        self._impulse_Nm_s += (torque_Nm - braked_Nm) * dt_s
+        self._gained_rad_s += gained_rad_s
+        if self._gained_rad_s / wanted_rad_s > WEIGHED_PART:
+            self._inertia_kg_m2 = max(self._impulse_Nm_s / self._gained_rad_s, 0.0)
+            self._weighed = True
 
     def correct(self, t_ns: int, speed_Hz: float, wanted_Hz: float) -> None:
         """Move towards more brake if `speed_Hz` is above `wanted_Hz`, towards less if below."""
@@ -140,14 +185,25 @@ class BrakeServo:
         self._t_ns = t_ns
         return min(max(dt_s, 0.0), 0.5)
 
-    def _integrate(self, dt_s: float, speed_Hz: float, wanted_Hz: float) -> float:
+    def _gain_per_s(self, torque_Nm: float, wanted_rad_s: float) -> float:
+        """Return the integral gain; torque_Nm: that holds the speed, 0 if it is not known."""
+        lag_s = self.brake.excitation_time_constant_s
+        gain_per_s = CROSSOVER / max(lag_s, CROSSOVER / GAIN_PER_S)
+        momentum_Nm_s = self._inertia_kg_m2 * abs(wanted_rad_s)
+        if gain_per_s * momentum_Nm_s > ROTOR_CROSSOVER * abs(torque_Nm) > 0.0:
+            return ROTOR_CROSSOVER * abs(torque_Nm) / momentum_Nm_s
+        return gain_per_s
+
+    def _integrate(
+        self, dt_s: float, speed_Hz: float, wanted_Hz: float, torque_Nm: float = 0.0
+    ) -> float:
         """Move the departure; return what is added to it until the speed is right.
 
         That part is proportional, its zero is the pole of the excitation.
         """
         error = max(min(speed_Hz / wanted_Hz - 1.0, 1.0), -1.0)
         limit = math.log(SHIFT_MAX)
-        gain_per_s = min(GAIN_PER_S, CROSSOVER / self.brake.excitation_time_constant_s)
+        gain_per_s = self._gain_per_s(torque_Nm, 2 * math.pi * wanted_Hz)
         torque_error = error * max(slope(self.brake, 2 * math.pi * wanted_Hz), SLOPE_MIN)
         self.shift = max(min(self.shift + gain_per_s * torque_error * dt_s, limit), -limit)
         self._on_speed_s = self._on_speed_s + dt_s if abs(error) <= TRUST_ERROR else 0.0

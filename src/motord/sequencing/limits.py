@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from itertools import pairwise
 
 from motord.config import Config
 from motord.sequencing.brake_servo import SLOPE_MIN, brake_torque_Nm, slope
@@ -9,6 +10,9 @@ from motord.sequencing.settings import PlanError
 
 SPEED_MARGIN = 0.8
 """Part of the over-speed trip that may be asked for."""
+
+TORQUE_MARGIN = 0.9
+"""Part of the over-torque trip that a change of torque may show as; ripple comes on top."""
 
 
 def check_operating_points(
@@ -29,6 +33,29 @@ def check_torque(config: Config, torque_Nm: float) -> None:
         raise PlanError(
             f"{torque_Nm:g} Nm is above [limits] torque_Nm = {config.limits.torque_Nm:g}"
         )
+
+
+def check_torque_changes(config: Config, torques_Nm: Iterable[float]) -> None:
+    """Refuse torques one after the other, held for long each, whose change trips the bench.
+
+    The high-pass of a torque sensor, of time constant tau, takes a torque that is held for zero.
+    Then a change by D in the time t shows as up to D tau / t (1 - exp(-t / tau)): a reversal as
+    nearly twice the torque. Raises PlanError.
+    """
+    tau_s, limits = config.torque_sensor.highpass_time_constant_s, config.limits
+    if not tau_s:
+        return
+    for before_Nm, after_Nm in pairwise(torques_Nm):
+        change_Nm = abs(after_Nm - before_Nm)
+        ramps = change_Nm / limits.torque_rate_Nm_per_s / tau_s
+        shows_Nm = change_Nm * (-math.expm1(-ramps) / ramps if ramps else 1.0)
+        if shows_Nm > TORQUE_MARGIN * limits.trip_torque_Nm:
+            raise PlanError(
+                f"from {before_Nm:g} to {after_Nm:g} Nm the torque sensor would show up to "
+                f"{shows_Nm:.3g} Nm by its high-pass ([torque_sensor] highpass_time_constant_s = "
+                f"{tau_s:g}), ripple besides, and [limits] trip_torque_Nm = "
+                f"{limits.trip_torque_Nm:g}; lower the torque or [limits] torque_rate_Nm_per_s"
+            )
 
 
 def check_speed(config: Config, speed_Hz: float) -> None:

@@ -47,10 +47,15 @@ def operating_point(point: OperatingPoint, mesh: MeshConfig, servo: BrakeServo) 
         ),
         lambda seen: f"{demand.label}: {_why_not_reached(seen, mesh.settle_timeout_s)}",
     )
-    yield from hold_speed(
-        servo,
-        demand.labelled("settling"),
-        until=lambda seen: seen.since_s(reached) >= mesh.settle_s,
+    holds = near_speed(point.speed_Hz, mesh.speed_tolerance, since=raised)
+    yield from within(
+        mesh.settle_s + mesh.settle_timeout_s,
+        hold_speed(
+            servo,
+            demand.labelled("settling"),
+            until=lambda seen: seen.since_s(reached) >= mesh.settle_s and holds(seen),
+        ),
+        lambda seen: f"{demand.label}: {_why_not_reached(seen, mesh.settle_timeout_s)}",
     )
     brake = servo.excitation(point.induced.torque_part * point.torque_Nm, point.speed_Hz)
     seen = yield from capture(point, demand.labelled("capturing", brake=brake))

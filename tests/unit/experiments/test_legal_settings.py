@@ -1,30 +1,52 @@
 """A plan that its checks let pass does not trip the bench; all of it in the campaign."""
 
+from typing import Any
+
 import pytest
 
 from motord.experiments.torque_speed import plan as torque_speed
-from tests.campaigns.legal_settings import DRAWS, drawn, outcome
+from tests.campaigns.legal_settings import DRAWS, bench, bench_changes, drawn, outcome
 
 SEEDS = range(4)
+CONFIG, TRUTH = bench({}, 0)
+
+FREE = ("inertia-acceleration", "friction")
+"""Plans that accelerate a rotor which nothing brakes: a light one may trip by OVER_SPEED."""
+
+AT_ONCE = [*DRAWS, "quick"]
 
 
-@pytest.mark.parametrize("name", [*DRAWS, "quick"])
+@pytest.mark.parametrize("name", AT_ONCE)
 def test_legal_settings_do_not_trip(name: str) -> None:
-    outcomes = [outcome(*drawn(name, seed), seed) for seed in SEEDS]
+    outcomes = [outcome(*drawn(name, seed, CONFIG), seed, CONFIG, TRUTH) for seed in SEEDS]
     assert [why for kind, why in outcomes if kind == "TRIPPED"] == []
     assert any(kind in ("ran", "failed") for kind, _ in outcomes)  # not all are refused
 
 
-@pytest.mark.parametrize("name", ["inertia-acceleration", "friction"])
+@pytest.mark.parametrize("name", [name for name in AT_ONCE if name not in FREE])
+def test_legal_benches_do_not_trip(name: str) -> None:
+    outcomes = []
+    for seed in SEEDS:
+        config, truth = bench(bench_changes(seed), seed)
+        outcomes.append(outcome(*drawn(name, seed, config), seed, config, truth))
+    assert [why for kind, why in outcomes if kind == "TRIPPED"] == []
+
+
+def outcome_of(name: str, settings: dict[str, Any]) -> tuple[str, str]:
+    """Run a plan on the packaged bench; see `outcome`."""
+    return outcome(name, settings, 1, CONFIG, TRUTH)
+
+
+@pytest.mark.parametrize("name", FREE)
 def test_a_free_rotor_that_nobody_watches_trips(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     place = {"inertia-acceleration": "inertia.plan.acceleration", "friction": "friction.plan"}[name]
     monkeypatch.setattr(
         f"motord.experiments.{place}.runaway", lambda limits, torque_Nm: lambda seen: ""
     )
     torque = {"torque_Nm": 4.0, "repeats": 1}
-    assert outcome(name, torque, 1)[0] == "TRIPPED"
+    assert outcome_of(name, torque)[0] == "TRIPPED"
     monkeypatch.undo()
-    kind, why = outcome(name, torque, 1)
+    kind, why = outcome_of(name, torque)
     assert kind == "failed"
     assert "lower torque_Nm: about 1." in why
 
@@ -35,18 +57,18 @@ SLIPPING = {"torques_Nm": [4.0], "speeds_Hz": [-1.68], "drive_torque_Nm": 5.0, "
 def test_a_belt_that_slips_under_the_torque_ends_the_plan_not_the_bench(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    kind, why = outcome("torque-speed", SLIPPING, 1)
+    kind, why = outcome_of("torque-speed", SLIPPING)
     assert kind == "failed"
     assert "does the belt slip at this torque (drive_torque_Nm)?" in why
     monkeypatch.setattr(torque_speed, "_overpowered", lambda seen: "")
-    assert outcome("torque-speed", SLIPPING, 1)[0] == "TRIPPED"
+    assert outcome_of("torque-speed", SLIPPING)[0] == "TRIPPED"
 
 
 def test_the_brake_lets_go_once_the_torque_is_down() -> None:
     after_motoring = SLIPPING | {"torques_Nm": [5.0, 1.0], "speeds_Hz": [1.25, -1.0]}
-    assert outcome("torque-speed", after_motoring | {"drive_torque_Nm": 1.2}, 1) == ("ran", "")
+    assert outcome_of("torque-speed", after_motoring | {"drive_torque_Nm": 1.2}) == ("ran", "")
 
 
 def test_a_rotor_that_the_brake_holds_back_is_aligned_with_any_current() -> None:
     """Its torque is nobody's set-point, and looked like a fault."""
-    assert outcome("align", {"currents_A": [20.96], "brake": 0.95}, 1) == ("ran", "")
+    assert outcome_of("align", {"currents_A": [20.96], "brake": 0.95}) == ("ran", "")

@@ -33,12 +33,17 @@ OVERSHOOT_HZ = 0.5
 
 
 def overshoot_Hz(
-    torques_Nm: Sequence[float], speeds_Hz: Sequence[float], **brake: float
+    torques_Nm: Sequence[float],
+    speeds_Hz: Sequence[float],
+    inertia_kg_m2: float = 0.0105,
+    **brake: float,
 ) -> tuple[float, list[dict[str, Any]]]:
-    """Take points on the packaged bench, with a `brake` that differs; return how far the rotor was
-    above the highest speed asked for at most, and the points taken."""
+    """Take points on the packaged bench, with a rotor and a `brake` that differ; return how far the
+    rotor was above the highest speed asked for at most, and the points taken."""
     truth = load_truth()
-    truth = truth.model_copy(update={"brake": truth.brake.model_copy(update=brake)})
+    rotor = truth.rotor.model_copy(update={"inertia_kg_m2": inertia_kg_m2})
+    brakes = truth.brake.model_copy(update=brake)
+    truth = truth.model_copy(update={"brake": brakes, "rotor": rotor})
     mesh = {"torques_Nm": torques_Nm, "speeds_Hz": speeds_Hz, "turns": 2, "settle_s": 0.5}
     config, speeds_rad_s = load(), [0.0]
     points = run_plan(
@@ -71,6 +76,48 @@ def test_neither_a_rise_nor_a_fall_of_the_torque_lets_the_rotor_run_away(torques
     ]
 
 
+HEAVY_KG_M2 = 0.1
+"""Ten times the packaged rotor's."""
+
+
+@settings(max_examples=examples(10), deadline=None)
+@given(
+    torque_Nm=st.floats(1.0, 6.0),
+    speed_Hz=st.floats(1.0, 2.7),
+    inertia_kg_m2=st.floats(0.02, HEAVY_KG_M2),
+)
+def test_a_heavy_rotor_is_stopped_in_time(torque_Nm, speed_Hz, inertia_kg_m2):
+    over, points = overshoot_Hz([torque_Nm], [speed_Hz], inertia_kg_m2)
+    assert over < OVERSHOOT_HZ
+    assert points[-1]["quality"] == "ok"
+
+
+class TakesItForLight(BrakeServo):
+    """Corrects a heavy rotor as fast as a light one."""
+
+    def _weigh(self, *_: float) -> None:
+        pass
+
+
+def test_a_heavy_rotor_that_is_taken_for_a_light_one_runs_away(monkeypatch):
+    heavy = ([1.0], [2.0], HEAVY_KG_M2)
+    assert overshoot_Hz(*heavy)[0] < OVERSHOOT_HZ
+    monkeypatch.setattr("motord.sequencing.mesh.BrakeServo", TakesItForLight)
+    with suppress(PlanFailed):
+        assert overshoot_Hz(*heavy)[0] > OVERSHOOT_HZ
+
+
+@pytest.mark.parametrize("time_constant_s", [0.0, 0.01, 1.0])
+def test_a_brake_may_follow_at_once_or_late(time_constant_s):
+    servo = BrakeServo(
+        load().brake.model_copy(update={"excitation_time_constant_s": time_constant_s})
+    )
+    servo.start(1.0)
+    for step in range(1, 20):
+        servo.correct(step * 50_000_000, 1.2, 1.0)
+    assert servo.shift > 0.0
+
+
 class IntegratesMeanwhile(BrakeServo):
     """Takes a rotor that is on its way for a brake that is too strong."""
 
@@ -90,9 +137,9 @@ class FallsAtOnce(BrakeServo):
 class AsSteepEverywhere(BrakeServo):
     """Corrects as if the brake's torque rose as steeply as at rest."""
 
-    def _integrate(self, dt_s: float, speed_Hz: float, wanted_Hz: float) -> float:
+    def _integrate(self, dt_s: float, speed_Hz: float, wanted_Hz: float, *given: float) -> float:
         steepness = 1.0 / slope(self.brake, 2 * math.pi * wanted_Hz)
-        return steepness * super()._integrate(steepness * dt_s, speed_Hz, wanted_Hz)
+        return steepness * super()._integrate(steepness * dt_s, speed_Hz, wanted_Hz, *given)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +147,7 @@ class AsSteepEverywhere(BrakeServo):
     [
         (IntegratesMeanwhile, [6.0], 2.0),
         (FallsAtOnce, [6.0, 1.0], 2.5),
-        (AsSteepEverywhere, [1.0], 2.8),
+        (AsSteepEverywhere, [4.0], 2.88),
     ],
 )
 def test_broken_twins_run_away(monkeypatch, twin, torques_Nm, speed_Hz):
