@@ -71,6 +71,9 @@ def test_a_bound_is_kept_and_files_from_before_have_none(tmp_path: Path) -> None
     assert bound.to_text()[1].endswith("(ripple); most of the rest: findings")
     alone = bound.model_copy(update={"shares": bound.shares[:1]})
     assert alone.to_text()[1].endswith("(ripple)")
+    by_chance = bound.quantities[0].model_copy(update={"efficiency": 1.05})
+    above = bound.model_copy(update={"quantities": (by_chance,)})
+    assert above.to_text()[1] == "efficiency 1.05 of the Cramer-Rao bound (ripple)"
     assert "cramer_rao" not in make().to_json()
     assert make().id != made.id
 

@@ -64,7 +64,8 @@ class CramerRao(Part):
 
     def to_text(self) -> list[str]:
         """Return what a calibration's text says of it, a line each."""
-        most = f"; most of the rest: {self.held_back_by}" if self.held_back_by else ""
+        named = self.held_back_by if self.efficiency < 1.0 else ""  # above 1 by chance: no rest
+        most = f"; most of the rest: {named}" if named else ""
         return [
             f"predicted ripple, by the errors of Type A: {self.ripple_percent:.2g} % of rated "
             f"torque, below {self.ripple_upper_percent:.2g} % (95 %)",
