@@ -22,8 +22,9 @@ GAIN_PER_S = 2.0
 CROSSOVER = 0.4
 """The largest gain, in parts of the excitation's corner frequency (rad/s)."""
 ROTOR_CROSSOVER = 0.5
-"""The largest gain, in parts of the rotor's corner frequency: damping of 0.35, as more is slow."""
-WEIGHED_PART = 0.25
+"""The largest gain, in parts of T / (J w), the rotor's corner frequency where the slope is 1:
+damping of 0.7 there, and more towards the critical speed."""
+APPROACH_PART = 0.25
 """Part of the wanted speed that a rotor has gained when its inertia is taken from it."""
 STANDS_PER_S = 0.1
 """Part of the wanted speed, a second, below which a rotor is not on its way."""
@@ -95,7 +96,7 @@ class BrakeServo:
     _set_Nm: float | None = None
     _excitation: float = 0.0
     _inertia_kg_m2: float = 0.0
-    _weighed: bool = False
+    _inertia_estimated: bool = False
     _before_rad_s: float = 0.0
     _gained_rad_s: float = 0.0
     _impulse_Nm_s: float = 0.0
@@ -109,7 +110,7 @@ class BrakeServo:
         reserve = math.log(max(RESERVE * part / self.brake.torque_max_Nm, 1.0))
         self.shift, self._on_speed_s = self._learned + reserve, 0.0
         self._t_ns = self._set_Nm = None
-        self._weighed, self._gained_rad_s, self._impulse_Nm_s = False, 0.0, 0.0
+        self._inertia_estimated, self._gained_rad_s, self._impulse_Nm_s = False, 0.0, 0.0
 
     @property
     def on_speed(self) -> bool:
@@ -137,10 +138,10 @@ class BrakeServo:
         for and the one that is in force when the excitation has followed.
         """
         dt_s = self._elapsed_s(seen.t_ns)
-        self._weigh(dt_s, torque_part * seen.torque_set_Nm, seen.speed_Hz, speed_Hz)
+        self._estimate_inertia(dt_s, torque_part * seen.torque_set_Nm, seen.speed_Hz, speed_Hz)
         if math.isclose(seen.torque_set_Nm, torque_Nm, rel_tol=1e-6):
-            far = seen.speed_Hz / speed_Hz < 1.0 - WEIGHED_PART
-            on_its_way = far and not self._weighed and self._gained_rad_s != 0.0
+            far = seen.speed_Hz / speed_Hz < 1.0 - APPROACH_PART
+            on_its_way = far and not self._inertia_estimated and self._gained_rad_s != 0.0
             passed_s = 0.0 if on_its_way else dt_s
             lead = self._integrate(passed_s, seen.speed_Hz, speed_Hz, torque_part * torque_Nm)
             held = self.excitation(torque_part * torque_Nm, speed_Hz)
@@ -157,23 +158,24 @@ class BrakeServo:
         falls_Nm_per_s = fallen_Nm / dt_s if dt_s else 0.0
         return abs(set_Nm) - falls_Nm_per_s * self.brake.excitation_time_constant_s
 
-    def _weigh(self, dt_s: float, torque_Nm: float, speed_Hz: float, wanted_Hz: float) -> None:
+    def _estimate_inertia(
+        self, dt_s: float, torque_Nm: float, speed_Hz: float, wanted_Hz: float
+    ) -> None:
         """Take the inertia from the first good part of an approach, without a stop in between."""
-        if self._weighed:
+        if self._inertia_estimated:
             return
         speed_rad_s, wanted_rad_s = 2 * math.pi * speed_Hz, 2 * math.pi * wanted_Hz
         gained_rad_s = speed_rad_s - self._before_rad_s
         self._before_rad_s = speed_rad_s
-        if gained_rad_s / wanted_rad_s <= STANDS_PER_S * dt_s:
+        if dt_s == 0.0 or gained_rad_s / wanted_rad_s <= STANDS_PER_S * dt_s:
             self._gained_rad_s = self._impulse_Nm_s = 0.0
             return
-        known = math.exp(-self._learned)
-        braked_Nm = known * brake_torque_Nm(self.brake, self._excitation, speed_rad_s)
-        self._impulse_Nm_s += (torque_Nm - braked_Nm) * dt_s
+        configured_Nm = brake_torque_Nm(self.brake, self._excitation, speed_rad_s)
+        self._impulse_Nm_s += (torque_Nm - configured_Nm * math.exp(-self._learned)) * dt_s
         self._gained_rad_s += gained_rad_s
-        if self._gained_rad_s / wanted_rad_s > WEIGHED_PART:
+        if self._gained_rad_s / wanted_rad_s > APPROACH_PART:
             self._inertia_kg_m2 = max(self._impulse_Nm_s / self._gained_rad_s, 0.0)
-            self._weighed = True
+            self._inertia_estimated = True
 
     def correct(self, t_ns: int, speed_Hz: float, wanted_Hz: float) -> None:
         """Move towards more brake if `speed_Hz` is above `wanted_Hz`, towards less if below."""

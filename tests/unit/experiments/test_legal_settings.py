@@ -1,9 +1,12 @@
 """A plan that its checks let pass does not trip the bench; all of it in the campaign."""
 
+from types import ModuleType
 from typing import Any
 
 import pytest
 
+from motord.experiments.friction import plan as friction
+from motord.experiments.inertia.plan import acceleration
 from motord.experiments.torque_speed import plan as torque_speed
 from tests.campaigns.legal_settings import DRAWS, bench, bench_changes, drawn, outcome
 
@@ -37,18 +40,29 @@ def outcome_of(name: str, settings: dict[str, Any]) -> tuple[str, str]:
     return outcome(name, settings, 1, CONFIG, TRUTH)
 
 
-@pytest.mark.parametrize("name", FREE)
-def test_a_free_rotor_that_nobody_watches_trips(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    place = {"inertia-acceleration": "inertia.plan.acceleration", "friction": "friction.plan"}[name]
-    monkeypatch.setattr(
-        f"motord.experiments.{place}.runaway", lambda limits, torque_Nm: lambda seen: ""
-    )
+def unwatched(monkeypatch: pytest.MonkeyPatch, plan: ModuleType) -> None:
+    monkeypatch.setattr(plan, "runaway", lambda limits, torque_Nm: lambda seen: "")
+
+
+def test_a_free_rotor_that_nobody_watches_trips(monkeypatch: pytest.MonkeyPatch) -> None:
     torque = {"torque_Nm": 4.0, "repeats": 1}
-    assert outcome_of(name, torque)[0] == "TRIPPED"
-    monkeypatch.undo()
-    kind, why = outcome_of(name, torque)
+    kind, why = outcome_of("inertia-acceleration", torque)
     assert kind == "failed"
     assert "lower torque_Nm: about 1." in why
+    unwatched(monkeypatch, acceleration)
+    assert outcome_of("inertia-acceleration", torque)[0] == "TRIPPED"
+
+
+@pytest.mark.parametrize("torque_Nm", [2.0, 4.0, 6.0])
+def test_a_torque_that_rises_slowly_brings_a_free_rotor_to_any_speed(
+    torque_Nm: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torque = {"torque_Nm": torque_Nm, "repeats": 1}
+    assert outcome_of("friction", torque) == ("ran", "")
+    monkeypatch.setattr(friction, "RISE_S", 0.01)
+    assert outcome_of("friction", torque)[0] != "ran"
+    unwatched(monkeypatch, friction)
+    assert outcome_of("friction", torque)[0] == "TRIPPED"
 
 
 SLIPPING = {"torques_Nm": [4.0], "speeds_Hz": [-1.68], "drive_torque_Nm": 5.0, "turns": 2}

@@ -3,11 +3,13 @@
 import math
 import re
 
+import numpy as np
 import pytest
 
-from motord.config import Config
+from motord.config import Config, load
+from motord.experiments.plans import build
 from motord.sequencing.brake_servo import brake_torque_Nm
-from motord.sequencing.limits import check_operating_points, check_speed
+from motord.sequencing.limits import check_operating_points, check_speed, check_torque_changes
 from motord.sequencing.settings import PlanError
 from tests.unit.control.bench import make_config
 
@@ -58,3 +60,45 @@ def test_more_torque_than_the_brake_makes_at_a_speed_is_refused() -> None:
     )
     with pytest.raises(PlanError, match=f"^{re.escape(expected)}$"):
         check_operating_points(weak, [asked_Nm, 0.5], [1.0, 0.5])
+
+
+def shown_Nm(before_Nm: float, after_Nm: float, rate_Nm_per_s: float, tau_s: float) -> float:
+    """Return the most that a high-pass shows of a ramp from one torque to another, by its steps."""
+    step_s, kept, mean_Nm, most_Nm = 1e-4, before_Nm, before_Nm, 0.0
+    ramp_s = abs(after_Nm - before_Nm) / rate_Nm_per_s
+    for _ in range(round((ramp_s + tau_s) / step_s)):
+        change_Nm = after_Nm - kept
+        kept += float(np.clip(change_Nm, -rate_Nm_per_s * step_s, rate_Nm_per_s * step_s))
+        mean_Nm += (kept - mean_Nm) * step_s / tau_s
+        most_Nm = max(most_Nm, abs(kept - mean_Nm))
+    return most_Nm
+
+
+def sensing(trip_Nm: float, rate_Nm_per_s: float, tau_s: float) -> Config:
+    return make_config(
+        limits={"trip_torque_Nm": trip_Nm, "torque_rate_Nm_per_s": rate_Nm_per_s},
+        torque_sensor={"highpass_time_constant_s": tau_s},
+    )
+
+
+@pytest.mark.parametrize(("rate_Nm_per_s", "tau_s"), [(10.0, 2.0), (50.0, 2.0), (5.0, 0.5)])
+def test_a_reversal_that_the_high_pass_shows_as_too_much_is_refused(
+    rate_Nm_per_s: float, tau_s: float
+) -> None:
+    edge_Nm = shown_Nm(-5.0, 5.0, rate_Nm_per_s, tau_s) / 0.9
+    check_torque_changes(sensing(1.01 * edge_Nm, rate_Nm_per_s, tau_s), [0.0, -5.0, 5.0])
+    with pytest.raises(PlanError, match=r"^from -5 to 5 Nm the torque sensor would show up to"):
+        check_torque_changes(sensing(0.99 * edge_Nm, rate_Nm_per_s, tau_s), [0.0, -5.0, 5.0, 5.0])
+
+
+def test_a_sensor_that_passes_the_mean_shows_a_reversal_as_it_is() -> None:
+    check_torque_changes(sensing(7.0, 100.0, 0.0), [0.0, -6.0, 6.0])
+
+
+def test_a_plan_with_such_a_reversal_is_refused_by_its_name() -> None:
+    content = load().model_dump()
+    content["limits"]["torque_rate_Nm_per_s"] = 100.0
+    mesh = {"torques_Nm": [5.8], "speeds_Hz": [1.0, 1.5], "directions": "both"}
+    with pytest.raises(PlanError, match=r"^calibrate: from 5.8 to -5.8 Nm the torque sensor would"):
+        build("calibrate", Config.model_validate(content), mesh)
+    build("calibrate", load(), mesh)

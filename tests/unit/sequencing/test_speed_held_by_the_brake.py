@@ -95,7 +95,7 @@ def test_a_heavy_rotor_is_stopped_in_time(torque_Nm, speed_Hz, inertia_kg_m2):
 class TakesItForLight(BrakeServo):
     """Corrects a heavy rotor as fast as a light one."""
 
-    def _weigh(self, *_: float) -> None:
+    def _estimate_inertia(self, *_: float) -> None:
         pass
 
 

@@ -25,6 +25,10 @@ from motord.sequencing.motions import (
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
 
+RISE_S = 4.0
+"""Time over which the torque rises: a rotor that comes loose of friction and cogging torque has
+little to be accelerated by, and is seen before it is fast."""
+
 LEAST_TORQUE_PART = 0.3
 """Part of the torque that is left near the start speed, so as not to go far beyond it."""
 
@@ -44,7 +48,7 @@ LEAST_TURNS = 1.0
 OVERSHOOT = 1.25
 """Speed, in parts of the start speed, that the rotor may reach while the torque ramps down."""
 
-ASSUMED_COAST_S = 3.0
+ASSUMED_COAST_S = 4.0
 """Time of a coast-down and the acceleration before it, for the estimate of time."""
 
 
@@ -123,10 +127,11 @@ def coast_down(
 
 
 def _accelerate(demand: Demand, point: OperatingPoint) -> Motion[None]:
-    """Accelerate, with a torque that falls in proportion to the speed that is missing."""
-    seen = yield None
+    """Accelerate, with a torque that rises slowly, and falls with the speed that is missing."""
+    began = seen = yield None
     while (part := seen.speed_Hz / point.speed_Hz) < 1.0:
-        torque_Nm = point.torque_Nm * min(max(1.0 - part, LEAST_TORQUE_PART), 1.0)
+        risen = seen.since_s(began) / RISE_S
+        torque_Nm = point.torque_Nm * min(risen, max(1.0 - part, LEAST_TORQUE_PART), 1.0)
         seen = yield replace(demand, torque_Nm=torque_Nm)
 
 
