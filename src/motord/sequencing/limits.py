@@ -54,7 +54,8 @@ def check_torque_changes(config: Config, torques_Nm: Iterable[float]) -> None:
                 f"from {before_Nm:g} to {after_Nm:g} Nm the torque sensor would show up to "
                 f"{shows_Nm:.3g} Nm by its high-pass ([torque_sensor] highpass_time_constant_s = "
                 f"{tau_s:g}), ripple besides, and [limits] trip_torque_Nm = "
-                f"{limits.trip_torque_Nm:g}; lower the torque or [limits] torque_rate_Nm_per_s"
+                f"{limits.trip_torque_Nm:g}; go by 0 Nm and wait there, or lower the torque or "
+                "[limits] torque_rate_Nm_per_s"
             )
 
 

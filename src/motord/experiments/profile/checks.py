@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.experiments.profile.course import (
+    STEP_S,
     Course,
     brake_load_Nm,
     fastest_rad_s,
@@ -17,7 +18,7 @@ from motord.experiments.profile.trace import Trace
 from motord.schema import TICK_DTYPE
 from motord.sequencing import PlanError
 from motord.sequencing.continuous import fastest_Hz
-from motord.sequencing.limits import SPEED_MARGIN
+from motord.sequencing.limits import SPEED_MARGIN, TORQUE_MARGIN
 
 SLACK = 0.02
 """Torque that the brake or the acceleration may lack, in parts of the largest torque: the error in
@@ -46,6 +47,7 @@ def check(course: Course, config: Config, own: ProfileConfig, *, compensated: bo
     check_power(course, own)
     check_authority(course.trace, config, own.inertia_kg_m2)
     check_over_speed(course, config, own.inertia_kg_m2)
+    check_over_torque(course, config, own.repeats)
     check_i2t(course, config, own.repeats, COMPENSATED_MARGIN if compensated else CURRENT_MARGIN)
 
 
@@ -148,6 +150,32 @@ def check_over_speed(course: Course, config: Config, inertia_kg_m2: float) -> No
             f"{config.limits.trip_speed_rad_s:g} ([brake] excitation_time_constant_s = "
             f"{config.brake.excitation_time_constant_s:g}); let the torque rise more slowly there",
         )
+
+
+def check_over_torque(course: Course, config: Config, repeats: int) -> None:
+    """Refuse torque that the sensor's high-pass shows as too much. Raises PlanError."""
+    tau_s, trip_Nm = config.torque_sensor.highpass_time_constant_s, config.limits.trip_torque_Nm
+    cycles_Nm = np.tile(course.torque_Nm, min(repeats, 2))
+    over = np.abs(high_passed(cycles_Nm, tau_s)) > TORQUE_MARGIN * trip_Nm
+    if over.any():
+        step = int(np.argmax(over)) % course.at_s.size
+        raise course.trace.refused(
+            course.trace.row_at(float(course.at_s[step])),
+            f"at t = {max(course.at_s[step], 0.0):.1f} s the torque sensor would show more than "
+            f"{TORQUE_MARGIN * trip_Nm:.3g} Nm by its high-pass ([torque_sensor] "
+            f"highpass_time_constant_s = {tau_s:g}), near [limits] trip_torque_Nm = {trip_Nm:g}; "
+            "let the torque change more slowly there, or less",
+        )
+
+
+def high_passed(torque_Nm: np.ndarray, tau_s: float) -> np.ndarray:
+    """Return what a high-pass, at rest before, leaves of a torque (n,) that is STEP_S apart."""
+    if not tau_s:
+        return torque_Nm
+    decay, shown_Nm = math.exp(-STEP_S / tau_s), np.diff(torque_Nm, prepend=0.0)
+    for step in range(1, shown_Nm.size):
+        shown_Nm[step] += decay * shown_Nm[step - 1]
+    return shown_Nm
 
 
 def check_i2t(course: Course, config: Config, repeats: int, margin: float) -> None:

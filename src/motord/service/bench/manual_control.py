@@ -85,8 +85,10 @@ class ManualControl:
     def _apply(self, request: SetpointChange) -> None:
         s = self._setpoint
         torque_Nm, speed_Hz = self.resulting(request)
-        if speed_Hz is not None and (speed_Hz != s.speed_Hz or not self._servo.on_speed):
+        same = (torque_Nm, speed_Hz) == (self._torque_Nm, s.speed_Hz)
+        if speed_Hz is not None and not (same and self._servo.on_speed):
             self._servo.start(speed_Hz)
+        waits = s.torque_Nm != self._torque_Nm
         if request.compensate is not None:
             s.compensate = COMPENSATE[request.compensate]
         if request.drive_Hz is not None:
@@ -94,8 +96,9 @@ class ManualControl:
         if request.brake is not None:
             s.brake = request.brake
         self._torque_Nm, s.speed_Hz = torque_Nm, speed_Hz
-        self._lead_s = self._set_brake(torque_Nm, speed_Hz)
-        self._lead_from_ns = None
+        lead_s = self._set_brake(torque_Nm, speed_Hz)
+        if lead_s or speed_Hz is None or not waits:  # else it still rises, though less than before
+            self._lead_s, self._lead_from_ns = lead_s, None
         if self._lead_s == 0.0 or abs(torque_Nm) < abs(s.torque_Nm):
             s.torque_Nm = torque_Nm
 

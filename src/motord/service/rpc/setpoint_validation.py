@@ -7,7 +7,13 @@ parsed; the control kernel clamps what it gets, whoever sent it.
 from motord.api.errors import RpcError
 from motord.api.requests import SetpointChange
 from motord.schema import State
-from motord.sequencing.limits import check_brake, check_drive, check_speed, check_torque
+from motord.sequencing.limits import (
+    check_brake,
+    check_drive,
+    check_speed,
+    check_torque,
+    check_torque_changes,
+)
 from motord.sequencing.settings import PlanError
 from motord.service.bench.bench import Bench
 from motord.service.bench.manual_control import WATCHED
@@ -52,6 +58,8 @@ def _check_limits(bench: Bench, request: SetpointChange) -> None:
     config = bench.config
     torque_Nm, speed_Hz = bench.manual.resulting(request)
     check_torque(config, torque_Nm)
+    if torque_Nm:
+        check_torque_changes(config, (bench.monitor.torque_set_Nm, torque_Nm))
     if request.drive_Hz is not None:
         check_drive(config, request.drive_Hz)
     if speed_Hz is None:

@@ -92,6 +92,23 @@ def test_the_edge_of_each_limit(tmp_path: Path, allowed: Any, refused: Any) -> N
         made(tmp_path / "p.csv", refused)
 
 
+QUICK = {"torque_rate_Nm_per_s": 200.0, "trip_torque_Nm": 9.0}
+REVERSED = [(0, 0, 0.3), (1, 4.4, 0.6), (9, 4.4, 0.6), (9.1, 0, 0), (9.2, -4.4, -0.6), (12, 0, 0)]
+
+
+def test_a_reversal_that_the_high_pass_shows_as_too_much_is_refused(tmp_path: Path) -> None:
+    """From 4.4 Nm, held for four time constants, to -4.4 Nm: it shows -8.5 Nm."""
+    inertia = {"inertia_kg_m2": 0.001}
+    played = changed(limits=QUICK | {"trip_torque_Nm": 9.8})
+    made(tmp_path / "p.csv", REVERSED, played, **inertia)
+    with pytest.raises(
+        PlanError, match=r"p.csv:\d: at t = 9\.\d s the torque sensor would show mor"
+    ):
+        made(tmp_path / "p.csv", REVERSED, changed(limits=QUICK), **inertia)
+    passes_mean = changed(limits=QUICK, torque_sensor={"highpass_time_constant_s": 0.0})
+    made(tmp_path / "p.csv", REVERSED, passes_mean, **inertia)
+
+
 def test_a_rotor_that_a_weak_brake_would_let_run_away_is_refused(tmp_path: Path) -> None:
     rows = [(0, 0, 0), (3, 1.3, FASTEST_Hz), (5, 1.3, FASTEST_Hz)]
     made(tmp_path / "p.csv", rows, changed(brake={"torque_max_Nm": 1.6}))
