@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.client.error import ClientError
 from motord.emulate import EmulatorError
 from motord.emulate.control import inject
 from motord.recording.reader import open_run
@@ -26,7 +25,7 @@ from tests.system.daemons import (
     wait_for,
     wait_until,
 )
-from tests.system.test_wire import hold
+from tests.system.test_wire import hold, resets
 from tests.unit.emulate.benches import NO_OFFSETS, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -98,17 +97,6 @@ def steady(client, lease, states_in_a_row=5):
     return hold(
         client, lease, 0.0, 0.0, states_in_a_row, INVERTER_TIMEOUT_S, board_is_a_process=True
     )
-
-
-def resets(client, lease):
-    """Reset the bench; return whether no cause of the trip was left."""
-    try:
-        client.rpc("reset", token=lease.token)
-    except ClientError as error:
-        if error.code != "timeout":
-            raise
-        return False
-    return True
 
 
 def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
