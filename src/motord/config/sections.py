@@ -24,9 +24,6 @@ from motord.config.timing import (
 from motord.config.tracking import TrackingConfig
 from motord.config.zenoh import ZenohConfig
 
-CURRENT_ERROR, TORQUE_ERROR = 0.25, 0.3
-"""Parts of limits.current_A and limits.torque_Nm by which currents and torque may be off."""
-
 
 class BenchConfig(Section):
     """`[bench]`: its name and, for a simulated or emulated bench, what is true of it."""
@@ -115,16 +112,6 @@ class LimitsConfig(Section):
     offsets of the currents make at most, as of the plan `align`; left out: 0.3 torque_Nm."""
     torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
     """How long it may be further off."""
-
-    @property
-    def current_error_allowed_A(self) -> float:
-        """How far a sensed current may be from its command."""
-        return self.current_error_A or CURRENT_ERROR * self.current_A
-
-    @property
-    def torque_error_allowed_Nm(self) -> float:
-        """How far the measured torque may be from a set-point of zero."""
-        return self.torque_error_Nm or TORQUE_ERROR * self.torque_Nm
 
     @property
     def ramp_down_Nm_per_s(self) -> float:

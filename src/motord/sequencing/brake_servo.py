@@ -140,9 +140,7 @@ class BrakeServo:
         dt_s = self._elapsed_s(seen.t_ns)
         self._estimate_inertia(dt_s, torque_part * seen.torque_set_Nm, seen.speed_Hz, speed_Hz)
         if math.isclose(seen.torque_set_Nm, torque_Nm, rel_tol=1e-6):
-            far = seen.speed_Hz / speed_Hz < 1.0 - APPROACH_PART
-            on_its_way = far and not self._inertia_estimated and self._gained_rad_s != 0.0
-            passed_s = 0.0 if on_its_way else dt_s
+            passed_s = 0.0 if self._approaches(seen.speed_Hz, speed_Hz) else dt_s
             lead = self._integrate(passed_s, seen.speed_Hz, speed_Hz, torque_part * torque_Nm)
             held = self.excitation(torque_part * torque_Nm, speed_Hz)
             self._excitation = min(held * math.exp(0.5 * lead), 1.0)
@@ -151,6 +149,11 @@ class BrakeServo:
             self._excitation = self.excitation(torque_part * then_Nm, speed_Hz)
         self._set_Nm = seen.torque_set_Nm
         return self._excitation
+
+    def _approaches(self, speed_Hz: float, wanted_Hz: float) -> bool:
+        """Return whether a rotor of unknown inertia is far from a speed and on its way to it."""
+        far = speed_Hz / wanted_Hz < 1.0 - APPROACH_PART
+        return far and not self._inertia_estimated and self._gained_rad_s != 0.0
 
     def _falling_Nm(self, dt_s: float, set_Nm: float) -> float:
         """Return the torque that is in force when the excitation has followed, if it falls."""

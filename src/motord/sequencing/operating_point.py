@@ -38,22 +38,18 @@ def operating_point(point: OperatingPoint, mesh: MeshConfig, servo: BrakeServo) 
         label=f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz",
     )
     raised = yield from lead_torque(servo, demand.labelled("bringing the brake up"))
+    near = near_speed(point.speed_Hz, mesh.speed_tolerance, since=raised)
     reached = yield from within(
         mesh.settle_timeout_s,
-        hold_speed(
-            servo,
-            demand.labelled("waiting for the speed"),
-            until=near_speed(point.speed_Hz, mesh.speed_tolerance, since=raised),
-        ),
+        hold_speed(servo, demand.labelled("waiting for the speed"), until=near),
         lambda seen: f"{demand.label}: {_why_not_reached(seen, mesh.settle_timeout_s)}",
     )
-    holds = near_speed(point.speed_Hz, mesh.speed_tolerance, since=raised)
     yield from within(
         mesh.settle_s + mesh.settle_timeout_s,
         hold_speed(
             servo,
             demand.labelled("settling"),
-            until=lambda seen: seen.since_s(reached) >= mesh.settle_s and holds(seen),
+            until=lambda seen: seen.since_s(reached) >= mesh.settle_s and near(seen),
         ),
         lambda seen: f"{demand.label}: {_why_not_reached(seen, mesh.settle_timeout_s)}",
     )

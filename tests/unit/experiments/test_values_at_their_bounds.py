@@ -1,4 +1,4 @@
-"""A legal value at its bound, as a time constant of zero, is worked with or refused in words."""
+"""A value at its bound, as a time constant of zero, is worked with, or a message says why not."""
 
 from collections.abc import Iterator
 from contextlib import suppress

@@ -169,7 +169,10 @@ def check_over_torque(course: Course, config: Config, repeats: int) -> None:
 
 
 def high_passed(torque_Nm: np.ndarray, tau_s: float) -> np.ndarray:
-    """Return what a high-pass, at rest before, leaves of a torque (n,) that is STEP_S apart."""
+    """Return what a high-pass, at rest before, leaves of a torque (n,) that is STEP_S apart.
+
+    Without `identification.basis.highpass`, which would load the compiler where plans are made.
+    """
     if not tau_s:
         return torque_Nm
     decay, shown_Nm = math.exp(-STEP_S / tau_s), np.diff(torque_Nm, prepend=0.0)
