@@ -6,6 +6,7 @@ more than that, a Capture reports a point that was taken. What a motion returns 
 """
 
 from collections.abc import Callable, Generator
+from dataclasses import replace
 from functools import wraps
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
@@ -23,6 +24,10 @@ Motion: TypeAlias = Generator[Demand | Capture | None, Observation, T]
 
 Fault = Callable[[Observation], str]
 """Says what is wrong with an observation, "" if nothing is."""
+
+
+BRAKE_RISE_S = 0.5
+"""Time in which the brake is raised to bring a rotor to rest."""
 
 
 class MotionFailed(Exception):
@@ -59,6 +64,19 @@ def wait(demand: Demand, for_s: float) -> Motion[Observation]:
     """Make the same demand for some time; return the observation at its end."""
     began = yield None
     return (yield from hold(demand, lambda seen: seen.since_s(began) >= for_s))
+
+
+def brake_to_rest(demand: Demand, rests: Callable[[Observation], bool]) -> Motion[Observation]:
+    """Raise the brake until the rotor rests by an observation; return that one.
+
+    At once a strong brake would slow down a light rotor faster than its encoder is believed.
+    """
+    began = seen = yield None
+    while True:
+        part = min(seen.since_s(began) / BRAKE_RISE_S, 1.0)
+        seen = yield replace(demand, brake=part)
+        if rests(seen):
+            return seen
 
 
 def guarded(motion: Motion[T], fault: Fault) -> Motion[T]:

@@ -5,16 +5,15 @@ from typing import Any
 
 import pytest
 
+from motord.experiments.free_rotor import FreeRotor
 from motord.experiments.friction import plan as friction
 from motord.experiments.inertia.plan import acceleration
 from motord.experiments.torque_speed import plan as torque_speed
+from motord.sequencing import motions
 from tests.campaigns.legal_settings import DRAWS, bench, bench_changes, drawn, outcome
 
 SEEDS = range(4)
 CONFIG, TRUTH = bench({}, 0)
-
-FREE = ("inertia-acceleration", "friction")
-"""Plans that accelerate a rotor which nothing brakes: a light one may trip by OVER_SPEED."""
 
 KINDS = [*DRAWS, "quick"]
 
@@ -26,7 +25,7 @@ def test_legal_settings_do_not_trip(name: str) -> None:
     assert any(kind in ("ran", "failed") for kind, _ in outcomes)  # not all are refused
 
 
-@pytest.mark.parametrize("name", [name for name in KINDS if name not in FREE])
+@pytest.mark.parametrize("name", KINDS)
 def test_legal_benches_do_not_trip(name: str) -> None:
     outcomes = []
     for seed in SEEDS:
@@ -45,13 +44,29 @@ def unwatched(monkeypatch: pytest.MonkeyPatch, plan: ModuleType) -> None:
     monkeypatch.setattr(plan, "runaway", lambda limits, torque_Nm: lambda seen: "")
 
 
-def test_a_free_rotor_that_nobody_watches_trips(monkeypatch: pytest.MonkeyPatch) -> None:
-    torque = {"torque_Nm": 4.0, "repeats": 1}
+def test_a_torque_rises_as_slowly_as_a_free_rotor_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    torque = {"torque_Nm": 4.0, "repeats": 2}
+    assert outcome_of("inertia-acceleration", torque) == ("ran", "")
+    monkeypatch.setattr(FreeRotor, "rise_s", lambda rotor, limits, torque_Nm, to_speed_Hz: 0.0)
     kind, why = outcome_of("inertia-acceleration", torque)
     assert kind == "failed"
-    assert "lower torque_Nm: about 1." in why
+    assert "lower torque_Nm (about 1." in why
     unwatched(monkeypatch, acceleration)
     assert outcome_of("inertia-acceleration", torque)[0] == "TRIPPED"
+
+
+def test_a_strong_brake_does_not_look_like_an_encoder_that_jumps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It stops a light rotor within some ticks."""
+    strong = {"torque_max_Nm": 30.0, "critical_speed_rad_s": 25.0, "excitation_time_constant_s": 0}
+    bench_file = {"brake": strong, "limits": {"trip_speed_rad_s": 40.0}}
+    config, truth = bench(bench_file, 0)
+    settings = {"torque_Nm": 2.0, "stop_speed_Hz": 1.5, "repeats": 2}
+    found = outcome("inertia-acceleration", settings, 1, config, truth)
+    assert found == ("ran", "")
+    monkeypatch.setattr(motions, "BRAKE_RISE_S", 1e-6)
+    assert outcome("inertia-acceleration", settings, 1, config, truth)[0] == "TRIPPED"
 
 
 @pytest.mark.parametrize("torque_Nm", [2.0, 4.0, 6.0])
@@ -60,7 +75,7 @@ def test_a_torque_that_rises_slowly_brings_a_free_rotor_to_any_speed(
 ) -> None:
     torque = {"torque_Nm": torque_Nm, "repeats": 1}
     assert outcome_of("friction", torque) == ("ran", "")
-    monkeypatch.setattr(friction, "RISE_S", 0.01)
+    monkeypatch.setattr(friction, "SLOW_RISE_S", 0.01)
     assert outcome_of("friction", torque)[0] != "ran"
     unwatched(monkeypatch, friction)
     assert outcome_of("friction", torque)[0] == "TRIPPED"

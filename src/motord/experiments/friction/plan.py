@@ -7,7 +7,7 @@ from math import copysign
 from typing import Any
 
 from motord.config import BrakeConfig, Config, LimitsConfig
-from motord.experiments.free_rotor import runaway
+from motord.experiments.free_rotor import SLOW_RISE_S, runaway
 from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import release_s
@@ -24,10 +24,6 @@ from motord.sequencing.motions import (
 )
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
-
-RISE_S = 4.0
-"""Time over which the torque rises: a rotor that comes loose of friction and cogging torque has
-little to be accelerated by, and is seen before it is fast."""
 
 LEAST_TORQUE_PART = 0.3
 """Part of the torque that is left near the start speed, so as not to go far beyond it."""
@@ -130,7 +126,7 @@ def _accelerate(demand: Demand, point: OperatingPoint) -> Motion[None]:
     """Accelerate, with a torque that rises slowly, and falls with the speed that is missing."""
     began = seen = yield None
     while (part := seen.speed_Hz / point.speed_Hz) < 1.0:
-        risen = seen.since_s(began) / RISE_S
+        risen = seen.since_s(began) / SLOW_RISE_S
         torque_Nm = point.torque_Nm * min(risen, max(1.0 - part, LEAST_TORQUE_PART), 1.0)
         seen = yield replace(demand, torque_Nm=torque_Nm)
 

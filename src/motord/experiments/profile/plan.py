@@ -25,8 +25,8 @@ from motord.sequencing.motions import (
     Capture,
     Motion,
     MotionFailed,
+    brake_to_rest,
     enable,
-    hold,
     ramp_down,
     restartable,
     within,
@@ -125,7 +125,7 @@ def cycle(
     )
     began = yield from within(
         REST_TIMEOUT_S,
-        hold(demand.labelled("coming to rest", brake=1.0), _rests),
+        brake_to_rest(demand.labelled("coming to rest"), _rests),
         lambda seen: f"{demand.label}: the rotor still turns at {seen.speed_Hz:.3g} Hz",
     )
     seen, start_s = yield from _play(point, course, own, servo, demand, began)

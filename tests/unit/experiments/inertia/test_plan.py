@@ -1,14 +1,19 @@
 """The plans for the moment of inertia: what they mark, what they refuse, what they wait for."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from motord.config import OscillationConfig, load, packaged
+from motord.experiments.free_rotor import LIGHTER, SLOW_RISE_S, FreeRotor
+from motord.experiments.inertia.plan import acceleration
 from motord.experiments.plans import build
+from motord.rig.truth import load as load_truth
 from motord.schema import TICK_DTYPE, State
-from motord.sequencing import Executor, PlanError, PlanState, TickWatcher
+from motord.sequencing import Executor, OperatingPoint, PlanError, PlanState, TickWatcher
+from motord.sequencing.motions import Motion, enable, ramp_down
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 
@@ -242,12 +247,44 @@ def test_a_rotor_that_creeps_before_a_step_makes_it_poor(creeps_rad_per_s, expec
     plan = build("inertia-acceleration", load(), {"repeats": 1, "rest_s": 0.6})
     executor, watcher = Executor(plan), TickWatcher()
     bar = Bar(lambda t_s: creeps_rad_per_s * t_s, State.ENABLED)
-    point = torque_Nm = 0
+    point = torque_Nm = speed_rad_s = 0
     while not executor.points:
         block = bar.look(point)
-        if torque_Nm:
-            block["speed_rad_s"] = 10.0
+        speed_rad_s = speed_rad_s + 1.0 if torque_Nm else 0.0
+        block["speed_rad_s"] = speed_rad_s
         demand = executor.advance(watcher.take(block))
         point, torque_Nm = demand.plan_point, demand.torque_Nm
         assert bar.tick < 20_000
     assert executor.points[0]["quality"].startswith(expected)
+
+
+def test_a_rotor_is_accelerated_as_fast_as_its_inertia_lets_it() -> None:
+    limits = load().limits  # 25 rad/s, 10 Nm/s
+    heavy, light = FreeRotor(0.05, 0.4), FreeRotor(0.0125, 0.4)
+    assert heavy.rise_s(limits, 1.0, 1.0) == light.rise_s(limits, 1.0, 1.0) == 0.0
+    rises_s = [light.rise_s(limits, torque_Nm, 1.0) for torque_Nm in (1.0, 1.5, 2.0, 4.0)]
+    assert rises_s == sorted(rises_s)
+    assert 0.0 < rises_s[1] < rises_s[3] < SLOW_RISE_S
+    assert light.rise_s(limits, 4.0, 3.0) == SLOW_RISE_S  # whatever it takes
+    assert light.rise_s(limits, -4.0, 1.0) == rises_s[3]  # backwards, too
+    assert FreeRotor(0.0, 0.0).rise_s(limits, 1.0, 1.0) == SLOW_RISE_S  # turned by something else
+
+
+@pytest.mark.parametrize("inertia_kg_m2", [0.006, 0.0105, 0.05])
+def test_the_probe_finds_the_inertia_that_is_there(inertia_kg_m2: float) -> None:
+    truth = load_truth().model_copy(deep=True)
+    rotor = truth.rotor.model_copy(update={"inertia_kg_m2": inertia_kg_m2})
+    truth, found = truth.model_copy(update={"rotor": rotor}), []
+
+    def probed(points: tuple[OperatingPoint, ...]) -> Motion[None]:
+        own = config.plans.inertia_acceleration
+        yield from enable()
+        found.append((yield from acceleration.probe_rotor(points[0], own, *bench)))
+        yield from ramp_down()
+
+    config = load()
+    bench = config.brake, config.limits
+    plan = replace(build("inertia-acceleration", config), motion=probed)
+    run_plan(VirtualBench(config, truth, seed=1), plan, lambda block, _: None)
+    assert 0.9 < found[0].inertia_kg_m2 / inertia_kg_m2 < LIGHTER
+    assert 0.1 < found[0].breakaway_Nm < 0.8
