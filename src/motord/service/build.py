@@ -186,7 +186,9 @@ def build_rpc(
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
         CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
         CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
-        PLAN_LIST.name: Offloaded(available.prepare, available.encode),
+        PLAN_LIST.name: Offloaded(
+            available.prepare, available.encode, at_once=lambda: available.made
+        ),
         PLAN_START.name: Offloaded(plans.make),
         PLAN_RESUME.name: Offloaded(plans.read_remaining),
         QUEUE_ADD.name: Offloaded(queued.prepare_add),

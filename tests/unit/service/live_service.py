@@ -69,7 +69,11 @@ class LiveService(VirtualService):
             CALIBRATION_ADOPT.name: Offloaded(adoption.prepare, adoption.save),
             CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
             CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
-            PLAN_LIST.name: Offloaded(self.available.prepare, self.available.encode),
+            PLAN_LIST.name: Offloaded(
+                self.available.prepare,
+                self.available.encode,
+                at_once=lambda: self.available.made,
+            ),
             PLAN_START.name: Offloaded(self.plans.make),
             PLAN_RESUME.name: Offloaded(self.plans.read_remaining),
             QUEUE_ADD.name: Offloaded(self.queued.prepare_add),

@@ -85,8 +85,11 @@ class Played:
         monkeypatch.setattr(intake, "parse", self._parse)
         self.calls, self.replies = CallQueue(), OutstandingQueries(4 * LIMIT)
         self.begun, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
+        self.quick = False
         slow = {
-            name: Offloaded(self._prepare, self._finish, LIMIT) for name in ("calibration/install",)
+            "calibration/install": Offloaded(
+                self._prepare, self._finish, LIMIT, at_once=lambda: self.quick
+            )
         }
         self.intake = Intake(self.calls, self.replies, slow, lambda payload: TOKEN in payload)
 
@@ -363,3 +366,21 @@ def test_a_reply_may_come_as_what_renders_it(played, monkeypatch):
     for call in played.calls.take():
         call.reply(RpcReply())
     assert query.outcome() == b"rendered"
+
+
+def test_what_takes_no_time_by_now_needs_no_thread_of_its_own(played, monkeypatch):
+    monkeypatch.setattr(played, "refuse", False)
+    played.quick = True
+    played.go_on.release(2)
+    queries = [played.bring("calibration/install", TOKEN) for _ in range(2)]
+    calls = played.calls.take()  # at once: none waits for the one before
+    calls[0].reply(RpcReply())
+    calls[1].reply(RpcError("refused", "by the dispatcher"))
+    assert [query.outcome() for query in queries] == [b"rendered", "refused"]
+
+
+def test_a_request_that_takes_no_time_may_be_refused_before_it_is_queued(played):
+    played.quick = True
+    played.go_on.release()
+    assert played.bring("calibration/install", TOKEN).outcome() == "failed"
+    assert not played.calls.take()

@@ -60,12 +60,14 @@ class Offloaded:
 
     Before the dispatcher's part `prepare` turns the payload into the request and
     `RpcContext.prepared`; after it `finish` completes the reply, or returns what renders it. Both
-    raise RpcError.
+    raise RpcError. `at_once`: neither takes time by now, so the request needs no thread of its own;
+    `finish` is then called by the supervisor and must not raise.
     """
 
     prepare: Callable[[bytes], tuple[RpcRequest, Any]]
     finish: Callable[[Any, Any], Any] = lambda prepared, reply: reply
     max_bytes: int = MAX_REQUEST_BYTES
+    at_once: Callable[[], bool] = lambda: False
 
 
 class Intake:
@@ -145,6 +147,8 @@ class Intake:
             if lane is None:
                 reply = partial(self._outstanding.reply, pending)
                 self._calls.put(Call(name, parse(RPCS[name], payload), on_reply=reply))
+            elif self._offloaded[name].at_once():
+                self._put_prepared(pending, self._offloaded[name], payload)
             else:
                 lane.put_nowait((pending, payload))
         except RpcError as error:
@@ -155,6 +159,19 @@ class Intake:
         except Exception as error:  # no client may be left without a reply
             message = log_error(f"in taking on {name}", error)
             self._outstanding.reply(pending, RpcError("internal", message))
+
+    def _put_prepared(
+        self, pending: OutstandingQuery, offloaded: Offloaded, payload: bytes
+    ) -> None:
+        """Prepare and queue a request that takes no time. Raises RpcError."""
+        request, prepared = offloaded.prepare(payload)
+
+        def reply(outcome: Outcome) -> None:
+            refused = isinstance(outcome, RpcError)
+            finished = outcome if refused else offloaded.finish(prepared, outcome)
+            self._outstanding.reply(pending, finished)
+
+        self._calls.put(Call(pending.name, request, prepared, reply))
 
     def _serve_paced(self) -> None:
         due_s = 0.0

@@ -45,6 +45,11 @@ class AvailablePlans:
         self._listed = PlanList(plans=[])
         self._encoded = self._listed, self._listed.to_json()
 
+    @property
+    def made(self) -> bool:
+        """Whether the forms are made."""
+        return bool(self._forms)
+
     def prepare(self, payload: bytes) -> tuple[rpc.NoArguments, list[PlanForm]]:
         """Make the forms, unless they are made; for a thread that may wait. Raises RpcError."""
         request = rpc.parse(rpc.PLAN_LIST, payload)
@@ -68,11 +73,16 @@ class AvailablePlans:
         return self._listed
 
     def encode(self, forms: Sequence[PlanForm], listed: PlanList) -> Document:
-        """Return what renders the reply; for the thread that prepared it."""
-        if listed is not self._encoded[0]:
-            self._encoded = listed, listed.to_json()
-        encoded = self._encoded[1]
-        return lambda: encoded
+        """Return what renders the reply, in the thread that sends it."""
+
+        def rendered() -> bytes:
+            last, encoded = self._encoded
+            if listed is not last:
+                encoded = listed.to_json()
+                self._encoded = listed, encoded
+            return encoded
+
+        return rendered
 
     def _obstacle(self, form: PlanForm) -> str:
         try:
