@@ -44,7 +44,8 @@ SLACK = 2.5
 class Trial:
     """Errors of all parameters of the joint estimator, halves of their 95 % intervals (n,).
 
-    alpha (3,): error of the residual estimator in parts of the truth.
+    alpha (3,): error of the residual estimator in parts of the truth. delta_epsilon_stderr: its
+    half-width without Student's t, whose degrees of freedom are an estimate, too.
     """
 
     names: tuple[str, ...]
@@ -52,6 +53,7 @@ class Trial:
     half_width: np.ndarray
     alpha: np.ndarray
     residual_alpha: np.ndarray
+    delta_epsilon_stderr: float
 
 
 def rig(seed: int) -> tuple[RigTruth, float, float]:
@@ -104,6 +106,7 @@ def trial(seed: int) -> Trial:
         half_width=np.array(halves),
         alpha=joint.alpha / alpha - 1,
         residual_alpha=residual.alpha / alpha - 1,
+        delta_epsilon_stderr=joint.delta_epsilon_stderr,
     )
 
 

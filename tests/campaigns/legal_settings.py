@@ -1,15 +1,16 @@
 """Does a plan that is not refused run? `python -m tests.campaigns.legal_settings [--draws 40]`.
 
 Settings of each plan are drawn at random as far as its checks let them pass, and the plan runs on
-the packaged bench in virtual time, with --benches on one that is drawn, too. A trip is a finding:
-what is refused, is refused before anything moves. Prints, for each plan, how many ran, were
-refused, failed otherwise, and each trip.
+the packaged bench or --config in virtual time, with --benches on one that is drawn, too. A trip is
+a finding: what is refused, is refused before anything moves. Prints, for each plan, how many ran,
+were refused, failed otherwise, and each trip.
 """
 
 import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -137,9 +138,13 @@ def bench_changes(seed: int) -> dict[str, dict[str, Any]]:
     }
 
 
-def bench(changes: Mapping[str, dict[str, Any]], seed: int) -> tuple[Config, RigTruth]:
-    """Return the packaged bench with tables changed, and a rig that is as they say."""
-    content, truth = load().model_dump(), load_rig().model_dump()
+def bench(
+    changes: Mapping[str, dict[str, Any]], seed: int, path: Path | None = None
+) -> tuple[Config, RigTruth]:
+    """Return a bench, by default the packaged one, with tables changed, and a rig that is as they
+    say."""
+    config = load(path)
+    content, truth = config.model_dump(), load_rig(config.bench.rig).model_dump()
     for table, values in changes.items():
         content[table] |= values
         if table in ("brake", "drive", "torque_sensor"):
@@ -170,6 +175,7 @@ def main() -> int:
     parser.add_argument("--plans", nargs="*", default=[*DRAWS, "quick"])
     parser.add_argument("--failures", action="store_true", help="show other failures, too")
     parser.add_argument("--benches", action="store_true", help="draw the bench, too")
+    parser.add_argument("--config", type=Path, help="bench file; default: the packaged bench")
     options = parser.parse_args()
     tripped = 0
     for name in options.plans:
@@ -177,7 +183,7 @@ def main() -> int:
         shown = []
         for seed in range(options.draws):
             changes = bench_changes(seed) if options.benches else {}
-            config, truth = bench(changes, seed)
+            config, truth = bench(changes, seed, options.config)
             plan, settings = drawn(name, seed, config)
             kind, why = outcome(plan, settings, seed, config, truth)
             counts[kind] += 1

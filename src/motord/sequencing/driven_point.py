@@ -18,14 +18,13 @@ from motord.sequencing.motions import (
 from motord.sequencing.observation import Observation
 from motord.sequencing.quality import quality_at_speed
 
-APPROACH_S = 2.0
+APPROACH_S = 3.0
 """How long a drive is expected to take to a speed, for the estimate."""
 
 
-def driven_point_s(driven: DrivenConfig, fastest_Hz: float, point: OperatingPoint) -> float:
+def driven_point_s(driven: DrivenConfig, point: OperatingPoint) -> float:
     """Return an estimate of the time that `driven_point` takes (s)."""
-    turns = point.turns + (3 if _from_Hz(point, driven, fastest_Hz) > point.speed_Hz else 1)
-    return APPROACH_S + driven.settle_s + turns / point.speed_Hz
+    return APPROACH_S + driven.settle_s + (point.turns + 1) / point.speed_Hz
 
 
 @restartable

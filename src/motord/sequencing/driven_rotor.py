@@ -36,7 +36,7 @@ def driven_plan(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:
             for index, speed_Hz in enumerate(driven.speeds_Hz)
         ),
         motion=partial(driven_points, driven, fastest_Hz),
-        point_s=partial(driven_point_s, driven, fastest_Hz),
+        point_s=partial(driven_point_s, driven),
         settings=driven.model_dump(mode="json"),
         needs="drive",
         ends_s=3.0,

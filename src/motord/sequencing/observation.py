@@ -138,7 +138,7 @@ class TickWatcher:
         self._angle_rad = 0.0
         self._turned_rad = 0.0
         self._started = False
-        self._blocks: deque[tuple[float, int, float]] = deque()
+        self._blocks: deque[tuple[np.ndarray, np.ndarray, float]] = deque()  # rad, rad/s, their sum
         self._point = -1
         self._point_first = (0, 0)
         self._point_turned_rad = 0.0
@@ -165,18 +165,18 @@ class TickWatcher:
             if one.of_motor
         }
         self._angle_rad, self._turned_rad = float(angle_rad[-1]), float(turned_rad[-1])
-        speed_sum_rad_s = float(ticks["speed_rad_s"].sum(dtype=float))
+        speed_rad_s = ticks["speed_rad_s"].astype(float)
         self._point_ticks += ticks.size
-        self._point_speed_rad_s += speed_sum_rad_s
+        self._point_speed_rad_s += float(speed_rad_s.sum())
         last = ticks[-1]
-        turn_speed_Hz = self._turn_speed_Hz(ticks.size, speed_sum_rad_s)
+        turn_speed_Hz = self._turn_speed_Hz(turned_rad, speed_rad_s)
         slowest_Hz, fastest_Hz = self._range_of_turn_speeds(turn_speed_Hz)
         return Observation(
             t_ns=int(last["t_ns"]),
             tick=int(last["tick"]),
             state=State(int(last["state"])),
             trip_bits=int(last["trip_bits"]),
-            speed_Hz=speed_sum_rad_s / ticks.size / (2 * np.pi),
+            speed_Hz=float(speed_rad_s.mean()) / (2 * np.pi),
             turn_speed_Hz=turn_speed_Hz,
             torque_set_Nm=float(last["torque_set_Nm"]),
             plan_point=int(last["plan_point"]),
@@ -217,13 +217,21 @@ class TickWatcher:
             self._point_turn_speeds_Hz = min(slowest_Hz, speed_Hz), max(fastest_Hz, speed_Hz)
         return self._point_turn_speeds_Hz or (speed_Hz, speed_Hz)
 
-    def _turn_speed_Hz(self, ticks: int, speed_sum_rad_s: float) -> float:
-        """Return the mean of the ticks' speeds over the blocks of the last turn."""
-        self._blocks.append((self._turned_rad, ticks, speed_sum_rad_s))
+    def _turn_speed_Hz(self, turned_rad: np.ndarray, speed_rad_s: np.ndarray) -> float:
+        """Return the mean of the ticks' speeds over the last turn.
+
+        Of the block in which that turn begins only the ticks within it count: with all of them, the
+        mean of a rotor that is jerky at low speed moves with each block that comes and goes.
+        """
+        turn_rad = WINDOW_TURNS * 2 * np.pi
+        self._blocks.append((turned_rad, speed_rad_s, float(speed_rad_s.sum())))
         while (
-            len(self._blocks) > 2
-            and abs(self._turned_rad - self._blocks[0][0]) >= WINDOW_TURNS * 2 * np.pi
+            len(self._blocks) > 2 and abs(self._turned_rad - self._blocks[0][0][-1]) >= turn_rad
         ) or len(self._blocks) > WINDOW_BLOCKS:
             self._blocks.popleft()
-        total = sum(ticks for _, ticks, _ in self._blocks)
-        return sum(speed for _, _, speed in self._blocks) / total / (2 * np.pi)
+        (oldest_rad, oldest_rad_s, _), *later = self._blocks
+        within_rad_s = oldest_rad_s
+        if later:
+            within_rad_s = oldest_rad_s[np.abs(self._turned_rad - oldest_rad) < turn_rad]
+        ticks = within_rad_s.size + sum(speeds.size for _, speeds, _ in later)
+        return float(within_rad_s.sum() + sum(total for *_, total in later)) / ticks / (2 * np.pi)
