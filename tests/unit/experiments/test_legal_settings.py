@@ -55,6 +55,12 @@ def test_a_torque_rises_as_slowly_as_a_free_rotor_needs(monkeypatch: pytest.Monk
     assert outcome_of("inertia-acceleration", torque)[0] == "TRIPPED"
 
 
+@pytest.mark.parametrize("timeout_s", [1.0, 3.0])
+def test_a_slow_rise_takes_none_of_the_time_to_reach_the_speed(timeout_s: float) -> None:
+    settings = {"torque_Nm": 4.0, "repeats": 2, "rest_s": 0.5, "timeout_s": timeout_s}
+    assert outcome_of("inertia-acceleration", settings) == ("ran", "")
+
+
 def test_a_strong_brake_does_not_look_like_an_encoder_that_jumps(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

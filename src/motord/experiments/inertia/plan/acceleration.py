@@ -91,7 +91,8 @@ def probe_rotor(
     yield from _stopped(free, own.timeout_s, brake)
     pushed = free.labelled("accelerating gently", torque_Nm=point.torque_Nm)
     push = guarded(probe(pushed, limits, own.stop_speed_Hz), runaway(limits, point.torque_Nm))
-    return (yield from within(own.timeout_s, push, partial(_too_slow, own.stop_speed_Hz)))
+    limit_s = SLOW_RISE_S + own.timeout_s
+    return (yield from within(limit_s, push, partial(_too_slow, own.stop_speed_Hz)))
 
 
 @restartable
@@ -111,7 +112,7 @@ def torque_step(
         enabled=True, brake=0.0, label=f"step {point.index + 1}, {point.torque_Nm:g} Nm"
     )
     captured = replace(free, plan_point=point.index)
-    limit_s = own.timeout_s + own.rest_s
+    limit_s = own.timeout_s + own.rest_s + rise_s
     yield from _stopped(free, limit_s, brake)
     rest = _rest(captured.labelled("resting"), own.rest_s)
     moved_rad = yield from within(limit_s, rest, _not_at_rest, since=began)
