@@ -152,10 +152,13 @@ def _held(seen, speed_Hz, states_in_a_row, state):
     del seen[:-states_in_a_row]
     if len(seen) < states_in_a_row:
         return False
+    angle_rad = np.unwrap([s.tick.angle_rad for s in seen])
     if speed_Hz == 0.0:
-        return np.ptp(np.unwrap([s.tick.angle_rad for s in seen])) < STANDS_RAD
-    mean_Hz = np.mean([s.tick.speed_Hz for s in seen])
-    return abs(mean_Hz / speed_Hz - 1.0) < 0.1
+        return np.ptp(angle_rad) < STANDS_RAD
+    # not the mean of their speeds: the rotor is jerky, and some of its speeds say little
+    took_s = (seen[-1].tick.t_ns - seen[0].tick.t_ns) * 1e-9
+    turns = (angle_rad[-1] - angle_rad[0]) / (2 * np.pi)
+    return took_s > 0.0 and abs(turns / took_s / speed_Hz - 1.0) < 0.1
 
 
 def currents(truth, from_ns, within_s=0.0):
@@ -190,7 +193,7 @@ def test_three_newton_metres_at_0_7_turns_a_second(wire):
     ticks = run.ticks()
     check_ticks(ticks)
     during = (ticks["t_ns"] > begun.tick.t_ns) & (ticks["t_ns"] < held.tick.t_ns)
-    assert np.median(ticks["speed_rad_s"][during]) == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
+    assert np.mean(ticks["speed_rad_s"][during]) == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
     truth = wire.truth()
     then = (truth["t_ns"] > begun.tick.t_ns) & (truth["t_ns"] < held.tick.t_ns)
     assert then.sum() > 300
