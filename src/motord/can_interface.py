@@ -5,9 +5,8 @@ import os
 import socket
 from contextlib import suppress
 
-import can
-
 from motord.config import CanBusConfig
+from motord.python_can import can
 from motord.wire.can.frame_format import EXTENDED
 
 # python-can writes errors to its own log that it also raises

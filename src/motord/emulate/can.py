@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 
-import can
-
 from motord.can_interface import new_message, open_interface, opening_hint
 from motord.config import CanBusConfig, CanConfig
 from motord.emulate import EmulatorError
 from motord.emulate.bench import CurrentCommand
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
+from motord.python_can import can
 from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.can.codec import InverterCodec, MessageCodec
 from motord.wire.can.frame_format import ERROR_BUS_OFF, ERROR_RESTARTED, EXTENDED

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -222,3 +224,15 @@ def test_launched_loop_is_a_process_of_its_own(bench: LoopBench) -> None:
         assert started.wait() == 1
     assert bench.status.pid == started.pid
     assert started.args == bench.run_dir.command("motord.loop.main", bench.config_path)
+
+
+def test_the_loop_loads_nothing_heavy_besides_its_compiler() -> None:
+    pytest.importorskip("asammdf")  # which `import can` would load, with pandas
+    script = (
+        "import sys, motord.loop.process, motord.wire.can.dbc, motord.hal.can.bus\n"
+        "import motord.hal.can.python_can, motord.hal.sim.rig\n"
+        "heavy = {'asammdf', 'pandas', 'pyarrow', 'zenoh'}\n"
+        "print(heavy & sys.modules.keys())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "set()\n", done.stderr

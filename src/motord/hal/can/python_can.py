@@ -7,12 +7,11 @@ import time
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 
-import can
-
 from motord.can_interface import interface_options, new_message, open_interface
 from motord.config import CanBusConfig
 from motord.hal.can.base import FRAMES_AT_ONCE, BusState, CanFrame
 from motord.hal.can.slcan_port import read_in_bulk
+from motord.python_can import can
 from motord.wire.can.frame_format import EXTENDED
 
 HOST_STAMP_S = 10.0

@@ -16,8 +16,9 @@ from collections.abc import Mapping
 from io import BytesIO
 from typing import Any
 
-import can
 import serial
+
+from motord.python_can import can
 
 _CHUNK_BYTES = 1 << 16
 _IN_USE = "another driver or program has the port open; only SocketCAN channels can be shared"
