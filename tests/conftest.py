@@ -42,6 +42,12 @@ if not SOAK:
     providers._get_local_constants = lambda: nothing
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Processes of pytest-xdist that run no system tests give way to those that do."""
+    if hasattr(config, "workerinput"):
+        schedule.give_way(config.workerinput["workerid"])
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Spare the garbage collector what stays: modules and tests, half a second each time."""

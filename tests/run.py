@@ -2,8 +2,8 @@
 
 A file's tests run one after the other in one process, its fixtures once. Files of tests marked
 `system`, which mostly wait for processes of their own, run in as many lanes as `--jobs` says, the
-others in one process more (`tests/support/schedule.py`). Tests marked `long` take minutes and run
-with `--long` only.
+others in as many processes more, of a lower priority (`tests/support/schedule.py`). Tests marked
+`long` take minutes and run with `--long` only.
 
 `--coverage` measures instead what the tests without processes of their own reach, which must be at
 least `COVERAGE_PERCENT` of the lines. It cannot see inside compiled code, so tests marked `kernel`
@@ -57,8 +57,8 @@ def pytest(jobs: int, *options: str, **environment: str) -> int:
 
 
 def in_lanes(jobs: int, *options: str) -> int:
-    """Run tests, so many files of `system` tests at a time, in one process more."""
-    return pytest(jobs + 1, *options, MOTORD_TEST_LANES=str(jobs))
+    """Run tests, so many files of `system` tests at a time, and as many of the others."""
+    return pytest(2 * jobs, *options, MOTORD_TEST_LANES=str(jobs))
 
 
 def everything(jobs: int, paths: list[str]) -> int:

@@ -1,14 +1,13 @@
 """In which order files of tests run, and where: the longest first, system tests a few at a time.
 
 A file is the unit: its tests run one after the other in one process. Files of system tests start
-processes that keep to real time, so they run in lanes, some at a time: `tests/run.py` has more
-processes than lanes, which run what needs no time of its own, and fill what system tests leave of
-the processors while they wait.
+processes that keep to real time, so they run in lanes, the first processes of pytest. The others,
+of a lower priority, run what needs no time of its own, and fill what system tests leave of the
+processors while they wait.
 """
 
 import json
 import os
-from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,9 @@ ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "tests" / "durations.json"
 """Seconds by file, on two idle processors; `tests/run.py --durations` writes it."""
 LANES = "MOTORD_TEST_LANES"
-"""How many files of system tests may run at a time; as many as there are processes without it."""
+"""How many processes are lanes; all without it."""
+NICE = 5
+"""Of the others: a lane that wants a processor gets three times as much of it."""
 LISTED_S = 3.0
 """Shorter files are not listed, and run last."""
 
@@ -49,29 +50,50 @@ def longest_first(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: -table.get(file_of(item.nodeid), 0.0))
 
 
-def next_file(waiting: Iterable[str], lanes: int) -> str:
-    """Return which of the files that wait is handed out next, if so many lanes are free: one of
-    system tests if there is any, else one of the others; if there is none, the first."""
-    waiting = list(waiting)
-    return next((file for file in waiting if is_system(file) == (lanes > 0)), waiting[0])
-
-
 @cache
 def is_system(file: str) -> bool:
     """Return whether a file has tests that start processes of their own."""
     return "pytest.mark.system" in (ROOT / file).read_text()
 
 
+def lanes_of(processes: list[Any]) -> list[Any]:
+    """Return those of the processes that are lanes: the first, as they are numbered."""
+    numbered = sorted(processes, key=lambda process: number(process.gateway.id))
+    return numbered[: int(os.environ.get(LANES, len(numbered)))]
+
+
+def number(worker: str) -> int:
+    """Return the number in the name that pytest-xdist gives to a process."""
+    return int(worker.removeprefix("gw"))
+
+
+def give_way(worker: str) -> None:
+    """Lower the priority of this process, pytest-xdist's `worker`, unless it is a lane."""
+    if LANES in os.environ and number(worker) >= int(os.environ[LANES]):
+        os.nice(NICE)
+
+
 class Lanes(LoadScopeScheduling):
-    """Hands out files to processes as they become free, `LANES` files of system tests at a time."""
+    """Hands out files to processes as they become free, those of system tests to lanes alone.
+
+    A lane runs the others when no system tests are left.
+    """
 
     def _split_scope(self, nodeid: str) -> str:
         return file_of(nodeid)
 
+    def _reschedule(self, node: Any) -> None:
+        if self.workqueue and self._next_file(node) is None and not node.shutting_down:
+            node.shutdown()
+        super()._reschedule(node)
+
     def _assign_work_unit(self, node: Any) -> None:
-        lanes = int(os.environ.get(LANES, self.numnodes))
-        for other, files in self.assigned_work.items():
-            unfinished = (file for file, tests in files.items() if not all(tests.values()))
-            lanes -= other is not node and any(map(is_system, unfinished))
-        self.workqueue.move_to_end(next_file(self.workqueue, lanes), last=False)
-        super()._assign_work_unit(node)
+        if file := self._next_file(node):
+            self.workqueue.move_to_end(file, last=False)
+            super()._assign_work_unit(node)
+
+    def _next_file(self, node: Any) -> str | None:
+        """Return which of the files that wait a process runs next, None if there is none for it."""
+        lane = node in lanes_of(self.nodes)
+        suited = (file for file in self.workqueue if is_system(file) == lane)
+        return next(suited, next(iter(self.workqueue), None) if lane else None)

@@ -1,6 +1,7 @@
 """Files of tests: the longest first, those of system tests a few at a time."""
 
 import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,57 +29,81 @@ def test_the_longest_files_come_first_and_each_keeps_its_order() -> None:
     assert [item.nodeid for item in items] == ["u.py::1", "b.py::2", "b.py::1", "c.py::1"]
 
 
-@pytest.mark.usefixtures("root")
-@pytest.mark.parametrize(
-    ("waiting", "lanes", "chosen"),
-    [
-        (("u.py", "a.py", "b.py"), 2, "a.py"),
-        (("u.py", "b.py"), 1, "b.py"),
-        (("b.py", "u.py"), 0, "u.py"),
-        (("b.py", "c.py"), 0, "b.py"),
-        (("u.py",), 2, "u.py"),
-    ],
-)
-def test_a_free_lane_takes_a_file_of_system_tests(
-    waiting: tuple[str, ...], lanes: int, chosen: str
-) -> None:
-    schedule.is_system.cache_clear()
-    assert schedule.next_file(waiting, lanes) == chosen
-    schedule.is_system.cache_clear()
-
-
 class Node:
     """A process of pytest-xdist that is sent tests."""
 
-    shutting_down = False
-
-    def __init__(self) -> None:
+    def __init__(self, number: int) -> None:
+        self.gateway = SimpleNamespace(id=f"gw{number}")
         self.sent: list[int] = []
+        self.shutting_down = False
 
     def send_runtest_some(self, indices: list[int]) -> None:
         self.sent += indices
 
+    def shutdown(self) -> None:
+        self.shutting_down = True
 
-def test_a_process_that_ends_one_system_file_keeps_its_lane(
+
+@pytest.fixture
+def handed_out(
     root: Path, pytestconfig: pytest.Config, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its next file waits behind its last test: these are one lane, not two."""
+) -> Iterator[Callable[[list[str], list[int]], list[Node]]]:
+    """Return what hands out tests to processes, one of them a lane, as in the beginning."""
     (root / "v.py").write_text("")
     schedule.is_system.cache_clear()
     monkeypatch.setenv(schedule.LANES, "1")
-    monkeypatch.setattr("xdist.scheduler.loadscope.parse_tx_spec_config", lambda _: [None] * 2)
-    lanes, nodes = schedule.Lanes(pytestconfig), (Node(), Node())
-    tests = ["a.py::1", "u.py::1", "u.py::2", "v.py::1", "b.py::1"]
-    for node in nodes:
-        lanes.add_node(node)
-        lanes.registered_collections[node] = tests
-    lanes.collection = tests
-    for nodeid in tests:
-        lanes.workqueue.setdefault(schedule.file_of(nodeid), {})[nodeid] = False
-    for node in (nodes[0], nodes[1], nodes[0]):
-        lanes._assign_work_unit(node)
+
+    def hand_out(tests: list[str], numbers: list[int]) -> list[Node]:
+        monkeypatch.setattr(
+            "xdist.scheduler.loadscope.parse_tx_spec_config", lambda _: [None] * len(numbers)
+        )
+        lanes, nodes = schedule.Lanes(pytestconfig), [Node(number) for number in numbers]
+        for node in nodes:
+            lanes.add_node(node)
+            lanes.add_node_collection(node, tests)
+        monkeypatch.setattr(pytestconfig.option, "loadscopereorder", False, raising=False)
+        lanes.schedule()
+        return nodes
+
+    yield hand_out
     schedule.is_system.cache_clear()
-    assert (nodes[0].sent, nodes[1].sent) == ([0, 4], [1, 2])
+
+
+def test_system_tests_go_to_the_lane_and_the_others_elsewhere(
+    handed_out: Callable[[list[str], list[int]], list[Node]],
+) -> None:
+    tests = ["u.py::1", "a.py::1", "u.py::2", "v.py::1", "b.py::1"]
+    other, lane = handed_out(tests, [1, 0])
+    assert (lane.sent, other.sent) == ([1, 4], [0, 2, 3])
+    assert lane.shutting_down
+    assert other.shutting_down
+
+
+def test_a_lane_runs_the_others_when_no_system_tests_are_left(
+    handed_out: Callable[[list[str], list[int]], list[Node]],
+) -> None:
+    lane, other = handed_out(["u.py::1", "a.py::1", "v.py::1"], [0, 1])
+    assert (lane.sent, other.sent) == ([1, 2], [0])
+
+
+def test_system_tests_are_left_to_the_lane_and_to_whoever_replaces_it(
+    handed_out: Callable[[list[str], list[int]], list[Node]],
+) -> None:
+    lane, other = handed_out(["a.py::1", "b.py::1", "c.py::1"], [2, 3])
+    assert (lane.sent, other.sent) == ([0, 1], [])
+    assert other.shutting_down
+    assert not lane.shutting_down
+
+
+def test_only_what_is_no_lane_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[int] = []
+    monkeypatch.setattr("os.nice", given.append)
+    monkeypatch.delenv(schedule.LANES, raising=False)
+    schedule.give_way("gw7")  # of a run without lanes
+    monkeypatch.setenv(schedule.LANES, "2")
+    for worker in ("gw0", "gw1", "gw2", "gw10"):
+        schedule.give_way(worker)
+    assert given == [schedule.NICE] * 2
 
 
 def test_the_table_keeps_what_did_not_run_and_forgets_what_is_gone(root: Path) -> None:
