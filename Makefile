@@ -46,10 +46,10 @@ lint: $(VENV)/dev.stamp   ## ruff
 	@$(BIN)/ruff format --check .
 
 types: $(VENV)/dev.stamp  ## mypy --strict
-	@$(BIN)/mypy
+	@nice -n 5 $(BIN)/mypy
 
 layers: $(VENV)/dev.stamp ## import-linter
-	@$(BIN)/lint-imports
+	@nice -n 5 $(BIN)/lint-imports
 
 unit: $(VENV)/dev.stamp   ## tests
 	@$(BIN)/python tests/run.py --jobs $(JOBS)
