@@ -147,7 +147,7 @@ class RecordingConfig(Section):
     directory: Path = Path("runs")
     """Relative to the folder in which the daemon is started."""
     auto: bool | Literal["always"] = True
-    """Operation by hand is recorded while the bench is powered, `"always"`, or not."""
+    """Manual operation is recorded while the bench is powered, `"always"`, or not."""
     required: bool = True
     """A plan that cannot be recorded is refused, or ended."""
     chunk_s: Annotated[float, Field(ge=0.01, le=10)] = 0.25

@@ -144,7 +144,7 @@ class QueueRunner:
             self._ended("failed", str(failed))
             return
         known = self._plans.run_of(item.run_id) if item.run_id else None
-        if known is not None and known.state == "done":  # resumed by hand meanwhile
+        if known is not None and known.state == "done":  # resumed manually meanwhile
             self._ended("done", known.message, item.run_id, known.recording)
             return
         self._prepare(item, resume=known is not None)
