@@ -50,13 +50,13 @@ class FreeRotor:
         """
         rate_Nm_per_s, most_Nm = limits.torque_rate_Nm_per_s, abs(torque_Nm)
         most_rad_s = MARGIN * limits.trip_speed_rad_s
-        while self._speed_then(limits, most_Nm, to_speed_Hz, rate_Nm_per_s) > most_rad_s:
+        while self._highest_rad_s(limits, most_Nm, to_speed_Hz, rate_Nm_per_s) > most_rad_s:
             rate_Nm_per_s *= FINER
             if rate_Nm_per_s < most_Nm / SLOW_RISE_S:
                 return SLOW_RISE_S
         return most_Nm / rate_Nm_per_s if rate_Nm_per_s < limits.torque_rate_Nm_per_s else 0.0
 
-    def _speed_then(
+    def _highest_rad_s(
         self, limits: LimitsConfig, most_Nm: float, to_speed_Hz: float, rate_Nm_per_s: float
     ) -> float:
         """Return the highest speed (rad/s) once a torque that rose at a rate is down again."""
@@ -118,11 +118,12 @@ def runaway(limits: LimitsConfig, torque_Nm: float) -> Fault:
     def too_fast(seen: Observation) -> str:
         nonlocal before
         last, before = before or seen, seen
-        then = _speed_then(last, seen, limits.torque_rate_Nm_per_s, copysign(1.0, torque_Nm))
+        along = copysign(1.0, torque_Nm)
+        ramped_down = _after_ramp_down(last, seen, limits.torque_rate_Nm_per_s, along)
         most_rad_s = MARGIN * limits.trip_speed_rad_s
-        if then is None or then[0] < most_rad_s:
+        if ramped_down is None or ramped_down[0] < most_rad_s:
             return ""
-        then_rad_s, inertia_kg_m2 = then
+        then_rad_s, inertia_kg_m2 = ramped_down
         fits_Nm = sqrt(most_rad_s * limits.torque_rate_Nm_per_s * inertia_kg_m2)
         return (
             f"{seen.demand.label}: with {abs(torque_Nm):.3g} Nm the rotor would be at "
@@ -134,7 +135,7 @@ def runaway(limits: LimitsConfig, torque_Nm: float) -> Fault:
     return too_fast
 
 
-def _speed_then(
+def _after_ramp_down(
     last: Observation, seen: Observation, rate_Nm_per_s: float, along: float
 ) -> tuple[float, float] | None:
     """Return the speed after the ramp down (rad/s), and the inertia (kg m^2); None at rest.

@@ -88,7 +88,9 @@ class OscillationConfig(Section):
 class AccelerationConfig(Section):
     """`[plans.inertia-acceleration]`: steps of the motor's own torque, forwards and back in turn.
 
-    Each begins after rest_s at rest, ends at stop_speed_Hz and is followed for coast_s. The
+    Each begins after rest_s at rest, ends at stop_speed_Hz and is followed for coast_s. Its torque
+    rises at once, or over up to four seconds where the rotor would else pass the over-speed trip;
+    the inertia by which that is decided is estimated before the first step. The
     tolerances are half widths of rectangular distributions in parts of the value: of the torque
     sensor's gain and of its time constant. A rotor that moves by more than rest_rad while it should
     rest makes a step poor.
@@ -107,7 +109,7 @@ class AccelerationConfig(Section):
     coast_s: Annotated[float, Field(ge=0.1, le=10)] = 0.3
     """Time for which the rotor is followed after a step."""
     timeout_s: Positive = 20.0
-    """Time within which the speed must be reached."""
+    """Time within which the speed must be reached, besides the rise of the torque."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a step is poor and taken again. None: any."""
     gain_tolerance: Tolerance = 0.01

@@ -7,7 +7,7 @@ EXPERIMENT = Experiment(
     plans=(
         PlanKind(
             "align",
-            "a current vector that turns slowly, for phase order, encoder direction and encoder zero",
+            "a current vector turned slowly, for phase order, encoder direction and encoder zero",
             AlignConfig(),
             make="motord.experiments.alignment.plan:make",
         ),

@@ -107,7 +107,7 @@ def coast_down(
     accelerate = guarded(
         _accelerate(free.labelled("accelerating"), point), runaway(limits, point.torque_Nm)
     )
-    yield from within(own.timeout_s, accelerate, lambda seen: _too_slow(seen, own))
+    yield from within(SLOW_RISE_S + own.timeout_s, accelerate, lambda seen: _too_slow(seen, own))
     ending = free.labelled("ending the torque")
     off = hold(ending, lambda seen: seen.torque_set_Nm == 0.0)
     yield from within(own.timeout_s, off, lambda seen: f"{seen.demand.label}: it does not end")
@@ -133,8 +133,9 @@ def _accelerate(demand: Demand, point: OperatingPoint) -> Motion[None]:
 
 def _too_slow(seen: Observation, own: FrictionConfig) -> str:
     return (
-        f"{seen.demand.label}: {own.start_speed_Hz:g} Hz not reached within {own.timeout_s:g} s; "
-        f"is the rotor free, and {100 * LEAST_TORQUE_PART:g} % of torque_Nm more than friction?"
+        f"{seen.demand.label}: {own.start_speed_Hz:g} Hz not reached within {own.timeout_s:g} s "
+        f"after the torque rose; is the rotor free, and {100 * LEAST_TORQUE_PART:g} % of torque_Nm "
+        "more than friction?"
     )
 
 

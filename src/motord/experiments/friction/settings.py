@@ -26,7 +26,7 @@ class FrictionConfig(Section):
     repeats: Annotated[int, Field(ge=1, le=500)] = 10
     """Coast-downs in each direction."""
     timeout_s: Positive = 60.0
-    """Time for the acceleration, and for the coast-down."""
+    """Time for the acceleration, after the torque's rise of 4 s, and for the coast-down."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a coast-down is poor and repeated. None: any."""
     inertia_kg_m2: NonNegative = 0.0

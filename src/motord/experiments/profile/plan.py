@@ -19,15 +19,13 @@ from motord.experiments.profile.settings import NAME, ProfileConfig
 from motord.experiments.profile.trace import read
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan
 from motord.sequencing.brake_servo import BrakeServo
-from motord.sequencing.capture import account, retaken_if_poor
+from motord.sequencing.capture import account, take_points
 from motord.sequencing.driven_rotor import STANDSTILL_Hz
 from motord.sequencing.motions import (
     Capture,
     Motion,
     MotionFailed,
     brake_to_rest,
-    enable,
-    ramp_down,
     restartable,
     within,
 )
@@ -108,11 +106,8 @@ def cycles(
     points: tuple[OperatingPoint, ...],
 ) -> Motion[None]:
     """Enable, play each cycle, ramp down."""
-    servo = BrakeServo(brake)
-    yield from enable(compensate)
-    for point in points:
-        yield from retaken_if_poor(cycle, point, course, own, servo)
-    yield from ramp_down()
+    play = partial(cycle, course=course, own=own, servo=BrakeServo(brake))
+    yield from take_points(play, points, compensate)
 
 
 @restartable

@@ -13,7 +13,9 @@ from motord.experiments.plans import build
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
+from motord.rig.truth import load as load_truth
 from motord.sequencing import PlanError
+from motord.virtual import PlanFailed, VirtualBench, run_plan
 from motord.virtual.mesh import processors
 from motord.virtual.preflight import forecasts
 
@@ -159,6 +161,24 @@ def test_a_dry_run_finds_every_point_fine() -> None:
 def test_settings_that_cannot_be_are_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(PlanError, match=message):
         build("friction", load(), settings)
+
+
+def test_the_rise_of_its_torque_takes_nothing_of_its_time() -> None:
+    """The rotor comes loose after more than two seconds of the torque's rise."""
+    config = load()
+    truth = load_truth(packaged("report.rig.toml"))
+    plan = build("friction", config, {"repeats": 1, "torque_Nm": 0.5, "timeout_s": 2.0})
+    points = run_plan(VirtualBench(config, truth, seed=1), plan, lambda ticks, truth: None)
+    assert {point["index"] for point in points} == {0, 1}
+
+
+def test_a_rotor_that_does_not_come_loose_is_reported() -> None:
+    config = load()
+    truth = load_truth(packaged("report.rig.toml"))
+    plan = build("friction", config, {"torque_Nm": 0.01, "timeout_s": 1.0})
+    reason = "2 Hz not reached within 1 s after the torque rose; is the rotor free"
+    with pytest.raises(PlanFailed, match=reason):
+        run_plan(VirtualBench(config, truth, seed=1), plan, lambda ticks, truth: None)
 
 
 def test_an_unknown_key_of_its_section_is_named(tmp_path: Path) -> None:
