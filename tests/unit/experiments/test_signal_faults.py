@@ -1,4 +1,4 @@
-"""What analyses say of recordings whose signals are dead, clipped or frozen."""
+"""What analyses say of recordings whose signals are dead, clipped, frozen or in another unit."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -38,6 +38,15 @@ def clipped_current(ticks: np.ndarray) -> None:
     inside = np.abs(ticks["i_b_A"][ticks["plan_point"] >= 0])
     end = 0.95 * float(inside.max())
     ticks["i_b_A"] = np.clip(ticks["i_b_A"], -end, end)
+
+
+def milliamperes(ticks: np.ndarray) -> None:
+    for phase in "abc":
+        ticks[f"i_{phase}_A"] *= 1000
+
+
+def uncommanded(ticks: np.ndarray) -> None:
+    ticks["i_cmd_b_A"] = 0.0
 
 
 def changed(source: Path, path: Path, change: Change) -> Path:
@@ -82,6 +91,22 @@ def test_a_torque_that_never_changes_is_refused(
     assert code == 1
     assert f"{path}: " in error
     assert "torque_Nm is 0.1 from the first sample to the last" in error
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (milliamperes, "the sensed current of phase a is 1e+03 times the commanded one (RMS)"),
+        (uncommanded, "phase b had a current, and none was commanded"),
+    ],
+)
+def test_currents_that_are_not_those_commanded_are_refused(
+    recorded: Recorded, tmp_path: Path, change: Change, reason: str
+) -> None:
+    path = changed(recorded.off, tmp_path / "run.mcap", change)
+    code, _, error = run(analyse, "calibrate", path)
+    assert code == 1
+    assert reason in error
 
 
 @pytest.mark.parametrize("kind", ["calibrate", "verify"])

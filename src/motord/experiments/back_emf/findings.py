@@ -18,6 +18,10 @@ UNBALANCED = 0.002
 DELAY_MAX_S = 2e-3
 """Age of the voltages, beyond the recorded one, that filters and buses explain."""
 
+CONFIGURED_PART = 0.1
+"""Part of the fundamental by which it may differ from that of [motor]: magnets differ by less from
+motor to motor, and 0.1 rad is a badly aligned encoder."""
+
 SPEED_RATIO = 1.3
 """Ratio of the fastest to the slowest speed that separates the voltages' age from the angle."""
 
@@ -56,6 +60,25 @@ def _phases(found: MeasuredBackEmf) -> Iterator[Finding]:
             "phases-differ", 100 * apart, 100 * limit, "% of the fundamental", "warning",
             "a phase differs from the mean of the three: the windings do, or the voltage channels",
             "use the table, not the harmonics; compare the channels on one voltage",
+        )  # fmt: skip
+    yield from _configured(found, own)
+
+
+def _configured(found: MeasuredBackEmf, own: np.ndarray) -> Iterator[Finding]:
+    """Yield a finding where the fundamental of the phases (3,) is far from that of [motor]."""
+    table = found.motor.back_emf_table()
+    lines = 2 * np.fft.rfft(table, axis=0)[found.motor.pole_pairs] / len(table)
+    ratio = complex((own * lines.conj()).sum() / (lines * lines.conj()).sum())
+    if abs(ratio - 1) > CONFIGURED_PART:
+        yield Finding(
+            "other-than-configured", 100 * abs(ratio - 1), 100 * CONFIGURED_PART,
+            "% of the fundamental", "warning",
+            f"the fundamental is {abs(ratio):.3g} times that of [motor] back_emf and "
+            f"{np.degrees(np.angle(ratio)):.0f} deg (electrical) from it: the voltages' scale or "
+            "sign (1.73: line for phase voltages; 180 deg: sign), the encoder's zero, or [motor] "
+            "is of another motor",
+            "measure a phase with an oscilloscope; align the encoder (`motord plan start align`); "
+            "if [motor] was a guess, use the measured table",
         )  # fmt: skip
 
 

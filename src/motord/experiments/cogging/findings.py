@@ -22,6 +22,7 @@ FEW_TURNS = 6
 def findings(found: MeasuredCogging, used_s: float) -> tuple[Finding, ...]:
     """Return what is questionable about the run; used_s: what of it was used."""
     return (
+        *_scale(found),
         *_orders(found),
         *_turns(found),
         *_motion(found),
@@ -29,6 +30,17 @@ def findings(found: MeasuredCogging, used_s: float) -> tuple[Finding, ...]:
         *_speeds(found),
         *left_out_finding(found.left_out, used_s),
     )
+
+
+def _scale(found: MeasuredCogging) -> Iterator[Finding]:
+    rated_Nm = found.motor.rated_torque_Nm
+    if found.peak_Nm > rated_Nm:
+        yield Finding(
+            "torque-scale", found.peak_Nm, rated_Nm, "Nm", "serious",
+            "a cogging torque beyond the rated torque of [motor] is none of a motor that turns: "
+            "the torque is in another unit (mNm for Nm), or rated_torque_Nm is not right",
+            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, or the import map",
+        )  # fmt: skip
 
 
 def _orders(found: MeasuredCogging) -> Iterator[Finding]:

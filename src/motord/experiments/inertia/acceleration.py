@@ -19,6 +19,13 @@ RARE = 0.001
 FEW_STEPS = 4
 """Steps below which their scatter says little."""
 
+SCALE_PART = 0.3
+"""Part by which measured and set torque may differ: gains of phases, cogging and friction make a
+tenth at most."""
+
+AGE_TICKS, AGE_LEAST_S = 2.0, 3e-3
+"""Ticks, and time, by which torque and angle may be apart: sampling makes a part of a tick."""
+
 
 @dataclass(frozen=True)
 class TorqueSource:
@@ -114,8 +121,35 @@ def accelerate(
         commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in steps])),
         plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
         budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
-        findings=both.findings,
+        findings=(*_scale(steps), *_age(steps), *both.findings),
     )
+
+
+def _scale(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
+    """Yield a finding where the sensor shows much more or less than the torque that was set."""
+    ratio = float(np.median([step.impulse_ratio for step in steps]))
+    if abs(ratio - 1) > SCALE_PART:
+        yield Finding(
+            "torque-scale", 100 * (ratio - 1), 100 * SCALE_PART, "%", "serious",
+            f"the sensor shows {ratio:.3g} times the torque that was set, and the inertia is in "
+            "proportion to what it shows: its scale is wrong, or that of the currents",
+            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, and the scale of the "
+            "drive's currents",
+        )  # fmt: skip
+
+
+def _age(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
+    """Yield a finding where the torque is late or early by more than sampling explains."""
+    age_s = float(np.median([step.delay_s for step in steps]))
+    limit_s = max(AGE_TICKS * float(np.median(np.diff(steps[0].t_s))), AGE_LEAST_S)
+    if abs(age_s) > limit_s:
+        yield Finding(
+            "torque-age", 1e3 * age_s, 1e3 * limit_s, "ms", "serious",
+            "torque and angle fit only if shifted by so much in time, and so large a shift is not "
+            "wholly accounted for: a low-pass or an average in the torque channel, or time stamps "
+            "that are not those of the sampling",
+            "take the filter out of the torque channel, or set it above 200 Hz",
+        )  # fmt: skip
 
 
 def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:

@@ -49,7 +49,8 @@ class TorqueStep:
 
     stderr_kg_m2: from the noise of torque and encoder. delay_s: age of the torque.
     commanded_kg_m2: the same fit with the commanded torque for the measured one; plain_kg_m2: eq.
-    (2.1), from commanded torque, time and angle, damping neglected. t_s, angle_rad, torque_Nm (n,)
+    (2.1), from commanded torque, time and angle, damping neglected. impulse_ratio: of the measured
+    torque to the commanded one. t_s, angle_rad, torque_Nm (n,)
     since the beginning of the step; fitted_rad (m,) at fitted_s.
     """
 
@@ -66,6 +67,7 @@ class TorqueStep:
     viscous_Nm_s_per_rad: float
     friction_Nm: float
     delay_s: float
+    impulse_ratio: float
     t_s: np.ndarray
     angle_rad: np.ndarray
     torque_Nm: np.ndarray
@@ -103,6 +105,7 @@ def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorCo
         viscous_Nm_s_per_rad=float(-p[3] / p[2]),
         friction_Nm=float(-p[4] / p[2] * np.sign(angle_rad[-1])),
         delay_s=float(-p[5] / p[2]),
+        impulse_ratio=float(_integral(measured_Nm, t_s)[stop] / _integral(commanded_Nm, t_s)[stop]),
         t_s=t_s,
         angle_rad=angle_rad,
         torque_Nm=measured_Nm,

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from math import pi
+from statistics import median
 
 from motord.config import AccuracyConfig
 from motord.experiments.subject import Subject
@@ -28,12 +29,16 @@ BY_CHANCE = 2.2
 BETWEEN_TICKS = 0.002
 """Part of the torque that may be unseen between ticks."""
 
+SCALE_PART = 0.3
+"""Part by which measured and set torque may differ: gains of phases and friction make a tenth."""
+
 ACCURACIES = ("torque_gain_percent", "torque_zero_Nm", "power_gain_percent", "power_zero_W")
 
 
 def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Finding, ...]:
     """Return what is questionable about the points."""
     return (
+        *_scale(points),
         *_negative(points),
         *_in_step(points),
         *_between_ticks(points, subject),
@@ -41,6 +46,20 @@ def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Findin
         *_slow(points),
         *_assumed(subject.accuracy),
     )
+
+
+def _scale(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    """Yield a finding where the sensor shows much more or less than the torque that was set."""
+    ratios = [one.torque_mean_Nm / one.torque_Nm for one in points if one.torque_Nm]
+    ratio = median(ratios) if ratios else 1.0
+    if abs(ratio - 1) > SCALE_PART:
+        yield Finding(
+            "torque-scale", 100 * (ratio - 1), 100 * SCALE_PART, "%", "serious",
+            f"the sensor shows {ratio:.3g} times the torque that was set: its scale or zero is "
+            "wrong, or that of the currents, and mechanical power and efficiency with it",
+            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, and the scale of the "
+            "drive's currents",
+        )  # fmt: skip
 
 
 def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:

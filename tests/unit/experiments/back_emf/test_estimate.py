@@ -61,6 +61,32 @@ def test_an_age_that_the_recording_does_not_state_is_found(points: list[PointDat
     assert np.angle(1j * alone.line[0, 0]) == pytest.approx(-8 * 3.77 * 0.5e-3, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("part", "moved_counts", "size_percent", "said"),
+    [
+        (1.0, 0, None, ""),
+        (1.05, 0, None, ""),
+        (1 / 3**0.5, 0, 42.3, "0.577 times that of [motor] back_emf and 0 deg"),
+        (-1.0, 0, 200.0, "1 times that of [motor] back_emf"),
+        (1.0, 128, 141.4, "1 times that of [motor] back_emf and -90 deg"),
+    ],
+)
+def test_a_fundamental_far_from_the_configured_one_is_a_finding(
+    points: list[PointData], part: float, moved_counts: int, size_percent: float | None, said: str
+) -> None:
+    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    changed = [replace(point, ticks=point.ticks.copy()) for point in points]
+    for point in changed:
+        point.ticks["encoder_count"] = (point.ticks["encoder_count"] + moved_counts) % motor.counts
+        for phase in "abc":
+            point.ticks[f"u_{phase}_V"] *= part
+    named = {one.name: one for one in measure(changed, motor).findings}
+    assert ("other-than-configured" in named) == (size_percent is not None)
+    if size_percent is not None:
+        assert named["other-than-configured"].value == pytest.approx(size_percent, rel=0.01)
+        assert said in named["other-than-configured"].meaning
+
+
 def test_samples_that_repeat_one_of_the_inverter_count_once(points: list[PointData]) -> None:
     motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
     held = []

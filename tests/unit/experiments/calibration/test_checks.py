@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.checks import check_points
+from motord.config import AccuracyConfig, TorqueSensorConfig
+from motord.experiments.calibration.estimate.checks import check_points, common_gain_finding
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
@@ -74,3 +75,25 @@ def test_the_others_are_refused_with_what_is_missing(
 ) -> None:
     with pytest.raises(IdentifyError, match=expected):
         check_points(points)
+
+
+@pytest.mark.parametrize(
+    ("delta_epsilon", "stderr", "torque_gain_percent", "seen"),
+    [
+        (1.14, 1e-3, 0.5, False),
+        (1.42, 1e-3, 0.5, True),
+        (0.71, 1e-3, 0.5, True),
+        (1.2, 0.05, 0.5, False),  # not beyond its own interval
+        (1.42, 1e-3, 50.0, False),  # no more than [accuracy] allows
+        (1.0, None, 0.5, False),  # assumed
+    ],
+)
+def test_a_common_gain_that_no_sensor_has_is_a_finding(
+    delta_epsilon: float, stderr: float | None, torque_gain_percent: float, seen: bool
+) -> None:
+    result = SimpleNamespace(
+        delta_epsilon=delta_epsilon, delta_epsilon_stderr=stderr, degrees_of_freedom=None
+    )
+    accuracy = AccuracyConfig(torque_gain_percent=torque_gain_percent)
+    found = list(common_gain_finding(result, accuracy))
+    assert [(one.name, one.severity) for one in found] == [("common-gain", "serious")] * seen

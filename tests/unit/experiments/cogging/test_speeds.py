@@ -63,3 +63,13 @@ def test_what_departs_between_speeds_is_named(
 @pytest.mark.parametrize("seed", [1, 2])
 def test_speeds_of_a_sound_bench_do_not_differ(seed: int) -> None:
     assert not found(recorded(seed))
+
+
+def test_a_cogging_torque_beyond_the_rated_torque_is_in_another_unit() -> None:
+    config = bench_of(REPORT)[0]
+    in_mNm = [replace(one, ticks=one.ticks.copy()) for one in recorded(1)]
+    for one in in_mNm:
+        one.ticks["torque_Nm"] *= 1000
+    for points, seen in ((recorded(1), False), (in_mNm, True)):
+        names = {f.name for f in measure(points, config.motor, config.torque_sensor).findings}
+        assert ("torque-scale" in names) == seen

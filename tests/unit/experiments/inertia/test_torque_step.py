@@ -111,6 +111,24 @@ def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
     assert "steps-scatter" in {one.name for one in found.findings}
 
 
+@pytest.mark.parametrize(
+    ("part", "late_ticks", "name"),
+    [(1000.0, 0, "torque-scale"), (0.5, 0, "torque-scale"), (1.0, 8, "torque-age")],
+)
+def test_a_torque_that_is_not_the_one_that_acted_is_a_finding(
+    part: float, late_ticks: int, name: str
+) -> None:
+    data = steps(Rotor(), 6, np.random.default_rng(3))
+    assert accelerate(data, 4096, PIEZO, AccelerationConfig()).findings == ()
+    changed = [ticks.copy() for ticks in data]
+    for ticks in changed:
+        ticks["torque_Nm"] = part * np.roll(ticks["torque_Nm"], late_ticks)
+    found = accelerate(changed, 4096, PIEZO, AccelerationConfig())
+    named = {one.name: one for one in found.findings}
+    assert named[name].severity == "serious"
+    assert ("torque-scale" in named) == (part != 1.0)
+
+
 def test_what_does_not_determine_the_inertia_is_refused() -> None:
     good = made_up(PIEZO)
     with pytest.raises(IdentifyError, match="no good step"):

@@ -8,7 +8,12 @@ from math import isnan
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
-from motord.experiments.calibration.estimate.checks import MIN_TURNS, check_fit, check_points
+from motord.experiments.calibration.estimate.checks import (
+    MIN_TURNS,
+    check_fit,
+    check_points,
+    common_gain_finding,
+)
 from motord.experiments.calibration.estimate.efficiency import cramer_rao
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, misfit
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
@@ -153,7 +158,8 @@ class Calibrator:
             if not faults:
                 raise
             raise IdentifyError(f"{faults[0].meaning}; {faults[0].action} ({error})") from error
-        return replace(found, findings=(*found.findings, *faults))
+        scale = common_gain_finding(found, self._bench.accuracy)
+        return replace(found, findings=(*found.findings, *scale, *faults))
 
     def joint(self) -> CalibrationResult:
         """Return the result of the joint estimator. Raises IdentifyError."""

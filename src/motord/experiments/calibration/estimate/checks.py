@@ -1,13 +1,16 @@
 """Checks of operating points before the fit, and of the fit: each refusal says what is missing."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from motord.config import AccuracyConfig
 from motord.experiments.calibration.estimate.least_squares.joint import NO_GAINS, JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import ALPHA
+from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.estimate.turn_products import TurnProducts
 from motord.experiments.magnet_temperature import UNKNOWN
+from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor
 
@@ -23,8 +26,14 @@ MIN_TORQUE_RATIO = 1.2
 DEAD_SHARE = 0.05
 """Current of a phase, in parts of the others', below which it counts as dead."""
 
+CURRENT_SCALE_RANGE = (0.2, 5.0)
+"""Sensed over commanded current of a phase; anything else is another unit, or no command."""
+
 MAX_ALPHA_STDERR = 0.05
 """Standard error of alpha above which there is nothing to compensate with."""
+
+NOTHING = 1e-9
+"""Part of the square of the sensed currents below which nothing was commanded."""
 
 ALPHA_RANGE = (0.5, 2.0)
 """Gains that an inverter's current sensors can have; anything else is a fault."""
@@ -35,6 +44,10 @@ REPEATS = 5.0
 
 COMMON_GAIN_RANGE = (0.5, 2.0)
 """Products of torque sensor's and current sensors' gain errors that there can be."""
+
+COMMON_GAIN_PERCENT = 15.0
+"""Common gain, less 1, that no error of a gain makes but a wrong scale, such as RMS for amplitude;
+where `[accuracy]` allows more, that."""
 
 
 def check_points(points: Sequence[TurnProducts], unknown: Sequence[str] = ()) -> None:
@@ -92,6 +105,33 @@ def _check_phases(points: Sequence[TurnProducts]) -> None:
                 f"phase {'abc'[phase]} is dead: {rms_A[phase]:.2g} A RMS where the others have "
                 f"{others_A:.2g} A; check its wiring and its current sensor"
             )
+    _check_scale(points)
+
+
+def _check_scale(points: Sequence[TurnProducts]) -> None:
+    """Raise IdentifyError if the sensed currents are in another unit than those commanded.
+
+    By their slope on the commands, which noise of the sensors does not make steeper, and by their
+    RMS, which a lag does not make smaller; both without the means. Where no commands were recorded
+    the sensed currents stand for them.
+    """
+    products = np.sum([point.currents.sum(axis=0) for point in points], axis=0)
+    centred = products - np.outer(products[3], products[3]) / products[3, 3]
+    sensed, commanded = np.diagonal(centred)[:3], np.diagonal(centred)[4:]
+    for phase in range(3):
+        if commanded[phase] <= NOTHING * sensed[phase]:
+            raise IdentifyError(
+                f"phase {'abc'[phase]} had a current, and none was commanded: leave the columns of "
+                "the commands out (import map), or record what the drive is sent"
+            )
+        slope = abs(centred[phase, 4 + phase]) / commanded[phase]
+        part = np.sqrt(sensed[phase] / commanded[phase])
+        if slope > CURRENT_SCALE_RANGE[1] or part < CURRENT_SCALE_RANGE[0]:
+            raise IdentifyError(
+                f"the sensed current of phase {'abc'[phase]} is {part:.3g} times the commanded one "
+                "(RMS): one of them is in another unit; check the scale in the drive's DBC file, "
+                "or in the import map"
+            )
 
 
 def check_fit(fitted: JointFit, misfit: Callable[[], float] = lambda: 1.0) -> None:
@@ -128,3 +168,23 @@ def check_fit(fitted: JointFit, misfit: Callable[[], float] = lambda: 1.0) -> No
             "back-EMF says: no sensor error is that large; check [torque_sensor] gain_Nm_per_V, "
             "the back-EMF and the scale of the currents"
         )
+
+
+def common_gain_finding(result: CalibrationResult, accuracy: AccuracyConfig) -> Iterator[Finding]:
+    """Yield a finding where the common gain was measured and no error of a gain explains it."""
+    if result.delta_epsilon_stderr is None:
+        return
+    freedom = result.degrees_of_freedom.delta_epsilon if result.degrees_of_freedom else None
+    half_percent = 100 * coverage_factor(freedom) * result.delta_epsilon_stderr
+    gains = accuracy.torque_gain_percent, accuracy.back_emf_percent, accuracy.current_gain_percent
+    limit_percent = max(COMMON_GAIN_PERCENT, sum(gains)) + half_percent
+    percent = 100 * (result.delta_epsilon - 1)
+    if abs(percent) > limit_percent:
+        yield Finding(
+            "common-gain", percent, limit_percent, "%", "serious",
+            f"the currents make {result.delta_epsilon:.3g} times the torque that the back-EMF "
+            "says: the scale of torque, currents or back-EMF is wrong (1.41 and 0.71: RMS for "
+            "amplitude; 1.73 and 0.58: line for phase), and the calibration carries that over",
+            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, the scale of the "
+            "currents, and the back-EMF (`motord plan start back-emf`)",
+        )  # fmt: skip
