@@ -42,7 +42,8 @@ class ThermalCourse:
 
     squares_A2 (k,): sum of the squares of the phase currents, mean over steps of `step_s`.
     readings: by node, in the order of the network. heating_s: when the current ended; ended_by: why
-    heat-up and cooling ended. ambient: of its channel, if there is one.
+    heat-up and cooling ended. ambient: of its channel, if there is one. current_ratio: RMS of the
+    currents over that of those commanded, None where no commands were recorded.
     """
 
     step_s: float
@@ -51,6 +52,7 @@ class ThermalCourse:
     heating_s: float
     ended_by: tuple[str, str]
     ambient: Readings | None = None
+    current_ratio: float | None = None
 
     @property
     def nodes(self) -> tuple[str, ...]:

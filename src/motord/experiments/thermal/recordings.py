@@ -13,6 +13,7 @@ from motord.experiments.thermal.settings import NAME, ThermalConfig
 from motord.recording.reader import Run
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
+COMMANDS = ("i_cmd_a_A", "i_cmd_b_A", "i_cmd_c_A")
 
 STEPS_MAX = 10_000
 """Steps that a course is cut into."""
@@ -42,7 +43,7 @@ def thermal_course(recordings: Recordings) -> tuple[ThermalCourse, CopperResista
     end_ns = int(cooling["t_end_ns"]) if cooling else _last_ns(runs[-1])
     duration_s = (end_ns - begin_ns) * 1e-9
     step_s = max(duration_s / STEPS_MAX, STEP_MIN_S)
-    squares_A2 = _squares_A2(runs, begin_ns, step_s, int(duration_s / step_s))
+    squares_A2, current_ratio = _squares_A2(runs, begin_ns, step_s, int(duration_s / step_s))
     readings = {
         node: _readings(runs, f"{node}_channel", channel, begin_ns, end_ns)
         for node, channel in own.nodes.items()
@@ -57,6 +58,7 @@ def thermal_course(recordings: Recordings) -> tuple[ThermalCourse, CopperResista
         (int(heating["t_end_ns"]) - begin_ns) * 1e-9,
         (str(heating.get("ended_by", "")), str(cooling["ended_by"]) if cooling else STOPPED),
         ambient,
+        current_ratio,
     )
     return course, copper_of(own, recordings.subject.accuracy)
 
@@ -106,17 +108,31 @@ def _last_ns(run: Run) -> int:
     return last_ns
 
 
-def _squares_A2(runs: Sequence[Run], begin_ns: int, step_s: float, steps: int) -> np.ndarray:
-    """Return the sum of the squares of the phase currents, mean over each step (k,)."""
+def _squares_A2(
+    runs: Sequence[Run], begin_ns: int, step_s: float, steps: int
+) -> tuple[np.ndarray, float | None]:
+    """Return the sum of the squares of the phase currents, mean over each step (k,).
+
+    And the RMS of the currents over that of those commanded, None where none were recorded.
+    """
     total, number = np.zeros(steps), np.zeros(steps)
+    sensed_A2 = commanded_A2 = 0.0
     end_ns = begin_ns + round(steps * step_s * 1e9)
     for run in runs:
-        for block in run.blocks(["t_ns", *CURRENTS], from_ns=begin_ns, to_ns=end_ns):
+        commands = COMMANDS if set(COMMANDS) <= set(run.columns) else ()
+        columns = ["t_ns", *CURRENTS, *commands]
+        for block in run.blocks(columns, from_ns=begin_ns, to_ns=end_ns):
             at = ((block["t_ns"].astype(np.int64) - begin_ns) * 1e-9 / step_s).astype(np.int64)
             squares = sum(np.square(block[name], dtype=float) for name in CURRENTS)
             good = (at >= 0) & (at < steps) & np.isfinite(squares)
             total += np.bincount(at[good], squares[good], steps)
             number += np.bincount(at[good], minlength=steps)
+            if commands:
+                wanted = sum(np.square(block[name], dtype=float) for name in commands)
+                both = good & np.isfinite(wanted)
+                sensed_A2 += float(squares[both].sum())
+                commanded_A2 += float(wanted[both].sum())
+    ratio = sqrt(sensed_A2 / commanded_A2) if commanded_A2 else None
     there = np.flatnonzero(number)
     edges = np.concatenate([[-1], there, [steps]])
     longest = int(np.argmax(np.diff(edges)))
@@ -127,7 +143,7 @@ def _squares_A2(runs: Sequence[Run], begin_ns: int, step_s: float, steps: int) -
             f"{runs[-1].path}: no currents for {gap_s:.3g} s, {at_s:.0f} s after its beginning: "
             "the heat is not known; name all recordings of the plan, or heat up again"
         )
-    return np.interp(np.arange(steps), there, total[there] / number[there])
+    return np.interp(np.arange(steps), there, total[there] / number[there]), ratio
 
 
 def _readings(

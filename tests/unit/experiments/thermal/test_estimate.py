@@ -84,6 +84,17 @@ def test_a_heat_up_that_is_cut_short_is_extrapolated_and_says_so() -> None:
     assert any("is extrapolated" in note for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "seen"), [(None, False), (1.0, False), (0.9, False), (0.707, True), (1000.0, True)]
+)
+def test_currents_that_are_not_those_commanded_are_a_finding(
+    ratio: float | None, seen: bool
+) -> None:
+    found = measure(replace(course(2), current_ratio=ratio), COPPER)
+    severities = [one.severity for one in found.findings if one.name == "current-scale"]
+    assert severities == ["serious"] * seen
+
+
 def test_a_room_that_gets_warmer_is_found_unless_it_is_measured(two: ThermalConstants) -> None:
     warmer = course(2, drift_K=2.0)
     found = measure(warmer, COPPER)

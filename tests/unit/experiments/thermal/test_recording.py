@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import AccuracyConfig, packaged
 from motord.experiments.plans import build
-from motord.experiments.thermal.recordings import copper_of
+from motord.experiments.subject import Recordings
+from motord.experiments.thermal.recordings import copper_of, thermal_course
 from motord.experiments.thermal.settings import ThermalConfig
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
@@ -77,6 +78,11 @@ def test_the_analysis_finds_the_rig(recorded: Path, tmp_path: Path) -> None:
     page = (tmp_path / "t.html").read_text()
     assert "Heat-up and cooling" in page
     assert page.count("<svg") == 1
+
+
+def test_currents_are_compared_with_those_commanded(recorded: Path) -> None:
+    measured, _ = thermal_course(Recordings.open([recorded], None))
+    assert measured.current_ratio == pytest.approx(1.0, abs=0.05)
 
 
 def test_another_bench_file_names_other_channels(recorded: Path, tmp_path: Path) -> None:
