@@ -1,6 +1,6 @@
 """A pass of learning: from what it left at the operating points to a better calibration."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Any
@@ -24,7 +24,7 @@ from motord.experiments.ilc.seen import SeenRipple, seen_by
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.identification.operating_points import PointData, Samples, prepare
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
@@ -32,19 +32,24 @@ from motord.recording.reader import Run
 from motord.sequencing.settings import COMPENSATE
 from motord.untrusted import parse_toml
 
+AT_LIMIT = 0.999
+"""Part of its limit from which on a correction is held by it."""
+
 
 @dataclass(frozen=True)
 class LearnPass:
     """What a pass left at the points, in the order in which they were taken, and what comes next.
 
     calibration: with the corrections to apply from now on. unreached: what the torque shows and is
-    not corrected; reach: how far that goes at each speed, in words.
+    not corrected; reach: how far that goes at each speed, in words. limit_Nm: that no correction
+    exceeds.
     """
 
     calibration: Calibration
     left: tuple[Left, ...]
     unreached: tuple[Unreached, ...] = ()
     reach: tuple[str, ...] = ()
+    limit_Nm: float = np.inf
 
     @property
     def learned(self) -> LearnedTorque:
@@ -54,8 +59,23 @@ class LearnPass:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Where the data of the calibration depart from its model."""
-        return self.calibration.findings or ()
+        """Of the calibration: where data depart from its model; and corrections at their limit."""
+        return (*(self.calibration.findings or ()), *self._limited())
+
+    def _limited(self) -> Iterator[Finding]:
+        at = [
+            f"{torque_Nm:g} Nm, {speed_Hz:g} Hz"
+            for (torque_Nm, speed_Hz), point in self.learned.by_place.items()
+            if point.amplitude_Nm > AT_LIMIT * self.limit_Nm
+        ]
+        if at:
+            yield Finding(
+                "correction-limited", len(at), 0, "operating points", "serious",
+                f"{listed(at)}: more is left than the {1e3 * self.limit_Nm:.3g} mNm that learning "
+                "may take out: the calibration is of another motor, or the torque has another "
+                "unit or sign",
+                "check the torque sensor's scale and sign, and calibrate again before learning",
+            )  # fmt: skip
 
     @property
     def finished(self) -> bool:
@@ -182,6 +202,7 @@ def learn(
         left,
         unreached=tuple(one for each in seen for one in unreached(each, orders)),
         reach=tuple(reach_text(one_each[speed], sensor) for speed in sorted(one_each)),
+        limit_Nm=learning.limit_share * motor.rated_torque_Nm,
     )
 
 

@@ -1,6 +1,7 @@
 """Learning from recordings: two passes, what is refused, the command, the page."""
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -73,6 +74,14 @@ def test_two_passes_smooth_the_true_torque(first: tuple[Path, Calibration], tmp_
     again = reopen(done.calibration, NOW, Learning())
     assert again.learned is not None
     assert again.learned.points[0].gain == Learning().gain
+
+
+def test_corrections_at_their_limit_are_a_finding(first: tuple[Path, Calibration]) -> None:
+    done = learned_from(*first)
+    most_Nm = max(point.amplitude_Nm for point in done.learned.points)
+    for limit_Nm, names in ((2 * most_Nm, []), (most_Nm, ["correction-limited"])):
+        found = replace(done, limit_Nm=limit_Nm).findings
+        assert [one.name for one in found] == names
 
 
 def test_a_run_with_another_calibration_is_refused(first: tuple[Path, Calibration]) -> None:
