@@ -91,7 +91,9 @@ class PlayedBench:
             self.publisher.put(content)
 
     def publish_event(self, content):
-        self.session.put(key(self.bench, "event"), content)
+        self.session.put(
+            key(self.bench, "event"), content, congestion_control=zenoh.CongestionControl.BLOCK
+        )
 
     def close(self):
         if not self.session.is_closed():

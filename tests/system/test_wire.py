@@ -192,8 +192,11 @@ def test_three_newton_metres_at_0_7_turns_a_second(wire):
     [run] = wire.daemon.runs()
     ticks = run.ticks()
     check_ticks(ticks)
-    during = (ticks["t_ns"] > begun.tick.t_ns) & (ticks["t_ns"] < held.tick.t_ns)
-    assert np.mean(ticks["speed_rad_s"][during]) == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
+    during = ticks[(ticks["t_ns"] >= begun.tick.t_ns) & (ticks["t_ns"] <= held.tick.t_ns)]
+    # by angle and time, as it was held: a busy computer misses ticks, more of the slow ones perhaps
+    turned_rad = np.ptp(np.unwrap(during["angle_rad"].astype(float)))
+    took_s = (during["t_ns"][-1] - during["t_ns"][0]) * 1e-9
+    assert turned_rad / took_s == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
     truth = wire.truth()
     then = (truth["t_ns"] > begun.tick.t_ns) & (truth["t_ns"] < held.tick.t_ns)
     assert then.sum() > 300

@@ -139,7 +139,9 @@ class Benches:
         with suppress(zenoh.ZError):
             session.get(
                 key(bench, "state"),
-                zenoh.handlers.Callback(partial(self._answer, session, endpoint)),
+                zenoh.handlers.Callback(
+                    partial(self._answer, session, endpoint), partial(self._all_answered, bench)
+                ),
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=ANSWER_S,
@@ -152,6 +154,11 @@ class Benches:
         self._note(reply.ok, None if who is None else str(who.zid))
         if not self._closing.is_set():
             self._follow(session, endpoint, bench)
+
+    def _all_answered(self, bench: str) -> None:
+        with self._changed:
+            self._roster.all_answered(bench)
+            self._changed.notify_all()
 
     def _state(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:

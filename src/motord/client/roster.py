@@ -15,7 +15,8 @@ class BenchEntry:
     """A bench as it is known. age_s: since a state was published, None before the first one.
 
     alive: its liveliness token is there; daemons: so many answer under its name, 0 as long as none
-    has; problem: why what came of it could not be read; endpoint: one by which it is alive.
+    has; problem: why what came of it could not be read; endpoint: one by which it is alive;
+    counted: every daemon of its name has had its time to answer.
     """
 
     bench: str
@@ -25,6 +26,7 @@ class BenchEntry:
     daemons: int
     problem: str = ""
     endpoint: str = ""
+    counted: bool = False
 
     @property
     def silent(self) -> bool:
@@ -51,6 +53,7 @@ class _Seen:
     state: BenchState | None = None
     published_s: float | None = None
     problem: str = ""
+    counted: bool = False
 
 
 class BenchRoster:
@@ -73,6 +76,12 @@ class BenchRoster:
         seen.answers[replier] = now_s
         if seen.published_s is None:
             seen.state = state
+
+    def all_answered(self, bench: str) -> None:
+        """Note that a query to all daemons of a name, or of any with "*", has ended."""
+        for name, seen in self._seen.items():
+            if bench in (name, "*") and seen.answers:
+                seen.counted = True
 
     def published(self, bench: str, state: BenchState, now_s: float) -> None:
         """Note a state as it was published."""
@@ -99,4 +108,6 @@ class BenchRoster:
         if not alive and not daemons and (age_s is None or age_s > SILENT_S):
             return None
         endpoint = min(seen.tokens, default="")
-        return BenchEntry(bench, seen.state, age_s, alive, daemons, problem, endpoint)
+        return BenchEntry(
+            bench, seen.state, age_s, alive, daemons, problem, endpoint, counted=seen.counted
+        )

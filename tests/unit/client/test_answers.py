@@ -3,6 +3,7 @@
 import json
 import logging
 import threading
+import time
 from contextlib import suppress
 
 import pytest
@@ -172,9 +173,11 @@ def test_a_subscription_drops_what_is_malformed_and_goes_on(false_daemon, client
         done.set()
 
     with caplog.at_level(logging.WARNING, "motord"), client.subscribe_events(take) as events:
-        client_is_there = false_daemon.session.declare_publisher(f"{ROOT}/event")
+        client_is_there = false_daemon.session.declare_publisher(
+            f"{ROOT}/event", congestion_control=zenoh.CongestionControl.BLOCK
+        )
         while not client_is_there.matching_status.matching:
-            pass
+            time.sleep(0.01)
         for payload in PAYLOADS:
             client_is_there.put(payload)
         client_is_there.delete()

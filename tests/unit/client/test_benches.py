@@ -3,7 +3,9 @@
 import time
 
 import pytest
+import zenoh
 
+from motord.api.endpoints import key
 from motord.client import ClientError, connect
 from motord.client.benches import Benches
 from motord.client.roster import ANSWERED_S, SILENT_S, BenchRoster
@@ -103,6 +105,31 @@ def test_a_state_that_cannot_be_read_is_said():
     with played("odd", content=b'{"bench": "odd"}') as (odd,), Benches([odd.listen]) as benches:
         found = until(benches, lambda found: found and found["odd"].problem, (odd,))
         assert "not what the daemon says" in found["odd"].problem
+
+
+def test_daemons_of_a_name_are_counted_once_all_have_answered(monkeypatch):
+    monkeypatch.setattr("motord.client.benches.ANSWER_S", 10 * WAIT_S)
+    with (
+        played("a") as (quick,),
+        played("a", answers=False) as (slow,),
+        router(quick.listen, slow.listen) as (listen, session),
+    ):
+        end_s = time.monotonic() + WAIT_S
+        while not slow.stuck:  # the router knows the way to both
+            session.get(key("a", "state"), lambda _: None, target=zenoh.QueryTarget.ALL)
+            assert time.monotonic() < end_s
+            time.sleep(0.05)
+        with Benches([listen]) as benches:
+            found = until(benches, lambda found: found and found["a"].daemons == 1, (quick,))
+            assert not found["a"].counted
+            while not found["a"].counted:
+                for query in tuple(slow.stuck):
+                    query.reply(key("a", "state"), slow.content)
+                slow.stuck.clear()  # that is all that is answered
+                benches.wait(0.05)
+                found = {entry.bench: entry for entry in benches.entries()}
+                assert time.monotonic() < end_s
+            assert found["a"].daemons == 2
 
 
 def test_two_daemons_of_one_name_are_counted_and_commanded_by_their_own_endpoint_alone():

@@ -64,7 +64,8 @@ def status_of_all(connection: Connection, *, as_json: bool) -> None:
                 if entry.bench not in known:
                     known.add(entry.bench)
                     newest_s = now_s
-                if entry.bench not in shown and (over or (entry.daemons and not entry.silent)):
+                complete = entry.daemons and entry.counted and not entry.silent
+                if entry.bench not in shown and (over or complete):
                     shown.add(entry.bench)
                     _print(entry, as_json=as_json)
             if over or (known == shown and known and now_s - newest_s > SETTLED_S):
