@@ -16,6 +16,7 @@ import grimp
 
 ROOT = Path(__file__).parents[1]
 WIDTH, ROW, BOX_HEIGHT, LEFT = 1080, 74, 44, 150
+LEAST_GAP = 6
 INK, SOFT, PAPER, FILL, LINE = "#20242b", "#626b78", "#ffffff", "#f3f5f8", "#1670a8"
 
 LAYERS = {
@@ -38,7 +39,7 @@ LAYERS = {
 }
 """What a layer is, by the first package in it."""
 
-EVERYWHERE = {"config", "schema", "jit", "atomic_write", "private_folder", "unix_clock"}
+EVERYWHERE = {"config", "schema", "jit", "atomic_write", "process", "unix_clock"}
 """Imported nearly everywhere: lines to these would hide the others."""
 
 
@@ -90,15 +91,21 @@ def imports(packages: set[str]) -> Counter[tuple[str, str]]:
     return found
 
 
+def _widths(names: list[str], counts: list[int]) -> list[float]:
+    """Return the widths of boxes in a row: their names', and more by their lines, as it fits."""
+    texts = [9.0 * len(name) + 16 for name in names]
+    more = [max(2.0 * math.sqrt(n) + 50 - w, 0.0) for n, w in zip(counts, texts, strict=True)]
+    room = WIDTH - LEFT - LEAST_GAP * (len(names) + 1) - sum(texts)
+    part = min(1.0, room / max(sum(more), 1.0))
+    return [text + part * extra for text, extra in zip(texts, more, strict=True)]
+
+
 def boxes() -> dict[str, Box]:
     """Return the packages where they are drawn; the wider the more lines they have."""
     placed = {}
     for row, names in enumerate(layers()):
         counts = [lines_of(name) for name in names]
-        widths = [
-            max(9.0 * len(name) + 16, 2.0 * math.sqrt(n) + 50)
-            for name, n in zip(names, counts, strict=True)
-        ]
+        widths = _widths(names, counts)
         gap = (WIDTH - LEFT - sum(widths)) / (len(names) + 1)
         # boxes that are alone in their layer stand left and right in turn, to show lines past them
         x = LEFT + gap * (1 if len(names) > 1 else 0.45 if row % 2 else 1.55)
