@@ -148,6 +148,8 @@ def _held(seen, speed_Hz, states_in_a_row, state):
     if abs(state.tick.torque_set_Nm - state.setpoint.torque_Nm) > 0.01:
         seen.clear()
         return False
+    if seen and state.tick.t_ns - seen[-1].tick.t_ns > 1e9 * stalls.QUARTER_TURN_S:
+        seen.clear()  # a turn more or less would not show in their angles
     seen.append(state)
     del seen[:-states_in_a_row]
     if len(seen) < states_in_a_row:
