@@ -10,11 +10,17 @@ from motord.identification.point_ripple import PointRipple
 SURE = 3.0
 """Standard errors beyond which ripple is said to have grown."""
 
+HALF_WIDTH = 1.96
+"""Of a 95 % interval, in standard errors."""
+
+HIDDEN_PERCENT = 0.1
+"""Half-width of an RMS error, percent of rated, from which on noise that exceeds it matters."""
+
 
 def findings(ripples: Sequence[PointRipple]) -> tuple[Finding, ...]:
     """Return what is questionable about the ripple of the points."""
     faults = signal_findings((one.label, one.faults) for one in ripples)
-    return (*_one_turn(ripples), *_worse(ripples), *faults)
+    return (*_one_turn(ripples), *_hidden(ripples), *_worse(ripples), *faults)
 
 
 def _one_turn(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
@@ -25,6 +31,25 @@ def _one_turn(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
             f"{listed([one.label for one in alone])}: one whole turn does not show its noise, "
             "which is part of the RMS error then; how far that is off is not known from one turn",
             "take more turns at each point",
+        )  # fmt: skip
+
+
+def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
+    """Yield a finding where noise is as large as the RMS error, which it may have made 0."""
+    hidden = [
+        (half, one)
+        for one in ripples
+        if (half := HALF_WIDTH * (one.stderr_percent or 0.0)) > max(HIDDEN_PERCENT, one.rms_percent)
+    ]
+    if hidden:
+        worst, _ = max(hidden, key=lambda each: each[0])
+        most = max(one.rms_percent + half for half, one in hidden)
+        yield Finding(
+            "noise-hides-ripple", worst, HIDDEN_PERCENT, "% of rated", "warning",
+            f"{listed([one.label for _, one in hidden])}: the noise of the torque is larger than "
+            f"the RMS error, of which no more is known than that it is below {most:.2g} %; 0.00 is "
+            "no measurement, nor are mean and worst",
+            "look for what disturbs the torque sensor (mains, a loose shield); take more turns",
         )  # fmt: skip
 
 

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -6,6 +7,7 @@ from motord.calibration import load as load_calibration
 from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
 from motord.experiments.ripple import estimate
+from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
 from tests.unit.experiments.conftest import Recorded
@@ -51,3 +53,22 @@ def test_a_calibration_of_another_motor_is_refused(recorded: Recorded, tmp_path:
     code, _, err = run(analyse, "verify", recorded.off, *chosen)
     assert code == 1
     assert "another motor" in err
+
+
+@pytest.mark.parametrize(
+    ("rms_percent", "stderr_percent", "hidden"),
+    [
+        (0.0, 1.2, True),
+        (0.3, 0.2, True),
+        (0.3, 0.1, False),
+        (0.02, 0.03, False),
+        (0.5, None, False),
+    ],
+)
+def test_an_rms_error_that_noise_hides_is_a_finding(
+    recorded: Recorded, rms_percent: float, stderr_percent: float | None, hidden: bool
+) -> None:
+    [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
+    assert findings([point]) == ()
+    seen = replace(point, rms_percent=rms_percent, stderr_percent=stderr_percent)
+    assert [one.name for one in findings([point, seen])] == ["noise-hides-ripple"] * hidden
