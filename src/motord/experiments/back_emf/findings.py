@@ -74,9 +74,9 @@ def _configured(found: MeasuredBackEmf, own: np.ndarray) -> Iterator[Finding]:
             "other-than-configured", 100 * abs(ratio - 1), 100 * CONFIGURED_PART,
             "% of the fundamental", "warning",
             f"the fundamental is {abs(ratio):.3g} times that of [motor] back_emf and "
-            f"{np.degrees(np.angle(ratio)):.0f} deg (electrical) from it: the voltages' scale or "
-            "sign (1.73: line for phase voltages; 180 deg: sign), the encoder's zero, or [motor] "
-            "is of another motor",
+            f"{np.degrees(np.angle(ratio)):.0f} deg (electrical) from it: scale or sign of the "
+            "voltages (1.73: line for phase voltages; 180 deg: sign) or the encoder's zero is "
+            "wrong, or [motor] is of another motor",
             "measure a phase with an oscilloscope; align the encoder (`motord plan start align`); "
             "if [motor] was a guess, use the measured table",
         )  # fmt: skip

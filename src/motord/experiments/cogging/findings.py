@@ -37,8 +37,8 @@ def _scale(found: MeasuredCogging) -> Iterator[Finding]:
     if found.peak_Nm > rated_Nm:
         yield Finding(
             "torque-scale", found.peak_Nm, rated_Nm, "Nm", "serious",
-            "a cogging torque beyond the rated torque of [motor] is none of a motor that turns: "
-            "the torque is in another unit (mNm for Nm), or rated_torque_Nm is not right",
+            "the cogging torque is larger than the rated torque of [motor]: the torque is in "
+            "another unit (mNm for Nm), or rated_torque_Nm is wrong",
             "check [torque_sensor] gain_Nm_per_V with a weight on a lever, or the import map",
         )  # fmt: skip
 
