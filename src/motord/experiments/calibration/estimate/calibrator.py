@@ -13,6 +13,7 @@ from motord.experiments.calibration.estimate.checks import (
     check_fit,
     check_points,
     common_gain_finding,
+    data_notes,
 )
 from motord.experiments.calibration.estimate.efficiency import cramer_rao
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, misfit
@@ -40,7 +41,7 @@ from motord.experiments.calibration.estimate.more_orders.search import FIRST_ORD
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
-from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf, referred
+from motord.experiments.magnet_temperature import ReferredBackEmf, referred
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import PhaseProgress, Subject
 from motord.identification import IdentifyError
@@ -67,12 +68,6 @@ from motord.recording.reader import Run
 NOT_REFERRED = "back-EMF: not referred to one temperature of the magnets by this estimator"
 READING = "reading"
 """Phase of the progress; followed by why, where the recordings are read again."""
-
-ONE_DIRECTION = (
-    "friction ripple: not separated from cogging torque, as all points turn the same way; what "
-    "repeats in friction is counted as cogging torque, whose intervals do not cover it (set "
-    "directions = both where the load may be turned backwards)"
-)
 
 
 class Calibrator:
@@ -179,7 +174,13 @@ class Calibrator:
         if regression.kirchhoff:
             agreement = kirchhoff_agreement(regression, rated_A, fitted)
         notes = [] if agreement is None else [agreement.to_text()]
-        notes += self._left_out(orders)
+        notes += data_notes(
+            self._points,
+            short=self._short,
+            unknown=self._unknown,
+            without_zero_sequence=bool(self._bare),
+            too_high=self._orders[len(orders) :],
+        )
         notes += [] if back_emf is None else [back_emf.to_text(self._bench.accuracy)]
         left = residual.explained()
         result = with_lack_of_fit(
@@ -240,28 +241,6 @@ class Calibrator:
                 return more, bigger, found
             found = found.without(weak)
         return fitted, regression, found
-
-    def _left_out(self, orders: tuple[int, ...]) -> list[str]:
-        """Return which points, currents, orders and directions are not in the data used."""
-        notes = []
-        if self._short:
-            notes.append(
-                f"left out, as they have fewer than {MIN_TURNS} whole turns: "
-                f"{', '.join(self._short)} (set turns to 3 or more)"
-            )
-        if self._unknown:
-            notes.append(f"left out, as {UNKNOWN}: {', '.join(self._unknown)}")
-        if self._bare:
-            notes.append(
-                "zero sequence (common part) of the currents: not recorded (currents along d and "
-                "q, or of two sensors); from Kirchhoff's law with the gains found"
-            )
-        if len(orders) < len(self._orders):
-            dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
-            notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
-        if len({point.spectrum.direction for point in self._points}) < 2:
-            notes.append(ONE_DIRECTION)
-        return notes
 
     def _fitted(
         self, points: list[TurnProducts], basis: Basis, orders: int

@@ -1,4 +1,7 @@
-"""Checks of operating points before the fit, and of the fit: each refusal says what is missing."""
+"""Checks of operating points before the fit, and of the fit: each refusal says what is missing.
+
+And notes on what of the data a calibration does not use.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -48,6 +51,12 @@ COMMON_GAIN_RANGE = (0.5, 2.0)
 COMMON_GAIN_PERCENT = 15.0
 """Common gain, less 1, that no error of a gain makes but a wrong scale, such as RMS for amplitude;
 where `[accuracy]` allows more, that."""
+
+ONE_DIRECTION = (
+    "friction ripple: not separated from cogging torque, as all points turn the same way; what "
+    "repeats in friction is counted as cogging torque, whose intervals do not cover it (set "
+    "directions = both where the load may be turned backwards)"
+)
 
 
 def check_points(points: Sequence[TurnProducts], unknown: Sequence[str] = ()) -> None:
@@ -188,3 +197,37 @@ def common_gain_finding(result: CalibrationResult, accuracy: AccuracyConfig) -> 
             "check [torque_sensor] gain_Nm_per_V with a weight on a lever, the scale of the "
             "currents, and the back-EMF (`motord plan start back-emf`)",
         )  # fmt: skip
+
+
+def data_notes(
+    points: Sequence[TurnProducts],
+    *,
+    short: Sequence[str],
+    unknown: Sequence[str],
+    without_zero_sequence: bool,
+    too_high: Sequence[int],
+) -> list[str]:
+    """Return which points, currents, orders and directions are not in the data used.
+
+    short, unknown: points of too few whole turns, and with magnets of an unknown temperature;
+    without_zero_sequence: the currents were recorded without; too_high: cogging orders.
+    """
+    notes = []
+    if short:
+        notes.append(
+            f"left out, as they have fewer than {MIN_TURNS} whole turns: "
+            f"{', '.join(short)} (set turns to 3 or more)"
+        )
+    if unknown:
+        notes.append(f"left out, as {UNKNOWN}: {', '.join(unknown)}")
+    if without_zero_sequence:
+        notes.append(
+            "zero sequence (common part) of the currents: not recorded (currents along d and "
+            "q, or of two sensors); from Kirchhoff's law with the gains found"
+        )
+    if too_high:
+        dropped = ", ".join(map(str, too_high))
+        notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+    if len({point.spectrum.direction for point in points}) < 2:
+        notes.append(ONE_DIRECTION)
+    return notes

@@ -92,7 +92,8 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         commands_A[first:end] = tables_A[1][samples.count[first:end]]
     currents_A = np.concatenate([samples.i_A, commands_A], axis=1)
     turns = np.array(samples.turns)
-    torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
+    padded = -(-(basis.width + 2) // 4) * 4  # a multiple of 4, as `add_products` wants it
+    torque = np.zeros((len(turns), padded, padded))
     currents = np.zeros((len(turns), 8, 8))
     groups = min(len(turns), TURN_GROUPS)
     binned = np.zeros((groups, min(counts, ANGLE_BINS), basis.command.start + 2))
@@ -287,11 +288,6 @@ def settled(samples: Samples, basis: Basis) -> np.ndarray:
     state[:, CURRENT] = (samples.i_A[first:end] * k).mean(axis=0)
     state[:, basis.command] = (samples.command_A[first:end] * k).mean(axis=0)
     return state
-
-
-def _padded(width: int) -> int:
-    """Return the next multiple of 4, as `add_products` wants it."""
-    return -(-width // 4) * 4
 
 
 def _without_trend(products: np.ndarray) -> np.ndarray:
