@@ -18,11 +18,11 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from motord.allowance import Allowance
 from motord.dashboard.frames import FrameError, encode
 from motord.dashboard.page.messages import PageMessage, read
 from motord.dashboard.page.sending import PageGone, Sender
 from motord.dashboard.tokens import Tokens, foreign
+from motord.process.allowance import Allowance
 from motord.security.roles import Role
 
 SUBPROTOCOL = "motord.1"

@@ -8,7 +8,7 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
 
-from motord.allowance import Allowance
+from motord.process.allowance import Allowance
 from motord.recorder.pipe_lines import LineReader
 
 TEXT_MAX = 16_384

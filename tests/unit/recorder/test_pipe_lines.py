@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from motord.allowance import Allowance
+from motord.process.allowance import Allowance
 from motord.recorder import pipe_lines
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.recorder.protocol import MessageReader, RecorderReport

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from motord.allowance import Allowance
+from motord.process.allowance import Allowance
 from motord.process.module_command import module_command
 from motord.recorder.protocol import Message, MessageReader
 from motord.service.host.child_faults import ChildFaults

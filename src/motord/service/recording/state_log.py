@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from motord.allowance import Allowance
+from motord.process.allowance import Allowance
 
 RATE_PER_S = 10.0
 BURST = 10.0
