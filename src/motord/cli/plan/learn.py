@@ -63,6 +63,9 @@ def learn(
             _install(session.commander, calibration)
         for number in range(1, passes + 1):
             done = _pass(session.commander, chosen, calibration, learning, quiet=as_json)
+            for finding in done.limited():
+                why = f"{finding.meaning}; {finding.action}"
+                fail(f"pass {number}: {why}; calibration {calibration.id} stays in force")
             if number == passes:
                 done = finish(done, datetime.now(UTC))
             calibration = done.calibration

@@ -60,9 +60,10 @@ class LearnPass:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Of the calibration: where data depart from its model; and corrections at their limit."""
-        return (*(self.calibration.findings or ()), *self._limited())
+        return (*(self.calibration.findings or ()), *self.limited())
 
-    def _limited(self) -> Iterator[Finding]:
+    def limited(self) -> Iterator[Finding]:
+        """Yield a finding where a correction is at its limit, and is not what the torque needs."""
         at = [
             f"{torque_Nm:g} Nm, {speed_Hz:g} Hz"
             for (torque_Nm, speed_Hz), point in self.learned.by_place.items()

@@ -142,6 +142,18 @@ def test_a_pass_that_ends_otherwise_ends_it_in_a_line(
     assert not daemon.installed
 
 
+def test_a_correction_at_its_limit_is_not_installed(
+    daemon: Daemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motord.experiments.ilc.analysis.AT_LIMIT", 1e-6)
+    code, _, error = run("--passes", 2)
+    assert code == 1
+    assert "pass 1: " in error
+    assert "more is left than the 600 mNm" in error
+    assert "stays in force" in error
+    assert not daemon.installed
+
+
 def test_what_was_accepted_stays_accepted(daemon: Daemon) -> None:
     in_force = daemon.calibration
     assert in_force is not None
