@@ -20,8 +20,8 @@ FEW_STEPS = 4
 """Steps below which their scatter says little."""
 
 SCALE_PART = 0.3
-"""Part by which measured and set torque may differ: gains of phases, cogging and friction make a
-tenth at most."""
+"""Part by which the impulse of the measured torque may differ from that of the set one, median of
+the steps: gains of the phases and cogging torque make a few hundredths."""
 
 AGE_TICKS, AGE_LEAST_S = 2.0, 3e-3
 """Ticks, and time, by which torque and angle may be apart: sampling makes a part of a tick."""

@@ -1,8 +1,7 @@
 """What is questionable about an efficiency map, each with its meaning and what to do."""
 
 from collections.abc import Iterator, Sequence
-from math import pi
-from statistics import median
+from math import copysign, pi
 
 from motord.config import AccuracyConfig
 from motord.experiments.subject import Subject
@@ -30,7 +29,8 @@ BETWEEN_TICKS = 0.002
 """Part of the torque that may be unseen between ticks."""
 
 SCALE_PART = 0.3
-"""Part by which measured and set torque may differ: gains of phases and friction make a tenth."""
+"""Part by which measured and set torque may differ over all points: gains of the phases, zero and
+friction make less."""
 
 ACCURACIES = ("torque_gain_percent", "torque_zero_Nm", "power_gain_percent", "power_zero_W")
 
@@ -50,8 +50,9 @@ def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Findin
 
 def _scale(points: Sequence[OperatingPower]) -> Iterator[Finding]:
     """Yield a finding where the sensor shows much more or less than the torque that was set."""
-    ratios = [one.torque_mean_Nm / one.torque_Nm for one in points if one.torque_Nm]
-    ratio = median(ratios) if ratios else 1.0
+    set_Nm = sum(abs(one.torque_Nm) for one in points)
+    along_Nm = sum(copysign(1.0, one.torque_Nm) * one.torque_mean_Nm for one in points)
+    ratio = along_Nm / set_Nm if set_Nm else 1.0
     if abs(ratio - 1) > SCALE_PART:
         yield Finding(
             "torque-scale", 100 * (ratio - 1), 100 * SCALE_PART, "%", "serious",

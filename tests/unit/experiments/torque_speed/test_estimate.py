@@ -338,7 +338,7 @@ def test_findings_say_what_intervals_do_not_hold() -> None:
     assert (wrong.name, wrong.severity) == ("negative-losses", "serious")
     for part, names in ((0.75, []), (0.65, ["torque-scale"]), (1000.0, ["torque-scale"])):
         scaled = replace(good, torque_mean_Nm=part * good.torque_Nm)
-        assert [one.name for one in findings([scaled, scaled, good], subject)] == names
+        assert [one.name for one in findings([scaled, scaled], subject)] == names
     drifting = found(Machine(seconds_s=30.0, loss_rate_W_per_s=0.2))
     assert [one.name for one in findings([drifting], subject)] == ["losses-drift"]
     for in_step, readings, names in (
