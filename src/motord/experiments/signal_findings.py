@@ -1,6 +1,6 @@
-"""Clipped and frozen signals as findings."""
+"""Clipped and frozen signals, and a torque of another scale, as findings."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from motord.findings import Finding, listed
 from motord.identification.signal_condition import CLIPPED_SHARE, SignalFault
@@ -31,6 +31,25 @@ KINDS = {
     ),
 }  # fmt: skip
 """Of faults: unit and limit of their share, what they mean, what to do."""
+
+SCALE_PART = 0.3
+"""Part by which measured and set torque may differ over all points or steps: gains of the phases,
+cogging torque, zero and friction make less."""
+
+
+def torque_scale(ratio: float, spoiled: str) -> Iterator[Finding]:
+    """Yield a finding if the sensor shows much more or less than the torque that was set.
+
+    ratio: measured over set torque; spoiled: which figures are as wrong.
+    """
+    if abs(ratio - 1) > SCALE_PART:
+        yield Finding(
+            "torque-scale", 100 * (ratio - 1), 100 * SCALE_PART, "%", "serious",
+            f"the sensor shows {ratio:.3g} times the torque that was set: its scale or zero is "
+            f"wrong, or the scale of the currents, and {spoiled} with it",
+            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, and the scale of the "
+            "drive's currents",
+        )  # fmt: skip
 
 
 def signal_findings(seen: Iterable[tuple[str, Sequence[SignalFault]]]) -> tuple[Finding, ...]:

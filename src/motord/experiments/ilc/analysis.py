@@ -41,7 +41,7 @@ class LearnPass:
     """What a pass left at the points, in the order in which they were taken, and what comes next.
 
     calibration: with the corrections to apply from now on. unreached: what the torque shows and is
-    not corrected; reach: how far that goes at each speed, in words. limit_Nm: that no correction
+    not corrected; reach: how far that goes at each speed, as text. limit_Nm: that no correction
     exceeds.
     """
 

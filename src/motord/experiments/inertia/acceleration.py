@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from motord.config import AccelerationConfig, TorqueSensorConfig
 from motord.experiments.inertia.torque_step import TorqueStep, read_step
+from motord.experiments.signal_findings import torque_scale
 from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor, t_quantile
@@ -18,10 +19,6 @@ RARE = 0.001
 
 FEW_STEPS = 4
 """Steps below which their scatter says little."""
-
-SCALE_PART = 0.3
-"""Part by which the impulse of the measured torque may differ from that of the set one, median of
-the steps: gains of the phases and cogging torque make a few hundredths."""
 
 AGE_TICKS, AGE_LEAST_S = 2.0, 3e-3
 """Ticks, and time, by which torque and angle may be apart: sampling makes a part of a tick."""
@@ -113,6 +110,7 @@ def accelerate(
         sources.append(TorqueSource("its time constant", other))
     sources.append(repetition)
     relative = sqrt(sum(s.uncertainty**2 for s in sources))
+    ratio = float(np.median([step.impulse_ratio for step in steps]))
     return Acceleration(
         steps=steps,
         inertia_kg_m2=value,
@@ -121,21 +119,8 @@ def accelerate(
         commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in steps])),
         plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
         budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
-        findings=(*_scale(steps), *_age(steps), *both.findings),
+        findings=(*torque_scale(ratio, "the inertia"), *_age(steps), *both.findings),
     )
-
-
-def _scale(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
-    """Yield a finding where the sensor shows much more or less than the torque that was set."""
-    ratio = float(np.median([step.impulse_ratio for step in steps]))
-    if abs(ratio - 1) > SCALE_PART:
-        yield Finding(
-            "torque-scale", 100 * (ratio - 1), 100 * SCALE_PART, "%", "serious",
-            f"the sensor shows {ratio:.3g} times the torque that was set, and the inertia is in "
-            "proportion to what it shows: its scale is wrong, or that of the currents",
-            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, and the scale of the "
-            "drive's currents",
-        )  # fmt: skip
 
 
 def _age(steps: Sequence[TorqueStep]) -> Iterator[Finding]:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import copysign, pi
 
 from motord.config import AccuracyConfig
+from motord.experiments.signal_findings import torque_scale
 from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.result import OperatingPower
 from motord.experiments.torque_speed.uncertainty import freedom_of
@@ -28,10 +29,6 @@ BY_CHANCE = 2.2
 BETWEEN_TICKS = 0.002
 """Part of the torque that may be unseen between ticks."""
 
-SCALE_PART = 0.3
-"""Part by which measured and set torque may differ over all points: gains of the phases, zero and
-friction make less."""
-
 ACCURACIES = ("torque_gain_percent", "torque_zero_Nm", "power_gain_percent", "power_zero_W")
 
 
@@ -53,14 +50,7 @@ def _scale(points: Sequence[OperatingPower]) -> Iterator[Finding]:
     set_Nm = sum(abs(one.torque_Nm) for one in points)
     along_Nm = sum(copysign(1.0, one.torque_Nm) * one.torque_mean_Nm for one in points)
     ratio = along_Nm / set_Nm if set_Nm else 1.0
-    if abs(ratio - 1) > SCALE_PART:
-        yield Finding(
-            "torque-scale", 100 * (ratio - 1), 100 * SCALE_PART, "%", "serious",
-            f"the sensor shows {ratio:.3g} times the torque that was set: its scale or zero is "
-            "wrong, or that of the currents, and mechanical power and efficiency with it",
-            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, and the scale of the "
-            "drive's currents",
-        )  # fmt: skip
+    yield from torque_scale(ratio, "mechanical power and efficiency")
 
 
 def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:
