@@ -1,6 +1,9 @@
-"""Clipped and frozen signals, and a torque of another scale, as findings."""
+"""Clipped, frozen and misread signals, and torque and currents of another scale, as findings."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import copysign
+
+import numpy as np
 
 from motord.findings import Finding, listed
 from motord.identification.signal_condition import CLIPPED_SHARE, SignalFault
@@ -29,12 +32,31 @@ KINDS = {
         "has a line that never changes, so that half of the angles never come",
         "look at the encoder's plug and lines; `motord check` reads it",
     ),
+    "misread": (
+        "% of the samples", 0.0,
+        "jumps for single samples, so that angle and turns are wrong there",
+        "shield the encoder's lines, and let the bridge board read them twice; look for a loose "
+        "plug",
+    ),
 }  # fmt: skip
 """Of faults: unit and limit of their share, what they mean, what to do."""
 
 SCALE_PART = 0.3
 """Part by which measured and set torque may differ over all points or steps: gains of the phases,
 cogging torque, zero and friction make less."""
+
+CURRENT_PART = 0.15
+"""Part by which the RMS of a sensed and of a commanded current may differ: a drive that is slow for
+the speed makes less."""
+
+
+def mean_torque_scale(means_Nm: Iterable[tuple[float, float]], spoiled: str) -> Iterator[Finding]:
+    """Yield `torque_scale` of the set and the mean measured torque of each point."""
+    pairs = list(means_Nm)
+    set_Nm = sum(abs(one) for one, _ in pairs)
+    if set_Nm:
+        along_Nm = sum(copysign(1.0, one) * measured for one, measured in pairs)
+        yield from torque_scale(along_Nm / set_Nm, spoiled)
 
 
 def torque_scale(ratio: float, spoiled: str) -> Iterator[Finding]:
@@ -49,6 +71,23 @@ def torque_scale(ratio: float, spoiled: str) -> Iterator[Finding]:
             f"wrong, or the scale of the currents, and {spoiled} with it",
             "check [torque_sensor] gain_Nm_per_V with a weight on a lever, and the scale of the "
             "drive's currents",
+        )  # fmt: skip
+
+
+def current_scale(ratios: np.ndarray, spoiled: str) -> Iterator[Finding]:
+    """Yield a finding if a phase's current is much more or less than commanded.
+
+    ratios (3,): of `CurrentProducts`; spoiled: which figures are as wrong.
+    """
+    off = [n for n in range(3) if abs(ratios[n] - 1) > CURRENT_PART]
+    if off:
+        worst = ratios[max(off, key=lambda n: abs(ratios[n] - 1))]
+        phases = ", ".join(f"{'abc'[n]} {ratios[n]:.3g}" for n in off)
+        yield Finding(
+            "current-scale", 100 * (worst - 1), 100 * CURRENT_PART, "%", "serious",
+            f"sensed over commanded current of phase {phases} (RMS): one of them has another unit, "
+            f"scale, sign or phase, or the drive did not follow, and {spoiled}",
+            "check scale, sign and order of the currents in the drive's DBC file with a shunt",
         )  # fmt: skip
 
 

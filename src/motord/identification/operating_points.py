@@ -13,9 +13,9 @@ from motord.identification.orders import resolved_order
 from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.signal_condition import (
     SignalFault,
+    encoder_faults,
     require_change,
     signal_faults,
-    stuck_lines,
 )
 from motord.identification.turning import continuous_turns
 
@@ -184,8 +184,8 @@ def _faults(ticks: np.ndarray, turns: int, counts: int) -> tuple[SignalFault, ..
     names = ticks.dtype.names or ()
     known = {one: ticks[name] for one, name in commands.items() if name in names}
     signals = {name: ticks[name] for name in ("torque_Nm", *known)}
-    lines = stuck_lines(ticks["encoder_count"].astype(np.int64), counts)
-    return (*signal_faults(signals, turns, known), *lines)
+    encoder = encoder_faults(ticks["encoder_count"].astype(np.int64), counts)
+    return (*signal_faults(signals, turns, known), *encoder)
 
 
 def require_currents(samples: Samples) -> None:
@@ -201,7 +201,7 @@ def _commands(ticks: np.ndarray, good: np.ndarray | slice) -> np.ndarray | None:
     """Return the commanded currents of the samples `good` (n, 3), None where there are none."""
     if not set(COMMANDS) <= set(ticks.dtype.names or ()):
         return None
-    commands = _columns(ticks, COMMANDS)[good]
+    commands = stacked(ticks, COMMANDS)[good]
     return commands if np.isfinite(commands).all() else None
 
 
@@ -222,7 +222,8 @@ def _finite(*columns: np.ndarray) -> np.ndarray:
     return finite
 
 
-def _columns(ticks: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+def stacked(ticks: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Return columns of ticks (n,) side by side (n, columns), as float64."""
     columns = np.empty((ticks.size, len(names)))
     for number, name in enumerate(names):
         columns[:, number] = ticks[name]
@@ -231,7 +232,7 @@ def _columns(ticks: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 
 def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     """Return the sensed currents at the instants of the torque samples (n, 3)."""
-    i_A = _columns(ticks, CURRENTS)
+    i_A = stacked(ticks, CURRENTS)
     if "i_age_ns" not in (ticks.dtype.names or ()) or not ticks["i_age_ns"].any():
         return i_A
     source_s = t_s - ticks["i_age_ns"] * 1e-9

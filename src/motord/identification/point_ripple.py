@@ -6,7 +6,7 @@ sensor's frequency response is divided out order by order.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -30,7 +30,7 @@ class PointRipple:
     line_Nm (n,): complex amplitude, order h being Re(line exp(j h theta)); noise_Nm (n,): its
     standard error; even_odd_Nm (2, n): the lines of even and of odd turns. One whole turn alone
     does not show its noise, which is in the RMS then: noise_Nm is nan, stderr_percent None.
-    faults: signals that are clipped or frozen.
+    faults: signals that are not right. mean_Nm: mean torque, None if the sensor does not pass it.
     """
 
     JSON: ClassVar = (
@@ -50,6 +50,7 @@ class PointRipple:
     noise_Nm: np.ndarray
     even_odd_Nm: np.ndarray
     faults: tuple[SignalFault, ...] = ()
+    mean_Nm: float | None = None
 
     @property
     def label(self) -> str:
@@ -102,7 +103,9 @@ def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfi
     """Return the ripple of an operating point."""
     order = np.arange(1, highest_order(samples, motor, sensor) + 1)
     seen = response(sensor, order * samples.velocity_Hz) * cell_gain(order, motor.counts)
-    return ripple_of(samples, samples.torque_Nm, seen, motor)
+    found = ripple_of(samples, samples.torque_Nm, seen, motor)
+    mean_Nm = float(samples.torque_Nm[samples.whole].mean()) if sensor.passes_mean else None
+    return replace(found, mean_Nm=mean_Nm)
 
 
 def ripple_of(

@@ -1,6 +1,6 @@
-"""Signals that do not show what they measure: clipped at the end of a range, or frozen.
+"""Signals that do not show what they measure: clipped at the end of a range, frozen, misread.
 
-Both leave figures that look sound: a torque that does not change has no ripple, and a mean of
+They leave figures that look sound: a torque that does not change has no ripple, and a mean of
 peaks that were cut off is too small with a small scatter.
 """
 
@@ -26,6 +26,10 @@ COMMAND_SHARE = 0.02
 whose reference is flat there."""
 SAMPLES_A_COUNT = 0.25
 """Samples, for each count of the encoder, from which on each of its lines changes."""
+MISREAD_MIN = 3
+"""Samples that are off by themselves from which on an encoder is misread, not disturbed once."""
+MISREAD_STEPS, MISREAD_COUNTS = 3.0, 8
+"""A sample is off that is so many usual steps, and counts, away from both of its neighbours."""
 FROZEN_TURN = 0.125
 FROZEN_RUNS = 20.0
 """A value is frozen that stays for this part of a turn, and for so many times the mean time."""
@@ -36,8 +40,40 @@ class SignalFault:
     """What is wrong with a signal, in which share of its samples."""
 
     signal: str
-    kind: Literal["clipped", "frozen", "stuck"]
+    kind: Literal["clipped", "frozen", "stuck", "misread"]
     share: float
+
+
+@dataclass(frozen=True)
+class CurrentProducts:
+    """Sums over samples, by phase (3,): squares of sensed and of commanded currents, products."""
+
+    sensed_A2: np.ndarray
+    commanded_A2: np.ndarray
+    both_A2: np.ndarray
+
+    @classmethod
+    def of(cls, sensed_A: np.ndarray, commanded_A: np.ndarray) -> "CurrentProducts":
+        """Return the sums of currents (n, 3); samples that are not finite do not count."""
+        pairs = ((sensed_A, sensed_A), (commanded_A, commanded_A), (sensed_A, commanded_A))
+        good = np.isfinite(sensed_A).all(axis=1) & np.isfinite(commanded_A).all(axis=1)
+        return cls(*(np.einsum("np,np->p", one[good], other[good]) for one, other in pairs))
+
+    def __add__(self, other: "CurrentProducts") -> "CurrentProducts":
+        return CurrentProducts(
+            self.sensed_A2 + other.sensed_A2,
+            self.commanded_A2 + other.commanded_A2,
+            self.both_A2 + other.both_A2,
+        )
+
+    @property
+    def ratios(self) -> np.ndarray:
+        """RMS of the sensed over that of the commanded current (3,), negative where against it.
+
+        A drive that lags does not make it smaller. nan where nothing was commanded.
+        """
+        commanded = np.where(self.commanded_A2 > 0, self.commanded_A2, np.nan)
+        return np.asarray(np.sign(self.both_A2) * np.sqrt(self.sensed_A2 / commanded))
 
 
 def require_change(signals: Mapping[str, np.ndarray], label: str) -> None:
@@ -50,10 +86,12 @@ def require_change(signals: Mapping[str, np.ndarray], label: str) -> None:
             )
 
 
-def require_sound(signals: Mapping[str, np.ndarray], turns: float, label: str) -> None:
-    """Raise IdentifyError also if a signal (n,) is clipped or frozen for a part of the turns."""
+def require_sound(
+    signals: Mapping[str, np.ndarray], count: np.ndarray, counts: int, turns: float, label: str
+) -> None:
+    """Raise IdentifyError also if a signal (n,) is clipped or frozen, or count (n,) not right."""
     require_change(signals, label)
-    for one in signal_faults(signals, turns, {}):
+    for one in (*signal_faults(signals, turns, {}), *encoder_faults(count, counts)):
         raise IdentifyError(
             f"{label}: {one.signal} is {one.kind} in {one.share:.2%} of the samples"
         )
@@ -71,6 +109,27 @@ def signal_faults(
         for name, values in signals.items()
         for kind, share in _faults(values, turns, commands.get(name))
     )
+
+
+def encoder_faults(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
+    """Return what is wrong with encoder counts (n,) of whole turns."""
+    return (*stuck_lines(count, counts), *misread_counts(count, counts))
+
+
+def misread_counts(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
+    """Return an encoder of whose counts (n,) single samples are far from both of their neighbours.
+
+    Those near each other, the one between was misread; a gap in the recording is none.
+    """
+    half = counts // 2
+    step = (np.diff(count) + half) % counts - half
+    if step.size < 2:
+        return ()
+    far = MISREAD_STEPS * float(np.percentile(np.abs(step), 95)) + MISREAD_COUNTS
+    there, back = step[:-1], step[1:]
+    off = (np.abs(there) > far) & (np.abs(back) > far) & (np.abs(there + back) <= far)
+    number = int(off.sum())
+    return (SignalFault("encoder_count", "misread", number / count.size),) * (number >= MISREAD_MIN)
 
 
 def stuck_lines(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:

@@ -20,6 +20,13 @@ GAP = 0.1
 """Part of a turn that may be missing between two turns of one segment: a rotor that trembles."""
 
 
+TURN_MORE = (
+    "record at least 2 turns; if it did turn, a line of the encoder is stuck "
+    "(`motord check` reads it)"
+)
+"""What to do where there is no whole turn."""
+
+
 @dataclass(frozen=True)
 class Turn:
     """Samples `first` to `end` (not included) of one whole turn, forward (1) or backward (-1)."""
@@ -98,9 +105,7 @@ def continuous_turns(
     edges = np.searchsorted(turn, np.arange(first, last + 1))
     pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
     if not pairs:
-        raise IdentifyError(
-            f"{label}: no whole turn from zero point to zero point; record at least 2 turns"
-        )
+        raise IdentifyError(f"{label}: no whole turn from zero point to zero point; {TURN_MORE}")
     return pairs
 
 

@@ -1,64 +1,49 @@
 """What analyses say of recordings whose signals are dead, clipped, frozen or in another unit."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motord.cli.analysis_command import app as analyse
-from motord.recording.reader import open_run
-from motord.recording.writer import RunWriter
+from tests.support.wrong_signals import CHANGES, Change, change_recording
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
 
-Change = Callable[[np.ndarray], None]
 
-
-def dead(ticks: np.ndarray) -> None:
+def dead(ticks: np.ndarray) -> np.ndarray:
     ticks["torque_Nm"] = 0.1
+    return ticks
 
 
-def clipped(ticks: np.ndarray) -> None:
+def clipped(ticks: np.ndarray) -> np.ndarray:
     inside = np.abs(ticks["torque_Nm"][ticks["plan_point"] >= 0])
     end = 0.85 * float(inside.max())
     ticks["torque_Nm"] = np.clip(ticks["torque_Nm"], -end, end)
+    return ticks
 
 
-def frozen(ticks: np.ndarray) -> None:
+def frozen(ticks: np.ndarray) -> np.ndarray:
     [place] = np.nonzero(ticks["plan_point"] == 1)
     ticks["torque_Nm"][place[1000:2500]] = ticks["torque_Nm"][place[1000]]
+    return ticks
 
 
-def stuck(ticks: np.ndarray) -> None:
+def stuck(ticks: np.ndarray) -> np.ndarray:
     ticks["encoder_count"] |= 512
+    return ticks
 
 
-def clipped_current(ticks: np.ndarray) -> None:
+def clipped_current(ticks: np.ndarray) -> np.ndarray:
     inside = np.abs(ticks["i_b_A"][ticks["plan_point"] >= 0])
     end = 0.95 * float(inside.max())
     ticks["i_b_A"] = np.clip(ticks["i_b_A"], -end, end)
+    return ticks
 
 
-def milliamperes(ticks: np.ndarray) -> None:
-    for phase in "abc":
-        ticks[f"i_{phase}_A"] *= 1000
-
-
-def uncommanded(ticks: np.ndarray) -> None:
+def uncommanded(ticks: np.ndarray) -> np.ndarray:
     ticks["i_cmd_b_A"] = 0.0
-
-
-def changed(source: Path, path: Path, change: Change) -> Path:
-    """Write a recording with other ticks."""
-    before = open_run(source)
-    ticks = before.ticks().copy()
-    change(ticks)
-    with RunWriter(path, before.metadata) as writer:
-        writer.ticks(ticks)
-        for point in before.operating_points():
-            writer.operating_point(point["t_ns"], point)
-    return path
+    return ticks
 
 
 @pytest.mark.parametrize(
@@ -71,12 +56,14 @@ def changed(source: Path, path: Path, change: Change) -> Path:
         ("verify", stuck, "encoder-stuck"),
         ("verify", clipped, "torque-clipped"),
         ("verify", frozen, "torque-frozen"),
+        ("verify", CHANGES["torque in mNm"], "torque-scale"),
+        ("verify", CHANGES["encoder misread at times"], "encoder-misread"),
     ],
 )
 def test_a_serious_finding_names_the_signal(
     recorded: Recorded, tmp_path: Path, kind: str, change: Change, finding: str
 ) -> None:
-    path = changed(recorded.off, tmp_path / "run.mcap", change)
+    path = change_recording(recorded.off, tmp_path / "run.mcap", change)
     code, out, error = run(analyse, kind, path)
     assert code == 0, error
     assert f"serious: {finding}" in " ".join(out.split())
@@ -86,7 +73,7 @@ def test_a_serious_finding_names_the_signal(
 def test_a_torque_that_never_changes_is_refused(
     recorded: Recorded, tmp_path: Path, kind: str
 ) -> None:
-    path = changed(recorded.off, tmp_path / "run.mcap", dead)
+    path = change_recording(recorded.off, tmp_path / "run.mcap", dead)
     code, _, error = run(analyse, kind, path)
     assert code == 1
     assert f"{path}: " in error
@@ -96,14 +83,17 @@ def test_a_torque_that_never_changes_is_refused(
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (milliamperes, "the sensed current of phase a is 1e+03 times the commanded one (RMS)"),
+        (
+            CHANGES["currents in mA"],
+            "the sensed current of phase a is 1e+03 times the commanded one (RMS)",
+        ),
         (uncommanded, "phase b had a current, and none was commanded"),
     ],
 )
 def test_currents_that_are_not_those_commanded_are_refused(
     recorded: Recorded, tmp_path: Path, change: Change, reason: str
 ) -> None:
-    path = changed(recorded.off, tmp_path / "run.mcap", change)
+    path = change_recording(recorded.off, tmp_path / "run.mcap", change)
     code, _, error = run(analyse, "calibrate", path)
     assert code == 1
     assert reason in error

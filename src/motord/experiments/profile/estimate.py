@@ -19,6 +19,7 @@ from scipy.signal import lfilter
 
 from motord.calibration import Calibration
 from motord.experiments.points_left_out import points_left_out
+from motord.experiments.profile.findings import CycleSignals, findings
 from motord.experiments.profile.result import Cycle, CycleSeries, ProfileTracking, TrackingError
 from motord.experiments.profile.settings import NAME, ProfileConfig
 from motord.experiments.subject import (
@@ -28,7 +29,7 @@ from motord.experiments.subject import (
     check_plan,
     recorded_settings,
 )
-from motord.identification.operating_points import CURRENTS, good_points
+from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
 from motord.identification.signal_condition import require_change
 from motord.recording.reader import Run, bounds_of
 from motord.uncertainty_budget import totals
@@ -75,8 +76,8 @@ def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileT
                 f"{run.path}: is of another profile than {runs[0].path}; analyse them one by one"
             )
     own = settings[0]
-    cycles = tuple(one for run in runs for one in _cycles(run, subject, own, calibration))
-    if not cycles:
+    found = [one for run in runs for one in _cycles(run, subject, own, calibration)]
+    if not found:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: no cycle of good quality in there; play the profile again")
     return ProfileTracking(
@@ -86,8 +87,8 @@ def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileT
         own.torque_tolerance_Nm,
         _scale_uncertainty(subject, calibration),
         _source(subject, calibration),
-        cycles,
-        points_left_out(runs),
+        tuple(cycle for cycle, _ in found),
+        (*findings([signals for _, signals in found], subject), *points_left_out(runs)),
     )
 
 
@@ -121,44 +122,50 @@ def _source(subject: Subject, calibration: Calibration | None) -> str:
 
 def _cycles(
     run: Run, subject: Subject, own: ProfileConfig, calibration: Calibration | None
-) -> Iterator[Cycle]:
+) -> Iterator[tuple[Cycle, CycleSignals]]:
     missing = [name for name in COLUMNS if name not in run.columns]
     if missing:
         raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
     for point in good_points(run.operating_points()):
-        signals = _signals(run, point, subject, calibration)
+        signals, checked = _signals(run, point, subject, calibration)
         if signals.t_s.size < 2 or not np.isfinite(signals.torque_Nm).all():
             raise AnalysisError(
                 f"{run.path}: cycle {int(point['index']) + 1} has no ticks, or no torque, speed "
                 "or currents in them"
             )
-        yield _cycle(signals, int(point["index"]), run.path.name, own)
+        yield _cycle(signals, int(point["index"]), run.path.name, own), checked
 
 
 def _signals(
     run: Run, point: Mapping[str, Any], subject: Subject, calibration: Calibration | None
-) -> _Signals:
-    """Return a cycle over the profile's time."""
+) -> tuple[_Signals, CycleSignals]:
+    """Return a cycle over the profile's time, and its signals to be checked."""
     tau_s, bounds = subject.sensor.highpass_time_constant_s, bounds_of(point)
     bounds["from_ns"] -= round(BEFORE_TIME_CONSTANTS * tau_s * 1e9)
-    ticks = run.ticks(COLUMNS, **bounds)
-    torque_Nm = ticks["torque_Nm"].astype(float)
+    commands = COMMANDS if set(COMMANDS) <= set(run.columns) else ()
+    ticks = run.ticks((*COLUMNS, *commands), **bounds)
+    torque_Nm, set_Nm = (ticks[name].astype(float) for name in ("torque_Nm", "torque_set_Nm"))
+    currents_Nm = np.full(ticks.size, np.nan)
     if tau_s > 0 and ticks.size > 1:
         period_s = float(np.median(np.diff(ticks["t_ns"]))) * 1e-9
         currents_Nm = _from_currents(ticks, subject, calibration)
         decay = exp(-period_s / tau_s)
         fast_Nm = _passed(_passed(currents_Nm, decay), decay)
-        torque_Nm = _passed(torque_Nm, decay) + currents_Nm - fast_Nm
+        torque_Nm, set_Nm = (
+            _passed(torque_Nm, decay) + currents_Nm - fast_Nm,
+            _passed(set_Nm, decay),
+        )
     captured = ticks["plan_point"] == int(point["index"])
     ticks, torque_Nm = ticks[captured], torque_Nm[captured]
-    label = f"{run.path}: cycle {int(point['index']) + 1}"
-    require_change({"torque_Nm": ticks["torque_Nm"]}, label)
+    name = f"cycle {int(point['index']) + 1}"
+    require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {name}")
+    checked = CycleSignals.of(name, ticks, set_Nm[captured], currents_Nm[captured], subject.motor)
     if not ticks.size:
-        return _Signals(*(np.empty(0),) * 6)
+        return _Signals(*(np.empty(0),) * 6), checked
     at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
     speed_wanted, torque_wanted_Nm = _asked_for(at_s, ticks)
     step_rad = 2 * np.pi / subject.motor.counts
-    return _Signals(
+    signals = _Signals(
         at_s + float(point.get("profile_start_s", 0.0)),
         speed_wanted / (2 * np.pi),
         ticks["speed_rad_s"].astype(float) / (2 * np.pi),
@@ -166,6 +173,7 @@ def _signals(
         torque_Nm,
         np.unwrap(subject.motor.encoder_direction * step_rad * ticks["encoder_count"]),
     )
+    return signals, checked
 
 
 def _passed(torque_Nm: np.ndarray, decay: float) -> np.ndarray:
@@ -178,7 +186,7 @@ def _from_currents(
     ticks: np.ndarray, subject: Subject, calibration: Calibration | None
 ) -> np.ndarray:
     """Return the torque (n,) of the sensed currents, and cogging if there is a calibration."""
-    i_A = np.column_stack([ticks[name] for name in CURRENTS]).astype(float)
+    i_A = stacked(ticks, CURRENTS)
     count, cogging_Nm = ticks["encoder_count"], np.zeros(1)
     if calibration is not None:
         i_A = i_A * (calibration.delta_epsilon * np.array(calibration.alpha))

@@ -95,8 +95,8 @@ class ProfileTracking:
     """A profile that was played once or more.
 
     torque_uncertainty: standard uncertainty of the torque's scale, in parts (Type B), None if it
-    is not known; torque_source: where the torque is from, in words; left_out: findings of points
-    without a good take.
+    is not known; torque_source: where the torque is from, in words; of_data: findings of signals
+    and of points without a good take.
     """
 
     JSON: ClassVar = (
@@ -120,7 +120,7 @@ class ProfileTracking:
     torque_uncertainty: float | None
     torque_source: str
     cycles: tuple[Cycle, ...]
-    left_out: tuple[Finding, ...] = ()
+    of_data: tuple[Finding, ...] = ()
 
     @cached_property
     def speed_rms_Hz(self) -> CycleMean:
@@ -185,8 +185,8 @@ class ProfileTracking:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Where the bench did not follow."""
-        return (*self._untracked(), *self.left_out)
+        """What is questionable, and where the bench did not follow."""
+        return (*self._untracked(), *self.of_data)
 
     def _untracked(self) -> Iterator[Finding]:
         for name, within, tolerance, action in (

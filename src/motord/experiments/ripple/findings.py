@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from math import hypot
 
-from motord.experiments.signal_findings import signal_findings
+from motord.experiments.signal_findings import mean_torque_scale, signal_findings
 from motord.findings import Finding, listed
 from motord.identification.point_ripple import PointRipple
 
@@ -13,6 +13,9 @@ SURE = 3.0
 HALF_WIDTH = 1.96
 """Of a 95 % interval, in standard errors."""
 
+MOST_PERCENT = 100.0
+"""RMS error, percent of rated, that no motor has."""
+
 HIDDEN_PERCENT = 0.1
 """Half-width of an RMS error, percent of rated, from which on noise that exceeds it matters."""
 
@@ -20,7 +23,31 @@ HIDDEN_PERCENT = 0.1
 def findings(ripples: Sequence[PointRipple]) -> tuple[Finding, ...]:
     """Return what is questionable about the ripple of the points."""
     faults = signal_findings((one.label, one.faults) for one in ripples)
-    return (*_one_turn(ripples), *_hidden(ripples), *_worse(ripples), *faults)
+    return (
+        *_scale(ripples),
+        *_one_turn(ripples),
+        *_hidden(ripples),
+        *_worse(ripples),
+        *faults,
+    )
+
+
+def _scale(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
+    """Yield a finding where mean torque or ripple is of another scale than the torque that was set.
+
+    A sensor that does not pass the mean shows a wrong scale only by ripple that no motor has.
+    """
+    means_Nm = [(one.torque_Nm, one.mean_Nm) for one in ripples if one.mean_Nm is not None]
+    found = tuple(mean_torque_scale(means_Nm, "all RMS errors"))
+    yield from found
+    worst = max(ripples, key=lambda one: one.rms_percent)
+    if not found and worst.rms_percent > MOST_PERCENT:
+        yield Finding(
+            "torque-scale", worst.rms_percent, MOST_PERCENT, "% of rated", "serious",
+            f"{worst.label}: the ripple is larger than the rated torque of [motor]: the torque is "
+            "in another unit (mNm for Nm), or rated_torque_Nm is wrong",
+            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, or the import map",
+        )  # fmt: skip
 
 
 def _one_turn(ripples: Sequence[PointRipple]) -> Iterator[Finding]:

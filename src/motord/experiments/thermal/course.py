@@ -1,7 +1,7 @@
 """What was measured of a heat-up and its cooling: currents by the step, readings of channels."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,8 +42,8 @@ class ThermalCourse:
 
     squares_A2 (k,): sum of the squares of the phase currents, mean over steps of `step_s`.
     readings: by node, in the order of the network. heating_s: when the current ended; ended_by: why
-    heat-up and cooling ended. ambient: of its channel, if there is one. current_ratio: RMS of the
-    currents over that of those commanded, None where no commands were recorded.
+    heat-up and cooling ended. ambient: of its channel, if there is one. current_ratios
+    (3,): currents over those commanded, of each phase; nan where no commands were recorded.
     """
 
     step_s: float
@@ -52,7 +52,7 @@ class ThermalCourse:
     heating_s: float
     ended_by: tuple[str, str]
     ambient: Readings | None = None
-    current_ratio: float | None = None
+    current_ratios: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
 
     @property
     def nodes(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from motord.experiments.signal_findings import current_scale
 from motord.experiments.thermal.course import Readings
 from motord.experiments.thermal.estimate import ThermalFit, whiten
 from motord.experiments.thermal.recordings import STOPPED
@@ -42,9 +43,6 @@ FROZEN_K = 0.1
 SAME_K = 1e-9
 """Difference of two means of the very same number, by rounding."""
 
-CURRENT_PART = 0.15
-"""Part by which currents may differ from those commanded: a controlled current does by less."""
-
 SLOW_PART = 0.25
 """Part of the shortest time constant that readings may be apart."""
 
@@ -58,7 +56,7 @@ def findings(
     """
     fit, shortest_s = found.fit, min(one.time_constant_s for one in found.time_constants)
     return (
-        *_current_scale(fit.course.current_ratio),
+        *current_scale(fit.course.current_ratios, "all K/W and J/K go with their square"),
         *_frozen(frozen),
         *_constant(readings),
         *_invalid(readings),
@@ -69,17 +67,6 @@ def findings(
         *_lags(fit, shortest_s),
         *_slow(fit, shortest_s),
     )
-
-
-def _current_scale(ratio: float | None) -> Iterator[Finding]:
-    if ratio is not None and abs(ratio - 1) > CURRENT_PART:
-        yield Finding(
-            "current-scale", 100 * (ratio - 1), 100 * CURRENT_PART, "%", "serious",
-            f"the measured currents are {ratio:.3g} times those commanded (RMS), and all K/W and "
-            "J/K go with their square: one of them has another unit or scale, or the drive did not "
-            "follow",
-            "check the scale of the currents in the drive's DBC file with a shunt",
-        )  # fmt: skip
 
 
 def frozen_spans(readings: Readings, fitted_C: np.ndarray) -> list[slice]:

@@ -10,10 +10,9 @@ from motord.config import AccuracyConfig
 from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
 from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
 from motord.experiments.thermal.settings import NAME, ThermalConfig
+from motord.identification.operating_points import COMMANDS, CURRENTS, stacked
+from motord.identification.signal_condition import CurrentProducts
 from motord.recording.reader import Run
-
-CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
-COMMANDS = ("i_cmd_a_A", "i_cmd_b_A", "i_cmd_c_A")
 
 STEPS_MAX = 10_000
 """Steps that a course is cut into."""
@@ -43,7 +42,7 @@ def thermal_course(recordings: Recordings) -> tuple[ThermalCourse, CopperResista
     end_ns = int(cooling["t_end_ns"]) if cooling else _last_ns(runs[-1])
     duration_s = (end_ns - begin_ns) * 1e-9
     step_s = max(duration_s / STEPS_MAX, STEP_MIN_S)
-    squares_A2, current_ratio = _squares_A2(runs, begin_ns, step_s, int(duration_s / step_s))
+    squares_A2, current_ratios = _squares_A2(runs, begin_ns, step_s, int(duration_s / step_s))
     readings = {
         node: _readings(runs, f"{node}_channel", channel, begin_ns, end_ns)
         for node, channel in own.nodes.items()
@@ -58,7 +57,7 @@ def thermal_course(recordings: Recordings) -> tuple[ThermalCourse, CopperResista
         (int(heating["t_end_ns"]) - begin_ns) * 1e-9,
         (str(heating.get("ended_by", "")), str(cooling["ended_by"]) if cooling else STOPPED),
         ambient,
-        current_ratio,
+        current_ratios,
     )
     return course, copper_of(own, recordings.subject.accuracy)
 
@@ -110,29 +109,26 @@ def _last_ns(run: Run) -> int:
 
 def _squares_A2(
     runs: Sequence[Run], begin_ns: int, step_s: float, steps: int
-) -> tuple[np.ndarray, float | None]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the sum of the squares of the phase currents, mean over each step (k,).
 
-    And the RMS of the currents over that of those commanded, None where none were recorded.
+    And the currents of each phase over those commanded (3,), nan where none were recorded.
     """
     total, number = np.zeros(steps), np.zeros(steps)
-    sensed_A2 = commanded_A2 = 0.0
+    products = CurrentProducts.of(*np.zeros((2, 1, 3)))
     end_ns = begin_ns + round(steps * step_s * 1e9)
     for run in runs:
         commands = COMMANDS if set(COMMANDS) <= set(run.columns) else ()
         columns = ["t_ns", *CURRENTS, *commands]
         for block in run.blocks(columns, from_ns=begin_ns, to_ns=end_ns):
             at = ((block["t_ns"].astype(np.int64) - begin_ns) * 1e-9 / step_s).astype(np.int64)
-            squares = sum(np.square(block[name], dtype=float) for name in CURRENTS)
+            sensed_A = stacked(block, CURRENTS)
+            squares = (sensed_A**2).sum(axis=1)
             good = (at >= 0) & (at < steps) & np.isfinite(squares)
             total += np.bincount(at[good], squares[good], steps)
             number += np.bincount(at[good], minlength=steps)
             if commands:
-                wanted = sum(np.square(block[name], dtype=float) for name in commands)
-                both = good & np.isfinite(wanted)
-                sensed_A2 += float(squares[both].sum())
-                commanded_A2 += float(wanted[both].sum())
-    ratio = sqrt(sensed_A2 / commanded_A2) if commanded_A2 else None
+                products += CurrentProducts.of(sensed_A[good], stacked(block, commands)[good])
     there = np.flatnonzero(number)
     edges = np.concatenate([[-1], there, [steps]])
     longest = int(np.argmax(np.diff(edges)))
@@ -143,7 +139,7 @@ def _squares_A2(
             f"{runs[-1].path}: no currents for {gap_s:.3g} s, {at_s:.0f} s after its beginning: "
             "the heat is not known; name all recordings of the plan, or heat up again"
         )
-    return np.interp(np.arange(steps), there, total[there] / number[there]), ratio
+    return np.interp(np.arange(steps), there, total[there] / number[there]), products.ratios
 
 
 def _readings(

@@ -1,10 +1,10 @@
 """What is questionable about an efficiency map, each with its meaning and what to do."""
 
 from collections.abc import Iterator, Sequence
-from math import copysign, pi
+from math import pi
 
 from motord.config import AccuracyConfig
-from motord.experiments.signal_findings import torque_scale
+from motord.experiments.signal_findings import mean_torque_scale
 from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.result import OperatingPower
 from motord.experiments.torque_speed.uncertainty import freedom_of
@@ -35,7 +35,10 @@ ACCURACIES = ("torque_gain_percent", "torque_zero_Nm", "power_gain_percent", "po
 def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Finding, ...]:
     """Return what is questionable about the points."""
     return (
-        *_scale(points),
+        *mean_torque_scale(
+            ((one.torque_Nm, one.torque_mean_Nm) for one in points),
+            "mechanical power and efficiency",
+        ),
         *_negative(points),
         *_in_step(points),
         *_between_ticks(points, subject),
@@ -43,14 +46,6 @@ def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Findin
         *_slow(points),
         *_assumed(subject.accuracy),
     )
-
-
-def _scale(points: Sequence[OperatingPower]) -> Iterator[Finding]:
-    """Yield a finding where the sensor shows much more or less than the torque that was set."""
-    set_Nm = sum(abs(one.torque_Nm) for one in points)
-    along_Nm = sum(copysign(1.0, one.torque_Nm) * one.torque_mean_Nm for one in points)
-    ratio = along_Nm / set_Nm if set_Nm else 1.0
-    yield from torque_scale(ratio, "mechanical power and efficiency")
 
 
 def _negative(points: Sequence[OperatingPower]) -> Iterator[Finding]:

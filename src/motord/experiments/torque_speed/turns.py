@@ -51,7 +51,7 @@ class CapturedTurns:
         step_rad = motor.encoder_direction * 2 * np.pi / motor.counts
         angle_rad = step_rad * unwrap_counts(count, motor.counts)
         torque_Nm = ticks["torque_Nm"].astype(float)
-        require_sound({"torque_Nm": torque_Nm}, len(turns), label)
+        require_sound({"torque_Nm": torque_Nm}, count, motor.counts, len(turns), label)
         edges = np.array([turns[0][0], *(end for _, end in turns)])
         edges = edges[edges < t_s.size]  # the last turn may end with the capture
         return cls(t0_ns, t_s, angle_rad, torque_Nm, edges)

@@ -12,8 +12,13 @@ from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
 from motord.identification.resample import rising
 from motord.identification.rotor.motion import Motion
-from motord.identification.signal_condition import SignalFault, require_change, signal_faults
-from motord.identification.turning import Turn, segments, unwrapped, whole_turns
+from motord.identification.signal_condition import (
+    SignalFault,
+    encoder_faults,
+    require_change,
+    signal_faults,
+)
+from motord.identification.turning import TURN_MORE, Turn, segments, unwrapped, whole_turns
 
 CURRENT_SHARE = 0.02
 """Part of the rated current that may turn with the rotor in a run without current."""
@@ -117,7 +122,7 @@ def _prepare(
     position_rad, grid = unwrapped(ticks, motor.counts, label)
     groups, dropped = segments(t_s, whole_turns(position_rad))
     if not groups:
-        raise IdentifyError(f"{label}: no whole turn; record at least 2 turns")
+        raise IdentifyError(f"{label}: no whole turn; {TURN_MORE}")
     reasons = np.full(t_s.size, PART, dtype=object)
     for turn, reason in dropped:
         reasons[turn.first : turn.end] = reason
@@ -127,6 +132,8 @@ def _prepare(
     signals = {name: ticks[name] for name in names}
     require_change(signals, label)
     faults = signal_faults(signals, sum(map(len, groups)), {})
+    if grid:
+        faults += encoder_faults(ticks["encoder_count"].astype(np.int64), motor.counts)
     driven = [
         replace(_segment(point, group, ticks, t_s, position_rad, grid, motor), faults=faults)
         for group in groups

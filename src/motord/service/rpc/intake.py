@@ -8,6 +8,7 @@ token is in its place. Requests without that token are served at a bounded rate:
 shares the interpreter with all this.
 """
 
+import math
 import queue
 import threading
 import time
@@ -86,6 +87,8 @@ class Intake:
         self._in_command = in_command
         self._lanes: dict[str, Lane] = {name: queue.Queue(1) for name in offloaded}
         self._paced: queue.SimpleQueue[Work | None] = queue.SimpleQueue()  # bounded by `admit`
+        self._pace_lock = threading.Lock()
+        self._due_s = 0.0
         self._threads: list[threading.Thread] = []
 
     def open(self) -> None:
@@ -120,7 +123,7 @@ class Intake:
             return
         take = partial(self._take, pending, payload, limit, proven=proven)
         if room == ROOM:
-            self._paced.put(take)
+            self._at_pace(take)
         else:
             take()
 
@@ -129,7 +132,7 @@ class Intake:
         size = len(query.payload) if query.payload is not None else 0
         pending = self._outstanding.admit(name, key, query, size)
         if pending is not None:
-            self._paced.put(partial(self._outstanding.reply, pending, document))
+            self._at_pace(partial(self._outstanding.reply, pending, document))
 
     def _take(self, pending: OutstandingQuery, payload: bytes, limit: int, *, proven: bool) -> None:
         """Check size and lease, then parse and queue, or have a thread of its own do it."""
@@ -173,13 +176,27 @@ class Intake:
 
         self._calls.put(Call(pending.name, request, prepared, reply))
 
-    def _serve_paced(self) -> None:
-        due_s = 0.0
-        while (work := self._paced.get()) is not None:
+    def _at_pace(self, work: Work) -> None:
+        """Do `work` now if it is due, else in the thread that waits until it is."""
+        if self._wait_s(at_most_s=0.0) is None:
+            self._paced.put(work)
+        else:
+            work()
+
+    def _wait_s(self, at_most_s: float) -> float | None:
+        """Return in how long the next request is due; None, and none is taken, if too long."""
+        with self._pace_lock:
             now_s = time.monotonic()
-            due_s = max(due_s + PACE_S, now_s - (BURST - 1) * PACE_S)
-            if due_s > now_s:
-                time.sleep(due_s - now_s)
+            due_s = max(self._due_s + PACE_S, now_s - (BURST - 1) * PACE_S)
+            if due_s > now_s + at_most_s:
+                return None
+            self._due_s = due_s
+            return max(due_s - now_s, 0.0)
+
+    def _serve_paced(self) -> None:
+        while (work := self._paced.get()) is not None:
+            if wait_s := self._wait_s(at_most_s=math.inf):
+                time.sleep(wait_s)
             work()
 
     def _serve_lane(self, name: str, lane: Lane) -> None:

@@ -1,6 +1,7 @@
 """The thermal network from made-up heat-ups: constants, intervals, and what is said of bad data."""
 
 from dataclasses import replace
+from math import nan
 
 import numpy as np
 import pytest
@@ -85,12 +86,15 @@ def test_a_heat_up_that_is_cut_short_is_extrapolated_and_says_so() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ratio", "seen"), [(None, False), (1.0, False), (0.9, False), (0.707, True), (1000.0, True)]
+    ("ratio", "seen"),
+    [(nan, False), (1.0, False), (0.9, False), (0.707, True), (1000.0, True), (-1.0, True)],
 )
+@pytest.mark.parametrize("phases", [1, 3])
 def test_currents_that_are_not_those_commanded_are_a_finding(
-    ratio: float | None, seen: bool
+    ratio: float, seen: bool, phases: int
 ) -> None:
-    found = measure(replace(course(2), current_ratio=ratio), COPPER)
+    ratios = np.where(np.arange(3) < phases, ratio, 1.0)
+    found = measure(replace(course(2), current_ratios=ratios), COPPER)
     severities = [one.severity for one in found.findings if one.name == "current-scale"]
     assert severities == ["serious"] * seen
 
