@@ -29,6 +29,7 @@ from motord.experiments.calibration.estimate.rotor_speed import velocity_over_tu
 from motord.experiments.calibration.estimate.turn_products import (
     BAND_MARGIN,
     accumulate,
+    following,
     instruments,
     settled,
 )
@@ -200,7 +201,11 @@ class Matrices:
         mount = MountInverse.of(self.sensor, samples.period_s, band_Hz)
         y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
         counts = self.motor.counts
-        lines = current_lines(samples.count, samples.command_A, samples.turns, counts)
+        commanded, sensed = (
+            current_lines(samples.count, i_A, samples.turns, counts)
+            for i_A in (samples.command_A, samples.i_A)
+        )
+        lines = following(commanded, sensed)
         commands_A, rates = instruments(lines, self.basis, velocity_over_turn(samples, counts))
         currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
         columns = np.empty((samples.t_s.size, self.basis.width - 1))

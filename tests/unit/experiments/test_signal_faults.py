@@ -85,7 +85,7 @@ def test_a_torque_that_never_changes_is_refused(
     [
         (
             CHANGES["currents in mA"],
-            "the sensed current of phase a is 1e+03 times the commanded one (RMS)",
+            "times the commanded one (RMS): one of them is in another unit",
         ),
         (uncommanded, "phase b had a current, and none was commanded"),
     ],

@@ -9,6 +9,7 @@ import pytest
 from motord.experiments.calibration.estimate.rotor_speed import velocity_over_turn
 from motord.experiments.calibration.estimate.turn_products import (
     derivative_over_time,
+    following,
     instruments,
     instruments_by_parity,
 )
@@ -88,6 +89,22 @@ def test_the_speed_at_each_angle_is_that_of_the_samples(direction: int) -> None:
     centre_rad = 2 * np.pi * (np.arange(COUNTS) + 0.5) / COUNTS
     wanted_rad_s = direction * 2 * np.pi * SPEED_HZ * (1 + 0.15 * np.sin(8 * centre_rad))
     assert np.abs(found_rad_s / wanted_rad_s - 1).max() < 0.03
+
+
+@pytest.mark.parametrize("speed_Hz", [SPEED_HZ, -SPEED_HZ])
+@pytest.mark.parametrize("late_s", [0.0, 1.2e-3, -0.4e-3])
+def test_tables_are_of_the_currents_that_flow_not_of_their_commands(
+    speed_Hz: float, late_s: float
+) -> None:
+    rng = np.random.default_rng(3)
+    commanded = rng.normal(size=(40, 3)) * 0.01 + 0j
+    commanded[ORDERS] = LINES_A
+    behind_rad = 2 * np.pi * speed_Hz * late_s
+    sensed = commanded * np.exp(-1j * behind_rad * np.arange(40))[:, None]
+    assert np.allclose(following(commanded, sensed), sensed, atol=1e-12)
+    gains = np.array([0.8, 1.1, 1.1])  # of the sensors, and their noise, turn nothing
+    noisy = gains * sensed + 0.005 * rng.normal(size=(40, 3))
+    assert np.allclose(following(commanded, noisy), sensed, atol=0.02)
 
 
 def test_tables_are_the_derivatives_of_the_currents() -> None:

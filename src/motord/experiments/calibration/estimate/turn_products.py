@@ -151,7 +151,8 @@ def instruments_by_parity(
     turns, counts = samples.turns, basis.back_emf.shape[0]
     if samples.commanded or len(turns) < 2:
         lines = current_lines(samples.count, samples.command_A, turns, counts)
-        table_A, rates = instruments(lines, basis, velocity_rad_s)
+        sensed = current_lines(samples.count, samples.i_A, turns, counts)
+        table_A, rates = instruments(following(lines, sensed), basis, velocity_rad_s)
         return np.array([table_A, table_A]), np.array([rates, rates])
     found = []
     for others in (turns[1::2], turns[::2]):
@@ -161,12 +162,23 @@ def instruments_by_parity(
     return np.array([one[0] for one in found]), np.array([one[1] for one in found])
 
 
+def following(lines: np.ndarray, sensed: np.ndarray) -> np.ndarray:
+    """Return lines (h + 1, 3) of commanded currents, turned back to where the sensed ones flow.
+
+    A current follows its command by a tick or more. Turned by one angle of the rotor, that of the
+    largest line, they stay free of the sensors' noise.
+    """
+    order = 1 + int(np.argmax((np.abs(lines[1:]) ** 2).sum(axis=1)))
+    behind_rad = -np.angle((lines[order].conj() * sensed[order]).sum()) / order
+    return np.asarray(lines * np.exp(-1j * behind_rad * np.arange(len(lines)))[:, None])
+
+
 def instruments(
     lines: np.ndarray, basis: Basis, velocity_rad_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return tables over the counts: currents (counts, 3), and rates with zoh (counts, 4).
 
-    lines (h + 1, 3): of the commanded currents, see `current_lines`; velocity_rad_s (counts,). The
+    lines (h + 1, 3): of the currents, see `current_lines`; velocity_rad_s (counts,). The
     rates are di_p/dt k_p; the zoh, the zero-order-hold correction, is
     sum_p (i''_p k_p + i'_p k'_p / 2), with primes for derivatives over time.
     """
