@@ -24,13 +24,15 @@ import numpy as np
 
 from motord import config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.current_tables import (
+    following,
+    instruments,
+    velocity_over_turn,
+)
 from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
-from motord.experiments.calibration.estimate.rotor_speed import velocity_over_turn
 from motord.experiments.calibration.estimate.turn_products import (
     BAND_MARGIN,
     accumulate,
-    following,
-    instruments,
     settled,
 )
 from motord.experiments.subject import Subject

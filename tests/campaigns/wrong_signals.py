@@ -1,26 +1,28 @@
 """Are wrong signals noticed? `python -m tests.campaigns.wrong_signals [EXPERIMENT ...]`.
 
-Each experiment is recorded on the simulated rig in virtual time. Then one column of its ticks is
-made wrong (scale, sign, swapped phases, delay, mains, spikes, frozen, clock, lost ticks, lines of
-the encoder), and the recording analysed again. A figure that has moved out of both 95 % intervals
-must come with a finding, or the analysis must be refused. `--known` lists what no analysis of that
-recording can see, and why. Prints a line for each change that is not noticed; `--all` for each.
-Exits with 1 if a change is not noticed and not known to be invisible, or if an analysis ends with
-another error than one for the user.
+Each experiment is recorded on the simulated rig in virtual time. Then one signal of its ticks is
+made wrong (scale, sign, swapped phases, delay, mains, spikes, clock, lost ticks, lines of the
+encoder: `tests/support/wrong_signals.py`), and the recording analysed again. Where the analysis is
+not refused, a figure that has left its 95 % interval must come with a finding.
+
+Prints a line for each change that is not noticed, `--all` for each. Exits with 1 if one is not
+noticed that KNOWN does not list, or if an analysis ends by an error in the program.
 """
 
 import argparse
+import json
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from math import pi
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-import numpy as np
-
+from motord.calibration import load
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
 from motord.experiments.plans import build
@@ -32,40 +34,45 @@ from motord.simulate import PlanSource, record_plan
 from motord.virtual import processors
 from tests.support.wrong_signals import CHANGES, change_recording
 
-ROOT = Path(__file__).resolve().parents[2]
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 SEED = 7
-MOVED = 1.0
-"""Sums of both half-widths beyond which a figure has moved."""
-
 USER_ERRORS = (AnalysisError, IdentifyError, RecordError)
 
 
 @dataclass(frozen=True)
 class Case:
-    """An experiment: plan with settings, bench file, options of its analysis."""
+    """An experiment: its plan with settings, the bench, and results of others that it needs.
 
-    plan: str
-    analysis: str = ""
+    analysis: by default of the plan's name. needs: options of the analysis, by the experiment
+    whose result each names; a calibration is in force when the plan is recorded, too.
+    """
+
     settings: Mapping[str, Any] = field(default_factory=dict)
+    analysis: str = ""
     bench: Path | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
+    needs: Mapping[str, str] = field(default_factory=dict)
 
 
-POINTS = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.5, 0.7, 0.9], "turns": 6, "settle_s": 0.3}
+MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.5, 0.7, 0.9], "turns": 6, "settle_s": 0.3}
+CALIBRATED = {"calibration": "calibrate"}
 CASES = {
-    "align": Case("align"),
-    "calibrate": Case("calibrate", settings=POINTS),
-    "verify": Case("verify", settings=POINTS),
-    "cogging": Case("cogging", settings={"turns": 6}),
-    "back-emf": Case("back-emf", settings={"turns": 6}),
-    "torque-speed": Case("torque-speed", bench=ROOT / "config" / "efficiency.toml"),
-    "thermal": Case("thermal", bench=ROOT / "config" / "thermal.toml"),
-    "inertia-acceleration": Case("inertia-acceleration", "inertia"),
-    "friction": Case("friction", options={"inertia": Path("/tmp/ws/inertia.json")}),
-    "sensitivity": Case("sensitivity"),
-    "profile": Case("profile"),
-    "soak": Case("soak"),
+    "calibrate": Case(MESH),
+    "inertia-acceleration": Case(analysis="inertia"),
+    "align": Case(),
+    "verify": Case(MESH),
+    "cogging": Case({"turns": 6}),
+    "back-emf": Case({"turns": 6}),
+    "friction": Case(needs={"inertia": "inertia-acceleration"}),
+    "sensitivity": Case(),
+    "profile": Case(),
+    "check-calibration": Case(needs=CALIBRATED),
+    "learn": Case(MESH, needs=CALIBRATED),
+    "torque-speed": Case(bench=CONFIG / "efficiency.toml"),
+    "thermal": Case(bench=CONFIG / "thermal.toml"),
 }
+
+KNOWN: Mapping[str, tuple[str, ...]] = {}
+"""By what an analysis cannot see: changes, or "experiment: change"."""
 
 
 @dataclass(frozen=True)
@@ -78,25 +85,34 @@ class Answer:
     fault: str = ""
 
 
-def record(name: str, folder: Path) -> Path:
+def options_of(name: str, folder: Path) -> dict[str, Path]:
+    """Return the options that name results of other experiments."""
+    return {option: folder / f"{other}.json" for option, other in CASES[name].needs.items()}
+
+
+def record(name: str, folder: Path) -> None:
     """Record an experiment."""
-    case = CASES[name]
-    source = PlanSource.of(case.bench)
-    path = folder / f"{name}.mcap"
-    record_plan(source, build(case.plan, source.config, case.settings), path, SEED)
-    return path
+    case, source = CASES[name], PlanSource.of(CASES[name].bench)
+    applied = options_of(name, folder).get("calibration")
+    plan = build(name, source.config, case.settings)
+    record_plan(source, plan, folder / f"{name}.mcap", SEED, load(applied) if applied else None)
 
 
-def analyse(name: str, path: Path) -> Answer:
-    """Analyse a recording as `motord analyse` does."""
-    analysis: Analysis[Any] = resolve_name(analysis_kinds()[CASES[name].analysis or name].command)
+def analyse(name: str, folder: Path, path: Path, *, keep: bool = False) -> Answer:
+    """Analyse a recording as `motord analyse` does; keep the result for other experiments."""
+    kind = analysis_kinds()[CASES[name].analysis or name]
+    analysis: Analysis[Any] = resolve_name(kind.command)
     recordings = Recordings.open([path])
     try:
-        content = analysis.to_json(analysis.estimate(recordings, **CASES[name].options), recordings)
+        result = analysis.estimate(recordings, **options_of(name, folder))
+        content = analysis.to_json(result, recordings)
     except USER_ERRORS as error:
         return Answer(refused=str(error))
     except Exception as error:
         return Answer(fault=f"{type(error).__name__}: {error}")
+    if keep:
+        kept = folder / f"{name}.json"
+        (analysis.save or (lambda _, to: to.write_text(json.dumps(content))))(result, kept)
     return Answer(
         {one.field: one for one in figures(content)},
         tuple(f"{one['name']} ({one['severity']})" for one in content["findings"]),
@@ -108,68 +124,73 @@ def asked(folder: Path, name: str, change: str) -> Answer:
     path = folder / f"{name}-{list(CHANGES).index(change)}.mcap"
     change_recording(folder / f"{name}.mcap", path, CHANGES[change])
     try:
-        return analyse(name, path)
+        return analyse(name, folder, path)
     finally:
         path.unlink()
 
 
 def moved(clean: Answer, changed: Answer) -> Iterator[str]:
-    """Yield the figures whose intervals no longer meet."""
+    """Yield the figures that are apart by more than both half-widths."""
     for name, one in clean.figures.items():
         other = changed.figures.get(name)
-        ends = (one.low, one.high, other.low, other.high) if other else (None,)
-        if other is None or any(end is None for end in ends):
+        if other is None or None in (one.low, one.high, other.low, other.high):
             continue
-        halves = (one.high - one.low + other.high - other.low) / 2  # type: ignore[operator]
+        halves = [(each.high - each.low) / 2 for each in (one, other)]  # type: ignore[operator]
         apart = other.value - one.value
         if one.unit == "rad":
-            apart = (apart + np.pi) % (2 * np.pi) - np.pi
-        if abs(apart) > halves:
-            yield (
-                f"{name} {one.value:.5g} +- {(one.high - one.low) / 2:.2g} -> "  # type: ignore[operator]
-                f"{other.value:.5g} +- {(other.high - other.low) / 2:.2g} {one.unit}"  # type: ignore[operator]
+            apart = (apart + pi) % (2 * pi) - pi
+        if abs(apart) > sum(halves):
+            was, now = (
+                f"{each.value:.5g} +- {half:.2g}"
+                for each, half in zip((one, other), halves, strict=True)
             )
+            yield f"{name} {was} -> {now} {one.unit}"
 
 
-def line(clean: Answer, changed: Answer) -> tuple[str, str]:
+def judged(name: str, change: str, clean: Answer, changed: Answer) -> tuple[str, str]:
     """Return in a word what became of a change, and the particulars."""
-    if changed.fault:
-        return "FAULT", changed.fault
-    if changed.refused:
-        return "refused", changed.refused[:110]
-    new = sorted(set(changed.findings) - set(clean.findings))
+    if changed.fault or changed.refused:
+        return ("FAULT", changed.fault) if changed.fault else ("refused", changed.refused)
+    new = ", ".join(sorted(set(changed.findings) - set(clean.findings)))
     gone = list(moved(clean, changed))
     if not gone:
-        return "same", ", ".join(new)
-    return ("found" if new else "SILENT"), f"{', '.join(new)}; {len(gone)} moved: {gone[0]}"
+        return "same", new
+    what = "found" if new else "SILENT"
+    for why, changes in KNOWN.items():
+        if not new and (change in changes or f"{name}: {change}" in changes):
+            what, new = "known", why
+    return what, f"{new}; {len(gone)} moved: {gone[0]}"
+
+
+def run(name: str, folder: Path, pool: ProcessPoolExecutor, *, show: bool) -> bool:
+    """Record and analyse an experiment with all changes; return whether all is as it must be."""
+    pool.submit(record, name, folder).result()
+    clean = analyse(name, folder, folder / f"{name}.mcap", keep=True)
+    said = clean.refused or clean.fault or ", ".join(clean.findings)
+    print(f"{name}: {len(clean.figures)} figures; {said}", flush=True)
+    answers = pool.map(partial(asked, folder, name), CHANGES)
+    good = bool(clean.figures)
+    for change, answer in zip(CHANGES, answers, strict=True):
+        what, particulars = judged(name, change, clean, answer)
+        good = good and what not in ("SILENT", "FAULT")
+        if show or what in ("SILENT", "FAULT"):
+            print(f"  {what:8} {change}: {particulars}", flush=True)
+    return good
 
 
 def main() -> int:
+    """Run the experiments and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("experiments", nargs="*", default=list(CASES))
-    parser.add_argument("--all", action="store_true")
-    parser.add_argument("--folder", type=Path)
+    parser.add_argument("experiments", nargs="*", choices=[[], *CASES], default=[])
+    parser.add_argument("--all", action="store_true", help="a line for each change")
     options = parser.parse_args()
+    chosen = options.experiments or list(CASES)
+    needed = {other for name in chosen for other in CASES[name].needs.values()}
     with tempfile.TemporaryDirectory() as temporary, processors() as pool:
-        folder = options.folder or Path(temporary)
-        names = options.experiments
-        list(
-            pool.map(
-                partial(record, folder=folder),
-                [n for n in names if not (folder / f"{n}.mcap").exists()],
-            )
-        )
-        for name in names:
-            clean = analyse(name, folder / f"{name}.mcap")
-            said = clean.refused or clean.fault or ", ".join(clean.findings)
-            print(f"{name}: {len(clean.figures)} figures; {said}", flush=True)
-            for change, answer in zip(
-                CHANGES, pool.map(partial(asked, folder, name), CHANGES), strict=True
-            ):
-                what, particulars = line(clean, answer)
-                if options.all or what in ("SILENT", "FAULT"):
-                    print(f"  {what:8} {change}: {particulars}", flush=True)
-    return 0
+        folder = Path(temporary)
+        names = [name for name in CASES if name in chosen or name in needed]
+        good = [run(name, folder, pool, show=options.all) for name in names]
+    return int(not all(good))
 
 
 if __name__ == "__main__":

@@ -121,15 +121,19 @@ def misread_counts(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
 
     Those near each other, the one between was misread; a gap in the recording is none.
     """
-    half = counts // 2
-    step = (np.diff(count) + half) % counts - half
-    if step.size < 2:
+    if count.size < 3:
         return ()
-    far = MISREAD_STEPS * float(np.percentile(np.abs(step), 95)) + MISREAD_COUNTS
-    there, back = step[:-1], step[1:]
-    off = (np.abs(there) > far) & (np.abs(back) > far) & (np.abs(there + back) <= far)
+    step = _apart(count[1:], count[:-1], counts)
+    far = MISREAD_STEPS * float(np.percentile(step, 95)) + MISREAD_COUNTS
+    off = (step[:-1] > far) & (step[1:] > far) & (_apart(count[2:], count[:-2], counts) <= far)
     number = int(off.sum())
     return (SignalFault("encoder_count", "misread", number / count.size),) * (number >= MISREAD_MIN)
+
+
+def _apart(count: np.ndarray, other: np.ndarray, counts: int) -> np.ndarray:
+    """Return how far counts (n,) are apart, the shorter way round."""
+    difference = np.abs(count - other)
+    return np.asarray(np.minimum(difference, counts - difference))
 
 
 def stuck_lines(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:

@@ -49,7 +49,7 @@ Type=oneshot
 ExecStart=/opt/motord/bin/scenario
 StandardOutput=file:/run/out/said
 StandardError=file:/run/out/said
-ExecStopPost=/bin/sh -c 'cp -rp /var/cache/motord /run/out/cache; chmod -R a+rX /run/out'
+ExecStopPost=/bin/sh -c 'chmod -R a+rX /run/out'
 ExecStopPost=/bin/sh -c 'chown -R --reference=/run/out /run/out/*; systemctl exit'
 UNIT
 cat > "$whole/etc/systemd/system/scenario.target" <<UNIT

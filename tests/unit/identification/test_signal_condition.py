@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
-from motord.identification.signal_condition import require_change, signal_faults, stuck_lines
+from motord.identification.signal_condition import (
+    CurrentProducts,
+    misread_counts,
+    require_change,
+    signal_faults,
+    stuck_lines,
+)
 
 TURNS, SAMPLES = 6, 24_000
 
@@ -117,3 +123,56 @@ def test_of_few_samples_even_steps_and_odd_numbers_of_counts_nothing_is_said():
     assert stuck_lines(turning(1)[:1000] & ~1, 4096) == ()
     assert stuck_lines(np.arange(8192) * 16 % 4096, 4096) == ()
     assert stuck_lines(turning(1, 1000) & ~1, 1000) == ()
+
+
+@given(
+    st.integers(0, 10_000), st.sampled_from([1024, 4096, 1000]), st.floats(-20, 20),
+    st.floats(0, 0.2),
+)  # fmt: skip
+def test_an_encoder_that_turns_unevenly_and_is_recorded_with_gaps_is_not_misread(
+    seed: int, counts: int, turns_Hz: float, lost: float
+) -> None:
+    count = turning(seed, counts, turns_Hz)
+    kept = count[np.random.default_rng(seed).random(count.size) >= lost]
+    assert misread_counts(kept, counts) == ()
+
+
+@given(st.integers(0, 10_000), st.integers(3, 40), st.integers(7, 11), st.floats(-2, 2))
+def test_single_samples_that_are_far_off_are_misread(
+    seed: int, number: int, bit: int, turns_Hz: float
+) -> None:
+    count = turning(seed, 4096, turns_Hz)
+    at = np.random.default_rng(seed).choice(np.arange(1, count.size // 4 - 1), number, False) * 4
+    count[at] ^= 1 << bit
+    [fault] = misread_counts(count, 4096)
+    assert (fault.kind, fault.share) == ("misread", pytest.approx(number / count.size))
+    assert misread_counts(np.delete(count, at), 4096) == ()
+
+
+def test_a_sample_or_two_that_are_off_are_no_finding_nor_is_a_slip() -> None:
+    count = turning(1)
+    count[[100, 2000]] ^= 1024
+    assert misread_counts(count, 4096) == ()
+    slipped = (turning(1) + 500 * (np.arange(5000) // 1000)) % 4096
+    assert misread_counts(slipped, 4096) == ()
+
+
+def test_currents_over_their_commands_have_scale_and_sign_of_each_phase() -> None:
+    rng = np.random.default_rng(1)
+    angle_rad = 2 * np.pi * 5 * np.arange(5000) * 1e-3
+    commanded = 10 * np.cos(angle_rad[:, None] - 2 * np.pi / 3 * np.arange(3))
+    sensed = commanded * [1.0, -1.0, 1000.0] + rng.normal(0, 0.03, commanded.shape)
+    assert CurrentProducts.of(sensed, commanded).ratios == pytest.approx([1, -1, 1000], rel=1e-3)
+    swapped = CurrentProducts.of(commanded[:, [0, 2, 1]], commanded).ratios
+    assert swapped == pytest.approx([1, -1, -1], rel=1e-3)
+    late = CurrentProducts.of(np.roll(commanded, 20, axis=0), commanded).ratios
+    assert late == pytest.approx([1, 1, 1], rel=1e-3)
+    halves = [CurrentProducts.of(sensed[h], commanded[h]) for h in (slice(2500), slice(2500, None))]
+    assert (halves[0] + halves[1]).ratios == pytest.approx([1, -1, 1000], rel=1e-3)
+
+
+def test_currents_without_commands_have_no_ratio() -> None:
+    none = np.full((9, 3), np.nan)
+    for commanded in (none, np.zeros((9, 3))):
+        assert np.isnan(CurrentProducts.of(np.ones((9, 3)), commanded).ratios).all()
+    assert np.isnan(CurrentProducts.of(none, np.ones((9, 3))).ratios).all()

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from motord.experiments.calibration.estimate.current_tables import beyond_noise
 from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import (
     GainDirections,
     GainScatter,
 )
 from motord.experiments.calibration.estimate.least_squares.scatter import VarianceEquations
-from motord.experiments.calibration.estimate.turn_products import beyond_noise
 from tests.campaigns.coverage import Case
 
 

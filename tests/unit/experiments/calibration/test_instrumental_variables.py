@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate.rotor_speed import velocity_over_turn
-from motord.experiments.calibration.estimate.turn_products import (
+from motord.experiments.calibration.estimate.current_tables import (
     derivative_over_time,
     following,
     instruments,
     instruments_by_parity,
+    velocity_over_turn,
 )
 from motord.identification.basis import Basis
 from motord.identification.operating_points import Samples, current_lines

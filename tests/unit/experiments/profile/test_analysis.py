@@ -20,6 +20,7 @@ from motord.schema import TICK_DTYPE
 from motord.simulate import PlanSource, record_plan
 from motord.verdict.figures import figures_of
 from tests.support.virtual_calibration import calibrate_virtual
+from tests.support.wrong_signals import CHANGES, change_recording
 from tests.unit.experiments.profile.profiles import write
 
 ROWS = ((0, 0, 0), (1, 0, 0), (3, 3, 0.9), (7, 3, 0.9), (9, 1.5, 0.6), (12, 1.5, 0.6), (14, 0, 0))
@@ -188,3 +189,23 @@ def test_the_recording_says_which_file_was_played(played: Played) -> None:
     assert len(plan["settings"]["sha256"]) == 64
     assert packaged("examples/profiles/short-cycle.csv").exists()
     assert isinstance(load(played.calibration), Calibration)
+
+
+@pytest.mark.parametrize(
+    ("change", "findings"),
+    [
+        ("torque * 2", {"torque-scale"}),
+        ("currents as RMS", {"current-scale"}),
+        ("currents of b and c swapped", {"current-scale", "torque-of-currents"}),
+        ("encoder backwards", {"torque-of-currents"}),
+        ("encoder misread at times", {"encoder-misread"}),
+        ("torque * 1.1", set()),
+        ("a tenth of the ticks lost", set()),
+    ],
+)
+def test_wrong_signals_are_serious_findings(
+    played: Played, tmp_path: Path, change: str, findings: set[str]
+) -> None:
+    path = change_recording(played.on, tmp_path / "changed.mcap", CHANGES[change])
+    result = found(path, played.calibration)
+    assert {one.name for one in result.findings if one.severity == "serious"} == findings

@@ -72,3 +72,27 @@ def test_an_rms_error_that_noise_hides_is_a_finding(
     assert findings([point]) == ()
     seen = replace(point, rms_percent=rms_percent, stderr_percent=stderr_percent)
     assert [one.name for one in findings([point, seen])] == ["noise-hides-ripple"] * hidden
+
+
+@pytest.mark.parametrize(
+    ("mean_part", "rms_percent", "seen"),
+    [
+        (0.75, 5.0, False), (0.65, 5.0, True), (-1.0, 5.0, True), (1000.0, 5000.0, True),
+        (None, 99.0, False), (None, 101.0, True),
+    ],
+)  # fmt: skip
+def test_a_torque_of_another_scale_is_a_finding(
+    recorded: Recorded, mean_part: float | None, rms_percent: float, seen: bool
+) -> None:
+    run_, subject = open_run(recorded.off), Subject.of_config(load())
+    points = [
+        replace(
+            one,
+            rms_percent=rms_percent,
+            torque_Nm=sign * one.torque_Nm,
+            mean_Nm=None if mean_part is None else mean_part * sign * one.torque_Nm,
+        )
+        for sign in (1, -1)
+        for one in estimate.ripples([run_], subject)
+    ]
+    assert ["torque-scale" in one.name for one in findings(points)] == [True] * seen

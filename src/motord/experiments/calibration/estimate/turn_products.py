@@ -1,18 +1,7 @@
 """Cross-products of regressors, instruments and torque over each turn, X'X, Z'X, Z'Z, X'y, y'y.
 
 A turn of any number of samples becomes one small matrix, so memory grows with turns, not with
-samples, and a run can be read block by block.
-
-The instruments are the commanded currents as functions of the encoder count: they have no part in
-the noise of the current sensors. They still hold the true angle: it is from earlier counts that
-they were looked up. Multiplied with tables at the present count they would share the rounding of
-the count with the model, whose error has the same rounding in it, and what is the same in both is
-taken for a signal. Averaged over the turns at each count they are functions of the count alone,
-and given the count the rounding is as likely either way.
-
-Where no commands were recorded, the sensed currents averaged over angle take their place: for even
-turns the averages of odd ones, and the other way round, so that a turn's noise is not in its own
-instruments (split-sample instrumental variables, Angrist and Krueger 1995).
+samples, and a run can be read block by block. Instruments: `current_tables`.
 """
 
 from dataclasses import dataclass
@@ -20,7 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.rotor_speed import velocity_over_turn
+from motord.experiments.calibration.estimate.current_tables import (
+    beyond_noise,
+    instruments_by_parity,
+    velocity_over_turn,
+)
 from motord.experiments.calibration.estimate.turn_spectrum import (
     ANGLE_BINS,
     TURN_GROUPS,
@@ -34,20 +27,13 @@ from motord.identification.basis import (
     fill_columns,
     highpass,
 )
-from motord.identification.harmonics import over_one_turn
-from motord.identification.operating_points import Samples, current_lines
+from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import without_drift
 from motord.identification.torque_sensor import MountInverse
 from motord.jit import jit
 
 BAND_MARGIN = 1.4
 """Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
-
-NOISE_LEVELS = 10.0
-"""Mean squares of noise from which on a line counts as seen: one of 20 000 of noise is as large."""
-
-ROUNDING = 1e-20
-"""Square of a line, in parts of the largest, that is rounding."""
 
 STRIP = 256
 """Samples that are multiplied out at once."""
@@ -139,84 +125,6 @@ def without_decay(samples: Samples, y_Nm: np.ndarray, tau_s: float) -> np.ndarra
     columns = np.column_stack([np.exp(-t_s / tau_s), np.ones_like(t_s), t_s / tau_s])
     found = np.linalg.lstsq(columns[samples.whole], y_Nm[samples.whole], rcond=None)[0]
     return np.asarray(y_Nm - found[0] * columns[:, 0])
-
-
-def instruments_by_parity(
-    samples: Samples, basis: Basis, velocity_rad_s: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return tables of currents (2, counts, 3) and rates (2, counts, 4) for even and odd turns.
-
-    velocity_rad_s (counts,): over the turn.
-    """
-    turns, counts = samples.turns, basis.back_emf.shape[0]
-    if samples.commanded or len(turns) < 2:
-        lines = current_lines(samples.count, samples.command_A, turns, counts)
-        sensed = current_lines(samples.count, samples.i_A, turns, counts)
-        table_A, rates = instruments(following(lines, sensed), basis, velocity_rad_s)
-        return np.array([table_A, table_A]), np.array([rates, rates])
-    found = []
-    for others in (turns[1::2], turns[::2]):
-        chosen = np.concatenate([np.arange(*turn) for turn in others])
-        lines = current_lines(samples.count[chosen], samples.command_A[chosen], others, counts)
-        found.append(instruments(lines, basis, velocity_rad_s))
-    return np.array([one[0] for one in found]), np.array([one[1] for one in found])
-
-
-def following(lines: np.ndarray, sensed: np.ndarray) -> np.ndarray:
-    """Return lines (h + 1, 3) of commanded currents, turned back to where the sensed ones flow.
-
-    A current follows its command by a tick or more. Turned by one angle of the rotor, that of the
-    largest line, they stay free of the sensors' noise.
-    """
-    order = 1 + int(np.argmax((np.abs(lines[1:]) ** 2).sum(axis=1)))
-    behind_rad = -np.angle((lines[order].conj() * sensed[order]).sum()) / order
-    return np.asarray(lines * np.exp(-1j * behind_rad * np.arange(len(lines)))[:, None])
-
-
-def instruments(
-    lines: np.ndarray, basis: Basis, velocity_rad_s: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return tables over the counts: currents (counts, 3), and rates with zoh (counts, 4).
-
-    lines (h + 1, 3): of the currents, see `current_lines`; velocity_rad_s (counts,). The
-    rates are di_p/dt k_p; the zoh, the zero-order-hold correction, is
-    sum_p (i''_p k_p + i'_p k'_p / 2), with primes for derivatives over time.
-    """
-    counts = basis.back_emf.shape[0]
-    k_lines = np.fft.rfft(basis.back_emf, axis=0)[: len(lines)] * (2 / counts)
-    i_A, k = (
-        np.column_stack([over_one_turn(column, counts) for column in table.T])
-        for table in (lines, k_lines)
-    )
-    rate = derivative_over_time(i_A, velocity_rad_s)
-    second = derivative_over_time(rate, velocity_rad_s)
-    zoh = second * basis.back_emf + 0.5 * rate * derivative_over_time(k, velocity_rad_s)
-    return i_A, np.column_stack([rate * basis.back_emf, zoh.sum(axis=1)])
-
-
-def beyond_noise(tables_A: np.ndarray) -> np.ndarray:
-    """Return the mean (counts, 3) of two tables (2, counts, 3), with the lines that noise explains
-    left out.
-
-    Where no commands were recorded, noise of the currents is in the tables and in what a fit leaves
-    of the torque alike: what is common to both would look like a departure of the bench.
-    """
-    lines = np.fft.rfft(tables_A, axis=1)
-    noise = np.abs(lines[0] - lines[1]) ** 2 / 4
-    known = noise.max(axis=1) > ROUNDING * np.abs(lines).max() ** 2
-    if not known.any():
-        return np.asarray(tables_A[0])
-    level = np.median(noise[known], axis=0) / np.log(2)  # squares of a line are exponential
-    mean = lines.mean(axis=0)
-    mean[np.abs(mean) ** 2 < NOISE_LEVELS * level] = 0.0
-    return np.asarray(np.fft.irfft(mean, tables_A.shape[1], axis=0))
-
-
-def derivative_over_time(table: np.ndarray, velocity_rad_s: np.ndarray) -> np.ndarray:
-    """Return d/dt of a table over the turn (n, m), at velocities (n,)."""
-    lines = np.fft.rfft(table, axis=0)
-    slope = np.fft.irfft(1j * np.arange(len(lines))[:, None] * lines, len(table), axis=0)
-    return np.asarray(velocity_rad_s[:, None] * slope)
 
 
 @jit

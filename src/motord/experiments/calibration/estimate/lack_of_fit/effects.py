@@ -14,6 +14,7 @@ import numpy as np
 
 from motord.config import BackEmfHarmonic, MotorConfig
 from motord.config.motor import back_emf_waves
+from motord.experiments.calibration.estimate.current_tables import derivative_over_time
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
@@ -22,7 +23,6 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     ZOH_SHARE,
     Regression,
 )
-from motord.experiments.calibration.estimate.turn_products import derivative_over_time
 from motord.experiments.calibration.estimate.turn_spectrum import TurnSpectrum
 
 ENCODER_ORDERS = (0, 1, 2, 3, 4)
