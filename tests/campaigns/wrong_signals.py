@@ -71,7 +71,42 @@ CASES = {
     "thermal": Case(bench=CONFIG / "thermal.toml"),
 }
 
-KNOWN: Mapping[str, tuple[str, ...]] = {}
+KNOWN: Mapping[str, tuple[str, ...]] = {
+    "a gain within the sensor's tolerance or the limit of 30 %: part of the stated accuracy": (
+        "torque * 1.1", "torque's gain drifts 10 %",
+    ),
+    "nothing else in the recording has a clock": (
+        "back-emf: clock 2 % fast", "torque-speed: clock 2 % fast",
+        "torque-speed: clock twice as fast", "cogging: clock twice as fast",
+    ),
+    "without current, nothing tells sign, scale and zero of torque and encoder": (
+        "cogging: torque * -1", "cogging: torque in kNm", "cogging: torque * 2",
+        "cogging: encoder turned by a quarter period", "cogging: encoder turned by 5 deg el",
+        "cogging: encoder backwards", "back-emf: encoder turned by 5 deg el",
+    ),
+    "the sensor does not pass the mean, and the ripple alone has no scale": (
+        "verify: torque in kNm", "verify: torque * 2", "verify: torque 20 ms late",
+    ),
+    "noise that is alike in all turns of a point is ripple": (
+        "verify: torque with mains 5 %", "profile: torque with mains 5 %",
+        "calibrate: torque with mains 5 %",
+    ),
+    "an offset or a gain that the sensor of a current may have: what is to be calibrated": (
+        "calibrate: current of a + 2 A", "sensitivity: current of a + 2 A",
+        "calibrate: current of a * 1.2", "sensitivity: current of a * 1.2",
+        "sensitivity: currents as RMS", "profile: current of a + 2 A", "thermal: current of a + 2 A",
+    ),
+    "a drive may be so slow": ("profile: currents 10 ms late", "thermal: currents 10 ms late"),
+    "spikes in a thousandth of the samples act as noise": (
+        "calibrate: torque with spikes", "calibrate: currents with spikes",
+        "inertia-acceleration: torque with spikes", "torque-speed: torque with spikes",
+        "profile: torque with spikes", "thermal: currents with spikes",
+    ),
+    "drift of the losses within a point alone, by less than its least limit": (
+        "torque-speed: 50 ms lost in each second",
+    ),
+    "peaks of noise on a steady current": ("thermal: currents clipped",),
+}  # fmt: skip
 """By what an analysis cannot see: changes, or "experiment: change"."""
 
 

@@ -88,9 +88,10 @@ def test_a_torque_that_never_changes_is_refused(
             "times the commanded one (RMS): one of them is in another unit",
         ),
         (uncommanded, "phase b had a current, and none was commanded"),
+        (CHANGES["currents * -1"], "phase a has the opposite sign of its command"),
     ],
 )
-def test_currents_that_are_not_those_commanded_are_refused(
+def test_other_signs_and_units_are_refused(
     recorded: Recorded, tmp_path: Path, change: Change, reason: str
 ) -> None:
     path = change_recording(recorded.off, tmp_path / "run.mcap", change)

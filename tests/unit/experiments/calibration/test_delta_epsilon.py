@@ -16,6 +16,7 @@ from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench, run_plan
+from tests.support.wrong_signals import CHANGES, change_recording
 from tests.unit.experiments.test_cli import run
 
 DELTA, EPSILON = 1.04, 0.975
@@ -50,6 +51,29 @@ def test_it_is_measured_and_the_file_names_the_run(recording: Path, tmp_path: Pa
     assert content["alpha"] == pytest.approx([0.8, 1.118, 1.118], rel=5e-3)
     assert content["tau_cog_harmonics"]
     assert all(0 < h["phase_stderr_rad"] < 3.2 for h in content["tau_cog_harmonics"])
+
+
+@pytest.mark.parametrize(
+    ("change", "times"),
+    [("torque * -1", "-1.01"), ("torque * 2", "2.03"), ("torque in kNm", "0.00")],
+)
+def test_a_scale_or_sign_that_is_wrong_is_measured_not_taken_for_noise(
+    recording: Path, tmp_path: Path, change: str, times: str
+) -> None:
+    """Judged by what a common gain of 1 leaves of such a torque, no common gain is seen."""
+    path = change_recording(recording, tmp_path / "changed.mcap", CHANGES[change])
+    code, _, error = run(analyse, "calibrate", path)
+    assert code == 1
+    assert f"comes out {times} times as large as the back-EMF says" in " ".join(error.split())
+
+
+def test_currents_as_rms_leave_the_gains_as_they_are(recording: Path, tmp_path: Path) -> None:
+    path = change_recording(recording, tmp_path / "rms.mcap", CHANGES["currents as RMS"])
+    runs = [open_run(path)]
+    result = Calibrator.of_runs(runs, Subject.of_runs(runs)).result("joint")
+    assert result.delta_epsilon == pytest.approx(2**0.5 * DELTA * EPSILON, rel=0.01)
+    assert result.alpha == pytest.approx([0.8, 1.118, 1.118], rel=5e-3)
+    assert [one.name for one in result.findings] == ["common-gain"]
 
 
 def test_ripple_and_the_residual_estimator_are_of_the_mesh_alone(recording: Path) -> None:

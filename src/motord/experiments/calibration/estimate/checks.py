@@ -32,6 +32,9 @@ DEAD_SHARE = 0.05
 CURRENT_SCALE_RANGE = (0.2, 5.0)
 """Sensed over commanded current of a phase; anything else is another unit, or no command."""
 
+OPPOSITE_PART = 0.7
+"""Correlation of a current with its negative command that no swapped phase makes: that has half."""
+
 MAX_ALPHA_STDERR = 0.05
 """Standard error of alpha above which there is nothing to compensate with."""
 
@@ -135,8 +138,14 @@ def _check_scale(points: Sequence[TurnProducts]) -> None:
             )
         if commanded[phase] == 0.0:  # nor did any flow: other checks say so
             continue
-        slope = abs(centred[phase, 4 + phase]) / commanded[phase]
+        slope = centred[phase, 4 + phase] / commanded[phase]
         part = np.sqrt(sensed[phase] / commanded[phase])
+        if slope < -OPPOSITE_PART * part:
+            raise IdentifyError(
+                f"the sensed current of phase {'abc'[phase]} has the opposite sign of its command: "
+                "check the sensor's direction and the scale in the drive's DBC file, or in the "
+                "import map"
+            )
         if slope > CURRENT_SCALE_RANGE[1] or part < CURRENT_SCALE_RANGE[0]:
             raise IdentifyError(
                 f"the sensed current of phase {'abc'[phase]} is {part:.3g} times the commanded one "

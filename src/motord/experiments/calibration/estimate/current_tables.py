@@ -81,11 +81,15 @@ def following(lines: np.ndarray, sensed: np.ndarray) -> np.ndarray:
     """Return lines (h + 1, 3) of commanded currents, turned back to where the sensed ones flow.
 
     A current follows its command by a tick or more. Turned by one angle of the rotor, that of the
-    largest line, they stay free of the sensors' noise.
+    largest line, they stay free of the sensors' noise. Beyond a quarter of that line's period
+    nothing follows: signs or phases are wrong.
     """
     order = 1 + int(np.argmax((np.abs(lines[1:]) ** 2).sum(axis=1)))
-    behind_rad = -np.angle((lines[order].conj() * sensed[order]).sum()) / order
-    return np.asarray(lines * np.exp(-1j * behind_rad * np.arange(len(lines)))[:, None])
+    turned_rad = np.angle((lines[order].conj() * sensed[order]).sum())
+    if abs(turned_rad) > np.pi / 2:
+        return lines
+    by_order = np.exp(1j * turned_rad / order * np.arange(len(lines)))
+    return np.asarray(lines * by_order[:, None])
 
 
 def instruments(

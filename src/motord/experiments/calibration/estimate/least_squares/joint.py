@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.experiments.calibration.estimate.least_squares.identifiability import (
-    COMMON,
     Identifiability,
     assess,
     unit_product,
@@ -29,6 +28,9 @@ from motord.identification.variance_components import VarianceComponents
 
 ITERATIONS = 4
 """Rounds of weighting: the weights follow from what the last round left unexplained."""
+
+SINGULAR = 1e-9
+"""Part of the largest singular value of normal equations below which one is rounding."""
 
 NEARLY_SEEN = "a common gain or offset that is nearly seen"
 """Source of errors: how far the solution that leaves it open lies away."""
@@ -113,9 +115,12 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     """
     turns = regression.sums(np.ones(3))
     weight, kirchhoff_weight = 1 / turns.mean_by_point(turns.yy), 0.0
-    identifiable = Identifiability(COMMON, offset_seen=False)
-    theta = np.zeros(turns.xy.shape[1])
     one = np.ones(1)
+    normals = turns.total(weight).normals(one, kirchhoff_weight, np.zeros(turns.xy.shape[1]))
+    theta = with_nothing_fixed(normals.left, normals.right.sum(axis=0))
+    weight = 1 / turns.mean_by_point(turns.unexplained(theta))
+    normals = turns.total(weight).normals(one, kirchhoff_weight, theta)
+    identifiable = assess(normals.information, normals.torque_information, rated_A)
     for _ in range(ITERATIONS):
         normals = turns.total(weight).normals(one, kirchhoff_weight, theta)
         solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
@@ -194,6 +199,18 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
         raise IdentifyError(NO_GAINS)
     theta = theta + share * change
     return Solution(theta, theta[ALPHA], 1.0)
+
+
+def with_nothing_fixed(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the parameters (p,) of least norm that normal equations (p, p), (p,) have.
+
+    What they leave of the torque is the noise by which to judge what is seen. A common gain that is
+    far from 1, such as that of a torque with the other sign, would leave much more where it is
+    taken for 1, and so count as unseen.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=SINGULAR)
+    return np.asarray(scale * (inverse @ (scale * right)))
 
 
 def inverse_on_seen(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
