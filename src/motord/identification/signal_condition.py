@@ -24,6 +24,8 @@ LEVELS_MIN = 20
 COMMAND_SHARE = 0.02
 """What commands span while their current is at its end, of all that they span: less is a current
 whose reference is flat there."""
+COMMANDED_SHARE = 0.1
+"""RMS of a phase's command, in parts of the largest, that shows the scale of its current."""
 SAMPLES_A_COUNT = 0.25
 """Samples, for each count of the encoder, from which on each of its lines changes."""
 MISREAD_MIN = 3
@@ -70,9 +72,11 @@ class CurrentProducts:
     def ratios(self) -> np.ndarray:
         """RMS of the sensed over that of the commanded current (3,), negative where against it.
 
-        A drive that lags does not make it smaller. nan where nothing was commanded.
+        A drive that lags does not make it smaller. nan where nothing was commanded, or little next
+        to the other phases: noise and offset of a sensor are not its scale.
         """
-        commanded = np.where(self.commanded_A2 > 0, self.commanded_A2, np.nan)
+        shown = self.commanded_A2 > COMMANDED_SHARE**2 * self.commanded_A2.max()
+        commanded = np.where(shown, self.commanded_A2, np.nan)
         return np.asarray(np.sign(self.both_A2) * np.sqrt(self.sensed_A2 / commanded))
 
 

@@ -176,3 +176,10 @@ def test_currents_without_commands_have_no_ratio() -> None:
     for commanded in (none, np.zeros((9, 3))):
         assert np.isnan(CurrentProducts.of(np.ones((9, 3)), commanded).ratios).all()
     assert np.isnan(CurrentProducts.of(none, np.ones((9, 3))).ratios).all()
+
+
+def test_a_phase_that_hardly_carries_current_shows_no_scale() -> None:
+    commanded = np.tile([17.3, -17.3, 0.05], (99, 1))
+    ratios = CurrentProducts.of(commanded + np.array([0.1, -0.1, 0.1]), commanded).ratios
+    assert ratios[:2] == pytest.approx([1, 1], rel=0.01)
+    assert np.isnan(ratios[2])

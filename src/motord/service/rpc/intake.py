@@ -123,7 +123,7 @@ class Intake:
             return
         take = partial(self._take, pending, payload, limit, proven=proven)
         if room == ROOM:
-            self._at_pace(take)
+            self._at_pace(take, short=size <= UNPROVEN_BYTES)
         else:
             take()
 
@@ -132,7 +132,7 @@ class Intake:
         size = len(query.payload) if query.payload is not None else 0
         pending = self._outstanding.admit(name, key, query, size)
         if pending is not None:
-            self._at_pace(partial(self._outstanding.reply, pending, document))
+            self._at_pace(partial(self._outstanding.reply, pending, document), short=True)
 
     def _take(self, pending: OutstandingQuery, payload: bytes, limit: int, *, proven: bool) -> None:
         """Check size and lease, then parse and queue, or have a thread of its own do it."""
@@ -176,12 +176,12 @@ class Intake:
 
         self._calls.put(Call(pending.name, request, prepared, reply))
 
-    def _at_pace(self, work: Work) -> None:
-        """Do `work` now if it is due, else in the thread that waits until it is."""
-        if self._wait_s(at_most_s=0.0) is None:
-            self._paced.put(work)
-        else:
+    def _at_pace(self, work: Work, *, short: bool) -> None:
+        """Do `work` now if it is short and due, else in the thread that waits until it is."""
+        if short and self._wait_s(at_most_s=0.0) is not None:
             work()
+        else:
+            self._paced.put(work)
 
     def _wait_s(self, at_most_s: float) -> float | None:
         """Return in how long the next request is due; None, and none is taken, if too long."""
