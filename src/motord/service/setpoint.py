@@ -28,6 +28,7 @@ class Setpoint:
         self._mailbox = mailbox
         self._record = np.zeros(1, SETPOINT)
         self._requests: deque[Request] = deque()
+        self.newest_request = Request.NONE
         self._requested_ns = 0
         self._request_seq_at = 0  # number of the set-point that brought the newest request
         self.torque_Nm = 0.0
@@ -47,6 +48,7 @@ class Setpoint:
             self._requests.clear()
             self._request_seq_at = 0
         self._requests.append(request)
+        self.newest_request = request
 
     def rest(self) -> None:
         """No torque, an open brake and a standing drive."""

@@ -112,6 +112,10 @@ class Installation:
                 path="",
             )
 
+        config = self._bench.config
+        ramp_s = config.wind_down_s(config.limits.torque_Nm)  # a torque may be on its way to zero
         return Wait(
-            exchanged, EXCHANGE_S, lambda: "the loop did not take up the tables before these"
+            exchanged,
+            EXCHANGE_S + ramp_s,
+            lambda: "the loop did not take up the tables before these",
         )

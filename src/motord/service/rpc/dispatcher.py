@@ -34,6 +34,14 @@ class Wait(Generic[ReplyT]):
     too_late: Callable[[], str]
 
 
+class NotYetError(RpcError):
+    """Refused for now: the dispatcher tries again in every step, and refuses after `within_s`."""
+
+    def __init__(self, message: str, within_s: float) -> None:
+        super().__init__("refused", message)
+        self.within_s = within_s
+
+
 @dataclass(frozen=True)
 class RpcContext:
     """What a handler gets besides the request.
@@ -165,6 +173,7 @@ class Dispatcher:
         self.calls = CallQueue()
         self.handlers = {h.rpc.name: h for service in services for h in handlers_of(service)}
         self._waiting: list[tuple[Call, Wait[Any], int]] = []
+        self._held: list[tuple[Call, int]] = []  # refused for now, and until when
 
     def take(self, now_ns: int) -> None:
         """Carry out the queued calls. `now_ns` is monotonic."""
@@ -180,8 +189,17 @@ class Dispatcher:
         """Carry out a call, or begin to."""
         if call.name == STOP.name:
             self.give_up("it was stopped")
+        self._begin(call, now_ns)
+
+    def _begin(self, call: Call, now_ns: int, held_until_ns: int | None = None) -> None:
         try:
             result = self._carry_out(call, now_ns)
+        except NotYetError as error:
+            until_ns = held_until_ns or now_ns + round(error.within_s * 1e9)
+            if now_ns < until_ns:
+                self._held.append((call, until_ns))
+            else:
+                call.reply(error)
         except RpcError as error:
             call.reply(error)
         except Exception as error:  # whatever it is, the supervisor has to go on
@@ -193,7 +211,10 @@ class Dispatcher:
                 call.reply(result)
 
     def step(self, now_ns: int) -> None:
-        """Reply to the waiting calls whose condition holds or whose time is over."""
+        """Try the held calls again; reply to the waiting calls that are met or late."""
+        held, self._held = self._held, []
+        for call, until_ns in held:
+            self._begin(call, now_ns, until_ns)
         waiting = []
         for call, wait, deadline_ns in self._waiting:
             outcome = self._check(call, wait, late=now_ns >= deadline_ns)
@@ -205,9 +226,9 @@ class Dispatcher:
 
     def give_up(self, why: str) -> None:
         """Refuse the waiting calls."""
-        for call, _, _ in self._waiting:
+        for call in [*(held for held, _ in self._held), *(one for one, _, _ in self._waiting)]:
             call.reply(RpcError("refused", f"{call.name}: {why}"))
-        self._waiting = []
+        self._held, self._waiting = [], []
 
     def _carry_out(self, call: Call, now_ns: int) -> RpcReply | Wait[Any]:
         handler, request, holder = self.handlers[call.name], call.request, ""
@@ -221,6 +242,8 @@ class Dispatcher:
         try:
             reply: RpcReply | None = wait.check()
             return RpcError("timeout", wait.too_late()) if reply is None and late else reply
+        except NotYetError as error:
+            return error if late else None
         except RpcError as error:
             return error
         except Exception as error:  # as in `handle`

@@ -23,6 +23,7 @@ from motord.service.rpc.preconditions import (
     no_plan,
     no_queue,
     no_trip,
+    not_ramping_down,
 )
 from motord.service.rpc.setpoint_validation import validate_setpoint
 
@@ -90,7 +91,7 @@ class ManualOperation:
         self._bench.command_lost(f"{holder} gave up command")
         return RpcReply()
 
-    @handles(rpc.ENABLE, no_queue, can_be_enabled)
+    @handles(rpc.ENABLE, no_queue, can_be_enabled, not_ramping_down)
     def enable(self, request: rpc.WithToken, context: RpcContext) -> Wait[StateReply]:
         """Enable at zero torque."""
         bench = self._bench
@@ -151,7 +152,7 @@ class ManualOperation:
             lambda: f"a cause is still there: {causes_text(bench)}",
         )
 
-    @handles(rpc.SET, loop_up, no_plan, no_queue, no_trip)
+    @handles(rpc.SET, loop_up, no_plan, no_queue, no_trip, not_ramping_down)
     def set_point(
         self, request: rpc.SetpointChange, context: RpcContext
     ) -> SetpointReply | Wait[SetpointReply]:

@@ -20,6 +20,7 @@ from motord.service.rpc.preconditions import (
     can_be_enabled,
     no_plan,
     no_queue,
+    not_ramping_down,
     plan_active,
     plan_devices,
     zero_torque,
@@ -63,15 +64,16 @@ class PlanControl:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
         bench, prepared = self._bench, context.prepared
         same_serial(bench, request.serial)
-        outline = outline_of(bench, prepared)
+        estimate_s_of(bench, prepared)
         if request.dry_run:
-            return outline
+            return outline_of(bench, prepared)
         holder = bench.lease.require(request.token, context.now_ns).holder
         no_queue(bench)
         view = self.begin(
             prepared, holder, request.notes, detached=request.detach, serial=request.serial
         )
-        return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
+        shown = {"recording": view.recording, "run_id": view.run_id}
+        return outline_of(bench, prepared).model_copy(update=shown)
 
     def begin(
         self,
@@ -157,6 +159,7 @@ class PlanControl:
     def _check_startable(self) -> None:
         bench = self._bench
         can_be_enabled(bench)
+        not_ramping_down(bench)
         zero_torque(bench, "a plan begins with an open brake")
         if bench.device_fault:
             raise RpcError("refused", f"not started: {bench.device_fault}")

@@ -6,6 +6,7 @@ from motord.schema import State
 from motord.sequencing import Plan
 from motord.service.bench.bench import Bench
 from motord.service.bench.tick_monitor import values_text
+from motord.service.rpc.dispatcher import NotYetError
 
 
 def loop_up(bench: Bench) -> None:
@@ -59,12 +60,25 @@ def causes_text(bench: Bench) -> str:
     return trip_text(bench.monitor.trip_bits) + values_text(bench.channels.tripping)
 
 
+def not_ramping_down(bench: Bench) -> None:
+    """The bench is not on its way from ENABLED to READY; NotYetError: soon it is there."""
+    if bench.ramping_down:
+        raise _ramps_still(bench, "the torque still ramps to zero before it is disabled")
+
+
 def zero_torque(bench: Bench, why: str) -> None:
-    """No torque is set; `why` completes "set torque_Nm = 0 first: "."""
-    if bench.state is State.ENABLED and (
-        bench.monitor.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
-    ):
+    """No torque is set; `why` completes "set torque_Nm = 0 first: ". NotYetError: it ramps to 0."""
+    if bench.state is not State.ENABLED:
+        return
+    if bench.setpoint_view().torque_target_Nm != 0.0:
         raise RpcError("refused", f"set torque_Nm = 0 first: {why}")
+    if bench.monitor.torque_set_Nm != 0.0:
+        raise _ramps_still(bench, f"the torque still ramps to zero: {why}")
+
+
+def _ramps_still(bench: Bench, what: str) -> NotYetError:
+    within_s = bench.config.wind_down_s(bench.config.limits.torque_Nm)
+    return NotYetError(f"{what}; try again in a moment, or `motord stop`", within_s)
 
 
 def plan_devices(bench: Bench, plan: Plan) -> None:

@@ -16,7 +16,7 @@ from motord.service.queue.runner import QueueRunner
 from motord.service.queue.waits import valueless
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
 from motord.service.rpc.plans import PlanControl, PreparedPlan, estimate_s_of, same_serial
-from motord.service.rpc.preconditions import loop_up, no_trip
+from motord.service.rpc.preconditions import loop_up, no_trip, not_ramping_down
 
 DISK_S = 10.0
 
@@ -110,6 +110,7 @@ class QueueOperation:
         if runner.queue.running is None and bench.plans.active:
             raise RpcError("plan_running", "a plan that is not of the queue is under way")
         if not bench.queue.active and not bench.plans.active:
+            not_ramping_down(bench)
             if bench.state is State.ENABLED:
                 raise RpcError("refused", "disable the bench first: the queue may have to wait")
             bench.manual.rest()
