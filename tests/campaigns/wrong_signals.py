@@ -96,9 +96,6 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
         "calibrate: current of a * 1.2",
         "profile: current of a + 2 A", "thermal: current of a + 2 A",
     ),
-    "not looked at yet: the currents of sensitivity are not compared with their commands": (
-        "sensitivity: currents as RMS", "sensitivity: current of a * 1.2",
-    ),
     "a drive may be so slow": ("profile: currents 10 ms late", "thermal: currents 10 ms late"),
     "spikes in a thousandth of the samples act as noise": (
         "calibrate: torque with spikes", "calibrate: currents with spikes",

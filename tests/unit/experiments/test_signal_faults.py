@@ -1,5 +1,6 @@
 """What analyses say of recordings whose signals are dead, clipped, frozen or in another unit."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -83,21 +84,26 @@ def test_a_torque_that_never_changes_is_refused(
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (
-            CHANGES["currents in mA"],
-            "times the commanded one (RMS): one of them is in another unit",
-        ),
         (uncommanded, "phase b had a current, and none was commanded"),
         (CHANGES["currents * -1"], "phase a has the opposite sign of its command"),
     ],
 )
-def test_other_signs_and_units_are_refused(
+def test_other_signs_and_no_command_are_refused(
     recorded: Recorded, tmp_path: Path, change: Change, reason: str
 ) -> None:
     path = change_recording(recorded.off, tmp_path / "run.mcap", change)
     code, _, error = run(analyse, "calibrate", path)
     assert code == 1
     assert reason in error
+
+
+def test_another_unit_is_refused_by_how_much_it_is_off(recorded: Recorded, tmp_path: Path) -> None:
+    path = change_recording(recorded.off, tmp_path / "run.mcap", CHANGES["currents in mA"])
+    code, _, error = run(analyse, "calibrate", path)
+    assert code == 1
+    text = r"phase a is (\S+) times the commanded one \(RMS\): one of them is in another unit"
+    [times] = re.findall(text, " ".join(error.split()))
+    assert float(times) == pytest.approx(1000.0, rel=0.01)
 
 
 @pytest.mark.parametrize("kind", ["calibrate", "verify"])

@@ -144,22 +144,12 @@ def _signals(
     bounds["from_ns"] -= round(BEFORE_TIME_CONSTANTS * tau_s * 1e9)
     commands = COMMANDS if set(COMMANDS) <= set(run.columns) else ()
     ticks = run.ticks((*COLUMNS, *commands), **bounds)
-    torque_Nm, set_Nm = (ticks[name].astype(float) for name in ("torque_Nm", "torque_set_Nm"))
-    currents_Nm = np.full(ticks.size, np.nan)
-    if tau_s > 0 and ticks.size > 1:
-        period_s = float(np.median(np.diff(ticks["t_ns"]))) * 1e-9
-        currents_Nm = _from_currents(ticks, subject, calibration)
-        decay = exp(-period_s / tau_s)
-        fast_Nm = _passed(_passed(currents_Nm, decay), decay)
-        torque_Nm, set_Nm = (
-            _passed(torque_Nm, decay) + currents_Nm - fast_Nm,
-            _passed(set_Nm, decay),
-        )
     captured = ticks["plan_point"] == int(point["index"])
-    ticks, torque_Nm = ticks[captured], torque_Nm[captured]
+    torque_Nm, passed_Nm, currents_Nm = _torques(ticks, subject, calibration)[:, captured]
+    ticks = ticks[captured]
     name = f"cycle {int(point['index']) + 1}"
     require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {name}")
-    checked = CycleSignals.of(name, ticks, set_Nm[captured], currents_Nm[captured], subject.motor)
+    checked = CycleSignals.of(name, ticks, passed_Nm, currents_Nm, subject.motor)
     if not ticks.size:
         return _Signals(*(np.empty(0),) * 6), checked
     at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
@@ -174,6 +164,22 @@ def _signals(
         np.unwrap(subject.motor.encoder_direction * step_rad * ticks["encoder_count"]),
     )
     return signals, checked
+
+
+def _torques(ticks: np.ndarray, subject: Subject, calibration: Calibration | None) -> np.ndarray:
+    """Return the torque, what the sensor passes of the set torque, and that of the currents (3, n).
+
+    The last is nan where the sensor passes the mean: it is not used then.
+    """
+    torque_Nm, set_Nm = (ticks[name].astype(float) for name in ("torque_Nm", "torque_set_Nm"))
+    tau_s = subject.sensor.highpass_time_constant_s
+    if tau_s == 0 or ticks.size < 2:
+        return np.array([torque_Nm, set_Nm, np.full(ticks.size, np.nan)])
+    currents_Nm = _from_currents(ticks, subject, calibration)
+    decay = exp(-float(np.median(np.diff(ticks["t_ns"]))) * 1e-9 / tau_s)
+    fast_Nm = _passed(_passed(currents_Nm, decay), decay)
+    slow_Nm = currents_Nm - fast_Nm
+    return np.array([_passed(torque_Nm, decay) + slow_Nm, _passed(set_Nm, decay), currents_Nm])
 
 
 def _passed(torque_Nm: np.ndarray, decay: float) -> np.ndarray:

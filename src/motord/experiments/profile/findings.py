@@ -21,6 +21,7 @@ from motord.identification.signal_condition import (
     encoder_faults,
     signal_faults,
 )
+from motord.identification.turning import unwrap_counts
 
 SHOWN_PART = 0.05
 """RMS of the set torque about its mean, in parts of rated, that shows the scale of the measured."""
@@ -69,8 +70,7 @@ class CycleSignals:
         commands = {
             one: ticks[name] for one, name in zip(CURRENTS, COMMANDS, strict=True) if name in names
         }
-        steps = np.abs(np.diff(count))
-        turns = float(np.minimum(steps, motor.counts - steps).sum()) / motor.counts
+        turns = float(np.abs(np.diff(unwrap_counts(count, motor.counts))).sum()) / motor.counts
         faults = signal_faults({name: ticks[name] for name in watched}, turns, commands)
         return cls(
             label,

@@ -95,7 +95,7 @@ class ProfileTracking:
     """A profile that was played once or more.
 
     torque_uncertainty: standard uncertainty of the torque's scale, in parts (Type B), None if it
-    is not known; torque_source: where the torque is from, in words; of_data: findings of signals
+    is not known; torque_source: where the torque is from, in words; signal_findings: of signals
     and of points without a good take.
     """
 
@@ -120,7 +120,7 @@ class ProfileTracking:
     torque_uncertainty: float | None
     torque_source: str
     cycles: tuple[Cycle, ...]
-    of_data: tuple[Finding, ...] = ()
+    signal_findings: tuple[Finding, ...] = ()
 
     @cached_property
     def speed_rms_Hz(self) -> CycleMean:
@@ -186,7 +186,7 @@ class ProfileTracking:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is questionable, and where the bench did not follow."""
-        return (*self._untracked(), *self.of_data)
+        return (*self._untracked(), *self.signal_findings)
 
     def _untracked(self) -> Iterator[Finding]:
         for name, within, tolerance, action in (

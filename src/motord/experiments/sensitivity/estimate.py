@@ -12,10 +12,12 @@ from motord.experiments.sensitivity.curves import ERRORS, RippleModel, limits, s
 from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitivity, Theory
 from motord.experiments.sensitivity.slope_fit import series
 from motord.experiments.sensitivity.volume import INTERVALS, limit_surface, volume
+from motord.experiments.signal_findings import current_scale
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
-from motord.identification.operating_points import PointData, prepare
+from motord.identification.operating_points import COMMANDS, CURRENTS, PointData, prepare, stacked
 from motord.identification.point_ripple import point_ripple
+from motord.identification.signal_condition import CurrentProducts
 from motord.recording.captures import COLUMNS, captures
 from motord.recording.reader import Run
 from motord.sequencing import NOTHING_INDUCED, Induced
@@ -98,6 +100,9 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
             if len(some) > 1
         ),
         again=_again(runs, subject, applied, model, torque_Nm),
+        signal_findings=tuple(
+            current_scale(_current_ratios(runs), "slopes of current errors are as wrong")
+        ),
     )
 
 
@@ -112,6 +117,16 @@ def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:
                 if hasattr(NOTHING_INDUCED, name)
             }
             yield point, Induced(**given)
+
+
+def _current_ratios(runs: Sequence[Run]) -> np.ndarray:
+    """Return sensed over commanded RMS current (3,) of all points."""
+    products = CurrentProducts.of(np.empty((0, 3)), np.empty((0, 3)))
+    for point, _ in _points(runs):
+        products += CurrentProducts.of(
+            stacked(point.ticks, CURRENTS), stacked(point.ticks, COMMANDS)
+        )
+    return products.ratios
 
 
 def _what_was_applied(

@@ -77,12 +77,13 @@ class Sensitivity:
     theory: Theory
     series: tuple[Series, ...]
     again: Again | None
+    signal_findings: tuple[Finding, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is questionable: too few points for a line, and what the calibration finds."""
+        """What is questionable: scales of currents, too few points for a line, the calibration."""
         found = self.again.found.findings if self.again is not None else ()
-        return (*found, *self._without_lines())
+        return (*self.signal_findings, *found, *self._without_lines())
 
     def _without_lines(self) -> Iterator[Finding]:
         alone = [one.what for one in self.series if not any(one.branches)]

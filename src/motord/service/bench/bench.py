@@ -103,11 +103,6 @@ class Bench:
         return State.OFF if self.loop_fault else self.monitor.state
 
     @property
-    def ramping_down(self) -> bool:
-        """True on the way from ENABLED to READY: it was asked to be disabled."""
-        return self.state is State.ENABLED and self.setpoint.newest_request is Request.DISABLE
-
-    @property
     def fault(self) -> str:
         """What is wrong with the bench, or nothing."""
         if self.loop_fault:

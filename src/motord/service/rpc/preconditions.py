@@ -2,7 +2,7 @@
 
 from motord.api.descriptions import trip_text
 from motord.api.errors import RpcError
-from motord.schema import State
+from motord.schema import Request, State
 from motord.sequencing import Plan
 from motord.service.bench.bench import Bench
 from motord.service.bench.tick_monitor import values_text
@@ -62,7 +62,7 @@ def causes_text(bench: Bench) -> str:
 
 def not_ramping_down(bench: Bench) -> None:
     """The bench is not on its way from ENABLED to READY; NotYetError: soon it is there."""
-    if bench.ramping_down:
+    if bench.state is State.ENABLED and bench.setpoint.newest_request is Request.DISABLE:
         raise _ramps_still(bench, "the torque still ramps to zero before it is disabled")
 
 

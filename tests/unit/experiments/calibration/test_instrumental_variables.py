@@ -8,9 +8,9 @@ import pytest
 
 from motord.experiments.calibration.estimate.current_tables import (
     derivative_over_time,
-    following,
     instruments,
     instruments_by_parity,
+    lag_compensated,
     velocity_over_turn,
 )
 from motord.identification.basis import Basis
@@ -101,10 +101,10 @@ def test_tables_are_of_the_currents_that_flow_not_of_their_commands(
     commanded[ORDERS] = LINES_A
     behind_rad = 2 * np.pi * speed_Hz * late_s
     sensed = commanded * np.exp(-1j * behind_rad * np.arange(40))[:, None]
-    assert np.allclose(following(commanded, sensed), sensed, atol=1e-12)
+    assert np.allclose(lag_compensated(commanded, sensed), sensed, atol=1e-12)
     gains = np.array([0.8, 1.1, 1.1])  # of the sensors, and their noise, turn nothing
     noisy = gains * sensed + 0.005 * rng.normal(size=(40, 3))
-    assert np.allclose(following(commanded, noisy), sensed, atol=0.02)
+    assert np.allclose(lag_compensated(commanded, noisy), sensed, atol=0.02)
 
 
 def test_tables_are_the_derivatives_of_the_currents() -> None:

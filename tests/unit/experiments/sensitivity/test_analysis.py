@@ -20,6 +20,7 @@ from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.virtual import VirtualBench, run_plan
+from tests.support.wrong_signals import CHANGES, change_recording
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
 
@@ -61,6 +62,17 @@ def test_practice_agrees_with_theory(result: Sensitivity) -> None:
             assert branch is not None
             assert branch.slope == pytest.approx(branch.theory_slope, rel=0.05)
     assert 0.05 < result.series[0].floor_percent < 0.4
+
+
+def test_currents_of_another_scale_are_a_finding(
+    recording: Path, result: Sensitivity, tmp_path: Path
+) -> None:
+    path = change_recording(recording, tmp_path / "rms.mcap", CHANGES["currents as RMS"])
+    runs = [open_run(path)]
+    [finding] = sensitivity(runs, Subject.of_runs(runs)).signal_findings
+    assert (finding.name, finding.severity) == ("current-scale", "serious")
+    assert finding.value == pytest.approx(100 / 2**0.5 - 100, abs=1.0)
+    assert result.signal_findings == ()
 
 
 def test_errors_that_were_induced_are_found_again(result: Sensitivity) -> None:

@@ -67,7 +67,7 @@ def instruments_by_parity(
     if samples.commanded or len(turns) < 2:
         lines = current_lines(samples.count, samples.command_A, turns, counts)
         sensed = current_lines(samples.count, samples.i_A, turns, counts)
-        table_A, rates = instruments(following(lines, sensed), basis, velocity_rad_s)
+        table_A, rates = instruments(lag_compensated(lines, sensed), basis, velocity_rad_s)
         return np.array([table_A, table_A]), np.array([rates, rates])
     found = []
     for others in (turns[1::2], turns[::2]):
@@ -77,7 +77,7 @@ def instruments_by_parity(
     return np.array([one[0] for one in found]), np.array([one[1] for one in found])
 
 
-def following(lines: np.ndarray, sensed: np.ndarray) -> np.ndarray:
+def lag_compensated(lines: np.ndarray, sensed: np.ndarray) -> np.ndarray:
     """Return lines (h + 1, 3) of commanded currents, turned back to where the sensed ones flow.
 
     A current follows its command by a tick or more. Turned by one angle of the rotor, that of the

@@ -117,7 +117,7 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     weight, kirchhoff_weight = 1 / turns.mean_by_point(turns.yy), 0.0
     one = np.ones(1)
     normals = turns.total(weight).normals(one, kirchhoff_weight, np.zeros(turns.xy.shape[1]))
-    theta = with_nothing_fixed(normals.left, normals.right.sum(axis=0))
+    theta = minimum_norm_solution(normals.left, normals.right.sum(axis=0))
     weight = 1 / turns.mean_by_point(turns.unexplained(theta))
     normals = turns.total(weight).normals(one, kirchhoff_weight, theta)
     identifiable = assess(normals.information, normals.torque_information, rated_A)
@@ -201,7 +201,7 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
     return Solution(theta, theta[ALPHA], 1.0)
 
 
-def with_nothing_fixed(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+def minimum_norm_solution(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the parameters (p,) of least norm that normal equations (p, p), (p,) have.
 
     What they leave of the torque is the noise by which to judge what is seen. A common gain that is
