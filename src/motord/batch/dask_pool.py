@@ -5,7 +5,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 from types import TracebackType
@@ -60,7 +60,7 @@ Result = TypeVar("Result")
 
 
 class DaskPool:
-    """Workers, started or connected to with the first job, and ended or left with the pool.
+    """Workers, started or connected to by `begin` or `window`, and ended or left with the pool.
 
     workers: processes on this computer, behind a scheduler that only listens on the loopback
     interface and only talks to who has the keys made for it. scheduler: address of one that there
@@ -72,6 +72,8 @@ class DaskPool:
         self._stack = ExitStack()
         self._client: Any = None
         self._executor: Any = None
+        self._starting: Future[None] | None = None
+        self._starter = ThreadPoolExecutor(1, thread_name_prefix="start-workers")
         self._threads: int | None = None
         self._looked_s = self._seen_s = 0.0
 
@@ -84,7 +86,13 @@ class DaskPool:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._starter.shutdown()  # what has begun to start ends with the stack
         self._stack.close()
+
+    def begin(self) -> None:
+        """Begin to start or connect to workers, in a thread; errors are raised by `window`."""
+        if self._starting is None:
+            self._starting = self._starter.submit(self._start)
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> "Future[Result]":
         """Begin a chunk. Raises BatchError."""
@@ -110,7 +118,9 @@ class DaskPool:
     def window(self) -> int:
         """Return how many chunks may be under way. Raises BatchError if there are no workers."""
         if self._client is None:
-            self._start()
+            self.begin()
+        if self._starting is not None:
+            self._starting.result()
         now_s = time.monotonic()
         if now_s >= self._looked_s + LOOK_S:
             self._looked_s = now_s

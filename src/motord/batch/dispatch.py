@@ -39,6 +39,10 @@ class ChunkResult(Generic[Result]):
 class WorkerPool(Protocol):
     """What chunks are submitted to."""
 
+    def begin(self) -> None:
+        """Begin to start workers, which takes a while; without it they start with `window`."""
+        ...
+
     def submit(self, function: Callable[..., Result], *arguments: object) -> "Future[Result]":
         """Begin a chunk. Raises BatchError."""
         ...

@@ -11,8 +11,8 @@ from typing import Any
 from motord.atomic_write import write_whole
 from motord.results.error import ResultsError
 from motord.results.folders.folder import LocalFolder
+from motord.results.parquet_file import ResultFile
 from motord.results.store import ResultsStore
-from motord.results.stored_result import StoredResult
 from motord.untrusted import parse_json
 
 FOLDER = ".ledger"
@@ -56,6 +56,7 @@ class Ledger:
     def make(self) -> None:
         """Make store and ledger. Raises ResultsError, OSError."""
         self._store.make()
+        self._store.list_once()
         self.folder.mkdir(exist_ok=True)
 
     def find(self, analysis: LedgerEntry) -> LedgerEntry | None:
@@ -66,9 +67,9 @@ class Ledger:
                 return entry
         return None
 
-    def store(self, analysis: LedgerEntry, result: StoredResult, encoded: bytes) -> str:
+    def store(self, analysis: LedgerEntry, file: ResultFile) -> str:
         """Store a result and enter it; return its file's name. Raises ResultsError, OSError."""
-        name = Path(self._store.add(result, encoded).path).name
+        name = Path(self._store.add_file(file).path).name
         self._enter(analysis, stored=name)
         return name
 

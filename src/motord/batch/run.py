@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -69,9 +68,15 @@ def analyse_into_store(
     rehash: read all files, also those that seem unchanged. Raises BatchError, ConfigError,
     ResultsError, OSError; what was done until then is kept.
     """
+
+    def hashing(count: int, new: int) -> None:
+        if not rehash:
+            pool.begin()  # new files are to be analysed soon
+        progress("hashing", count, new)
+
     hashes = FileHashes(ledger.folder, trusted=not rehash)
     digests: dict[Path, str] = {}
-    for path, sha256, failure in hash_files(paths, hashes, partial(progress, "hashing")):
+    for path, sha256, failure in hash_files(paths, hashes, hashing):
         if failure:
             yield BatchLine(path, "failed", failure)
         else:
@@ -137,11 +142,11 @@ def _entered(path: Path, analysis: LedgerEntry, outcome: Outcome, ledger: Ledger
     assert outcome.to_store is not None
     if outcome.sha256 != analysis.sha256:
         return BatchLine(path, "failed", CHANGED)
-    if outcome.to_store.settings != analysis.settings:
+    if outcome.settings != analysis.settings:
         raise BatchError(
             "a worker has other files than this computer for the options that name any"
         )
-    name = ledger.store(analysis, outcome.to_store, outcome.encoded)
+    name = ledger.store(analysis, outcome.to_store)
     return BatchLine(path, "done", "", name, outcome.content)
 
 

@@ -15,9 +15,7 @@ from motord.batch.stored import settings_to_store, stored_result
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
 from motord.experiments.subject import Recordings
-from motord.results.error import ResultsError
-from motord.results.parquet_file import encode_result
-from motord.results.stored_result import StoredResult
+from motord.results.parquet_file import ResultFile
 
 THREAD_LIMIT = "OMP_NUM_THREADS"
 """Environment variable that has to be 1 in a worker: sums depend on how many threads share them."""
@@ -45,14 +43,14 @@ class BatchTask:
 class Outcome:
     """What came of a recording: a result, or a failure, which says why there is none.
 
-    sha256: of the file, where it was read; encoded: the file of what is to be stored; lasting: it
-    would fail again.
+    sha256: of the recording, where it was read; to_store: the result's file; settings: as they are
+    in there; lasting: it would fail again.
     """
 
     sha256: str = ""
     content: Mapping[str, Any] | None = None
-    to_store: StoredResult | None = None
-    encoded: bytes = b""
+    to_store: ResultFile | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
     failure: str = ""
     lasting: bool = False
 
@@ -80,10 +78,9 @@ def _analysed(task: BatchTask, path: Path) -> Outcome:
         return Outcome(content=content)
     settings = settings_to_store(task.settings)
     result = stored_result(task.experiment, settings, content, recordings)
-    if not result.figures:
-        raise ResultsError("the result has no figures to store")
     [(_, sha256)] = result.recordings
-    return Outcome(sha256, content if task.to_print else None, result, encode_result(result))
+    printed = content if task.to_print else None
+    return Outcome(sha256, printed, ResultFile.of(result), result.settings)
 
 
 def _check_worker(task: BatchTask) -> None:

@@ -3,10 +3,11 @@
 import io
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from motord.recording.plan_columns import PLAN, PREFIX, as_text
-from motord.results.error import parquet
+from motord.results.error import ResultsError, parquet
 from motord.results.row import COLUMNS
 from motord.results.stored_result import StoredResult
 
@@ -23,6 +24,35 @@ RECORDINGS_KEY = b"motord.results.recordings"
 
 class NotAResultError(Exception):
     """A file that is none of the store's; the message says why."""
+
+
+@dataclass(frozen=True)
+class ResultFile:
+    """The Parquet file of a result, and by what one of the same analysis or figures is found.
+
+    figures: how many there are. The rest as of `StoredResult`.
+    """
+
+    name: str
+    content: bytes
+    analysis_digest: str
+    content_digest: str
+    version: str
+    figures: int
+
+    @classmethod
+    def of(cls, result: StoredResult) -> "ResultFile":
+        """Return the file of a result. Raises ResultsError if it has no figures."""
+        if not result.figures:
+            raise ResultsError(f"{result.experiment} of {result.run}: no figures to store")
+        return cls(
+            result.file_name,
+            encode_result(result),
+            result.analysis_digest,
+            result.content_digest,
+            result.version,
+            len(result.figures),
+        )
 
 
 def table_schema() -> "pa.Schema":

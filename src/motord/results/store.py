@@ -9,9 +9,9 @@ from motord.results.error import ResultsError, parquet
 from motord.results.folders.folder import folder_of
 from motord.results.parquet_file import (
     NotAResultError,
+    ResultFile,
     check_result,
     decode_result,
-    encode_result,
     one_table,
 )
 from motord.results.stored_result import StoredResult
@@ -51,6 +51,7 @@ class ResultsStore:
 
     def __init__(self, place: Path | str) -> None:
         self.folder = folder_of(place)
+        self._listed: dict[str, list[str]] | None = None  # names, by digests of the analysis
 
     def make(self) -> None:
         """Make the folder if its parent is there. Raises ResultsError if nothing can be stored."""
@@ -60,23 +61,35 @@ class ResultsStore:
         except OSError as error:
             raise self._cannot("store results there", error) from error
 
-    def add(self, result: StoredResult, encoded: bytes | None = None) -> Added:
+    def list_once(self) -> None:
+        """List the names for all that is added from now on: who adds n results lists n^2 else.
+
+        What another process stores meanwhile is not seen; its name is the same where the result is.
+        Raises OSError.
+        """
+        self._listed = {}
+        for name in self._names():
+            self._listed.setdefault(_analysis_digest(name), []).append(name)
+
+    def add(self, result: StoredResult) -> Added:
+        """Store a result as `add_file` does."""
+        return self.add_file(ResultFile.of(result))
+
+    def add_file(self, file: ResultFile) -> Added:
         """Store a result unless it is there already. Raises ResultsError; then nothing is stored.
 
-        encoded: its file, where that has been made already (`parquet_file.encode_result`).
         One is there if the same recordings were analysed by the same version and settings; one of
         an unknown version also if a result of the same recordings has exactly the same figures.
         """
-        if not result.figures:
-            raise ResultsError(f"{result.experiment} of {result.run}: no figures to store")
         try:
-            there = self._find(result)
+            there = self._find(file)
             if there is None:
-                self.folder.write(result.file_name, encoded or encode_result(result))
+                self.folder.write(file.name, file.content)
         except OSError as error:
             raise self._cannot("store the result", error) from error
-        path = self.folder.path_of(there or result.file_name)
-        return Added(path, len(result.figures), new=there is None)
+        if self._listed is not None and there is None:
+            self._listed.setdefault(file.analysis_digest, []).append(file.name)
+        return Added(self.folder.path_of(there or file.name), file.figures, new=there is None)
 
     def has(self, name: str) -> bool:
         """Return whether there is a file of this name that can be read."""
@@ -115,17 +128,25 @@ class ResultsStore:
         names = sorted(self.folder.names())
         return [name for name in names if name.endswith(".parquet") and not name.startswith(".")]
 
-    def _find(self, result: StoredResult) -> str | None:
+    def _same(self, file: ResultFile) -> list[str]:
+        """Return the names of files that may be of the same result. Raises OSError."""
+        if self._listed is not None and file.version:
+            return self._listed.get(file.analysis_digest, [])
+        figures = f"-{file.content_digest}.parquet"
+        return [
+            name
+            for name in self._names()
+            if _analysis_digest(name) == file.analysis_digest
+            or (not file.version and name.endswith(figures))
+        ]
+
+    def _find(self, file: ResultFile) -> str | None:
         """Return the file of a result that is there and can be read. Raises OSError."""
         parquet()
-        analysis = f"-{result.analysis_digest}-"
-        figures = f"-{result.content_digest}.parquet"
         try:
-            names = self._names()
+            same = self._same(file)
         except FileNotFoundError:  # of an object store, in which nothing has been put yet
             return None
-        by_figures = not result.version
-        same = [one for one in names if analysis in one or (by_figures and one.endswith(figures))]
         for name, content in zip(same, self.folder.read(same), strict=True):
             if isinstance(content, OSError):
                 if not isinstance(content, FileNotFoundError | IsADirectoryError | PermissionError):
@@ -138,3 +159,8 @@ class ResultsStore:
 
     def _cannot(self, what: str, error: OSError) -> ResultsError:
         return ResultsError(f"{self.folder}: cannot {what}: {error.strerror}")
+
+
+def _analysis_digest(name: str) -> str:
+    """Return the digest of the analysis in a file's name, "" for a name that has none."""
+    return (["", "", *name.split("-")])[-2]

@@ -10,6 +10,10 @@ class InlinePool:
 
     def __init__(self):
         self.calls = []
+        self.begun = 0
+
+    def begin(self):
+        self.begun += 1
 
     def submit(self, function, *arguments):
         self.calls.append((function, arguments))

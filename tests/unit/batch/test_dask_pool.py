@@ -58,6 +58,19 @@ def test_a_scheduler_that_is_gone_is_said(remarks, threads, status):
         pool_of(client, remarks).window()
 
 
+def test_why_workers_cannot_be_had_is_said_when_they_are_needed(remarks, monkeypatch):
+    def refused(_address):
+        raise BatchError("nobody answers")
+
+    monkeypatch.setattr(dask_pool, "_remote", refused)
+    with DaskPool(2, ADDRESS, remarks.append) as pool:
+        pool.begin()
+        pool.begin()
+        for _ in range(2):
+            with pytest.raises(BatchError, match="nobody answers"):
+                pool.window()
+
+
 def test_workers_that_do_not_start_here_end_it(remarks):
     client = Client()
     pool = pool_of(client, remarks, scheduler=None)

@@ -101,6 +101,13 @@ def test_what_is_done_is_not_done_again(folder, monkeypatch):
     assert {path: path.read_bytes() for path in before} == before
 
 
+def test_workers_start_while_new_files_are_hashed_and_not_for_nothing(folder):
+    for begun, again in ((True, {}), (False, {}), (False, {"rehash": True})):
+        pool = InlinePool()
+        analyse(folder, pool=pool, **again)
+        assert bool(pool.begun) == begun
+
+
 @pytest.mark.parametrize(
     "change",
     [{"version": "0"}, {"options": {"factor": 2.0}, "settings": {"factor": 2.0}}],

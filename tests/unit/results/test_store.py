@@ -128,6 +128,18 @@ def test_recordings_are_the_same_in_any_order():
     assert result(recordings=two).file_name != result(recordings=two[:1]).file_name
 
 
+def test_who_adds_many_lists_the_names_once(tmp_path, monkeypatch):
+    store = fill(tmp_path / "s", (0.8, 0.9))
+    listed = []
+    names = store.folder.names
+    monkeypatch.setattr(store.folder, "names", lambda: listed.append(1) or names())
+    store.list_once()
+    assert not store.add(result(1, (0.9,))).new  # that was there
+    assert [store.add(result(number)).new for number in (2, 3, 3, 2)] == [True, True, False, False]
+    assert len(listed) == 1
+    assert store.read().table.num_rows == 4
+
+
 def test_of_an_unknown_version_the_same_figures_are_a_duplicate(tmp_path):
     store = fill(tmp_path / "s", 0.8)
     added = result(0, version="", settings={"added": "sha256:1"}, recordings=())
