@@ -60,7 +60,7 @@ class PlanRunner:
         self._journal = journal
         self._torque_error = torque_error
         self._executor: Executor | None = None
-        self._demand = Demand()
+        self._enabled: bool | None = None  # as the plan last demanded; None: it has not yet
         self._points_passed_on = 0
         self._compensate_before = Compensate(0)
         self._points_before = 0
@@ -123,7 +123,7 @@ class PlanRunner:
 
     def _begin(self, plan: Plan, view: PlanView, notes: str, points: MeshView) -> PlanView:
         """Begin a plan, or the check before it; `view` is that of the plan."""
-        self._executor, self._demand, self._points_passed_on = Executor(plan), Demand(), 0
+        self._executor, self._enabled, self._points_passed_on = Executor(plan), None, 0
         self.mesh = points
         if self.estimator is not None:
             self.estimator.begin(plan)
@@ -194,14 +194,14 @@ class PlanRunner:
         return {**point, **{name: value for name, value in errors.items() if value is not None}}
 
     def _apply(self, demand: Demand) -> None:
-        s, before = self._setpoint, self._demand
+        s = self._setpoint
         s.torque_Nm, s.speed_Hz = demand.torque_Nm, demand.speed_Hz or None
         s.brake, s.drive_Hz = demand.brake, demand.drive_rad_s / RAD_PER_TURN
         s.compensate, s.plan_point = Compensate(demand.compensate), demand.plan_point
         s.induced = demand.induced
-        if demand.enabled != before.enabled:
+        if demand.enabled != self._enabled:
             s.request(Request.ENABLE if demand.enabled else Request.DISABLE)
-        self._demand = demand
+        self._enabled = demand.enabled
 
     def _show(self, progress: dict[str, Any]) -> None:
         if self.view is not None:

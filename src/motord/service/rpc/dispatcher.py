@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-from motord.api.errors import RpcError
+from motord.api.errors import Code, RpcError
 from motord.api.replies import RpcReply
 from motord.api.requests import STOP, ReplyT, RequestT, Rpc, RpcRequest, WithToken
 from motord.service.bench.bench import Bench
@@ -37,8 +37,8 @@ class Wait(Generic[ReplyT]):
 class NotYetError(RpcError):
     """Refused for now: the dispatcher tries again in every step, and refuses after `within_s`."""
 
-    def __init__(self, message: str, within_s: float) -> None:
-        super().__init__("refused", message)
+    def __init__(self, code: Code, message: str, within_s: float) -> None:
+        super().__init__(code, message)
         self.within_s = within_s
 
 

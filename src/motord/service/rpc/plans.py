@@ -23,6 +23,7 @@ from motord.service.rpc.preconditions import (
     not_ramping_down,
     plan_active,
     plan_devices,
+    plan_goes_on,
     zero_torque,
 )
 
@@ -170,7 +171,7 @@ class PlanControl:
                 "without a recording by [recording] required = false",
             )
 
-    @handles(rpc.PLAN_PAUSE, plan_active)
+    @handles(rpc.PLAN_PAUSE, plan_goes_on)
     def pause(self, request: rpc.WithToken, context: RpcContext) -> PlanProgress:
         """Ramp to zero and wait."""
         self._bench.events.emit("plan", f"paused by {context.holder}")
@@ -201,6 +202,7 @@ class PlanControl:
         """Go on after a pause, or with what remains of a plan that was interrupted."""
         bench = self._bench
         if bench.plans.active:
+            plan_goes_on(bench)
             bench.events.emit("plan", f"resumed by {context.holder}")
             bench.plans.resume()
             return self._progress()

@@ -1,7 +1,7 @@
 """Preconditions on the bench, for `dispatcher.handles`: each raises RpcError unless it is met."""
 
 from motord.api.descriptions import trip_text
-from motord.api.errors import RpcError
+from motord.api.errors import Code, RpcError
 from motord.schema import Request, State
 from motord.sequencing import Plan
 from motord.service.bench.bench import Bench
@@ -18,9 +18,11 @@ def loop_up(bench: Bench) -> None:
 
 
 def no_plan(bench: Bench) -> None:
-    """No plan is under way."""
+    """No plan is under way; NotYetError: one ends."""
     view = bench.plans.view
     if bench.plans.active and view is not None:
+        if view.state == "ending":
+            raise _ramps_still(bench, f"plan {view.plan} still ramps down", "plan_running")
         raise RpcError(
             "plan_running",
             f"plan {view.plan} is {view.state} and sets torque and speed; abort it first",
@@ -38,6 +40,14 @@ def plan_active(bench: Bench) -> None:
     """A plan is under way."""
     if not bench.plans.active:
         raise RpcError("refused", "no plan is under way")
+
+
+def plan_goes_on(bench: Bench) -> None:
+    """A plan is under way and does not end yet."""
+    plan_active(bench)
+    view = bench.plans.view
+    if view is not None and view.state == "ending":
+        raise RpcError("refused", f"plan {view.plan} is ending; what is left of it can be resumed")
 
 
 def no_trip(bench: Bench) -> None:
@@ -76,9 +86,9 @@ def zero_torque(bench: Bench, why: str) -> None:
         raise _ramps_still(bench, f"the torque still ramps to zero: {why}")
 
 
-def _ramps_still(bench: Bench, what: str) -> NotYetError:
+def _ramps_still(bench: Bench, what: str, code: Code = "refused") -> NotYetError:
     within_s = bench.config.wind_down_s(bench.config.limits.torque_Nm)
-    return NotYetError(f"{what}; try again in a moment, or `motord stop`", within_s)
+    return NotYetError(code, f"{what}; try again in a moment, or `motord stop`", within_s)
 
 
 def plan_devices(bench: Bench, plan: Plan) -> None:
