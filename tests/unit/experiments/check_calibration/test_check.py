@@ -88,6 +88,14 @@ def test_signals_that_show_nothing_are_no_verdict(unchanged: Taken) -> None:
             replace(unchanged, ticks=ticks).checked()
 
 
+def test_an_encoder_that_is_misread_gives_no_verdict(unchanged: Taken) -> None:
+    for every in (97, 500):
+        ticks = unchanged.ticks.copy()
+        ticks["encoder_count"][::every] ^= 256
+        with pytest.raises(IdentifyError, match="encoder_count jumps for single samples"):
+            replace(unchanged, ticks=ticks).checked()
+
+
 def inverter(truth: RigTruth, **changes: object) -> RigTruth:
     return truth.model_copy(update={"inverter": truth.inverter.model_copy(update=changes)})
 

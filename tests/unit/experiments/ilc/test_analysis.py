@@ -25,6 +25,7 @@ from motord.experiments.subject import AnalysisError, Subject
 from motord.recording.captures import true_torque
 from motord.recording.reader import Run, open_run
 from motord.recording.writer import RunWriter
+from tests.support.wrong_signals import CHANGES, change_recording
 from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration
 from tests.unit.experiments.test_cli import run as invoke
 
@@ -82,6 +83,14 @@ def test_corrections_at_their_limit_are_a_finding(first: tuple[Path, Calibration
     for limit_Nm, names in ((2 * most_Nm, []), (most_Nm, ["correction-limited"])):
         found = replace(done, limit_Nm=limit_Nm).findings
         assert [one.name for one in found] == names
+
+
+def test_nothing_is_learned_from_an_encoder_that_is_misread(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    path = change_recording(first[0], tmp_path / "run.mcap", CHANGES["encoder misread at times"])
+    with pytest.raises(AnalysisError, match="nothing is learned: encoder_count jumps"):
+        learned_from(path, first[1])
 
 
 def test_a_run_with_another_calibration_is_refused(first: tuple[Path, Calibration]) -> None:
