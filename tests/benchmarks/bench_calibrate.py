@@ -25,8 +25,8 @@ import numpy as np
 from motord import config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.current_tables import (
-    following,
     instruments,
+    lag_compensated,
     velocity_over_turn,
 )
 from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
@@ -207,7 +207,7 @@ class Matrices:
             current_lines(samples.count, i_A, samples.turns, counts)
             for i_A in (samples.command_A, samples.i_A)
         )
-        lines = following(commanded, sensed)
+        lines = lag_compensated(commanded, sensed)
         commands_A, rates = instruments(lines, self.basis, velocity_over_turn(samples, counts))
         currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
         columns = np.empty((samples.t_s.size, self.basis.width - 1))
