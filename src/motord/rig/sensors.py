@@ -19,7 +19,7 @@ def step_torque_sensor(p: np.record, s: np.record, before_Nm: float, after_Nm: f
     Mount: w^2 / (s^2 + 2 zeta w s + w^2); amplifier: s tau / (1 + s tau) with leakage. Both exact
     for inputs that go straight from the beginning of the substep to its end.
     """
-    mount_before_Nm = s.mount_Nm
+    mount_before_Nm, sensor_before_Nm = s.mount_Nm, s.sensor_Nm
     if p.mount_rigid:
         s.mount_Nm = after_Nm
     else:
@@ -36,6 +36,7 @@ def step_torque_sensor(p: np.record, s: np.record, before_Nm: float, after_Nm: f
         )
     else:
         s.sensor_Nm = s.mount_Nm
+    s.sensor_rate_Nm_per_s = (s.sensor_Nm - sensor_before_Nm) / p.substep_s
 
 
 @jit
@@ -55,8 +56,13 @@ def gray_code(count: int) -> int:
 
 @jit
 def read_torque(p: np.record, s: np.record, o: np.record) -> None:
-    """Convert the torque sensor's output, with noise, to counts of the converter."""
-    counts = s.sensor_Nm * p.torque_counts_per_Nm + p.torque_noise_counts * gaussian(s)
+    """Convert the torque sensor's output, with noise, to counts of the converter.
+
+    At the same instant as the encoder, beyond the last substep: older than the angle it would look
+    like cogging torque, 1 % of it in 0.1 ms.
+    """
+    sensor_Nm = s.sensor_Nm + s.remainder_s * s.sensor_rate_Nm_per_s
+    counts = sensor_Nm * p.torque_counts_per_Nm + p.torque_noise_counts * gaussian(s)
     limit = p.torque_count_max
     counts = math.floor(min(max(counts, -limit - 1.0), float(limit)) + 0.5)
     o.torque_counts = int(counts)

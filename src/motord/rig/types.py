@@ -240,6 +240,7 @@ RIG_STATE = record_dtype(
         ("mount_Nm", "f8"),
         ("mount_rate_Nm", "f8"),  # rate of mount_Nm over its natural frequency
         ("sensor_Nm", "f8"),
+        ("sensor_rate_Nm_per_s", "f8"),
         ("drift_Nm_per_s", "f8"),
         # the hand at the bar
         ("hand", "i8"),  # 0 off the bar, 1 pulling, 2 holding

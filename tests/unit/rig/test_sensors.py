@@ -186,3 +186,26 @@ def test_encoder_shows_time_that_no_substep_has_covered() -> None:
     assert probe.state[0].step == 0
     assert probe.sense().encoder_count == round(100 * 0.99e-4 / (2 * math.pi) * 4096)
     assert probe.truth().angle_rad == pytest.approx(100 * 0.99e-4)
+
+
+@pytest.mark.parametrize("resonance_Hz", [0.0, 700.0])
+def test_torque_and_angle_are_of_the_same_instant_between_substeps(resonance_Hz: float) -> None:
+    truth = plain(
+        rotor=HEAVY,
+        motor={"cogging": [{"order": 48, "amplitude_Nm": 0.33, "phase_rad": 0.3}]},
+        torque_sensor={
+            "resonance_Hz": resonance_Hz, "damping_ratio": 0.7, "highpass_time_constant_s": 0.0,
+            "noise_Nm": 0.0, "drift_Nm_per_s": 0.0,
+        },
+    )  # fmt: skip
+    coarse, fine = Probe(truth), Probe(truth, substep_s=1e-6)
+    for probe in (coarse, fine):
+        probe.state[0].speed_rad_s = 10.0
+    apart_Nm, moved_Nm = [], []
+    for duration_s in (20e-3, *(1.03e-3, 0.57e-3, 0.99e-3, 1.46e-3) * 10):
+        moved_Nm.append(coarse.state[0].remainder_s * coarse.state[0].sensor_rate_Nm_per_s)
+        rows = [probe.advance(duration_s).sense() for probe in (coarse, fine)]
+        assert abs(int(rows[0].encoder_count) - int(rows[1].encoder_count)) <= 1
+        apart_Nm.append(rows[0].torque_Nm - rows[1].torque_Nm)
+    assert np.abs(moved_Nm).max() > 5e-3  # so far the last substep is off
+    assert np.abs(apart_Nm).max() < 1e-3

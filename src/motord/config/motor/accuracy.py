@@ -43,6 +43,8 @@ class AccuracyConfig(Section):
     """Zero of the reading of the DC power."""
     torque_time_constant_percent: Percent = 5.0
     """Time constant of the torque sensor's high-pass."""
+    torque_age_s: NonNegative = 2e-5
+    """Delay of the torque sensor's amplifier and its sampling after the encoder's."""
     torque_crosstalk_percent: Percent = 0.5
     """Change of the torque sensor's gain with the angle: cross-talk of side forces."""
     current_crosstalk_percent: Percent = 0.1

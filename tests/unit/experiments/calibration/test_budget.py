@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
-from motord.config import AccuracyConfig
+from motord.config import AccuracyConfig, load
 from motord.config.motor.accuracy import widest
 from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import GainDirections
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
@@ -14,8 +15,12 @@ from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     WeighedRows,
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.plans import build
+from motord.identification.operating_points import split
 from motord.intervals import coverage_factor, plus_minus
+from motord.rig.truth import load as load_truth
 from motord.uncertainty_budget import Contribution, combined, totals
+from motord.virtual import VirtualBench, run_plan
 from tests.campaigns.departures import (
     DEPARTURES,
     Departure,
@@ -106,6 +111,26 @@ def test_what_the_bench_file_states_is_said_to_be_stated(
     assert crosstalk.limit_text == "0 %"
 
 
+def test_a_torque_a_little_older_than_the_angle_is_in_the_combined_uncertainty() -> None:
+    """40 us, which 30 s at the largest torque alone hardly show, look like cogging torque."""
+    config, blocks = load(), []
+    plan = build("calibrate", config, {"time_limit_s": 30.0})
+    taken = run_plan(VirtualBench(config, seed=4), plan, lambda ticks, _: blocks.append(ticks))
+    ticks = np.concatenate(blocks)
+    t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
+    torque_Nm = CubicSpline(t_s, ticks["torque_Nm"].astype(float))
+    ticks["torque_Nm"] = torque_Nm(np.maximum(t_s - 40e-6, 0.0))
+    result = calibration_of(config, list(split(ticks, taken)))
+    assert "torque-age" not in {one.name for one in result.findings}
+    [wave] = [one for one in load_truth().motor.cogging if one.order == 48]
+    [found] = [one for one in result.harmonics if one.order == 48]
+    error_Nm = abs(found.amplitude_Nm - wave.amplitude_Nm)
+    assert found.half_width_Nm is not None
+    assert error_Nm > 1.5 * found.half_width_Nm
+    assert 0.5 * error_Nm < by_source(result)["delay of the torque"].cogging_Nm < error_Nm
+    assert error_Nm < coverage_factor() * totals(result.budget)[2].cogging_Nm
+
+
 @pytest.mark.parametrize(
     ("field", "source"),
     [
@@ -116,6 +141,7 @@ def test_what_the_bench_file_states_is_said_to_be_stated(
         ("saturation_percent", "saturation"),
         ("torque_gain_percent", "gain of the torque sensor"),
         ("torque_time_constant_percent", "time constant of the torque sensor"),
+        ("torque_age_s", "delay of the torque"),
         ("torque_crosstalk_percent", "cross-talk of the torque sensor"),
         ("current_crosstalk_percent", "cross-talk of current sensors"),
         ("current_linearity_percent", "nonlinearity of current sensors"),
@@ -140,7 +166,7 @@ def test_all_limits_have_a_source(independent: CalibrationResult) -> None:
     of_efficiency_maps = {"torque_zero_Nm", "power_gain_percent", "power_zero_W"}
     of_temperature = {"magnet_temperature_K", "back_emf_temperature_percent"}
     limits = AccuracyConfig.model_fields.keys() - of_efficiency_maps - of_temperature
-    assert len(others) == len(limits) == 13
+    assert len(others) == len(limits) == 14
     assert by_source(independent)["common gain of the current sensors"].alpha == (0.0, 0.0, 0.0)
 
 

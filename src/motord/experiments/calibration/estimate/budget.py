@@ -107,6 +107,7 @@ SOURCES = (
         ("highpass-time-constant",),
         _rate,
     ),
+    Source("delay of the torque", "torque_age_s", "s", ("torque-age",), _alike),
     Source(
         "cross-talk of the torque sensor",
         "torque_crosstalk_percent",
