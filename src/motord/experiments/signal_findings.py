@@ -74,6 +74,16 @@ def torque_scale(ratio: float, spoiled: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def beyond_rated(what: str, value: float, limit: float, unit: str) -> Finding:
+    """Return the finding that a ripple or a cogging torque, `what`, is beyond the rated torque."""
+    return Finding(
+        "torque-scale", value, limit, unit, "serious",
+        f"{what} is larger than the rated torque of [motor]: the torque is in another unit (mNm "
+        "for Nm), or rated_torque_Nm is wrong",
+        "check [torque_sensor] gain_Nm_per_V with a weight on a lever, or the import map",
+    )  # fmt: skip
+
+
 def current_scale(ratios: np.ndarray, spoiled: str) -> Iterator[Finding]:
     """Yield a finding if a phase's current is much more or less than commanded.
 

@@ -8,6 +8,7 @@ import numpy as np
 from motord.experiments.cogging.at_speed import STANDS_OUT, SpeedCogging
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_findings import left_out_finding
+from motord.experiments.signal_findings import beyond_rated
 from motord.findings import Finding
 from motord.identification.rotor.driven_rotor import JERKY
 from motord.identification.speed_differences import SpeedDifferences, speed_differences
@@ -35,12 +36,7 @@ def findings(found: MeasuredCogging, used_s: float) -> tuple[Finding, ...]:
 def _scale(found: MeasuredCogging) -> Iterator[Finding]:
     rated_Nm = found.motor.rated_torque_Nm
     if found.peak_Nm > rated_Nm:
-        yield Finding(
-            "torque-scale", found.peak_Nm, rated_Nm, "Nm", "serious",
-            "the cogging torque is larger than the rated torque of [motor]: the torque is in "
-            "another unit (mNm for Nm), or rated_torque_Nm is wrong",
-            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, or the import map",
-        )  # fmt: skip
+        yield beyond_rated("the cogging torque", found.peak_Nm, rated_Nm, "Nm")
 
 
 def _orders(found: MeasuredCogging) -> Iterator[Finding]:

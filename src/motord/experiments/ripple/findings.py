@@ -3,7 +3,11 @@
 from collections.abc import Iterator, Sequence
 from math import hypot
 
-from motord.experiments.signal_findings import mean_torque_scale, signal_findings
+from motord.experiments.signal_findings import (
+    beyond_rated,
+    mean_torque_scale,
+    signal_findings,
+)
 from motord.findings import Finding, listed
 from motord.identification.point_ripple import PointRipple
 
@@ -42,12 +46,8 @@ def _scale(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
     yield from found
     worst = max(ripples, key=lambda one: one.rms_percent)
     if not found and worst.rms_percent > MOST_PERCENT:
-        yield Finding(
-            "torque-scale", worst.rms_percent, MOST_PERCENT, "% of rated", "serious",
-            f"{worst.label}: the ripple is larger than the rated torque of [motor]: the torque is "
-            "in another unit (mNm for Nm), or rated_torque_Nm is wrong",
-            "check [torque_sensor] gain_Nm_per_V with a weight on a lever, or the import map",
-        )  # fmt: skip
+        what = f"{worst.label}: the ripple"
+        yield beyond_rated(what, worst.rms_percent, MOST_PERCENT, "% of rated")
 
 
 def _one_turn(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
