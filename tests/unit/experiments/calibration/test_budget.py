@@ -111,24 +111,28 @@ def test_what_the_bench_file_states_is_said_to_be_stated(
     assert crosstalk.limit_text == "0 %"
 
 
-def test_a_torque_a_little_older_than_the_angle_is_in_the_combined_uncertainty() -> None:
-    """40 us, which 30 s at the largest torque alone hardly show, look like cogging torque."""
+@pytest.mark.parametrize("age_s", [20e-6, 40e-6, 60e-6])
+def test_a_torque_a_little_older_than_the_angle_is_in_the_combined_uncertainty(
+    age_s: float,
+) -> None:
+    """30 s at the largest torque alone hardly show it: it looks like cogging torque."""
     config, blocks = load(), []
     plan = build("calibrate", config, {"time_limit_s": 30.0})
     taken = run_plan(VirtualBench(config, seed=4), plan, lambda ticks, _: blocks.append(ticks))
     ticks = np.concatenate(blocks)
     t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
     torque_Nm = CubicSpline(t_s, ticks["torque_Nm"].astype(float))
-    ticks["torque_Nm"] = torque_Nm(np.maximum(t_s - 40e-6, 0.0))
+    ticks["torque_Nm"] = torque_Nm(np.maximum(t_s - age_s, 0.0))
     result = calibration_of(config, list(split(ticks, taken)))
-    assert "torque-age" not in {one.name for one in result.findings}
     [wave] = [one for one in load_truth().motor.cogging if one.order == 48]
     [found] = [one for one in result.harmonics if one.order == 48]
     error_Nm = abs(found.amplitude_Nm - wave.amplitude_Nm)
-    assert found.half_width_Nm is not None
-    assert error_Nm > 1.5 * found.half_width_Nm
-    assert 0.5 * error_Nm < by_source(result)["delay of the torque"].cogging_Nm < error_Nm
-    assert error_Nm < coverage_factor() * totals(result.budget)[2].cogging_Nm
+    assert error_Nm < totals(result.budget)[2].cogging_Nm
+    if age_s == 40e-6:  # less is within the interval of Type A, more is a finding that widens it
+        assert result.findings == ()
+        assert found.half_width_Nm is not None
+        assert error_Nm > 1.5 * found.half_width_Nm
+        assert 0.5 * error_Nm < by_source(result)["delay of the torque"].cogging_Nm < error_Nm
 
 
 @pytest.mark.parametrize(
