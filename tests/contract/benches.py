@@ -288,6 +288,14 @@ def wires() -> Bench:
     return _both(make_rig(bench(can, board.port)), drive, board)
 
 
+def open_streaming(driver: Any, board: Board) -> None:
+    """Open a bridge and read it once, so that its board sends samples."""
+    driver.open()
+    until(lambda: not board.streaming)  # it has been stopped until the first read
+    driver.read(time.time_ns(), new_feedback())
+    until(lambda: board.streaming)
+
+
 def simulated() -> Bench:
     return Bench(
         driver=make_rig(config.load()),

@@ -79,13 +79,14 @@ class LoopProcess:
         work.warm_up_kernel()
         try:
             rig.open()
-            work.warm_up_rig()
+            realtime, threads = rt_setup.apply(bench.loop), foreign_threads()
+            work.warm_up_rig()  # samples flow from here on
             self._publish(
                 LoopPhase.READY,
                 rate_Hz=bench.loop.rate_Hz,
                 offset_ns=mailbox.clock.offset_ns,
-                realtime=rt_setup.apply(bench.loop),
-                foreign_threads=foreign_threads(),
+                realtime=realtime,
+                foreign_threads=threads,
             )
             control_loop.run(work, pacer)
         finally:

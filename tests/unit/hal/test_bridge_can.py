@@ -11,7 +11,7 @@ from motord.hal.base import DeviceError
 from motord.hal.bridge.can import CanBridge
 from motord.hal.registry import make_rig
 from motord.wire.bridge import frames
-from tests.contract.benches import new_command, new_feedback
+from tests.contract.benches import new_command, new_feedback, open_streaming
 from tests.contract.peers import (
     CanBoard,
     Drive,
@@ -38,7 +38,7 @@ def pair(request: pytest.FixtureRequest) -> Iterator[tuple[CanBridge, CanBoard]]
     config = bridge_can_config("virtual", fd=request.param)
     board = CanBoard(config)
     driver = CanBridge(setup(config, rate_Hz=1500, heartbeat_timeout_s=0.03))
-    driver.open()
+    open_streaming(driver, board)
     yield driver, board
     driver.close()
     board.close()

@@ -16,7 +16,7 @@ from tests.contract.benches import (
     serial,
     wires,
 )
-from tests.contract.peers import Drive, until
+from tests.contract.peers import Board, Drive, until
 
 
 class Recorder:
@@ -97,24 +97,46 @@ def read_anew(bench: Bench, ends: tuple[Any, ...]) -> int:
     return int(feedback["link_errors"][0])
 
 
-@pytest.mark.parametrize("make", [can_udp, can_dq, serial, bridge_can, wires])
+@pytest.mark.parametrize("make", [can_udp, can_dq, wires])
 def test_what_overflows_before_the_first_read_is_no_link_error(make: Callable[[], Bench]) -> None:
-    """As a bridge's samples do while its inverter takes its time to open; what is lost later is."""
+    """As a drive's frames do while the loop is set up; what is lost later is."""
     bench = make()
     try:
         bench.driver.open()
         for end in bench.peers:
             end.stop()
-            if not isinstance(end, Drive):
-                end.dropped += 11  # as it reports when it is read again
-            end.lose = 100  # their numbers show, once it speaks again, that they are missing
-            for _ in range(20):
-                end.speak()
-            end.lose = 0
+            if isinstance(end, Drive):
+                end.lose = 100  # their numbers show, once it speaks again, that they are missing
+                for _ in range(20):
+                    end.speak()
+                end.lose = 0
         assert read_anew(bench, bench.peers) == 0
         assert read_anew(bench, bench.peers) == 0
         for end in bench.peers:
             end.lose = 2
         until(lambda: read_anew(bench, bench.peers) >= 2 * len(bench.peers))
+    finally:
+        bench.close()
+
+
+@pytest.mark.parametrize("make", [serial, bridge_can, wires])
+def test_a_board_sends_nothing_until_somebody_reads(make: Callable[[], Bench]) -> None:
+    """So that nothing overflows while an inverter takes its time to open, or the loop is set up."""
+    bench = make()
+    (board,) = (end for end in bench.peers if isinstance(end, Board))
+    try:
+        bench.driver.open()
+        until(lambda: not board.streaming)
+        starts = board.starts
+        feedback = new_feedback()
+        bench.driver.read(bench.clock.now_ns(), feedback)
+        until(lambda: board.streaming)
+        heartbeats = board.heartbeats
+        for _ in range(3):
+            bench.driver.read(bench.clock.now_ns(), feedback)
+            bench.driver.write(new_command())
+        until(lambda: board.heartbeats == heartbeats + 3)  # and whatever was sent before them
+        assert board.starts == starts + 1
+        assert feedback["link_errors"][0] == 0
     finally:
         bench.close()

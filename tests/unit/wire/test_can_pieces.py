@@ -159,15 +159,3 @@ def test_in_step_again_after_noise(noise: list[bytes], number: int) -> None:
     decoded(decoder, noise)
     frame = frames.Numbered(number, STATUS)
     assert decoded(decoder, split(frames.pack(STATUS, number), 9)) == [frame]
-
-
-def test_a_body_that_was_cut_off_before_a_restart_is_no_error_and_the_next_is() -> None:
-    decoder = PieceDecoder()
-    bodies = pieces_of([STATUS] * 4, CLASSIC_BYTES)
-    assert len(bodies[0]) > 2
-    decoded(decoder, bodies[0][:2])
-    decoder.restart()
-    assert len(decoded(decoder, bodies[2])) == 1
-    assert decoder.errors == 0
-    decoded(decoder, bodies[3][:2] + bodies[3][:1])
-    assert decoder.errors == 1

@@ -1,10 +1,12 @@
 """The bridge board, over whatever link: encoder and torque in, heartbeat and enable request out.
 
-In the loop a tick costs one read and one write of the link. A board that starts anew while the
-loop runs is configured again without waiting for its answers. One that sends no samples any more,
-or receives no heartbeats, is sent a HelloRequest now and then: it may have started anew while the
-link was down, or have missed so many heartbeats that it takes the next for old ones. Its Hello
-says from which number heartbeats go on.
+Samples flow from the first read on: what comes while nobody reads overflows somewhere on the way,
+and nobody can know how much of what is older than the gap is still to come. In the loop a tick
+costs one read and one write of the link. A board that starts anew while the loop runs is configured
+again without waiting for its answers. One that sends no samples any more, or receives no
+heartbeats, is sent a HelloRequest now and then: it may have started anew while the link was down,
+or have missed so many heartbeats that it takes the next for old ones. Its Hello says from which
+number heartbeats go on.
 """
 
 import time
@@ -45,9 +47,6 @@ class BridgeLink(Protocol):
 
     def receive(self) -> list[frames.Numbered]:
         """Return the good frames that have arrived, the oldest first."""
-
-    def restart(self) -> None:
-        """Take the next good frame as the first of a stream: nothing is missing before it."""
 
     def send(self, frame: frames.Frame, number: int) -> None:
         """Send a frame."""
@@ -98,7 +97,7 @@ class Bridge:
         self._sample = frames.Sample(0, 0, 0, 0)
 
     def open(self) -> None:
-        """Open the link, check the board, start its samples. Raises DeviceError."""
+        """Open the link, check the board and that it samples. Raises DeviceError."""
         self._link = self._open_link()
         try:
             self.hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
@@ -115,6 +114,7 @@ class Bridge:
                 )
             self._update_from_status(status)
             self._sample = self._request(frames.Start(), frames.Sample)
+            self._send(frames.Stop())
         except BaseException:
             self._link.close()
             self._link = None
@@ -126,6 +126,8 @@ class Bridge:
         clock = self._loop_clock
         clock.observe(now_ns)
         if self._link is not None:
+            if self._errors_before is None:
+                self._send(frames.Start())
             received = self._link.receive()
             if received:
                 stamp_ns = self._link.stamp_ns
@@ -141,17 +143,10 @@ class Bridge:
         feedback["link_errors"] += self._link_errors()
 
     def _link_errors(self) -> int:
-        """Return the errors since the first read.
-
-        What overflowed before it, as when the inverter takes its time to open, is none of them:
-        neither the gap in the frames' numbers nor what the board says that it had to drop.
-        """
+        """Return the errors since the first read."""
         errors = self._lost_by_board + (self._link.errors if self._link is not None else 0)
         if self._errors_before is None:
             self._errors_before = errors
-            self._board_errors = -1
-            if self._link is not None:
-                self._link.restart()
         return errors - self._errors_before
 
     def write(self, command: np.ndarray) -> None:

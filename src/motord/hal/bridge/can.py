@@ -48,10 +48,6 @@ class CanLink:
         self._pieces += len(arrived)
         return found
 
-    def restart(self) -> None:
-        """Take the next good frame as the first of a stream: nothing is missing before it."""
-        self._decoder.restart()
-
     def send(self, frame: frames.Frame, number: int) -> None:
         """Send a frame, a CAN frame for each piece."""
         pieces = split(frames.pack(frame, number), self._number, self._piece_bytes)

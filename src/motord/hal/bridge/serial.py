@@ -35,10 +35,6 @@ class SerialLink(SerialPort):
         self._bytes += len(data)
         return self._decoder.feed(data) if data else []
 
-    def restart(self) -> None:
-        """Take the next good frame as the first of a stream: nothing is missing before it."""
-        self._decoder.restart()
-
     def send(self, frame: frames.Frame, number: int) -> None:
         """Send a frame."""
         self.write(frames.encode(frame, number))

@@ -46,11 +46,6 @@ class PieceJoiner:
         self._expected = 0
         self._skipping = False  # the rest of a body that was given up
 
-    @property
-    def is_within_body(self) -> bool:
-        """Return whether a body has begun and not ended."""
-        return self._size > 0
-
     def feed(self, piece: bytes) -> bytes | None:
         """Take the data field of a CAN frame; return the body it completes, if any.
 
@@ -105,14 +100,10 @@ class PieceDecoder(FrameDecoder):
         super().__init__(check)
         self._joiner = PieceJoiner()
 
-    def restart(self) -> None:
-        """Take the next good frame as the first of a stream: nothing is missing before it."""
-        self._start_over(within_frame=self._joiner.is_within_body)
-
     def feed(self, piece: bytes) -> Numbered | None:
         """Return the frame that `piece` completes, if it counts."""
         before = self._joiner.errors
         body = self._joiner.feed(piece)
         for _ in range(self._joiner.errors - before):
-            self._corrupt()
+            self._check.corrupt()
         return None if body is None else self._counting(unpack(body))

@@ -26,29 +26,17 @@ class FrameDecoder:
     def __init__(self, check: SequenceCheck | None = None) -> None:
         self._judges = check is None
         self._check = check or SequenceCheck(SEQUENCE_MODULUS)
-        self._cut_off = False  # a frame had begun before the last restart
 
     @property
     def errors(self) -> int:
         """Return the frames lost, corrupt or repeated so far; it never falls."""
         return self._check.errors
 
-    def _start_over(self, *, within_frame: bool) -> None:
-        self._check.restart()
-        self._cut_off = within_frame
-
-    def _corrupt(self) -> None:
-        """Count a corrupt frame, unless it had begun before a restart."""
-        if not self._cut_off:
-            self._check.corrupt()
-        self._cut_off = False
-
     def _counting(self, numbered: Numbered | None) -> Numbered | None:
         """Return a frame if it counts; None is a corrupt one."""
         if numbered is None:
-            self._corrupt()
+            self._check.corrupt()
             return None
-        self._cut_off = False
         if not self._judges:
             return numbered
         if type(numbered.frame) is Hello:
@@ -64,10 +52,6 @@ class StreamDecoder(FrameDecoder):
         self._rest = b""
         self._overlong = False
 
-    def restart(self) -> None:
-        """Take the next good frame as the first of a stream: nothing is missing before it."""
-        self._start_over(within_frame=bool(self._rest) or self._overlong)
-
     def feed(self, data: bytes) -> list[Numbered]:
         """Return the frames that `data` completes and that count, oldest first."""
         pieces = (self._rest + data).split(DELIMITER)
@@ -76,7 +60,7 @@ class StreamDecoder(FrameDecoder):
         for piece in pieces:
             if self._overlong:
                 self._overlong = False
-                self._corrupt()
+                self._check.corrupt()
             elif piece:
                 fits = len(piece) <= MAX_STUFFED_BYTES
                 numbered = self._counting(decode(piece) if fits else None)
