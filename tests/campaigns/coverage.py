@@ -5,18 +5,22 @@ and without 1 % of scatter of the phases' gains between the points; samples from
 that shares no code with the estimator. Exits with 1 if a share is not kept.
 """
 
+import argparse
 import os
 import sys
+import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import lru_cache
 
 import numpy as np
 
 from motord.config import TorqueSensorConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.identification.operating_points import PointData
 from motord.intervals import coverage_factor
 from motord.virtual import processors
 from tests.campaigns import seeds
@@ -24,6 +28,7 @@ from tests.unit.identification.synthetic_bench import Bench, Truth, motor
 
 SEEDS = 200
 COVERED = (0.90, 0.99)
+KINDS = ("alpha", "beta", "amplitude", "phase", "delta epsilon")
 SLACK = 2.5
 """Standard deviations of a share over few trials by which it may lie outside COVERED."""
 
@@ -55,10 +60,14 @@ class Case:
     seed: int
 
     @property
-    def group(self) -> tuple[str, str, int, float]:
-        """What trials are put together by."""
-        recorded = "commands" if self.commands else "no commands"
-        return self.connection, recorded, self.points, self.scatter
+    def recorded(self) -> str:
+        """Whether commands are recorded, in words."""
+        return "commands" if self.commands else "no commands"
+
+    @property
+    def scattered(self) -> str:
+        """How much gains differ from point to point, in words."""
+        return f"{100 * self.scatter:g} % scatter"
 
     @property
     def noise(self) -> int:
@@ -103,13 +112,21 @@ class Case:
         return self._found(delta_epsilon_is_1=not expected)
 
     def _found(self, *, delta_epsilon_is_1: bool) -> tuple[Bench, CalibrationResult]:
-        bench = self.bench(delta_epsilon_is_1=delta_epsilon_is_1)
+        with_commands = replace(self, commands=True)
+        bench, points = measured(with_commands, delta_epsilon_is_1=delta_epsilon_is_1)
         calibrator = Calibrator(bench.motor, bench.sensor)
-        for point in bench.mesh(*MESHES[self.points], turns=TURNS + 0.5, seed=self.noise):
+        for point in points:
             names = point.ticks.dtype.names or ()
             kept = [name for name in names if self.commands or "cmd" not in name]
             calibrator.add(replace(point, ticks=point.ticks[kept]))
         return bench, calibrator.joint()
+
+
+@lru_cache(maxsize=2)
+def measured(case: Case, *, delta_epsilon_is_1: bool) -> tuple[Bench, list[PointData]]:
+    """Return a bench and what was measured on it, with commands: the next trial is without."""
+    bench = case.bench(delta_epsilon_is_1=delta_epsilon_is_1)
+    return bench, bench.mesh(*MESHES[case.points], turns=TURNS + 0.5, seed=case.noise)
 
 
 def _is_assumed(result: CalibrationResult) -> bool:
@@ -161,13 +178,21 @@ def trial(case: Case) -> list[Row]:
     return list(rows(*case.found()))
 
 
-def cases(count: int, points: tuple[int, ...] = tuple(MESHES)) -> list[Case]:
-    """Return all cases of so many seeds."""
-    found = product(
-        range(len(MOTORS)), ("independent", "star"), (True, False), points, (0.0, 0.01),
-        seeds.several(count),
-    )  # fmt: skip
-    return [Case(*one) for one in found]
+def cases(
+    count: int,
+    points: Sequence[int] = tuple(MESHES),
+    scatters: Sequence[float] = (0.0, 0.01),
+) -> list[Case]:
+    """Return all cases of so many seeds; those that share their samples follow each other."""
+    return [
+        Case(number, connection, commands, several, scatter, seed)
+        for seed in seeds.several(count)
+        for number in range(len(MOTORS))
+        for connection in ("independent", "star")
+        for several in points
+        for scatter in scatters
+        for commands in (True, False)
+    ]
 
 
 @dataclass(frozen=True)
@@ -192,13 +217,32 @@ class Share:
         return bool(least - below <= self.covered <= most + above)
 
 
-def shares(chosen: list[Case], found: list[list[Row]]) -> list[Share]:
+def by_cell(case: Case) -> tuple[object, ...]:
+    """Return the cell of a trial, whose shares are to be kept."""
+    return case.connection, case.recorded, f"{case.points} points", case.scattered
+
+
+def by_kind_of_bench(case: Case) -> tuple[object, ...]:
+    """Return what is known of the bench, for a table."""
+    return case.connection, case.recorded, case.scattered
+
+
+def by_points(case: Case) -> tuple[object, ...]:
+    """Return the number of points, for a table."""
+    return (f"{case.points} points, all of them",)
+
+
+def shares(
+    chosen: Sequence[Case],
+    found: Sequence[list[Row]],
+    group_of: Callable[[Case], tuple[object, ...]] = by_cell,
+) -> list[Share]:
     """Put trials together."""
     groups: dict[tuple[tuple[object, ...], str], list[tuple[Case, float, float]]]
     groups = defaultdict(list)
     for case, trial_rows in zip(chosen, found, strict=True):
         for kind, ratio, half in trial_rows:
-            groups[case.group, kind].append((case, ratio, half))
+            groups[group_of(case), kind].append((case, ratio, half))
     return [
         Share(
             group,
@@ -211,25 +255,57 @@ def shares(chosen: list[Case], found: list[list[Row]]) -> list[Share]:
     ]
 
 
-def main(count: int = SEEDS, *points: int) -> int:
+def print_table(of: list[Share]) -> None:
+    """Print shares as rows of a Markdown table, a column for each kind."""
+    rows_of: dict[tuple[object, ...], dict[str, Share]] = defaultdict(dict)
+    for share in of:
+        rows_of[share.group][share.kind] = share
+    for group, by_kind in rows_of.items():
+        cells = (f"{100 * by_kind[k].covered:.1f}" if k in by_kind else "" for k in KINDS)
+        trials = max(share.trials for share in by_kind.values())
+        print(f"| {', '.join(map(str, group))} | {trials} | {' | '.join(cells)} |")
+
+
+def run(chosen: list[Case]) -> list[list[Row]]:
+    """Return the rows of the trials, in order; of those done when Ctrl-C is pressed."""
+    found: list[list[Row]] = []
+    begun_s = time.monotonic()
+    with processors() as pool, suppress(KeyboardInterrupt):
+        for rows_of_trial in pool.map(trial, chosen, chunksize=8):
+            found.append(rows_of_trial)
+            if len(found) % 480 == 0:
+                left_s = (time.monotonic() - begun_s) * (len(chosen) / len(found) - 1)
+                print(f"{len(found)} of {len(chosen)}, {left_s / 60:.0f} min left", file=sys.stderr)
+    return found
+
+
+def main() -> int:
     """Run all trials and print them; return the exit code."""
-    chosen = cases(count, points or tuple(MESHES))
+    parser = argparse.ArgumentParser(prog="tests.campaigns.coverage", description=__doc__)
+    parser.add_argument("seeds", type=int, nargs="?", default=SEEDS)
+    parser.add_argument("--points", type=int, nargs="+", choices=MESHES, default=tuple(MESHES))
+    parser.add_argument(
+        "--scatter", type=float, nargs="+", default=(0.0, 0.01), help="of gains between points"
+    )
+    options = parser.parse_args()
+    chosen = cases(options.seeds, options.points, options.scatter)
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the pool's processes: one a processor
-    with processors() as pool:
-        found = list(pool.map(trial, chosen, chunksize=8))
+    found = run(chosen)
+    done = chosen[: len(found)]
     bad = 0
-    for share in sorted(shares(chosen, found), key=lambda s: (s.kind, s.group)):
-        connection, recorded, points_, scatter = share.group
+    for share in sorted(shares(done, found), key=lambda s: (s.kind, s.group)):
+        connection, recorded, points, scatter = share.group
         print(
-            f"{share.kind:14s} {connection:12s} {recorded:12s} {points_:3d} points  scatter "
-            f"{100 * scatter:.0f} %: {100 * share.covered:5.1f} % of {share.trials}, half "
-            f"{share.half:.2g}",
+            f"{share.kind:14s} {connection:12} {recorded:12} {points:10} {scatter:13}: "
+            f"{100 * share.covered:5.1f} % of {share.trials}, half {share.half:.2g}",
             *() if share.kept else ("NOT KEPT",),
         )
         bad += not share.kept
-    print(f"{bad} not kept")
-    return int(bad > 0)
+    print_table(shares(done, found, by_kind_of_bench))
+    print_table(shares(done, found, by_points))
+    print(f"{len(done)} trials of {len(chosen)}; {bad} shares not kept")
+    return int(bad > 0 or len(done) < len(chosen))
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:])))
+    sys.exit(main())
