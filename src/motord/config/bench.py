@@ -126,7 +126,7 @@ def bridge_fits_its_bus(config: Sections) -> Iterator[str]:
 def lease_outlasts_the_ramp(config: Sections) -> Iterator[str]:
     """No torque remains when a lease expires without renewal."""
     limits = config.limits
-    least_s = config.wind_down_s(limits.torque_Nm) + RENEWAL_S
+    least_s = config.longest_wind_down_s + RENEWAL_S
     if config.zenoh.lease_s < least_s:
         yield (
             f"[zenoh] lease_s = {config.zenoh.lease_s:g} is too short: no torque may be left "

@@ -228,9 +228,14 @@ class Sections(Section):
         return ramp_s + self.loop.supervisor_timeout_s + SUPERVISOR_ACTS_S
 
     @property
+    def longest_wind_down_s(self) -> float:
+        """Return `wind_down_s` from the largest torque that may be set."""
+        return self.wind_down_s(self.limits.torque_Nm)
+
+    @property
     def renew_within_s(self) -> float:
         """Within this time a lease has to be renewed, whatever the torque."""
-        return self.zenoh.lease_s - self.wind_down_s(self.limits.torque_Nm)
+        return self.zenoh.lease_s - self.longest_wind_down_s
 
     @property
     def simulated(self) -> bool:

@@ -216,7 +216,7 @@ def slow_devices(config: Config, events: EventLog) -> dict[str, SlowDevice]:
         if section.driver not in ("sim", "none"):
             device = registry.make_setpoint_device(kind, config)
             # a brake takes speed out: it is left as it is until no torque can be left
-            hold_s = config.wind_down_s(config.limits.torque_Nm) if kind == "brake" else 0.0
+            hold_s = config.longest_wind_down_s if kind == "brake" else 0.0
             devices[kind] = SlowDevice(
                 *(kind, device, section.poll_s, section.stale_after_s),
                 setpoint_valid_s=config.setpoint_valid_s,

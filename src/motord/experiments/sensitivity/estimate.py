@@ -71,7 +71,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
 
     Raises AnalysisError where no errors were induced, IdentifyError for what cannot be identified.
     """
-    applied, places = _what_was_applied(runs, subject)
+    applied, places, current_ratios = _what_was_applied(runs, subject)
     share = tuple(applied.gain.tolist()) if subject.motor.connection == "star" else None
     model = RippleModel.of(subject.motor, applied.tau_cog_Nm, share)
     rows: dict[str, list[tuple[float, ...]]] = {what: [] for what in IDEALS}
@@ -101,7 +101,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
         ),
         again=_again(runs, subject, applied, model, torque_Nm),
         signal_findings=tuple(
-            current_scale(_current_ratios(runs), "slopes of current errors are as wrong")
+            current_scale(current_ratios, "slopes of current errors are as wrong")
         ),
     )
 
@@ -119,23 +119,18 @@ def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:
             yield point, Induced(**given)
 
 
-def _current_ratios(runs: Sequence[Run]) -> np.ndarray:
-    """Return sensed over commanded RMS current (3,) of all points."""
+def _what_was_applied(
+    runs: Sequence[Run], subject: Subject
+) -> tuple[Applied, list[tuple[float, float]], np.ndarray]:
+    """Return the compensation; torque and speed of the points with a single error; and sensed over
+    commanded RMS current (3,) of all points."""
+    compensation, places, wrong = AppliedCompensation(subject.motor), [], 0
     products = CurrentProducts.of(np.empty((0, 3)), np.empty((0, 3)))
-    for point, _ in _points(runs):
+    for point, induced in _points(runs):
+        compensation.add(point.ticks, induced.gain, induced.offset_A, induced.cogging)
         products += CurrentProducts.of(
             stacked(point.ticks, CURRENTS), stacked(point.ticks, COMMANDS)
         )
-    return products.ratios
-
-
-def _what_was_applied(
-    runs: Sequence[Run], subject: Subject
-) -> tuple[Applied, list[tuple[float, float]]]:
-    """Return the compensation, and torque and speed of the points with a single error."""
-    compensation, places, wrong = AppliedCompensation(subject.motor), [], 0
-    for point, induced in _points(runs):
-        compensation.add(point.ticks, induced.gain, induced.offset_A, induced.cogging)
         wrong += induced != NOTHING_INDUCED
         if _single(induced):
             places.append((point.torque_Nm, point.speed_Hz))
@@ -145,7 +140,7 @@ def _what_was_applied(
             f"{names}: no operating point with an induced error in there; record the plan "
             "`sensitivity`"
         )
-    return compensation.result(), places
+    return compensation.result(), places, products.ratios
 
 
 def _again(

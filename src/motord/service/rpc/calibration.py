@@ -112,8 +112,7 @@ class Installation:
                 path="",
             )
 
-        config = self._bench.config
-        ramp_s = config.wind_down_s(config.limits.torque_Nm)  # a torque may be on its way to zero
+        ramp_s = self._bench.config.longest_wind_down_s  # a torque may be on its way to zero
         return Wait(
             exchanged,
             EXCHANGE_S + ramp_s,

@@ -87,8 +87,8 @@ def zero_torque(bench: Bench, why: str) -> None:
 
 
 def _ramps_still(bench: Bench, what: str, code: Code = "refused") -> NotYetError:
-    within_s = bench.config.wind_down_s(bench.config.limits.torque_Nm)
-    return NotYetError(code, f"{what}; try again in a moment, or `motord stop`", within_s)
+    message = f"{what}; try again in a moment, or `motord stop`"
+    return NotYetError(code, message, bench.config.longest_wind_down_s)
 
 
 def plan_devices(bench: Bench, plan: Plan) -> None:
