@@ -88,10 +88,15 @@ def test_frames_go_out_at_once(adapter: Adapter) -> None:
 def test_a_frame_that_the_port_cuts_off_is_reported_and_spoils_no_other(adapter: Adapter) -> None:
     sent = send_until_refused(adapter.bus)
     received = b""
-    while piece := adapter.sent_by_host():
-        received += piece
+
+    def drain() -> bytes:
+        nonlocal received
+        received += adapter.sent_by_host()
+        return received
+
+    until(lambda: drain().count(b"\r") == sent)
     adapter.bus.send(frame(255), timeout=0)
-    received += until(adapter.sent_by_host)
+    until(lambda: drain().endswith(b"b1004FF020304\r"))
     lines = received.split(b"\r")
     assert lines[:sent] == [f"b1004{n % 256:02X}020304".encode() for n in range(sent)]
     assert lines[-2:] == [b"b1004FF020304", b""]

@@ -1,4 +1,5 @@
 import os
+import select
 import socket
 import threading
 import time
@@ -91,6 +92,7 @@ def test_a_computer_that_stalls_looks_once_more(monkeypatch: pytest.MonkeyPatch)
 
     def answered(port: object, data: bytes) -> int:
         os.write(device_fd, rtu_frame(1, question))
+        select.select([host_fd], [], [], PATIENCE_S)  # until it has arrived
         return written(port, data)
 
     monkeypatch.setattr(modbus_link.serial.Serial, "write", answered)
