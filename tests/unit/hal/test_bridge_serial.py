@@ -56,6 +56,36 @@ def test_the_board_is_asked_configured_and_started(pair: tuple[SerialBridge, Boa
     assert board.streaming
 
 
+def test_a_first_read_that_comes_late_starts_the_samples_and_asks_nothing(board: Board) -> None:
+    """As when an inverter takes seconds to open."""
+    late_ns = 2_000_000_000
+    driver = SerialBridge(bench(port=board.port))
+    driver.open()
+    until(lambda: not board.streaming)
+    feedback = new_feedback()
+    driver.read(time.time_ns() + late_ns, feedback)
+    driver.write(new_command())
+    until(lambda: board.heartbeats)  # and whatever was sent before it
+    assert board.streaming
+    opened_ns = feedback["t_ns"][0]
+
+    def sampled() -> bool:
+        driver.read(time.time_ns() + late_ns, feedback)
+        return bool(feedback["t_ns"][0] > opened_ns + late_ns // 2)
+
+    until(sampled)
+    assert driver.restarts == 0
+    driver.close()
+
+
+def test_a_bridge_that_is_opened_again_streams_again(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    driver.close()
+    until(lambda: not board.streaming)
+    open_streaming(driver, board)
+    assert read(driver).link_errors == 0
+
+
 def test_torque_from_counts(pair: tuple[SerialBridge, Board]) -> None:
     driver, board = pair
     board.torque_counts = -750  # 1 mV a count, 2 Nm a volt

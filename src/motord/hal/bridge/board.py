@@ -119,7 +119,8 @@ class Bridge:
             self._link.close()
             self._link = None
             raise
-        self._t_ns = self._received_ns = self._loop_clock.now_ns()
+        self._t_ns = self._loop_clock.now_ns()
+        self._errors_before = None
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
         """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors."""
@@ -128,6 +129,7 @@ class Bridge:
         if self._link is not None:
             if self._errors_before is None:
                 self._send(frames.Start())
+                self._received_ns = now_ns  # its silence since it was opened is no reason to ask it
             received = self._link.receive()
             if received:
                 stamp_ns = self._link.stamp_ns
