@@ -42,7 +42,10 @@ class Rig(Device, Protocol):
     `control.types`; status words are in motord's own bits whatever the device's are."""
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill `feedback` (shape (1,)) with the newest samples; never blocks."""
+        """Fill `feedback` (shape (1,)) with the newest samples; never blocks.
+
+        link_errors counts from the first read on: what is lost while nobody reads is none.
+        """
 
     def write(self, command: np.ndarray) -> None:
         """Send `command` (shape (1,)); never blocks. A failed send shows in the feedback."""
