@@ -25,8 +25,7 @@ import numpy as np
 from motord import config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.current_tables import (
-    instruments,
-    lag_compensated,
+    instruments_by_parity,
     velocity_over_turn,
 )
 from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
@@ -34,10 +33,11 @@ from motord.experiments.calibration.estimate.turn_products import (
     BAND_MARGIN,
     accumulate,
     settled,
+    without_decay,
 )
 from motord.experiments.subject import Subject
 from motord.identification.basis import FIRST_WAVE, Basis, fill_columns, highpass
-from motord.identification.operating_points import Samples, current_lines, prepare
+from motord.identification.operating_points import Samples, prepare
 from motord.identification.orders import allowed_orders
 from motord.identification.torque_sensor import MountInverse
 from motord.recording.captures import captures
@@ -199,30 +199,32 @@ class Matrices:
 
     def _columns(self, samples: Samples) -> np.ndarray:
         """Return columns and torque of all whole turns, freed of mean and slope over each."""
+        basis, turns = self.basis.at(samples.back_emf_factor), samples.turns
         band_Hz = BAND_MARGIN * max(self.orders) * samples.speed_Hz
         mount = MountInverse.of(self.sensor, samples.period_s, band_Hz)
         y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-        counts = self.motor.counts
-        commanded, sensed = (
-            current_lines(samples.count, i_A, samples.turns, counts)
-            for i_A in (samples.command_A, samples.i_A)
-        )
-        lines = lag_compensated(commanded, sensed)
-        commands_A, rates = instruments(lines, self.basis, velocity_over_turn(samples, counts))
-        currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
-        columns = np.empty((samples.t_s.size, self.basis.width - 1))
-        tables = self.basis.back_emf, self.basis.cogging, rates
-        fill_columns(samples.count, samples.t_s, currents_A, 0, *tables, columns)
+        y_Nm = without_decay(samples, y_Nm, self.sensor.highpass_time_constant_s)
+        velocity_rad_s = velocity_over_turn(samples, self.motor.counts)
+        tables_A, rates = instruments_by_parity(samples, basis, velocity_rad_s)
+        columns = np.zeros((samples.t_s.size, basis.width - 1))
+        before = (0, turns[0][0], 0, 1)  # it settles the high-pass
+        within = ((first, end, turn % 2, turn % 2) for turn, (first, end) in enumerate(turns))
+        for first, end, of_currents, of_rates in (before, *within):
+            count = samples.count[first:end]
+            commands_A = tables_A[of_currents][count]
+            currents_A = np.concatenate([samples.i_A[first:end], commands_A], axis=1)
+            tables = basis.back_emf, basis.cogging, rates[of_rates]
+            fill_columns(count, samples.t_s[first:end], currents_A, 0, *tables, columns[first:end])
         dt_s = np.diff(samples.t_s, prepend=samples.t_s[0])
-        state = settled(samples, self.basis)
+        state = settled(samples, basis)
         highpass(columns, dt_s, self.sensor.highpass_time_constant_s, state)
-        turns = []
-        for first, end in samples.turns:
+        pieces = []
+        for first, end in turns:
             rows = np.column_stack([columns[first:end][:, self.chosen], y_Nm[first:end]])
             t_s = samples.t_s[first:end]
             trend = np.column_stack([np.ones(t_s.size), t_s - t_s.mean()])
-            turns.append(rows - trend @ (np.linalg.pinv(trend) @ rows))
-        return np.concatenate(turns)
+            pieces.append(rows - trend @ (np.linalg.pinv(trend) @ rows))
+        return np.concatenate(pieces)
 
 
 def ratio(

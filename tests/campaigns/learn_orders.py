@@ -2,7 +2,9 @@
 
 `python -m tests.campaigns.learn_orders` prints the figures of two rigs and exits 1 if a bound is
 not kept: a star with a third harmonic of 12 % and cogging at 6, 8, 24, 48, 80, 144, and an encoder
-that is eccentric by 0.3 deg.
+that is eccentric by 0.3 deg. With `--offsets N` the star alone is calibrated, with N seeds: the
+share of the offsets' 95 % intervals that hold the truth, and whether the orders stated are those
+that there are.
 """
 
 import argparse
@@ -24,6 +26,7 @@ from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
 from motord.identification.operating_points import split
+from motord.intervals import coverage_factor
 from motord.reproduce.learning import learn_virtual
 from motord.rig.truth import load as load_truth
 from motord.uncertainty_budget import totals
@@ -86,6 +89,29 @@ def beta_errors(result: CalibrationResult, config: Config) -> np.ndarray:
     return np.asarray((result.beta_A - truth_A) / result.beta_stderr_A)
 
 
+def offsets(count: int, first: int, pool: Any) -> bool:
+    """Print the offsets' errors of each calibration of the star; return if their share is kept."""
+    held, expanded, exact = [], [], 0
+    with tempfile.TemporaryDirectory() as folder:
+        config = at_rate(departing(Path(folder), STAR), STAR_RATE_HZ)
+        for seed in range(first, first + count):
+            result = calibrated(config, seed, pool=pool)
+            assert result.degrees_of_freedom is not None
+            errors = np.abs(beta_errors(result, config))
+            half = [coverage_factor(degrees) for degrees in result.degrees_of_freedom.beta_A]
+            combined = np.array(totals(result.budget)[2].beta_A) / result.beta_stderr_A
+            held += list(errors <= half)
+            expanded += list(errors <= 2 * combined)
+            exact += stated(result) == tuple(order for order, _, _ in COGGING)
+            print(seed, np.round(errors, 2), "standard errors", flush=True)
+    share = float(np.mean(held))
+    print(
+        f"Type A holds {100 * share:.1f} % of {len(held)}, expanded {100 * np.mean(expanded):.1f} %"
+    )
+    print(f"orders as they are in {exact} of {count}")
+    return 0.9 <= share <= 0.99 and exact == count
+
+
 def calibrated(
     config: Config, seed: int, mesh: Mapping[str, Any] | None = None, pool: Any = None
 ) -> CalibrationResult:
@@ -123,10 +149,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=seeds.first())
     parser.add_argument("--one", action="store_true", help="in one process")
+    parser.add_argument("--offsets", type=int, metavar="N", help="of N stars, and nothing else")
     given = parser.parse_args()
     seed, kept = given.seed, True
     pools = nullcontext() if given.one else processors()
     with pools as pool, tempfile.TemporaryDirectory() as folder:
+        if given.offsets:
+            return 0 if offsets(given.offsets, seed, pool) else 1
         config = at_rate(departing(Path(folder), STAR), STAR_RATE_HZ)
         result = calibrated(config, seed, pool=pool)
         print("added", *(one.order for one in result.added_orders), "; stated", *stated(result))
