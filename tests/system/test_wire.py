@@ -235,7 +235,9 @@ def test_kill_9_of_the_supervisor_ramps_down(wire):
     commanded = np.max([np.abs(ticks[f"i_cmd_{phase}_A"]) for phase in "abc"], axis=0) > 0
     last_ns = int((ticks["t_ns"] + ticks["sample_age_ns"])[commanded][-1])
     assert last_ns <= ramped_ns
-    after = ticks[ticks["t_ns"] > ramped_ns]
+    ramping = np.flatnonzero(ticks["torque_set_Nm"] > 0)[-1]  # zero in the next tick, then tripped
+    assert ticks["state"][ramping] == State.ENABLED
+    after = ticks[ramping + 2 :]
     assert len(after) > 100
     assert (after["state"] == State.TRIPPED).all()
     truth = wire.truth()
