@@ -176,8 +176,11 @@ def currents(truth, from_ns, within_s=0.0):
     return np.max([np.abs(later[f"i_{phase}_A"]) for phase in "abc"], axis=0)
 
 
-def go_on(devices, wakes=1000):
-    """Wait until the emulator has been run so many times more: about as many milliseconds."""
+def go_on(devices, wakes=2000):
+    """Wait until the emulator has been run so many times more: about as many milliseconds.
+
+    It leaves 100 rows a second; `currents` asks for as many.
+    """
     enough = stalls.runs(devices.process.pid) + wakes
     wait_until(lambda: stalls.runs(devices.process.pid) > enough, "the emulator")
 
@@ -256,6 +259,7 @@ def test_kill_9_of_the_recorder_leaves_the_commander_in_command(wire):
         stopped_ns = client.state().tick.t_ns
         wait_until(lambda: client.state().tick.t_ns > stopped_ns + 500_000_000, "0.5 s")
     assert wire.daemon.end() == 0
+    go_on(wire.devices)
     ticks = np.concatenate([r.ticks(("tick", "missed", "flags")) for r in wire.daemon.runs()])
     check_ticks(ticks)
     assert currents(wire.truth(), stopped_ns, DECAYED_S).max() < ZERO_A
