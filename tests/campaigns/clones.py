@@ -1,11 +1,12 @@
 """Is `make test` green everywhere? `python -m tests.campaigns.clones [--clones 10]`.
 
-Makes fresh clones of what is committed, one after the other, each in a time zone of its own, so
-that it is another time of day there, and runs `make test` in it while a process keeps every
-processor busy. What came of each, with the commit, is in `results.json` of the folder `--out`,
-its log next to it; exits with 1 if one is red.
+Makes fresh clones of what is committed, `--at-once` so many at a time, each in a time zone of its
+own, so that it is another time of day there, and runs `make test` in it, in a session of its own
+as from a terminal of its own, while a process keeps every processor busy. What came of each, with
+the commit, is in `results.json` of the folder `--out`, its log next to it; exits with 1 if one is
+red.
 
-Run again with the same `--out` it goes on after the last clone that ended, with the same commit.
+Run again with the same `--out` it makes the clones that have not ended yet, with the same commit.
 `--idle` leaves the processors alone, and `--run` names another target.
 """
 
@@ -14,11 +15,13 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -27,6 +30,7 @@ from motord.atomic_write import write_whole
 from tests.system.disturbances import hogs
 
 ROOT = Path(__file__).resolve().parents[2]
+POLL_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -70,15 +74,58 @@ def clone(folder: Path, commit: str) -> None:
     subprocess.run(detach, check=True)
 
 
-def run(command: list[str], folder: Path, log: Path, zone_: str) -> tuple[bool, float]:
-    """Run `command` in the clone; return whether it ended with 0, and after how many seconds."""
-    environment = {**os.environ, "TZ": zone_, "PYTHONPATH": str(folder / "src")}
-    begun_s = time.monotonic()
-    with log.open("w") as out:
-        ended = subprocess.run(
-            command, cwd=folder, env=environment, stdout=out, stderr=subprocess.STDOUT
+class Run:
+    """`command` on its way in a clone of its own, which is deleted by `close`."""
+
+    def __init__(self, number: int, commit: str, command: list[str], zone_: str, log: Path) -> None:
+        self.number, self.commit, self.zone, self.log = number, commit, zone_, log
+        self._parent = tempfile.TemporaryDirectory(
+            prefix="motord-clone-", ignore_cleanup_errors=True
         )
-    return ended.returncode == 0, time.monotonic() - begun_s
+        folder = Path(self._parent.name) / "motord"
+        clone(folder, commit)
+        environment = {**os.environ, "TZ": zone_, "PYTHONPATH": str(folder / "src")}
+        self._begun_s = time.monotonic()
+        with log.open("w") as out:
+            self._process = subprocess.Popen(
+                command, cwd=folder, env=environment, stdout=out, stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )  # fmt: skip
+
+    def result(self) -> Result | None:
+        """Return what came of it, None while it runs."""
+        code = self._process.poll()
+        if code is None:
+            return None
+        duration_s = time.monotonic() - self._begun_s
+        return result_of(self.number, self.commit, self.zone, (code == 0, duration_s), self.log)
+
+    def close(self) -> None:
+        """End what still runs, and delete the clone."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._parent.cleanup()
+
+
+def run_all(waiting: Iterable[Run], at_once: int) -> Iterator[Result]:
+    """Run so many at a time, each as one before it ends; yield what came of each as it ends."""
+    waiting, running = iter(waiting), list[Run]()
+    try:
+        while True:
+            while len(running) < at_once and (one := next(waiting, None)):
+                running.append(one)
+            if not running:
+                return
+            for one in list(running):
+                if result := one.result():
+                    running.remove(one)
+                    one.close()
+                    yield result
+            time.sleep(POLL_S)
+    finally:
+        for one in running:
+            one.close()
 
 
 def result_of(number: int, commit: str, zone_: str, ended: tuple[bool, float], log: Path) -> Result:
@@ -99,14 +146,14 @@ def write(path: Path, results: list[Result]) -> None:
     write_whole(path, json.dumps([asdict(one) for one in results], indent=1) + "\n")
 
 
-def progress(results: list[Result], clones: int, now: datetime) -> str:
+def progress(results: list[Result], clones: int, now: datetime, at_once: int = 1) -> str:
     """Return how far it is, and when the rest will be done if it takes as long as before."""
     left, red = clones - len(results), sum(not one.green for one in results)
     said = f"{len(results)} of {clones} clones, {red} red"
     if not results or not left:
         return said
     mean_s = sum(one.duration_s for one in results) / len(results)
-    return f"{said}; the rest until about {now + timedelta(seconds=left * mean_s):%H:%M}"
+    return f"{said}; the rest until about {now + timedelta(seconds=left / at_once * mean_s):%H:%M}"
 
 
 def say(line: object) -> None:
@@ -117,10 +164,12 @@ def say(line: object) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clones", type=int, default=10)
+    parser.add_argument("--at-once", type=int, default=1, help="so many clones at a time")
     parser.add_argument("--idle", action="store_true", help="without busy processors")
     parser.add_argument("--run", default="make test")
     parser.add_argument("--out", type=Path, help="folder of results; goes on where it ended")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # or it would leave what it started
     out = options.out or Path(tempfile.mkdtemp(prefix="motord-clones-"))
     out.mkdir(parents=True, exist_ok=True)
     results = read(out / "results.json")
@@ -128,18 +177,18 @@ def main() -> int:
     say(f"commit {commit}, results in {out}")
     for one in results:
         say(one)
-    for number in range(len(results), options.clones):
-        say(progress(results, options.clones, datetime.now()))
-        log, zone_ = out / f"{number}.log", zone(number, options.clones)
-        with tempfile.TemporaryDirectory(prefix="motord-clone-") as name:
-            folder = Path(name) / "motord"
-            clone(folder, commit)
-            with nullcontext() if options.idle else hogs():
-                ended = run(shlex.split(options.run), folder, log, zone_)
-        results.append(result_of(number, commit, zone_, ended, log))
-        write(out / "results.json", results)
-        say(results[-1])
     say(progress(results, options.clones, datetime.now()))
+    left = sorted(set(range(options.clones)) - {one.number for one in results})
+    runs = (
+        Run(n, commit, shlex.split(options.run), zone(n, options.clones), out / f"{n}.log")
+        for n in left
+    )
+    with nullcontext() if options.idle else hogs():
+        for result in run_all(runs, options.at_once):
+            results.append(result)
+            write(out / "results.json", results)
+            say(result)
+            say(progress(results, options.clones, datetime.now(), options.at_once))
     return int(any(not one.green for one in results))
 
 

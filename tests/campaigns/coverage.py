@@ -61,12 +61,12 @@ class Case:
 
     @property
     def recorded(self) -> str:
-        """Whether commands are recorded, in words."""
+        """Label of whether commands are recorded."""
         return "commands" if self.commands else "no commands"
 
     @property
     def scattered(self) -> str:
-        """How much gains differ from point to point, in words."""
+        """Label of how much gains differ from point to point."""
         return f"{100 * self.scatter:g} % scatter"
 
     @property

@@ -1,22 +1,32 @@
 """The campaign of clones: goes on where it was, and reports how far it is."""
 
 import json
+import os
 import subprocess
 import sys
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from tests.campaigns import clones
 
 COMMAND = 'sh -c \'echo "2 passed in 1 s"; echo "3 trips forgiven"; git rev-parse HEAD\''
 
 
-def campaign(out: Path, count: int, command: str = COMMAND) -> "subprocess.CompletedProcess[str]":
-    arguments = ("--idle", "--clones", str(count), "--run", command, "--out", str(out))
-    return subprocess.run(
+def started(
+    out: Path, count: int, command: str = COMMAND, *options: str
+) -> "subprocess.Popen[str]":
+    arguments = ("--idle", "--clones", str(count), "--run", command, "--out", str(out), *options)
+    return subprocess.Popen(
         [sys.executable, "-m", "tests.campaigns.clones", *arguments],
-        cwd=clones.ROOT, capture_output=True, text=True, check=False,
+        cwd=clones.ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+
+
+def campaign(out: Path, *arguments: Any) -> "subprocess.CompletedProcess[str]":
+    process = started(out, *arguments)
+    printed, errors = process.communicate()
+    return subprocess.CompletedProcess(process.args, process.returncode, printed, errors)
 
 
 def test_a_second_run_goes_on_with_the_commit_of_the_first(tmp_path: Path) -> None:
@@ -34,11 +44,31 @@ def test_a_second_run_goes_on_with_the_commit_of_the_first(tmp_path: Path) -> No
     assert second.stdout.splitlines()[-1] == "2 of 2 clones, 1 red"
 
 
+def test_as_many_run_at_a_time_as_asked_for(tmp_path: Path) -> None:
+    met = tmp_path / "met"
+    os.mkfifo(met)  # blocks who opens it until the other one does
+    script = f"if mkdir {tmp_path}/first; then cat <{met}; else echo 1 passed in 1 s >{met}; fi"
+    ended = campaign(tmp_path / "out", 2, f"timeout 100 sh -c '{script}'", "--at-once", "2")
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.splitlines()[-1] == "2 of 2 clones, 0 red"
+
+
+def test_a_campaign_that_is_ended_ends_what_it_started(tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    os.mkfifo(begun)
+    process = started(tmp_path / "out", 2, f"sh -c 'echo $$ >{begun}; exec cat {begun}'")
+    pid = int(begun.read_text())
+    process.terminate()
+    process.communicate()
+    assert not Path(f"/proc/{pid}").exists()
+
+
 def test_the_end_is_estimated_from_what_a_clone_took() -> None:
     done = [clones.Result(n, "c", "Z", n != 1, 600.0, [], 0, "x") for n in range(2)]
     at = datetime(2025, 1, 1, 12, 0)
     assert clones.progress([], 10, at) == "0 of 10 clones, 0 red"
     assert clones.progress(done, 8, at) == "2 of 8 clones, 1 red; the rest until about 13:00"
+    assert clones.progress(done, 8, at, 2).endswith("12:30")
 
 
 def test_zones_are_parts_of_a_day() -> None:
