@@ -108,11 +108,26 @@ class Run:
         self._parent.cleanup()
 
 
-def run_all(waiting: Iterable[Run], at_once: int) -> Iterator[Result]:
+class Ended:
+    """Whether Ctrl-C or SIGTERM came: asked for where nothing is half begun."""
+
+    def __init__(self) -> None:
+        self._came = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._come)
+
+    def __bool__(self) -> bool:
+        return self._came
+
+    def _come(self, *_: object) -> None:
+        self._came = True
+
+
+def run_all(waiting: Iterable[Run], at_once: int, ended: Ended) -> Iterator[Result]:
     """Run so many at a time, each as one before it ends; yield what came of each as it ends."""
     waiting, running = iter(waiting), list[Run]()
     try:
-        while True:
+        while not ended:
             while len(running) < at_once and (one := next(waiting, None)):
                 running.append(one)
             if not running:
@@ -169,7 +184,7 @@ def main() -> int:
     parser.add_argument("--run", default="make test")
     parser.add_argument("--out", type=Path, help="folder of results; goes on where it ended")
     options = parser.parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # or it would leave what it started
+    ended = Ended()
     out = options.out or Path(tempfile.mkdtemp(prefix="motord-clones-"))
     out.mkdir(parents=True, exist_ok=True)
     results = read(out / "results.json")
@@ -184,12 +199,12 @@ def main() -> int:
         for n in left
     )
     with nullcontext() if options.idle else hogs():
-        for result in run_all(runs, options.at_once):
+        for result in run_all(runs, options.at_once, ended):
             results.append(result)
             write(out / "results.json", results)
             say(result)
             say(progress(results, options.clones, datetime.now(), options.at_once))
-    return int(any(not one.green for one in results))
+    return int(bool(ended) or any(not one.green for one in results))
 
 
 if __name__ == "__main__":

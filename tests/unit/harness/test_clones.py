@@ -60,6 +60,7 @@ def test_a_campaign_that_is_ended_ends_what_it_started(tmp_path: Path) -> None:
     pid = int(begun.read_text())
     process.terminate()
     process.communicate()
+    assert process.returncode == 1
     assert not Path(f"/proc/{pid}").exists()
 
 
