@@ -212,7 +212,8 @@ def step(
     count = observer.decode(f.encoder_gray, p)
     if count >= 0:
         m.encoder_count = count
-    observer.observe(p, m, f.t_ns, count)
+    if flags & _FLAG.NEW_ENCODER or not m.tracking:  # a sample that is seen again counts once
+        observer.observe(p, m, f.t_ns, count)
     elapsed_s = p.period_s
     if m.started:
         elapsed_s = min(max((f.now_ns - m.now_ns) * 1e-9, 0.0), ELAPSED_MAX_S)

@@ -150,15 +150,22 @@ def test_a_bench_without_any_position_cannot_be_enabled() -> None:
     assert bench.run(50).state == State.OFF
 
 
-def test_samples_that_go_back_in_time_trip() -> None:
-    bench = Bench()
+@pytest.mark.parametrize("wrong", ["jump", "no position", "before the last one"])
+def test_a_wrong_sample_that_stays_the_newest_for_many_ticks_counts_once(wrong: str) -> None:
+    """A bridge slower than the loop: three wrong samples trip, not three ticks with one of them."""
+    bench = Bench(make_config(bridge={"stale_after_s": 1.0}))
     bench.enable()
     bench.run(50)
-    for number in range(3):
-        assert bench.tick["state"][0] == State.ENABLED
-        bench.feedback["t_ns"] = bench.now_ns - (5 + number) * bench.period_ns
-        bench.feedback["t_inverter_ns"] = bench.now_ns + bench.period_ns
-        bench.run(healthy=False)
+    f, good_ns = bench.feedback[0], bench.now_ns
+    for number in range(1, 4):
+        count = (bench.count_at(bench.angle_rad) + 2048) % 4096
+        f["encoder_gray"] = 0xFFFF if wrong == "no position" else count ^ (count >> 1)
+        early = wrong == "before the last one"
+        f["t_ns"] = good_ns - number * bench.period_ns if early else bench.now_ns + bench.period_ns
+        for _ in range(8):
+            f["t_inverter_ns"] = bench.now_ns + bench.period_ns
+            state = bench.run(healthy=False)["state"]
+            assert state == (State.ENABLED if number < 3 else State.TRIPPED)
     assert bench.tick["first_trip"][0] == Trip.ENCODER_IMPLAUSIBLE
 
 

@@ -107,6 +107,24 @@ def test_never_later_than_the_arrival() -> None:
         assert clock.received(wire.board_us(true_ns), now_ns) <= now_ns
 
 
+@given(
+    delays_ms=st.lists(st.floats(0.05, 40.0), min_size=2, max_size=60),
+    period_us=st.integers(200, 10_000),
+    heartbeats=st.booleans(),
+)
+def test_times_never_go_back(delays_ms: list[float], period_us: int, heartbeats: bool) -> None:
+    """A first sample that was read late lets all that follow seem early: by more than a period."""
+    clock, before_ns, arrival_ns = BoardClock(), 0, 0
+    for number, delay_ms in enumerate(delays_ms):
+        taken_ns = START_NS + number * period_us * 1000
+        arrival_ns = max(taken_ns + round(delay_ms * MS), arrival_ns + 1000)
+        sampled_ns = clock.received(number * period_us, arrival_ns)
+        assert before_ns < sampled_ns <= arrival_ns
+        before_ns = sampled_ns
+        if heartbeats:
+            clock.heartbeat(number * period_us + 300, taken_ns + 200_000)
+
+
 def test_late_readings_do_not_move_it() -> None:
     """A host that is stopped for 0.4 s now and then reads old samples: they keep their times."""
     clock, wire = BoardClock(), Wire(jitter_ns=10_000)

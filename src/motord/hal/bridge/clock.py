@@ -64,6 +64,7 @@ class BoardClock:
         self._delay_ns = 0.0
         self._ticks: int | None = None
         self._board_ns = 0
+        self._sampled_ns = 0
         self._upper: SampleBound | None = None
         self._lower: HeartbeatLine | None = None
         self._late_since_ns: int | None = None
@@ -84,7 +85,8 @@ class BoardClock:
     def received(self, ticks: int, arrival_ns: int) -> int:
         """Return the loop's time of a sample taken at `ticks` and read at `arrival_ns`.
 
-        Feed the newest sample of each reading; never later than `arrival_ns`.
+        Feed the newest sample of each reading. Never later than `arrival_ns`; and later than the
+        sample before, also where that one turns out to have been read later than was thought.
         """
         if self._ticks is not None:
             step = (ticks - self._ticks) % CLOCK_MODULUS_US
@@ -100,7 +102,8 @@ class BoardClock:
             self._upper = SampleBound(self._board_ns, difference_ns)
         else:
             self._upper.add(self._board_ns, difference_ns)
-        sampled_ns = min(self._board_ns + self._difference_ns(), arrival_ns)
+        sampled_ns = max(self._board_ns + self._difference_ns(), self._sampled_ns + 1)
+        self._sampled_ns = sampled_ns = min(sampled_ns, arrival_ns)
         away_ns = arrival_ns - sampled_ns - self._delay_ns
         self._delay_ns += JITTER_WEIGHT * away_ns
         self.jitter_ns += JITTER_WEIGHT * (abs(away_ns) - self.jitter_ns)
