@@ -10,22 +10,20 @@ def write_whole(path: Path, content: str | bytes) -> None:
     Until then `path` holds what it held before. A link stays a link; a pipe or a device is
     written to as it is. Text is written as UTF-8.
     """
-    data = content.encode() if isinstance(content, str) else content
     if path.exists() and not path.is_file():
-        path.write_bytes(data)
+        path.write_bytes(_encoded(content))
         return
     path = path.resolve()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
+    _replace(path, content, synced=True)
     sync_folder(path.parent)
+
+
+def write_cached(path: Path, content: str | bytes) -> None:
+    """Write `path` in one step, for what can be made again: it is not synced. Raises OSError.
+
+    Who reads it finds what was there before, or this. After a loss of power it may be neither.
+    """
+    _replace(path, content, synced=False)
 
 
 def sync_folder(folder: Path) -> None:
@@ -35,3 +33,21 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _replace(path: Path, content: str | bytes, *, synced: bool) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(_encoded(content))
+            if synced:
+                file.flush()
+                os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _encoded(content: str | bytes) -> bytes:
+    return content.encode() if isinstance(content, str) else content

@@ -18,6 +18,13 @@ def t_quantile(probability: float, freedom: float) -> float:
     return float(stdtrit(max(freedom, 1.0), probability))
 
 
+def f_quantile(probability: float, numerator: float, denominator: float) -> float:
+    """Return the quantile of the F distribution with these degrees of freedom."""
+    from scipy.special import fdtri
+
+    return float(fdtri(numerator, denominator, probability))
+
+
 def plus_minus(value: float, half_width: float, sign: str = "+-") -> str:
     """Return value and half of its interval with two digits of the latter: "0.8012 +- 0.0034"."""
     if not (isfinite(half_width) and half_width > 0):

@@ -1,34 +1,41 @@
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from motord.atomic_write import write_whole
+from motord.atomic_write import write_cached, write_whole
+
+Write = Callable[[Path, str | bytes], None]
 
 
-def test_it_is_there_whole_and_alone(tmp_path: Path) -> None:
+@pytest.mark.parametrize("write", [write_whole, write_cached])
+def test_it_is_there_whole_and_alone(tmp_path: Path, write: Write) -> None:
     path = tmp_path / "a.json"
-    write_whole(path, "old\n")
-    write_whole(path, "new é\n")
+    write(path, "old\n")
+    write(path, "new é\n")
     assert path.read_text(encoding="utf-8") == "new é\n"
-    write_whole(path, b"\xff\r\n")
+    write(path, b"\xff\r\n")
     assert path.read_bytes() == b"\xff\r\n"
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
-@pytest.mark.parametrize("broken", ["fsync", "replace"])
+@pytest.mark.parametrize(
+    ("write", "broken"),
+    [(write_whole, "fsync"), (write_whole, "replace"), (write_cached, "replace")],
+)
 def test_what_was_there_stays_if_writing_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Write, broken: str
 ) -> None:
     path = tmp_path / "a.json"
-    write_whole(path, "old\n")
+    write(path, "old\n")
 
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(*((os, "fsync", fail) if broken == "fsync" else (Path, "replace", fail)))
     with pytest.raises(OSError, match="No space"):
-        write_whole(path, "new\n")
+        write(path, "new\n")
     assert path.read_text() == "old\n"
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 

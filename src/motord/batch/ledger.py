@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from motord.atomic_write import write_whole
+from motord.atomic_write import write_cached
 from motord.results.error import ResultsError
 from motord.results.folders.folder import LocalFolder
 from motord.results.parquet_file import ResultFile
@@ -41,6 +41,7 @@ class Ledger:
 
     A result is stored before it is entered, and an entry counts only while its result is there. So
     whoever is killed in between analyses again, and the store finds the result to be there already.
+    For the same reason entries are not synced: one that a loss of power damaged is made again.
     Raises ResultsError for a store at a URL.
     """
 
@@ -80,7 +81,7 @@ class Ledger:
     def _enter(self, analysis: LedgerEntry, **outcome: str) -> None:
         content = {**asdict(analysis), "settings": dict(analysis.settings), **outcome}
         lines = json.dumps(content, separators=(",\n ", ": "))
-        write_whole(self._path(analysis), f"{lines}\n")
+        write_cached(self._path(analysis), f"{lines}\n")
 
     def _path(self, analysis: LedgerEntry) -> Path:
         of = (analysis.sha256, analysis.experiment, analysis.version, dict(analysis.settings))

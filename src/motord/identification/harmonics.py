@@ -6,7 +6,6 @@ y(theta) = Re sum_h line_h exp(j h theta) = sum_h |line_h| sin(h theta + arg(j l
 from collections.abc import Callable
 
 import numpy as np
-from scipy.fft import next_fast_len
 
 from motord.identification.orders import SAMPLES_PER_ORDER
 
@@ -49,6 +48,8 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
     of the visits: multiplied by transforms, solved by conjugate gradients (Hansen 1998, chapters 5
     and 6).
     """
+    from scipy.fft import next_fast_len  # 0.2 s, of whoever asks for less
+
     highest, samples = sums.shape[-1] - 1, visits[..., :1].real
     damping = DAMPING * (np.arange(highest + 1) * SAMPLES_PER_ORDER / samples) ** 2
     grid = next_fast_len(4 * highest + 2, real=True)

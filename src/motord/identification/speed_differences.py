@@ -11,9 +11,8 @@ turns differ. Directions have means of their own: friction differs between them.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtri
 
-from motord.intervals import t_quantile
+from motord.intervals import f_quantile, t_quantile
 
 FALSE_SHARE = 0.002
 """Probability at which chance alone makes one of the three significant."""
@@ -126,6 +125,6 @@ def _rest(
     terms = values.size - int(np.linalg.matrix_rank(columns))
     if terms < 1:
         return NOTHING
-    ratio = float(left @ left) / terms / float(fdtri(terms, freedom, 1 - FALSE_SHARE))
+    ratio = float(left @ left) / terms / f_quantile(1 - FALSE_SHARE, terms, freedom)
     size = float(np.abs(left / np.sqrt(weight)).max())
     return SpeedDifference(size, size / max(float(np.sqrt(ratio)), 1e-300))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from motord.results.error import ResultsError, parquet
+from motord.results.error import ResultsError, parquet, require_parquet
 from motord.results.folders.folder import folder_of
 from motord.results.parquet_file import (
     NotAResultError,
@@ -55,7 +55,7 @@ class ResultsStore:
 
     def make(self) -> None:
         """Make the folder if its parent is there. Raises ResultsError if nothing can be stored."""
-        parquet()
+        require_parquet()
         try:
             self.folder.make()
         except OSError as error:
@@ -142,7 +142,6 @@ class ResultsStore:
 
     def _find(self, file: ResultFile) -> str | None:
         """Return the file of a result that is there and can be read. Raises OSError."""
-        parquet()
         try:
             same = self._same(file)
         except FileNotFoundError:  # of an object store, in which nothing has been put yet

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.atomic_write import write_whole
+from motord.atomic_write import write_cached, write_whole
 from motord.batch import file_hashes, hashing, ledger, run, task
 from motord.batch.error import BatchError
 from motord.batch.ledger import Ledger
@@ -243,16 +243,20 @@ def test_killed_at_any_write_nothing_is_twice_and_nothing_is_missing(tmp_path_fa
 def _kill(patched, at, *, after):
     left = iter(range(at, -1, -1))
 
-    def write(path, content):
-        now = next(left, -1) == 0
-        if now and not after:
-            raise KilledHereError
-        write_whole(path, content)
-        if now:
-            raise KilledHereError
+    def killed_in(write):
+        def killing(path, content):
+            now = next(left, -1) == 0
+            if now and not after:
+                raise KilledHereError
+            write(path, content)
+            if now:
+                raise KilledHereError
 
-    for module in (ledger, results_folder, file_hashes):
-        patched.setattr(module, "write_whole", write)
+        return killing
+
+    for module in (results_folder, file_hashes):
+        patched.setattr(module, "write_whole", killed_in(write_whole))
+    patched.setattr(ledger, "write_cached", killed_in(write_cached))
 
 
 def test_two_runs_at_once_store_each_result_once(folder):

@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -147,3 +149,18 @@ def test_an_analysis_without_a_report_next_to_its_estimate_is_refused_at_once() 
         Analysis(estimate, json=lambda *_: {}, text=lambda *_: ())
     with pytest.raises(TypeError, match="report is not there"):
         Analysis(partial(estimate, None), json=lambda *_: {}, text=lambda *_: ())
+
+
+def test_an_analysis_imports_neither_pictures_nor_workers_until_they_are_asked_for() -> None:
+    script = """
+import sys
+from pkgutil import resolve_name
+from motord.config.experiments import analysis_kinds
+
+for kind in analysis_kinds().values():
+    resolve_name(kind.command)
+    for module in ("matplotlib", "distributed", "pyarrow", "duckdb", "pandas"):
+        assert module not in sys.modules, f"{kind.command} imports {module}"
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

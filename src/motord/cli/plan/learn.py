@@ -50,7 +50,6 @@ def learn(
     from motord.experiments.ilc.analysis import finish, reopen
     from motord.experiments.ilc.command import summary, text
     from motord.experiments.ilc.estimate import Learning
-    from motord.experiments.ilc.report import page
 
     learning = Learning(gain=gain, highest_order=highest_order)
     with connection.open() as client, in_command(client, force=force) as session:
@@ -77,7 +76,9 @@ def learn(
         if output:
             calibration.save(output)
         if report:
-            page(done).write(report)
+            from motord.experiments.ilc.report import report as page_of
+
+            page_of(done).write(report)
     if as_json:
         print_json(done.to_json())
     else:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import fdtri
+
+from motord.intervals import f_quantile
 
 RARE = 0.001
 """Probability at which chance alone makes any order differ."""
@@ -48,7 +49,7 @@ def directions(
     freedom = max(sum(turns) - 2, 1)
     stderr_Nm = np.hypot(there_Nm.real, back_Nm.real)
     both = np.flatnonzero(np.isfinite(there) & np.isfinite(back))
-    factor = float(np.sqrt(2 * fdtri(2, freedom, 1 - RARE / max(both.size, 1))))
+    factor = float(np.sqrt(2 * f_quantile(1 - RARE / max(both.size, 1), 2, freedom)))
     return tuple(
         DirectionDifference(
             order=int(order[n]),

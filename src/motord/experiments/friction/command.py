@@ -9,7 +9,6 @@ import typer
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.recordings import coast_downs, inertia_of
-from motord.experiments.friction.report import part_rows
 from motord.experiments.friction.result import Friction
 from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.experiments.subject import Recordings, check_plan, plan_settings
@@ -35,7 +34,7 @@ def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:
     yield TextTable(
         f"friction from {found.coast_downs} coast-downs, 95 % intervals",
         ("", *(one.direction for one in found.directions)),
-        part_rows(found),
+        found.part_rows,
         left=(0,),
     )
     for note in found.notes:

@@ -3,7 +3,7 @@
 from math import pi, sqrt
 
 from motord.experiments.friction.plots import coast_downs, friction_over_speed, residuals
-from motord.experiments.friction.result import DirectionalFriction, Friction
+from motord.experiments.friction.result import Friction
 from motord.experiments.subject import Recordings
 from motord.report.html import Page
 
@@ -27,7 +27,7 @@ def fill(page: Page, found: Friction, counts: int) -> None:
     )
     page.table(
         ["95 % intervals", *(one.direction for one in found.directions)],
-        part_rows(found),
+        found.part_rows,
         numbers=True,
     )
     page.points(found.notes)
@@ -50,33 +50,6 @@ def fill(page: Page, found: Friction, counts: int) -> None:
         _cogging_rows(found),
         numbers=True,
     )
-
-
-def part_rows(found: Friction) -> list[list[str]]:
-    """Return rows of the friction's parts, a column for each direction."""
-    columns = [_parts(one) for one in found.directions]
-    rows = [[name, *(column[name] for column in columns)] for name in columns[0]]
-    return [row for row in rows if any(row[1:])]
-
-
-def _parts(one: DirectionalFriction) -> dict[str, str]:
-    """Return value and half of the interval of each part, by its name and unit; "" for no part."""
-    coulomb_mNm = 1e3 * (one.coulomb_high_Nm - one.coulomb_Nm)
-    viscous = 1e3 * (one.viscous_high_Nm_s_per_rad - one.viscous_Nm_s_per_rad)
-    if s := one.stribeck:
-        stribeck = f"{1e3 * s.torque_Nm:.3f} +- {1e3 * (s.high_Nm - s.torque_Nm):.3f}"
-        speed = f"{s.speed_rad_s:.3g} +- {s.speed_high_rad_s - s.speed_rad_s:.2g}"
-    else:
-        stribeck, speed = f"not seen: at most {1e3 * (one.stribeck_limit_Nm or 0.0):.2g}", ""
-    return {
-        "Coulomb (mNm)": f"{1e3 * one.coulomb_Nm:.3f} +- {coulomb_mNm:.3f}",
-        "viscous (mNm s/rad)": f"{1e3 * one.viscous_Nm_s_per_rad:.4f} +- {viscous:.4f}",
-        "Stribeck (mNm)": stribeck,
-        "Stribeck speed (rad/s)": speed,
-        "speeds seen (rad/s)": f"{one.speed_min_rad_s:.3g} to {one.speed_max_rad_s:.3g}",
-        "coast-downs": str(one.coast_downs),
-        "RMS residual (mrad)": f"{1e3 * one.residual_rad:.3f}",
-    }
 
 
 def _cogging_rows(found: Friction) -> list[list[str]]:

@@ -96,6 +96,26 @@ class DirectionalFriction:
     curve: tuple[CurvePoint, ...]
     fits: tuple[CoastFit, ...]
 
+    @property
+    def parts(self) -> dict[str, str]:
+        """Value and half of the interval of each part, by its name and unit; "" for no part."""
+        coulomb_mNm = 1e3 * (self.coulomb_high_Nm - self.coulomb_Nm)
+        viscous = 1e3 * (self.viscous_high_Nm_s_per_rad - self.viscous_Nm_s_per_rad)
+        if s := self.stribeck:
+            stribeck = f"{1e3 * s.torque_Nm:.3f} +- {1e3 * (s.high_Nm - s.torque_Nm):.3f}"
+            speed = f"{s.speed_rad_s:.3g} +- {s.speed_high_rad_s - s.speed_rad_s:.2g}"
+        else:
+            stribeck, speed = f"not seen: at most {1e3 * (self.stribeck_limit_Nm or 0.0):.2g}", ""
+        return {
+            "Coulomb (mNm)": f"{1e3 * self.coulomb_Nm:.3f} +- {coulomb_mNm:.3f}",
+            "viscous (mNm s/rad)": f"{1e3 * self.viscous_Nm_s_per_rad:.4f} +- {viscous:.4f}",
+            "Stribeck (mNm)": stribeck,
+            "Stribeck speed (rad/s)": speed,
+            "speeds seen (rad/s)": f"{self.speed_min_rad_s:.3g} to {self.speed_max_rad_s:.3g}",
+            "coast-downs": str(self.coast_downs),
+            "RMS residual (mrad)": f"{1e3 * self.residual_rad:.3f}",
+        }
+
 
 @dataclass(frozen=True)
 class Friction:
@@ -128,6 +148,13 @@ class Friction:
         """RMS of the angles less their fit."""
         rests = [fit.residual_rad for one in self.directions for fit in one.fits]
         return float(np.sqrt(np.mean(np.concatenate(rests) ** 2)))
+
+    @property
+    def part_rows(self) -> list[list[str]]:
+        """Rows of the parts as text, a column for each direction after their names."""
+        columns = [one.parts for one in self.directions]
+        rows = [[name, *(column[name] for column in columns)] for name in columns[0]]
+        return [row for row in rows if any(row[1:])]
 
     @property
     def notes(self) -> list[str]:

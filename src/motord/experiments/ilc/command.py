@@ -13,7 +13,6 @@ from motord.experiments.ilc.analysis import LearnPass, learn_from_runs
 from motord.experiments.ilc.analysis import finish as finished
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.order_list import in_lines
-from motord.experiments.ilc.report import page
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
 
@@ -80,7 +79,6 @@ def summary(done: LearnPass) -> str:
 ANALYSIS = Analysis(
     estimate,
     json=lambda done, _: done.to_json(),
-    report=lambda done, _: page(done),
     text=lambda done, _: text(done),
     save=lambda done, path: done.calibration.save(path),
 )

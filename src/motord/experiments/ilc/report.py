@@ -6,12 +6,13 @@ from motord.calibration import TorqueSpeed
 from motord.experiments.ilc.analysis import LearnPass
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.ilc.plots import convergence, corrections
+from motord.experiments.subject import Recordings
 from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
 
 
-def page(done: LearnPass) -> Page:
-    """Return a page of its own."""
+def report(done: LearnPass, _: Recordings | None = None) -> Page:
+    """Return the page of a pass."""
     calibration = done.calibration
     lead = f"{calibration.motor.name}, calibration {calibration.id}"
     made = Page("Learning of torque ripple", lead)

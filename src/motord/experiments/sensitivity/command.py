@@ -10,7 +10,6 @@ import typer
 from motord.calibration import load
 from motord.experiments.analysis import Analysis, encode
 from motord.experiments.sensitivity.estimate import DEFAULT_TORQUE_Nm, sensitivity, theory_alone
-from motord.experiments.sensitivity.report import slope_rows
 from motord.experiments.sensitivity.result import Again, Sensitivity
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.intervals import plus_minus
@@ -66,7 +65,7 @@ def _text(result: Sensitivity, _: Recordings) -> Iterator[str | TextTable]:
 
 
 def _practice(result: Sensitivity) -> Iterator[str | TextTable]:
-    rows = slope_rows(result, {one.what: one.what for one in result.series}, "")
+    rows = result.slope_rows({one.what: one.what for one in result.series}, "")
     if rows:
         yield TextTable(
             f"measured at {result.theory.torque_Nm:g} Nm, {result.speed_Hz:g} turns/s",

@@ -1,6 +1,6 @@
 """The report of a sensitivity analysis: theory, practice, and a calibration from known errors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,7 +8,6 @@ from motord.experiments.sensitivity.plots import SYMBOL, traces
 from motord.experiments.sensitivity.plots_volume import limit, slices
 from motord.experiments.sensitivity.result import Again, Sensitivity, Theory
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
 
@@ -95,7 +94,7 @@ def _practice(page: Page, result: Sensitivity) -> None:
     ]
     page.table(
         ["branch", "points", "slope (% per unit)", "theory"],
-        slope_rows(result, SYMBOL, ","),
+        result.slope_rows(SYMBOL, ","),
         numbers=True,
     )
     if meetings:
@@ -105,21 +104,6 @@ def _practice(page: Page, result: Sensitivity) -> None:
             "one torque and speed: a cogging torque of many periods a turn is passed on a "
             "little weaker by currents that change in steps."
         )
-
-
-def slope_rows(result: Sensitivity, names: Mapping[str, str], after: str) -> list[list[str]]:
-    """Return a row for each line that was fitted; after: a name."""
-    return [
-        [
-            f"{names[one.what]}{after} {side}",
-            str(branch.points),
-            plus_minus(branch.slope, branch.slope_half_width),
-            f"{branch.theory_slope:.2f}",
-        ]
-        for one in result.series
-        for side, branch in zip(("below", "above"), one.branches, strict=True)
-        if branch is not None
-    ]
 
 
 def _again(page: Page, again: Again) -> None:

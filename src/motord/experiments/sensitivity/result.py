@@ -1,6 +1,6 @@
 """Results of the `sensitivity` analysis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,6 +11,7 @@ from motord.experiments.sensitivity.slope_fit import Series
 from motord.experiments.sensitivity.volume import Surface, Volume
 from motord.experiments.subject import Subject
 from motord.findings import Finding
+from motord.intervals import plus_minus
 
 LIMIT_PERCENT = 1.0
 """The RMS error that Poels 2008 allows."""
@@ -84,6 +85,20 @@ class Sensitivity:
         """What is questionable: scales of currents, too few points for a line, the calibration."""
         found = self.again.found.findings if self.again is not None else ()
         return (*self.signal_findings, *found, *self._without_lines())
+
+    def slope_rows(self, names: Mapping[str, str], after: str) -> list[list[str]]:
+        """Return a row of text for each line that was fitted; after: a name."""
+        return [
+            [
+                f"{names[one.what]}{after} {side}",
+                str(branch.points),
+                plus_minus(branch.slope, branch.slope_half_width),
+                f"{branch.theory_slope:.2f}",
+            ]
+            for one in self.series
+            for side, branch in zip(("below", "above"), one.branches, strict=True)
+            if branch is not None
+        ]
 
     def _without_lines(self) -> Iterator[Finding]:
         alone = [one.what for one in self.series if not any(one.branches)]

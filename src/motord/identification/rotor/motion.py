@@ -13,13 +13,16 @@ pieces than leave what the cells explain. Swings that do not repeat need more.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline, make_lsq_spline
 
 from motord.identification.basis import cell_gain
 from motord.identification.harmonics import lines_at, over_one_turn
 from motord.identification.orders import resolved_order
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 KNOTS_PER_TURN = (16, 32, 64, 128)
 """Pieces of the spline in a turn: as few as leave no more than the encoder's cells explain."""
@@ -54,7 +57,7 @@ class Motion:
 
     t_s: np.ndarray
     position_rad: np.ndarray
-    spline: BSpline
+    spline: "BSpline"
     ripple_rad: np.ndarray
     slope: np.ndarray
     ripple_orders: int
@@ -148,8 +151,10 @@ class Motion:
         return wave_rad, np.minimum(slope, 1 - LEAST_SLOPE)
 
 
-def _spline(t_s: np.ndarray, position_rad: np.ndarray, samples_per_knot: int) -> BSpline:
+def _spline(t_s: np.ndarray, position_rad: np.ndarray, samples_per_knot: int) -> "BSpline":
     """Return the cubic least-squares spline with a knot every so many samples."""
+    from scipy.interpolate import make_lsq_spline  # 0.2 s, of whoever asks for less
+
     inner = np.arange(samples_per_knot, t_s.size - samples_per_knot, samples_per_knot)
     knots = np.concatenate([np.repeat(t_s[0], 4), t_s[inner], np.repeat(t_s[-1], 4)])
     return make_lsq_spline(t_s, position_rad, knots, k=3)

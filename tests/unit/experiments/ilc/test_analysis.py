@@ -20,7 +20,7 @@ from motord.experiments.ilc.analysis import (
     zero_order_hold,
 )
 from motord.experiments.ilc.estimate import Learning
-from motord.experiments.ilc.report import page
+from motord.experiments.ilc.report import report
 from motord.experiments.subject import AnalysisError, Subject
 from motord.recording.captures import true_torque
 from motord.recording.reader import Run, open_run
@@ -173,5 +173,5 @@ def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
     done = learned_from(*first)
     rms = RmsErrors.of((RmsPoint(torque_Nm=3.0, speed_Hz=0.8, before=7.0),))
     learned = LearnPass(done.calibration.with_rms_error(rms), done.left)
-    page(learned).write(tmp_path / "r.html")
+    report(learned).write(tmp_path / "r.html")
     assert "Without compensation (%)" in (tmp_path / "r.html").read_text()

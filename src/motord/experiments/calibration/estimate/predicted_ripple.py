@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtri
 
 from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit, Solution
@@ -27,7 +26,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
 )
 from motord.identification.least_loss import currents_per_Nm
 from motord.identification.variance_components import VarianceComponents
-from motord.intervals import LEVEL
+from motord.intervals import LEVEL, f_quantile
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class PredictedRipple:
             return cls(0.0, 0.0)
         product = form @ errors.covariance
         own = max(mean**2 / max(float((product * product.T).sum()), 1e-300), 1.0)
-        factor = float(fdtri(own, freedom, LEVEL))
+        factor = f_quantile(LEVEL, own, freedom)
         return cls(float(np.sqrt(mean)), float(np.sqrt(factor * mean)))
 
 
