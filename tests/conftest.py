@@ -7,6 +7,7 @@ seed of its own, with which a run can be repeated.
 
 import gc
 import os
+import socket
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
@@ -17,7 +18,10 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
 from tests.support import schedule, stalls
+from tests.support.ports import default_ports_taken
 from tests.support.properties import FEW, INTERPRETED
+
+_PORTS = pytest.StashKey[list[socket.socket]]()
 
 settings.register_profile(
     "motord",
@@ -43,9 +47,14 @@ if not SOAK:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Processes of pytest-xdist that run no system tests give way to those that do."""
+    """Processes of pytest-xdist that run no system tests give way to those that do.
+
+    The process that is none keeps default ports from all tests.
+    """
     if hasattr(config, "workerinput"):
         schedule.give_way(config.workerinput["workerid"])
+    else:
+        config.stash[_PORTS] = default_ports_taken()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -14,7 +14,9 @@ ARGUMENTS = [
 ]  # fmt: skip
 DESKTOP = {"width": 1440, "height": 900}
 PHONE = {"width": 390, "height": 844}
-PATIENCE_MS = 20_000
+PATIENCE_MS = 60_000
+"""What waits longer waits for ever."""
+expect.set_options(timeout=PATIENCE_MS)
 
 
 @contextmanager
@@ -49,7 +51,7 @@ def open_page(
 
 def shows(page: Page, selector: str, text: str) -> None:
     """Wait until an element has a text in it."""
-    expect(page.locator(selector)).to_contain_text(text, timeout=PATIENCE_MS)
+    expect(page.locator(selector)).to_contain_text(text)
 
 
 def take_command(page: Page) -> None:

@@ -1,6 +1,7 @@
 """A browser for the tests of a file, and pages whose console and requests are watched."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -8,8 +9,9 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from tests.browser.chromium import DESKTOP, chromium, open_page
+from tests.browser.stand_in import Server, StandIn
 
-OpenPage = Callable[..., Page]
+Serve = Callable[[StandIn], Server]
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +59,24 @@ class Watched:
 
 
 @pytest.fixture
-def visit(browser: Browser) -> Iterator[Watched]:
-    """Open pages; at the end no console has had an error, and nothing left this machine."""
+def serve() -> Iterator[Serve]:
+    """Serve stand-ins to the end of the test, when no page of `visit` is open any more."""
+    with ExitStack() as stack:
+        yield lambda stand_in: stack.enter_context(Server(stand_in))
+
+
+@pytest.fixture
+def server(serve: Serve) -> Server:
+    """Return the server of a stand-in."""
+    return serve(StandIn())
+
+
+@pytest.fixture
+def visit(browser: Browser, serve: Serve) -> Iterator[Watched]:
+    """Open pages; at the end no console has had an error, and nothing left this machine.
+
+    They are closed before the servers: one that misses its server complains in its console.
+    """
     watched = Watched(browser)
     yield watched
     watched.close()

@@ -1,14 +1,12 @@
 """Where the parts of the page are, whatever they say; what is not known is not claimed."""
 
-from collections.abc import Iterator
-
 import pytest
 from playwright.sync_api import Locator, expect
 
 from tests.browser import documents
 from tests.browser.chromium import PATH, PHONE, shows, start_plan, take_command
 from tests.browser.conftest import Watched
-from tests.browser.stand_in import Server, StandIn
+from tests.browser.stand_in import Server
 
 pytestmark = [
     pytest.mark.system,
@@ -16,12 +14,6 @@ pytestmark = [
 ]
 NARROW = {"width": 1100, "height": 880}
 LONG = "axial-flux 48/16, laboratory prototype number 2 with the wound stator of the year before"
-
-
-@pytest.fixture
-def server() -> Iterator[Server]:
-    with Server(StandIn()) as running:
-        yield running
 
 
 def inside(inner: Locator, outer: Locator) -> bool:

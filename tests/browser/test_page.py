@@ -3,7 +3,7 @@
 import base64
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from tests.browser.chromium import (
     start_plan,
     take_command,
 )  # fmt: skip
-from tests.browser.conftest import Watched
+from tests.browser.conftest import Serve, Watched
 from tests.browser.stand_in import Server, StandIn
 
 AXE = Path(__file__).parents[1] / "node" / "node_modules" / "axe-core" / "axe.min.js"
@@ -33,12 +33,6 @@ pytestmark = [
 
 
 HOSTILE = "<script>alert(1)</script>"
-
-
-@pytest.fixture
-def server() -> Iterator[Server]:
-    with Server(StandIn()) as running:
-        yield running
 
 
 def names(server: Server) -> list[str]:
@@ -116,13 +110,13 @@ def test_a_sweep_fills_its_mesh(server, visit: Watched):
     page.click("#plan-start-box > summary")
     server.stand_in.points_max = 1  # until it is paused, however long that takes
     start_plan(page, torques_Nm="1, 2", speeds_Hz="0.5 0.75", turns="2")
-    expect(page.locator("#mesh td.done")).to_have_count(1, timeout=PATIENCE_MS)
+    expect(page.locator("#mesh td.done")).to_have_count(1)
     page.click("#plan-pause")
     shows(page, "#plan-state", "paused")
     server.stand_in.points_max = 1000
     page.click("#plan-resume")
     shows(page, "#plan-state", "done")
-    expect(page.locator("#mesh td.done")).to_have_count(4, timeout=PATIENCE_MS)
+    expect(page.locator("#mesh td.done")).to_have_count(4)
     cell = page.locator("#mesh tbody tr").nth(1).locator("td").nth(0)
     assert float(cell.inner_text()) == pytest.approx(1.1 + 0.42 + 0.15, abs=0.005)
     assert cell.evaluate("e => e.style.backgroundColor").startswith("rgb(")
@@ -140,7 +134,7 @@ def test_a_plan_with_targets_shows_its_precision_shrinking(server, visit: Watche
     targets = {"alpha_percent": 0.1, "beta_A": 0.02}
     stand_in.do(lambda: stand_in.show_precision(targets, {"beta_A": 0.0345}))
     rows, bar = page.locator("#plan-precision tbody tr"), page.locator("#plan-precision .interval")
-    expect(rows.nth(0)).to_contain_text("not known yet", timeout=PATIENCE_MS)
+    expect(rows.nth(0)).to_contain_text("not known yet")
     expect(rows.nth(1)).to_contain_text("0.0345")
     expect(page.locator("#plan-time")).to_contain_text("at most")
     wide = float(bar.get_attribute("x2") or "")
@@ -168,6 +162,7 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     for number in "12":
         page.click("#plan-add")
         shows(page, "#queue-items", f"{number} calibrate")
+    expect(page.locator("#queue-up-2")).to_be_enabled()  # a page that hears nothing allows nothing
     page.focus("#queue-up-2")
     page.keyboard.press("Enter")  # and the focus stays with the item
     waits(page, "() => document.activeElement.id === 'queue-down-2'")
@@ -199,37 +194,37 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
 
 
 @pytest.mark.parametrize("asked", [True, False])
-def test_the_check_before_a_plan_can_be_left_out(asked: bool, visit: Watched):
+def test_the_check_before_a_plan_can_be_left_out(asked: bool, serve: Serve, visit: Watched):
     stand_in = StandIn()
     stand_in.config["calibration"]["check_before_plans"] = asked
-    with Server(stand_in) as server:
-        page = visit(server.urls.operator)
-        take_command(page)
-        page.click("#plan-start-box > summary")
-        box = page.locator("#plan-before-checked")
-        if not asked:
-            expect(box).to_be_hidden()
+    server = serve(stand_in)
+    page = visit(server.urls.operator)
+    take_command(page)
+    page.click("#plan-start-box > summary")
+    box = page.locator("#plan-before-checked")
+    if not asked:
+        expect(box).to_be_hidden()
+    page.click("#plan-check")
+    shows(page, "#plan-outline", "within the limits")
+    if asked:
+        box.uncheck()
+        expect(page.locator("#plan-start")).to_be_disabled()  # until it is tried so
         page.click("#plan-check")
         shows(page, "#plan-outline", "within the limits")
-        if asked:
-            box.uncheck()
-            expect(page.locator("#plan-start")).to_be_disabled()  # until it is tried so
-            page.click("#plan-check")
-            shows(page, "#plan-outline", "within the limits")
-        page.click("#plan-start")
-        shows(page, "#plan-state", "running")
+    page.click("#plan-start")
+    shows(page, "#plan-state", "running")
     sent = [given for name, given in stand_in.requests if name == "plan/start"]
     expected = [None, False, False] if asked else [None, None]
     assert [given.get("check") for given in sent] == expected
 
 
-def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(visit: Watched):
-    with Server(StandIn(10_000.0)) as server:
-        page = visit(server.urls.operator)
-        page.select_option("#span", "60")
-        waits(page, TALLEST + "> 0; }")
-        server.stand_in.do(lambda: setattr(server.stand_in.bench, "spike_Nm", 8.0))
-        page.wait_for_function(TALLEST + "> 0.45 * height; }", polling=500, timeout=PATIENCE_MS)
+def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(serve: Serve, visit: Watched):
+    server = serve(StandIn(10_000.0))
+    page = visit(server.urls.operator)
+    page.select_option("#span", "60")
+    waits(page, TALLEST + "> 0; }")
+    server.stand_in.do(lambda: setattr(server.stand_in.bench, "spike_Nm", 8.0))
+    page.wait_for_function(TALLEST + "> 0.45 * height; }", polling=500, timeout=PATIENCE_MS)
 
 
 FIRST_VALUE = "document.querySelector('.value').textContent"
@@ -496,7 +491,7 @@ def test_findings_of_a_calibration_are_listed_the_serious_first(server, visit: W
     page = visit(server.urls.operator)
     page.click("#tab-calibration")
     listed = page.locator("#calibration-content .findings li")
-    expect(listed).to_have_count(2, timeout=PATIENCE_MS)
+    expect(listed).to_have_count(2)
     expect(listed.first).to_contain_text("Serious: encoder-error-order-1 0.284 deg (limit 0.0123)")
     expect(listed.first).to_contain_text("Centre the encoder")
     expect(listed.last).to_contain_text("Warning: current-age 131 us (limit 100)")

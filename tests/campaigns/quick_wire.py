@@ -20,7 +20,6 @@ from motord.rig.truth import load as load_truth
 from motord.schema import State
 from tests.campaigns import seeds
 from tests.campaigns.quick import LEFT_PERCENT, PARTS, left_percent
-from tests.support.ports import free_port
 from tests.system.daemons import daemon, emulator, runtime_of, wait_for
 from tests.unit.emulate.benches import write_bench
 
@@ -49,8 +48,7 @@ class Trial:
 
 def trial(folder: Path, seed: int, limit_s: float) -> Trial:
     """Calibrate the emulated bench of a seed, and take what that leaves."""
-    zenoh = f'[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\n'
-    bench = write_bench(folder, {"seed = 1": f"seed = {seed}", "[zenoh]\n": zenoh})
+    bench = write_bench(folder, {"seed = 1": f"seed = {seed}"})
     with (
         runtime_of(folder),
         emulator(folder, bench, folder / "truth.mcap"),

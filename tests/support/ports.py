@@ -9,11 +9,14 @@ import fcntl
 import os
 import socket
 import tempfile
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 RANGE = range(20_000, 30_000)
 LOCKS = Path(tempfile.gettempdir()) / f"motord-test-ports-{os.getuid()}"
+
+DEFAULT_PORTS = (7447, 8765, 43117, 15020, 15021, 43118, 15030, 15031)
+"""Of daemon, Foxglove bridge, and the emulated devices of config/."""
 
 _taken: dict[int, list[int]] = {}
 """By process, as a forked one inherits no locks: the file, then the ports."""
@@ -32,6 +35,21 @@ def free_port() -> int:
             mine.append(port)
             return port
     raise AssertionError(f"every port of {RANGE} is in use")
+
+
+def default_ports_taken() -> list[socket.socket]:
+    """Take the ports that motord has by default, for as long as the sockets are kept.
+
+    A test that uses one meets whoever else does: another run of tests, a bench on this computer.
+    It fails like this whether or not there is one. Nobody listens; who connects is refused.
+    """
+    taken = []
+    for port in DEFAULT_PORTS:
+        for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+            taken.append(socket.socket(socket.AF_INET, kind))
+            with suppress(OSError):  # another program has it: all the better
+                taken[-1].bind(("", port))
+    return taken
 
 
 def _locked(file: int, port: int) -> bool:

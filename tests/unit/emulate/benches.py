@@ -57,6 +57,7 @@ def write_bench(
         f"port = {can}": f"port = {free_port()}",
         f"tcp_port = {brake}": f"tcp_port = {free_port()}",
         f"tcp_port = {drive}": f"tcp_port = {free_port()}",
+        "[zenoh]\n": f'[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\n',
     }
     for old, new in (ours | (changes or {})).items():
         assert old in text, f"{old} is not in {source}"
