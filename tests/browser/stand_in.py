@@ -223,7 +223,7 @@ class StandIn:
 
         assert self._loop is not None
         self._loop.call_soon_threadsafe(act)
-        assert over.wait(10)
+        assert over.wait(60)
         return done[0]
 
     def enter(self, state: State) -> None:
@@ -344,7 +344,7 @@ class AppServer:
 
     def __exit__(self, *exc: object) -> None:
         self._server.should_exit = True
-        self._thread.join(20)
+        self._thread.join(60)
         self._listener.close()
 
 

@@ -21,7 +21,7 @@ def pty(link):
 
 def test_bytes_pass_both_ways_unchanged(pty, link):
     every = bytes(range(256))
-    with serial.Serial(str(link), timeout=2, exclusive=True) as host:
+    with serial.Serial(str(link), timeout=60, exclusive=True) as host:
         pty.write(every)
         assert host.read(256) == every
         host.write(every)
@@ -83,7 +83,7 @@ def test_a_folder_that_is_missing_is_reported(tmp_path):
 
 
 def test_what_finds_no_room_is_refused_whole_and_the_rest_comes_later(pty, link):
-    with serial.Serial(str(link), timeout=2) as host:  # opening discards what is waiting
+    with serial.Serial(str(link), timeout=60) as host:  # opening discards what is waiting
         piece = b"x" * 1000
         taken = 0
         while pty.write(piece):

@@ -96,7 +96,7 @@ def test_something_else_with_the_boards_identifier() -> None:
     config = bridge_can_config("virtual")
     board = CanBoard(config)
     board._obey = lambda *_: board.put(config.board_id, b"\xc0noise")
-    message = error_of(config, connect_timeout_s=1.5)
+    message = error_of(config, connect_timeout_s=2.0)
     assert "CAN frames of something else; are the identifiers in [bridge.can]" in message
     board.close()
 

@@ -106,7 +106,7 @@ def test_a_drive_that_says_nothing() -> None:
 
 def _with_stranger(identifier: int, data: bytes) -> str:
     """Return the error of a driver that receives only this frame, again and again."""
-    config = can_config("virtual", connect_timeout_s=0.1)
+    config = can_config("virtual", connect_timeout_s=2.0)  # longer than the sender is kept waiting
     with can.Bus(config.channel, config.interface) as stranger:
         driver = CanInverter(bench(config))
         send = stranger.send_periodic(

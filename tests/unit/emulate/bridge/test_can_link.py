@@ -17,7 +17,7 @@ from motord.wire.bridge import frames
 from motord.wire.bridge.segmentation import PieceDecoder, split
 from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
-from tests.unit.emulate.benches import EMULATED
+from tests.unit.emulate.benches import EMULATED, write_bench
 
 CHANNEL = "test-can-link"
 
@@ -92,8 +92,8 @@ def test_greeting_numbers_frames_anew(ends):
     assert hello.frame.board_name == "motord-emulate"
 
 
-def bench(**can_):
-    whole = config.load(EMULATED)
+def bench(path=EMULATED, **can_):
+    whole = config.load(path)
     bridge = whole.bridge.model_copy(
         update={"driver": "can", "can": BridgeCanConfig(interface="virtual", **can_)}
     )
@@ -106,7 +106,7 @@ def test_control_socket_of_a_bench_without_a_port():
 
 
 def test_firmware_in_qemu_is_not_on_can(tmp_path):
-    whole = bench(channel="b")
+    whole = bench(write_bench(tmp_path), channel="b")
     emulated = Emulator(whole, rig_truth.load(whole.bench.rig), firmware=Path("nothing.elf"))
     with pytest.raises(EmulatorError, match="serial line only"), emulated:
         pass

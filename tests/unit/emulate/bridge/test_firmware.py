@@ -62,7 +62,7 @@ def board(machine):
 @pytest.fixture
 def ends(tmp_path, machine, board):
     link = FirmwareLink(tmp_path / "port", machine, board)
-    with serial.Serial(str(tmp_path / "port"), timeout=2) as host:
+    with serial.Serial(str(tmp_path / "port"), timeout=60) as host:
         yield link, host
     link.close()
 

@@ -16,7 +16,7 @@ from tests.unit.emulate.benches import EMULATED
 def ends(tmp_path):
     check = SequenceCheck(frames.SEQUENCE_MODULUS)
     link = BoardLink(tmp_path / "port", check)
-    with serial.Serial(str(tmp_path / "port"), timeout=2) as host:
+    with serial.Serial(str(tmp_path / "port"), timeout=60) as host:
         yield link, host, check
     link.close()
 
