@@ -85,15 +85,18 @@ class BoardClock:
     def received(self, ticks: int, arrival_ns: int) -> int:
         """Return the loop's time of a sample taken at `ticks` and read at `arrival_ns`.
 
-        Feed the newest sample of each reading. Never later than `arrival_ns`; and later than the
-        sample before, also where that one turns out to have been read later than was thought.
+        Feed the newest sample of each reading. Never later than `arrival_ns`. Where the sample
+        before turns out to have been read later than was thought, by less than two intervals
+        between samples, this one is just after it; by more, the time goes back.
         """
+        step_ns = 0
         if self._ticks is not None:
             step = (ticks - self._ticks) % CLOCK_MODULUS_US
             if step >= CLOCK_MODULUS_US // 2:
                 self.reset()
             else:
-                self._board_ns += step * 1000
+                step_ns = step * 1000
+                self._board_ns += step_ns
                 if self._jumped(arrival_ns):
                     self.reset()
         self._ticks = ticks
@@ -102,7 +105,9 @@ class BoardClock:
             self._upper = SampleBound(self._board_ns, difference_ns)
         else:
             self._upper.add(self._board_ns, difference_ns)
-        sampled_ns = max(self._board_ns + self._difference_ns(), self._sampled_ns + 1)
+        sampled_ns = self._board_ns + self._difference_ns()
+        if 0 <= self._sampled_ns - sampled_ns < step_ns:
+            sampled_ns = self._sampled_ns + 1
         self._sampled_ns = sampled_ns = min(sampled_ns, arrival_ns)
         away_ns = arrival_ns - sampled_ns - self._delay_ns
         self._delay_ns += JITTER_WEIGHT * away_ns
