@@ -36,6 +36,8 @@ settings.register_profile("soak", parent=settings.get_profile("motord"), derando
 settings.register_profile("quick", parent=settings.get_profile("motord"), max_examples=20)
 PROFILE = os.environ.get("MOTORD_HYPOTHESIS", "interpreted" if INTERPRETED else "motord")
 SOAK = PROFILE == "soak"
+NO_SKIPS = os.environ.get("MOTORD_NO_SKIPS") == "1"
+"""Set in continuous integration."""
 settings.load_profile(PROFILE)
 
 if not SOAK:
@@ -49,11 +51,11 @@ if not SOAK:
 def pytest_configure(config: pytest.Config) -> None:
     """Processes of pytest-xdist that run no system tests give way to those that do.
 
-    The process that is none keeps default ports from all tests.
+    In continuous integration the process that is none keeps default ports from all tests.
     """
     if hasattr(config, "workerinput"):
         schedule.give_way(config.workerinput["workerid"])
-    else:
+    elif NO_SKIPS:
         config.stash[_PORTS] = default_ports_taken()
 
 
@@ -116,7 +118,7 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if os.environ.get("MOTORD_TEST_DURATIONS") == "1" and reporter is not None:
         schedule.write_durations(_seconds)
-    if os.environ.get("MOTORD_NO_SKIPS") != "1" or reporter is None:
+    if not NO_SKIPS or reporter is None:
         return
     skipped = reporter.stats.get("skipped", [])
     if skipped and exitstatus == 0:

@@ -162,7 +162,7 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     for number in "12":
         page.click("#plan-add")
         shows(page, "#queue-items", f"{number} calibrate")
-    expect(page.locator("#queue-up-2")).to_be_enabled()  # a page that hears nothing allows nothing
+    expect(page.locator("#queue-up-2")).to_be_enabled()  # not while the page has no connection
     page.focus("#queue-up-2")
     page.keyboard.press("Enter")  # and the focus stays with the item
     waits(page, "() => document.activeElement.id === 'queue-down-2'")

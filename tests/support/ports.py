@@ -41,7 +41,8 @@ def default_ports_taken() -> list[socket.socket]:
     """Take the ports that motord has by default, for as long as the sockets are kept.
 
     A test that uses one meets whoever else does: another run of tests, a bench on this computer.
-    It fails like this whether or not there is one. Nobody listens; who connects is refused.
+    It fails like this whether or not there is one. Nobody listens; who connects is refused. For
+    continuous integration alone: on the computer of a bench its daemon could not start meanwhile.
     """
     taken = []
     for port in DEFAULT_PORTS:
