@@ -25,7 +25,7 @@ from tests.system.daemons import (
     wait_for,
     wait_until,
 )
-from tests.system.test_wire import hold, resets
+from tests.system.test_wire import go_on, hold, resets
 from tests.unit.emulate.benches import NO_OFFSETS, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -142,7 +142,8 @@ def test_a_stopped_loop_opens_the_line(bench, devices):
         loop = state.processes["loop"].pid
         stopped_ns = time.time_ns()
         os.kill(loop, signal.SIGSTOP)
-        time.sleep(INVERTER_TIMEOUT_S + MARGIN_S + 0.5)  # the emulator goes on
+        time.sleep(INVERTER_TIMEOUT_S + MARGIN_S)
+        go_on(devices, wakes=500)
         stopped_s = (time.time_ns() - stopped_ns) * 1e-9
         os.kill(loop, signal.SIGCONT)
     truth = truth_of(bench, devices)
