@@ -4,6 +4,8 @@ import json
 import time
 from collections import Counter
 from contextlib import contextmanager, suppress
+from queue import Queue
+from threading import Thread
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
@@ -57,28 +59,63 @@ def dashboard(folder, endpoint, *more):
 
 
 class OpenPage:
-    """A page that answers pings while it receives."""
+    """A page that takes what it is sent in a thread, as a browser does, and answers pings.
 
-    def __init__(self, socket):
+    hangs: it does both only while a message is waited for.
+    """
+
+    def __init__(self, socket, *, hangs=False):
         self.socket = socket
         self.id = 0
         self.latest = {}
-        """The newest header of each kind."""
+        """The newest header of each kind that `next` has returned."""
         self.seen = Counter()
         """How many messages of each kind there were."""
+        self._messages = Queue()
+        self._answers, self._reader = True, None
+        if not hangs:
+            self._reader = Thread(target=self._read)
+            self._reader.start()
+
+    def hang(self):
+        """Answer no pings any more."""
+        self._answers = False
 
     def send(self, **header):
         self.socket.send(encode(header))
 
-    def next(self):
-        """Return the next message, header and floats."""
-        header, floats = decode(self.socket.recv(timeout=PATIENCE_S))
-        if header["kind"] == "ping":
+    def _read(self):
+        try:
+            while True:
+                self._messages.put(self._received())
+        except Exception as end:  # raised where a message is waited for
+            self._messages.put(end)
+
+    def _received(self, timeout_s=None):
+        header, floats = decode(self.socket.recv(timeout=timeout_s))
+        if header["kind"] == "ping" and self._answers:
             with suppress(ConnectionClosed):  # what came before the end is still to be read
                 self.send(kind="pong", n=header["n"])
+        return header, floats
+
+    def next(self):
+        """Return the next message, header and floats. Raises ConnectionClosed."""
+        if self._reader is not None:
+            message = self._messages.get(timeout=PATIENCE_S)
+        else:
+            message = self._received(PATIENCE_S)
+        if isinstance(message, Exception):
+            self._messages.put(message)
+            raise message
+        header, floats = message
         self.latest[header["kind"]] = header
         self.seen[header["kind"]] += 1
         return header, floats
+
+    def join(self):
+        """Wait for the thread, once the socket has ended."""
+        if self._reader is not None:
+            self._reader.join()
 
     def until(self, kind, condition=lambda header: True):
         """Return the next message of a kind that fulfils the condition on its header."""
@@ -90,7 +127,9 @@ class OpenPage:
         raise AssertionError(f"waited in vain for {kind}")
 
     def state(self, condition):
-        """Return the next state that fulfils the condition."""
+        """Return the next state that fulfils the condition; those that have come are old."""
+        for _ in range(self._messages.qsize()):
+            self.next()
         return self.until("state", lambda header: condition(header["data"]))[0]["data"]
 
     def ask(self, name, **arguments):
@@ -102,7 +141,13 @@ class OpenPage:
 
 
 @contextmanager
-def opened(running, token=None):
+def opened(running, token=None, *, hangs=False):
     """Open a page for as long as the block runs."""
-    with running.open(token) as socket:
-        yield OpenPage(socket)
+    page = None
+    try:
+        with running.open(token) as socket:
+            page = OpenPage(socket, hangs=hangs)
+            yield page
+    finally:
+        if page is not None:
+            page.join()

@@ -7,8 +7,7 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from motord.dashboard.app import MALFORMED
 from motord.schema import State
-from tests.system.daemons import PATIENCE_S, Daemon, daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
 from tests.system.pages import dashboard, opened
 
 pytestmark = pytest.mark.system
@@ -156,6 +155,7 @@ def test_a_page_that_is_killed_ramps_down(server, client, at_rest):
 def test_a_page_that_hangs_loses_the_lease(server, client, at_rest):
     with opened(server) as page:
         turning(page)
+        page.hang()
         state = wait_for(client, lambda s: s.lease.holder is None, "the lease to end")
         assert state.state in ("READY", "ENABLED")  # ramping down
         wait_for(client, lambda s: s.state == "READY", "disabled")
@@ -164,7 +164,7 @@ def test_a_page_that_hangs_loses_the_lease(server, client, at_rest):
 
 def test_a_page_that_reads_nothing_costs_nothing(server, client):
     """Its socket is full; others are served, and it is sent what is new once it reads."""
-    with opened(server) as stuck, opened(server) as page:
+    with opened(server, hangs=True) as stuck, opened(server) as page:
         stuck.send(
             kind="view", view=1, span_s=60.0, end_s=None, buckets=8000, signals=["i_a_A", "i_b_A"]
         )
@@ -221,19 +221,6 @@ def test_a_killed_or_stopped_server_leaves_loop_and_recording_as_they_were(
     assert not after.recording.error
 
 
-@contextmanager
-def started_meanwhile(page, folder, path):
-    """Run a daemon; the page goes on while it starts, which may take longer than it may hang."""
-    with ThreadPoolExecutor(1) as pool:
-        starting = pool.submit(Daemon, folder, path)
-        while not starting.done():
-            page.next()
-    try:
-        yield
-    finally:
-        starting.result().close()
-
-
 def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
     path = write_sim(tmp_path, "restarted")
     with (
@@ -250,7 +237,7 @@ def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
         assert "restarted" in gone["message"]
         while page.latest["lease"]["held"]:
             page.next()
-        with started_meanwhile(page, tmp_path, path):
+        with daemon(tmp_path, path):
             while not page.seen["hello"] or not page.latest["connection"]["alive"]:
                 page.next()
             page.until("trace")

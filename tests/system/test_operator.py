@@ -194,9 +194,10 @@ def plan(motord, *arguments):
     return out
 
 
-POINTS = 8
-"""More than can be taken until a command has come that ends them."""
-SPEEDS_HZ = ",".join(f"{0.8 + 0.02 * number:.2f}" for number in range(POINTS))
+POINTS = 200
+"""Of 3 s each: more than can be taken until a command has come that ends them, however busy the
+computer is."""
+SPEEDS_HZ = ",".join(f"{0.8 + 0.001 * number:.3f}" for number in range(POINTS))
 PLAN = [
     argument
     for setting in (
@@ -246,8 +247,10 @@ def test_a_plan_that_is_followed_is_aborted_by_a_closed_terminal(motord, client)
     command.send_signal(signal.SIGHUP)
     code, _, err = finish(command)
     assert code == 1
-    assert "calibrate aborted: aborted by" in err
+    # on a busy computer it may not have begun to follow: then it is its lease that ends the plan
+    assert "calibrate aborted: aborted by" in err or err == "motord: interrupted\n"
     wait_for(client, lambda s: s.state == "READY", "disabled")
+    assert client.plan().state == "aborted"
 
 
 @pytest.mark.parametrize("arguments", [("events",), ("events", "--json"), ("watch", "--json")])

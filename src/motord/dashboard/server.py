@@ -30,6 +30,8 @@ PORT = 8447
 BACKLOG = 64
 UNREAD_MAX = 4_000_000
 """Bytes; more than any message that a page is sent unasked."""
+CUT_OFF_S = 12.0
+"""More than uvicorn gives a page to answer that its socket is closed."""
 CLOSING_S = 3
 """Given to pages that are open when the server ends: their leases are given back meanwhile."""
 
@@ -124,10 +126,12 @@ def _is_no_refusal(record: logging.LogRecord) -> bool:
 
 
 class _Protocol(WebSocketsSansIOProtocol):
-    """Ends a connection that sends pings when more than UNREAD_MAX bytes wait for its other end.
+    """Ends a connection whose other end takes nothing.
 
     Messages to a page wait until it takes them, answers to its pings do not: who sends pings and
-    reads nothing would fill the memory. Browsers send none.
+    reads nothing would fill the memory, so it is cut off when more than UNREAD_MAX bytes wait for
+    it. Browsers send none. And a socket is not closed before its other end has taken all that was
+    sent: it is cut off CUT_OFF_S after the page was let go.
     """
 
     _pinged = False
@@ -142,6 +146,11 @@ class _Protocol(WebSocketsSansIOProtocol):
         super().data_received(data)
         if self._pinged and self.transport.get_write_buffer_size() > UNREAD_MAX:
             self.transport.abort()
+
+    def on_task_complete(self, task: asyncio.Task[None]) -> None:
+        """Let the page go."""
+        super().on_task_complete(task)
+        self.loop.call_later(CUT_OFF_S, self.transport.abort)
 
 
 class _Server(uvicorn.Server):

@@ -95,6 +95,9 @@ def main() -> None:
         facts["restarted"] = shown()
         facts["stop"] = systemctl("stop", UNIT).returncode
     facts["stopped"] = shown()
+    deadline_s = time.monotonic() + PATIENCE_S
+    while processes() and time.monotonic() < deadline_s:  # what was killed may be about to end
+        time.sleep(0.1)
     facts["left"] = list(processes().values())
     removed = motord("service", "uninstall")
     facts["uninstall"] = [removed.returncode, removed.stdout + removed.stderr]
