@@ -16,6 +16,7 @@ from tests.browser.chromium import (
     PATH,
     PATIENCE_MS,
     PHONE,
+    press,
     set_by_hand,
     shows,
     start_plan,
@@ -75,9 +76,9 @@ def test_a_person_operates_by_hand(server, visit: Watched):
     page.press("#torque", "Enter")
     sent = [given for name, given in server.stand_in.requests if name == "set"]
     assert [given["torque_Nm"] for given in sent if "torque_Nm" in given] == [2.5]
-    page.click("#zero")
+    press(page, "#zero")
     shows(page, "#setpoint-now", "0.00")
-    page.click("#take")
+    press(page, "#take")
     shows(page, "#lease-text", "Nobody is in command")
     shows(page, "#state-name", "READY")
 
@@ -90,10 +91,10 @@ def test_stop_by_key_says_stopped_when_the_daemon_has_reported_it(server, visit:
     shows(page, "#stop-status", "Stopped: the daemon reports OFF")
     shows(page, "#state-name", "OFF")
     assert "stop" in names(server)
-    page.click("#enable")
+    press(page, "#enable")
     shows(page, "#state-name", "ENABLED")
     server.stand_in.do(lambda: setattr(server.stand_in, "silent", True))
-    page.click("#stop")
+    press(page, "#stop")
     shows(page, "#stop-status", "NOT STOPPED by this page")
     expect(page.locator("#state-name")).to_have_text("ENABLED")
     expect(page.locator("body")).to_have_attribute("data-stale", "true")
@@ -104,17 +105,17 @@ def test_a_sweep_fills_its_mesh(server, visit: Watched):
     take_command(page)
     page.click("#plan-start-box > summary")
     page.fill("#setting-turns", "1")
-    page.click("#plan-check")
+    press(page, "#plan-check")
     shows(page, "#plan-outline", "at least 2")
     expect(page.locator("#plan-start")).to_be_disabled()
     page.click("#plan-start-box > summary")
     server.stand_in.points_max = 1  # until it is paused, however long that takes
     start_plan(page, torques_Nm="1, 2", speeds_Hz="0.5 0.75", turns="2")
     expect(page.locator("#mesh td.done")).to_have_count(1)
-    page.click("#plan-pause")
+    press(page, "#plan-pause")
     shows(page, "#plan-state", "paused")
     server.stand_in.points_max = 1000
-    page.click("#plan-resume")
+    press(page, "#plan-resume")
     shows(page, "#plan-state", "done")
     expect(page.locator("#mesh td.done")).to_have_count(4)
     cell = page.locator("#mesh tbody tr").nth(1).locator("td").nth(0)
@@ -146,21 +147,21 @@ def test_a_plan_with_targets_shows_its_precision_shrinking(server, visit: Watche
 
 def test_a_plan_goes_through_the_queue(server, visit: Watched):
     page, viewer = visit(server.urls.operator), visit(server.urls.viewer)
-    page.click("#take")
+    press(page, "#take")
     page.click("#plan-start-box > summary")
     page.fill("#plan-serial", HOSTILE)
     expect(page.locator("#plan-add")).to_be_disabled()
-    page.click("#plan-check")
+    press(page, "#plan-check")
     page.fill("#plan-wait", "winding below")
-    page.click("#plan-add")
+    press(page, "#plan-add")
     shows(page, "#messages", '"winding below" is no wait')
     page.fill("#plan-wait", "")
     page.fill("#plan-wait-limit", "90")
-    page.click("#plan-add")
+    press(page, "#plan-add")
     shows(page, "#messages", "nothing is waited for")
     page.fill("#plan-wait", "until 06:00; winding below 40")
     for number in "12":
-        page.click("#plan-add")
+        press(page, "#plan-add")
         shows(page, "#queue-items", f"{number} calibrate")
     expect(page.locator("#queue-up-2")).to_be_enabled()  # not while the page has no connection
     page.focus("#queue-up-2")
@@ -171,13 +172,13 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     ]
     shows(viewer, "#queue-items", HOSTILE)
     expect(viewer.locator("#queue button").first).to_be_hidden()
-    page.click("#queue-start")
+    press(page, "#queue-start")
     shows(page, "#queue-items li >> nth=0", "running")
     expect(page.locator("#queue-remove-2")).to_be_disabled()
     end = server.stand_in.queue.end
     server.stand_in.do(lambda: end("failed", "the speed was 3 % off"))
     shows(page, "#queue-items .attempts", "1 attempt; failed")
-    page.click("#queue-start")
+    press(page, "#queue-start")
     shows(page, "#queue-items li >> nth=0", "running")
     server.stand_in.do(lambda: end("done", recording="/runs/sim-7.mcap"))
     shows(viewer, "#queue-history li >> nth=0", "sim-7.mcap")
@@ -204,14 +205,14 @@ def test_the_check_before_a_plan_can_be_left_out(asked: bool, serve: Serve, visi
     box = page.locator("#plan-before-checked")
     if not asked:
         expect(box).to_be_hidden()
-    page.click("#plan-check")
+    press(page, "#plan-check")
     shows(page, "#plan-outline", "within the limits")
     if asked:
         box.uncheck()
         expect(page.locator("#plan-start")).to_be_disabled()  # until it is tried so
-        page.click("#plan-check")
+        press(page, "#plan-check")
         shows(page, "#plan-outline", "within the limits")
-    page.click("#plan-start")
+    press(page, "#plan-start")
     shows(page, "#plan-state", "running")
     sent = [given for name, given in stand_in.requests if name == "plan/start"]
     expected = [None, False, False] if asked else [None, None]
@@ -321,7 +322,7 @@ def test_a_trip_says_what_to_do(server, visit: Watched):
     shows(page, "#state-name", "TRIPPED")
     for text in ("OVER_CURRENT", "41.3 (limit 40.0)", "look for a short", "Black box"):
         shows(page, "#trip", text)
-    page.click("#reset")
+    press(page, "#reset")
     shows(page, "#state-name", "READY")
     expect(page.locator("#trip")).to_be_hidden()
 
@@ -355,13 +356,13 @@ def test_two_operators(server, visit: Watched):
     take_command(first)
     shows(second, "#lease-text", "page 1 is in command")
     expect(second.locator("#enable")).to_be_disabled()
-    second.click("#take")
+    press(second, "#take")
     shows(second, "#take-over-text", "would lose it at once")
-    second.click("#cancel-take")
+    press(second, "#cancel-take")
     expect(second.locator("#take-over")).to_be_hidden()
     shows(first, "#lease-text", "You are in command")
-    second.click("#take")
-    second.click("#confirm-take")
+    press(second, "#take")
+    press(second, "#confirm-take")
     shows(second, "#lease-text", "You are in command")
     shows(first, "#lease-text", "page 2 is in command")
     shows(first, "#lease-why", "Lost:")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.chromium import PATH, set_by_hand, shows, start_plan, take_command
+from tests.browser.chromium import PATH, press, set_by_hand, shows, start_plan, take_command
 from tests.browser.conftest import Watched
 from tests.system.daemons import Daemon, Program, write_sim
 
@@ -30,12 +30,12 @@ def test_a_person_operates_a_bench(tmp_path: Path, visit: Watched) -> None:
         shows(page, "#setpoint-now", "2.00")
         page.wait_for_function(f"() => Math.abs(parseFloat({SET_POINT}) - 2) < 0.05")
         page.wait_for_function(f"() => parseFloat({SPEED}) > 0.3")
-        page.click("#zero")
+        press(page, "#zero")
         shows(page, "#setpoint-now", "0.00")
         page.fill("#note", "by hand")
         page.press("#note", "Enter")
         shows(page, "#event-list", "by hand")
-        page.click("#disable")
+        press(page, "#disable")
         shows(page, "#state-name", "READY")
         mesh = {"torques_Nm": "2", "speeds_Hz": "0.8 0.9", "turns": "2", "gain_steps": ""}
         start_plan(page, **mesh, settle_s="0.3")
