@@ -199,7 +199,7 @@ def test_it_reads_what_the_peer_has_also_after_the_peer_was_gone(peer: Peer) -> 
 
 
 def test_registers_share_a_connection_and_one_that_is_missing_is_named() -> None:
-    with joined(ModbusPeer(tcp_port=free_port())) as peer:
+    with joined(ModbusPeer(tcp_port=free_port(), timeout_s=5.0)) as peer:
         assert isinstance(peer, ModbusPeer)
         [[(_, one), (_, other)]] = make_lines(peer.config)
         peer.set(5.0)

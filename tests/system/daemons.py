@@ -207,10 +207,13 @@ def emulator(folder, bench_path, truth: Path):
 def forgive(client, kept, error=None, limit_s=STALE_S, *, board_is_a_process=False):
     """Count a trip, or a request not fulfilled in time, that `kept` (stalls) explains; else fail.
 
-    `error` is what a request was answered with, if that reported it.
+    `error` is what a request was answered with, if that reported it; that the bench cannot be
+    enabled for a cause of a trip counts as that trip.
     """
     state = client.state()
     cause = state.first_trip if state.state == "TRIPPED" or error is None else error.code
+    if error is not None and (refused := re.match(r"it cannot be enabled: (\w+)", str(error))):
+        cause = refused[1]
     where = os.environ.get("PYTEST_CURRENT_TEST", "").partition(" ")[0]
     stalls.forgive(
         where, cause or state.fault or state.state, kept, limit_s, state.loop.missed,

@@ -194,9 +194,9 @@ def plan(motord, *arguments):
     return out
 
 
-POINTS = 200
-"""Of 3 s each: more than can be taken until a command has come that ends them, however busy the
-computer is."""
+POINTS = 60
+"""Of 3 s each, two turns and settling: more than can be taken until a command has come that ends
+them. A command takes 2 s of processor time to start."""
 SPEEDS_HZ = ",".join(f"{0.8 + 0.001 * number:.3f}" for number in range(POINTS))
 PLAN = [
     argument

@@ -20,6 +20,10 @@ from motord.hal.modbus.devices import ModbusDevice
 from motord.wire.modbus.registers import DeviceStatus
 from tests.support.ports import free_port
 
+ANSWERED_S = 5.0
+"""The longest that a bench file may say: what answers does so at once, unless the computer is busy.
+"""
+
 MOTOR = {
     "name": "motor",
     "pole_pairs": 8,
@@ -34,10 +38,10 @@ MOTOR = {
 def tables(tmp_path):
     """One table for each transport and each way that the registers can lie."""
     return {
-        "tcp": ModbusConfig(tcp_port=free_port(), timeout_s=2.0),
+        "tcp": ModbusConfig(tcp_port=free_port(), timeout_s=ANSWERED_S),
         "tcp-wide": ModbusConfig(
             tcp_port=free_port(),
-            timeout_s=2.0,
+            timeout_s=ANSWERED_S,
             unit=7,
             setpoint_kind="i32",
             setpoint_scale=1e-6,
@@ -48,7 +52,9 @@ def tables(tmp_path):
             value_scale=1e-3,
             word_order="little",
         ),
-        "rtu": ModbusConfig(transport="rtu", serial_port=str(tmp_path / "port"), timeout_s=2.0),
+        "rtu": ModbusConfig(
+            transport="rtu", serial_port=str(tmp_path / "port"), timeout_s=ANSWERED_S
+        ),
     }
 
 
@@ -82,7 +88,7 @@ def test_the_next_exchange_connects_again(pair):
 
 @pytest.fixture(scope="module")
 def brake_pair():
-    table = ModbusConfig(tcp_port=free_port(), timeout_s=2.0)
+    table = ModbusConfig(tcp_port=free_port(), timeout_s=ANSWERED_S)
     device = RegisterDevice(table, 0.0, 1.0)
     servers = ModbusServers({"brake": (table, device)})
     servers.start()
@@ -206,7 +212,7 @@ def test_silence_costs_one_timeout_and_the_next_exchange_connects_anew(scripted)
 
 
 def test_a_connection_that_ends_is_reported(scripted):
-    _, host = scripted(lambda _request: None, timeout_s=2.0)
+    _, host = scripted(lambda _request: None, timeout_s=ANSWERED_S)
     with pytest.raises(DeviceError, match="connection lost"):
         host.exchange(0.0)
 
@@ -216,13 +222,15 @@ def test_an_answer_of_the_wrong_length_is_reported(scripted):
         transaction = request[:2]
         return transaction + struct.pack(">HHBBBHH", 0, 7, 1, 3, 4, 1, 2)
 
-    _, host = scripted(two_registers, timeout_s=2.0)
+    _, host = scripted(two_registers, timeout_s=ANSWERED_S)
     with pytest.raises(DeviceError, match="does not fit the question"):
         host.open()
 
 
 def test_an_unknown_exception_code_is_reported(scripted):
-    _, host = scripted(lambda r: r[:2] + struct.pack(">HHBBB", 0, 3, 1, 0x83, 99), timeout_s=2.0)
+    _, host = scripted(
+        lambda r: r[:2] + struct.pack(">HHBBB", 0, 3, 1, 0x83, 99), timeout_s=ANSWERED_S
+    )
     with pytest.raises(DeviceError, match=r"exception 99 \(unknown cause\)"):
         host.open()
 
