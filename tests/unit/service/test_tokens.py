@@ -12,6 +12,7 @@ import threading
 
 import pytest
 
+from motord.api.plan_messages import PlanView
 from motord.api.requests import LeaseAcquire
 from motord.cli.bench import shared_token
 from motord.cli.bench.lease_session import in_command, interrupted_once
@@ -114,11 +115,18 @@ class Daemon:
 
     def __init__(self, **on):
         self.asked, self.on = [], on
+        self.run_id = ""
+
+    def plan(self):
+        running = PlanView(plan="cogging", state="running", points=1, run_id=self.run_id)
+        return running if self.run_id else None
 
     def call(self, rpc, /, **arguments):
         self.asked.append(rpc.name)
         if rpc.name in self.on:
             self.on[rpc.name]()
+        if rpc.name == "plan/abort":
+            return None
         times = {"lease_s": self.lease_s, "renew_within_s": self.lease_s}
         return rpc.reply.model_validate({"token": "t", "took_over_from": None, **times})
 
@@ -184,6 +192,23 @@ def test_a_daemon_that_hangs_does_not_hold_up_the_end_of_a_command():
     assert "does not answer" in lease.why
     assert "lease/release" not in daemon.asked
     hangs.set()
+
+
+@pytest.mark.parametrize("begins", [True, False], ids=["its own", "another command's"])
+def test_a_plan_that_began_under_the_lease_of_another_command_ends_with_an_interrupt(begins):
+    """Its start may not have been answered yet. One that ran before goes on."""
+    daemon = Daemon()
+    daemon.run_id = "" if begins else "before"
+
+    def start():
+        with in_command(daemon) as session:
+            assert session.lease is None
+            daemon.run_id = daemon.run_id or "mine"
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with shared_token.shared("b", "t"), pytest.raises(KeyboardInterrupt):
+        start()
+    assert daemon.asked == ["lease/renew", *(["plan/abort"] if begins else [])]
 
 
 def test_a_token_that_the_daemon_refuses_is_not_used():

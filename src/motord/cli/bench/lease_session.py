@@ -53,7 +53,9 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
     with interrupted_once() as hold_off:
         token = None if force else token_in_force(client)
         if token is not None:
-            yield LeaseSession(Commander(client, token), None)
+            commander = Commander(client, token)
+            with _ending_its_plan(client, commander):
+                yield LeaseSession(commander, None)
             return
         lease = client.lease(force=force)
         try:
@@ -64,6 +66,30 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
             hold_off()
             if lease.token:
                 lease.release()
+
+
+@contextmanager
+def _ending_its_plan(client: "Client", commander: "Commander") -> Iterator[None]:
+    """Abort a plan that has begun in the block if that is interrupted.
+
+    A lease of one's own ends it when it is given back; that of another command would not.
+    """
+    before = _run_under_way(client)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if _run_under_way(client) not in (None, before):
+            commander.abort_plan()
+        raise
+
+
+def _run_under_way(client: "Client") -> str | None:
+    from motord.client import ClientError
+
+    with suppress(ClientError):
+        view = client.plan()
+        return None if view is None or view.over else view.run_id
+    return None
 
 
 @contextmanager
