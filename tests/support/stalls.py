@@ -112,8 +112,9 @@ def forgive(
     `missed` is the loop's count now, `limit_s` the limit that was exceeded.
     """
     said = f"{where}: {cause}; kept from running for {stalls.lasted_s(missed):.2f} s"
-    if cause in LINE and board_is_a_process:
-        lasted_s = stalls.lasted_s(missed)
+    if cause in LINE and board_is_a_process:  # a heartbeat goes through all of them
+        lasted_s = stalls.delay_s(missed)
+        said += f", its processes one after the other for {lasted_s:.2f} s"
     elif cause in LINE:
         lasted_s = stalls.missed_s(missed)
         said += f", the loop for {lasted_s:.2f} s"

@@ -21,6 +21,14 @@ from tests.system.pages import dashboard, opened
 pytestmark = pytest.mark.system
 
 TORQUE_Nm = 1.0
+LEASE_S = 12.0
+"""A page that a busy computer keeps from answering keeps it; one that hangs loses it in time."""
+
+
+@pytest.fixture(scope="module")
+def running(folder):
+    with daemon(folder, write_sim(folder, lease_s=LEASE_S)) as program:
+        yield program
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import json
 import re
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -35,10 +36,13 @@ def live(tmp_path_factory):
 def off(live):
     """Start every test with a bench that is OFF and that nobody commands."""
     yield
-    with connect("cli", live.listen) as client, client.lease("teardown", force=True) as lease:
-        client.rpc("stop")
-        client.rpc("reset", token=lease.token)
-        client.rpc("stop")
+    with connect("cli", live.listen) as client:
+        with client.lease("teardown", force=True) as lease:
+            client.rpc("stop")
+            client.rpc("reset", token=lease.token)
+            client.rpc("stop")
+        while client.state().lease.holder is not None:  # where it was not given back in time
+            time.sleep(0.01)
 
 
 @pytest.fixture
@@ -310,7 +314,7 @@ def test_a_plan_is_asked_for_without_the_check_if_so_wanted(motord, monkeypatch)
 
     monkeypatch.setattr(Commander, "start_plan", start)
     for more in ((), ("--no-check",), ("--detach",), ("--detach", "--no-check")):
-        failed(motord("plan", "start", "verify", *more))
+        assert "not started" in failed(motord("plan", "start", "verify", *more))
     assert asked == [
         ("verify", detached, checked) for detached in (False, True) for checked in (True, False)
     ]
