@@ -74,12 +74,15 @@ def _ending_its_plan(client: "Client", commander: "Commander") -> Iterator[None]
 
     A lease of one's own ends it when it is given back; that of another command would not.
     """
+    from motord.client import ClientError
+
     before = _run_under_way(client)
     try:
         yield
     except KeyboardInterrupt:
         if _run_under_way(client) not in (None, before):
-            commander.abort_plan()
+            with suppress(ClientError):  # it may have ended meanwhile
+                commander.abort_plan()
         raise
 
 
