@@ -79,8 +79,8 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.ENCODER_IMPLAUSIBLE,
-        "the encoder jumped further than the speed can explain, gave no position, or one of its "
-        "tracks is stuck",
+        "three encoder samples in a row jumped further than the speed can explain or gave no "
+        "position, or one of its tracks is stuck",
         "limits.encoder_jump_rad",
     ),
     Interlock(
