@@ -17,7 +17,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
-from tests.support import schedule, stalls
+from tests.support import again, schedule, stalls
 from tests.support.ports import default_ports_taken
 from tests.support.properties import FEW, INTERPRETED
 
@@ -81,6 +81,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> schedule.Lanes | None:
     """Hand out whole files, those of system tests in lanes."""
     return schedule.Lanes(config, log) if config.getoption("dist") == "loadfile" else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Run a system test again that failed because a stall has tripped its simulated bench."""
+    return again.run(item, nextitem) if item.get_closest_marker("system") else None
 
 
 _seconds: Counter[str] = Counter()

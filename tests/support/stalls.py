@@ -68,6 +68,11 @@ class Stalls:
     rate_Hz: float = 1.0
     _waited_s: dict[str, float] = field(default_factory=waited_s)
     _stolen_s: float = field(default_factory=stolen_s)
+    _ended: "tuple[dict[str, float], float] | None" = None
+
+    def end(self) -> None:
+        """Count no further: with a process that ends, its waits are gone."""
+        self._ended = self._waits_s(), self._other_s(self.missed)
 
     def lasted_s(self, missed: int = 0) -> float:
         """Return the longest wait of a thread, ticks missed by a loop, and time stolen, in all."""
@@ -82,6 +87,8 @@ class Stalls:
         return sum(longest_s.values()) + self._other_s(missed)
 
     def _waits_s(self) -> dict[str, float]:
+        if self._ended is not None:
+            return self._ended[0]
         now_s = waited_s()
         return {name: now_s[name] - self._waited_s.get(name, 0.0) for name in now_s}
 
@@ -90,7 +97,8 @@ class Stalls:
         return max(missed - self.missed, 0) / self.rate_Hz
 
     def _other_s(self, missed: int) -> float:
-        return self.missed_s(missed) + stolen_s() - self._stolen_s
+        stolen = stolen_s() - self._stolen_s if self._ended is None else self._ended[1]
+        return self.missed_s(missed) + stolen
 
 
 def of_bench(state: Any) -> Stalls:

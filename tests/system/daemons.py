@@ -16,7 +16,7 @@ from unittest import mock
 from motord import config
 from motord.client import connect
 from motord.recording.reader import open_run
-from tests.support import stalls
+from tests.support import again, stalls
 from tests.support.ports import free_port
 
 PATIENCE_S = 120.0
@@ -164,12 +164,35 @@ class Program:
 
 
 class Daemon(Program):
-    """A running `motord run`."""
+    """A running `motord run`. A test is run again if a stall has tripped its simulated bench."""
 
     def __init__(self, folder, bench_path, before=()):
+        self.kept = stalls.Stalls()
         super().__init__(folder, "run", "-c", bench_path, "--json", before=before)
         self.config = config.load(bench_path)
         self.ready = json.loads(self.first_line)
+        if self.config.simulated:
+            again.BENCHES.append(self)
+
+    def first_trip(self, position=0):
+        """Return the cause of the first trip in what came on stderr from `position` on, or ""."""
+        found = re.search(r"trip: \w+ -> TRIPPED: (\w+)", self.said()[position:])
+        return found[1] if found else ""
+
+    def position(self):
+        """Return the length of what came on stderr, None if it has ended."""
+        return len(self.said()) if self.process.poll() is None else None
+
+    def leave_trip(self):
+        """Reset the bench, unless it has ended."""
+        if self.process.poll() is not None:
+            return
+        with self.connect() as client, client.lease("tests", force=True) as lease:
+            lease.reset()
+
+    def close(self):
+        self.kept.end()
+        super().close()
 
     @property
     def endpoint(self):

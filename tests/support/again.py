@@ -1,0 +1,87 @@
+"""Tests that run again because a stall of the computer has tripped their simulated bench.
+
+Of these benches the supervisor may be away for a second at most, and most of their tests are not
+about that: they fail somewhere, for a bench that is not enabled any more. What is forgiven is what
+`stalls` forgives, with its proof, and counted there.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import pytest
+from _pytest.runner import runtestprotocol
+
+from tests.support.stalls import Stalls, forgive
+
+TIMES = 3
+"""A test is run again at most so many times: one that always fails is red on any computer."""
+LIMIT_S = 1.0
+"""The limits of staleness of benches for tests."""
+
+
+class Bench(Protocol):
+    """A daemon of a simulated bench. `kept`: the stalls since it began, up to its end."""
+
+    kept: Stalls
+
+    def first_trip(self, position: int = 0) -> str:
+        """Return the cause of the first trip in its log from `position` on, "" for none."""
+        ...
+
+    def position(self) -> int | None:
+        """Return the length of its log, None if it has ended."""
+        ...
+
+    def leave_trip(self) -> None:
+        """Reset it, if it has not ended."""
+        ...
+
+
+BENCHES: list[Bench] = []
+"""Those that tests of this process have begun, without those that had ended before a test."""
+
+
+def run(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
+    """Run a test, again if it fails and `tripped_by_stall`; report the last time alone."""
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    for _ in range(TIMES + 1):
+        kept = Stalls()
+        positions = _positions()
+        reports = runtestprotocol(item, log=False, nextitem=nextitem)
+        failed = any(report.failed for report in reports)
+        if not failed or not tripped_by_stall(item.nodeid, kept, positions):
+            break
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def _positions() -> list[int]:
+    """Return where the logs of benches that run end, and forget all others."""
+    running = [(bench, at) for bench in BENCHES if (at := bench.position()) is not None]
+    BENCHES[:] = [bench for bench, _ in running]
+    return [at for _, at in running]
+
+
+def tripped_by_stall(where: str, kept: Stalls, positions: Sequence[int]) -> bool:
+    """Return whether a stall explains a trip of `BENCHES`, which is then counted and left.
+
+    kept: stalls since the test began; positions: where the logs of those that ran before ended.
+    """
+    forgiven = False
+    for number, bench in enumerate(BENCHES):
+        before = number < len(positions)
+        cause = bench.first_trip(positions[number] if before else 0)
+        if cause and _forgiven(where, cause, kept if before else bench.kept):
+            bench.leave_trip()
+            forgiven = True
+    return forgiven
+
+
+def _forgiven(where: str, cause: str, kept: Stalls) -> bool:
+    try:
+        forgive(where, cause, kept, LIMIT_S)
+    except AssertionError:
+        return False
+    return True
