@@ -50,6 +50,7 @@ def answers(asked, wait_s):
     return codes
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.lists(st.sampled_from([*REQUESTS, NEXT_HOLDER, TAKEOVER]), max_size=8))
 @example(["torque of an enabled bench", NEXT_HOLDER, "plan"])
