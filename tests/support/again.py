@@ -11,12 +11,10 @@ from typing import Protocol
 import pytest
 from _pytest.runner import runtestprotocol
 
-from tests.support.stalls import Stalls, forgive
+from tests.support.stalls import STALE_S, Stalls, forgive
 
 TIMES = 3
 """A test is run again at most so many times: one that always fails is red on any computer."""
-LIMIT_S = 1.0
-"""The limits of staleness of benches for tests."""
 
 
 class Bench(Protocol):
@@ -33,7 +31,7 @@ class Bench(Protocol):
         ...
 
     def leave_trip(self) -> None:
-        """Reset it, if it has not ended."""
+        """Reset it, if it still runs and can be."""
         ...
 
 
@@ -81,7 +79,7 @@ def tripped_by_stall(where: str, kept: Stalls, positions: Sequence[int]) -> bool
 
 def _forgiven(where: str, cause: str, kept: Stalls) -> bool:
     try:
-        forgive(where, cause, kept, LIMIT_S)
+        forgive(where, cause, kept, STALE_S)
     except AssertionError:
         return False
     return True

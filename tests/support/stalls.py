@@ -20,6 +20,8 @@ STALENESS = (
 LINE = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 """What comes of heartbeats or commands that stayed away: only if the loop itself missed so long, or
 what carries and judges them (a board in QEMU) was kept from running."""
+STALE_S = 1.0
+"""The shortest limit of a patient bench that a busy computer exceeds."""
 QUARTER_TURN_S = 0.3
 """A rotor that waits for its host so long is a quarter of a turn behind where its speed would have
 taken it, at the 0.8 Hz that tests on the wire do not exceed, and no jump may be larger."""
