@@ -106,14 +106,19 @@ def machine(image, *arguments):
 
 
 def mutated(frame, chance: random.Random):
-    """Return the bytes of a frame with one to three bits turned over, or cut, or with one more."""
-    data = bytearray(frame)
-    kind = chance.randrange(3)
-    if kind == 0:
-        for _ in range(chance.randint(1, 3)):
-            data[chance.randrange(len(data) - 1)] ^= 1 << chance.randrange(8)
-    elif kind == 1:
-        del data[chance.randrange(len(data) - 1)]
-    else:
-        data.insert(chance.randrange(len(data)), chance.randrange(1, 256))
-    return bytes(data)
+    """Return the bytes of a frame with one to three bits turned over, or cut, or with one more.
+
+    They are none any more: neither the same bit was turned over twice, nor does the CRC hold.
+    """
+    while True:
+        data = bytearray(frame)
+        kind = chance.randrange(3)
+        if kind == 0:
+            for _ in range(chance.randint(1, 3)):
+                data[chance.randrange(len(data) - 1)] ^= 1 << chance.randrange(8)
+        elif kind == 1:
+            del data[chance.randrange(len(data) - 1)]
+        else:
+            data.insert(chance.randrange(len(data)), chance.randrange(1, 256))
+        if not any(part and frames.decode(part) for part in bytes(data).split(b"\0")):
+            return bytes(data)

@@ -191,8 +191,6 @@ def test_corrupt_heartbeats_are_none():
         board.configure(100)
         good = (frames.encode(frames.Heartbeat(1), number) for number in range(3000))
         bad = [mutated(frame, chance) for frame in good]
-        bad = [frame for frame in bad if frames.decode(frame[:-1]) is None]
-        assert len(bad) > 2900
         board.send(b"".join(bad), frames.Stop())
         status = board.next(frames.Status, lambda s: not s.streaming)
         assert status.heartbeats == 0
