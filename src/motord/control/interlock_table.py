@@ -80,7 +80,7 @@ INTERLOCKS = (
     Interlock(
         Trip.ENCODER_IMPLAUSIBLE,
         "three encoder samples in a row jumped further than the speed can explain or gave no "
-        "position, or one of its tracks is stuck",
+        "position, or an encoder track is stuck",
         "limits.encoder_jump_rad",
     ),
     Interlock(

@@ -30,8 +30,8 @@ PORT = 8447
 BACKLOG = 64
 UNREAD_MAX = 4_000_000
 """Bytes; more than any message that a page is sent unasked."""
-CUT_OFF_S = 12.0
-"""More than uvicorn gives a page to answer that its socket is closed."""
+CLOSE_TIMEOUT_S = 12.0
+"""After it a connection that was closed is aborted: more than uvicorn waits for the close frame."""
 CLOSING_S = 3
 """Given to pages that are open when the server ends: their leases are given back meanwhile."""
 
@@ -126,12 +126,12 @@ def _is_no_refusal(record: logging.LogRecord) -> bool:
 
 
 class _Protocol(WebSocketsSansIOProtocol):
-    """Ends a connection whose other end takes nothing.
+    """Aborts a connection whose other end does not read.
 
     Messages to a page wait until it takes them, answers to its pings do not: who sends pings and
     reads nothing would fill the memory, so it is cut off when more than UNREAD_MAX bytes wait for
-    it. Browsers send none. And a socket is not closed before its other end has taken all that was
-    sent: it is cut off CUT_OFF_S after the page was let go.
+    it. Browsers send none. And the transport stays open until its send buffer is empty: it is
+    aborted CLOSE_TIMEOUT_S after the application has ended.
     """
 
     _pinged = False
@@ -148,9 +148,9 @@ class _Protocol(WebSocketsSansIOProtocol):
             self.transport.abort()
 
     def on_task_complete(self, task: asyncio.Task[None]) -> None:
-        """Let the page go."""
+        """Close the connection, by force if it does not end by itself."""
         super().on_task_complete(task)
-        self.loop.call_later(CUT_OFF_S, self.transport.abort)
+        self.loop.call_later(CLOSE_TIMEOUT_S, self.transport.abort)
 
 
 class _Server(uvicorn.Server):

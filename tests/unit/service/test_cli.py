@@ -3,7 +3,6 @@
 import json
 import re
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -18,6 +17,7 @@ from motord.cli.bench.status import sensor_text
 from motord.cli.plan.settings import parse_settings
 from motord.client import ClientError, Commander, Subscription, connect
 from motord.schema import State, Trip
+from tests.contract.peers import until
 from tests.unit.service.live_service import endpoint, live_service
 
 WAIT_S = 20.0
@@ -41,8 +41,7 @@ def off(live):
             client.rpc("stop")
             client.rpc("reset", token=lease.token)
             client.rpc("stop")
-        while client.state().lease.holder is not None:  # where it was not given back in time
-            time.sleep(0.01)
+        until(lambda: client.state().lease.holder is None)  # it may not be given back in time
 
 
 @pytest.fixture
