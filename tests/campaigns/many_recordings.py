@@ -90,11 +90,16 @@ def killer(store: Path, count: int, rng: random.Random) -> Callable[[int], None]
     return kill
 
 
-def _workers(parent: int) -> Iterator[int]:
-    for task in Path(f"/proc/{parent}/task").iterdir():
-        for child in map(int, (task / "children").read_text().split()):
-            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                yield child
+def _workers(command: int) -> Iterator[int]:
+    """Yield the children of the fork server, which is a child of the command."""
+    for child in _children(command):
+        if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes():
+            yield from _children(child)
+
+
+def _children(pid: int) -> Iterator[int]:
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        yield from map(int, (task / "children").read_text().split())
 
 
 def main() -> None:

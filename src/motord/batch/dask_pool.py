@@ -4,7 +4,7 @@ import logging
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from motord.batch.dispatch import WorkerDiedError
 from motord.batch.error import BatchError, distributed
+from motord.batch.fork_server import keep_modules, start_fork_server
 from motord.batch.task import THREAD_LIMIT
 
 CONNECT_S = 10.0
@@ -33,12 +34,15 @@ LEAST_WINDOW = 4
 DEATHS = 2
 """Workers on this computer that a chunk may have until its jobs are suspects."""
 
+ONE_THREAD = dict.fromkeys(
+    (THREAD_LIMIT, "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+)
+"""Environment of workers on this computer."""
+
 CONFIG = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
-    "distributed.nanny.pre-spawn-environ": {
-        THREAD_LIMIT: 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "NUMBA_NUM_THREADS": 1,
-    },
-    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.nanny.pre-spawn-environ": ONE_THREAD,
+    "distributed.worker.multiprocessing-method": "forkserver",
     "distributed.comm.timeouts.connect": "60s",
     "distributed.worker.memory.monitor-interval": "500ms",
     "distributed.worker.profile.enabled": False,
@@ -64,11 +68,19 @@ class DaskPool:
 
     workers: processes on this computer, behind a scheduler that only listens on the loopback
     interface and only talks to who has the keys made for it. scheduler: address of one that there
-    is, instead. remark: called with a line for people.
+    is, instead. remark: called with a line for people. modules: that workers on this computer find
+    imported.
     """
 
-    def __init__(self, workers: int, scheduler: str | None, remark: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        workers: int,
+        scheduler: str | None,
+        remark: Callable[[str], None],
+        modules: Sequence[str] = (),
+    ) -> None:
         self._workers, self._scheduler, self._remark = workers, scheduler, remark
+        self._modules = modules
         self._stack = ExitStack()
         self._client: Any = None
         self._executor: Any = None
@@ -149,6 +161,9 @@ class DaskPool:
         )
 
     def _start(self) -> None:
+        if self._scheduler is None:
+            with _interrupts_blocked():
+                start_fork_server(self._modules, ONE_THREAD)
         distributed()
         _silence()
         client = _remote(self._scheduler) if self._scheduler else _local(self._workers)
@@ -162,6 +177,7 @@ def _local(workers: int) -> Iterator[Any]:
     import dask
 
     found = distributed()
+    keep_modules()
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="motord-batch-"))
         stack.enter_context(dask.config.set(CONFIG))
@@ -172,7 +188,7 @@ def _local(workers: int) -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Put Ctrl-C off in this thread, for good in those that begin here and in what these start.
+    """Put Ctrl-C off in this thread, for good in threads and processes that begin here.
 
     A worker that begins just then would end with a traceback; it ends with the scheduler.
     """

@@ -38,6 +38,11 @@ class BatchTask:
     to_store: bool = True
     to_print: bool = False
 
+    @property
+    def command(self) -> str:
+        """The analysis, as `module:object`."""
+        return analysis_kinds()[self.experiment].command
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -71,7 +76,7 @@ def _analyse_recording(task: BatchTask, path: Path) -> Outcome:
 
 
 def _analysed(task: BatchTask, path: Path) -> Outcome:
-    analysis: Analysis[Any] = resolve_name(analysis_kinds()[task.experiment].command)
+    analysis: Analysis[Any] = resolve_name(task.command)
     recordings = Recordings.open([path], task.config)
     content = analysis.to_json(analysis.estimate(recordings, **task.options), recordings)
     if not task.to_store:

@@ -76,10 +76,11 @@ def analyse_batch(
     _check_usage(analysis, options, given)
     task = _task(analysis, kind, options, given)
     workers = min(given["workers"] or len(os.sched_getaffinity(0)), len(paths))
+    modules = [task.command.partition(":")[0]]
     with TemporaryFile() as file, _bars() as bars:
         report = _Report(paths, bars, _OrderedLines(file) if given["as_json"] else None)
         try:
-            with DaskPool(workers, given["scheduler"], remark) as pool:
+            with DaskPool(workers, given["scheduler"], remark, modules) as pool:
                 for line in _lines(paths, task, pool, given, report.progress):
                     report.add(line)
         finally:

@@ -1,0 +1,36 @@
+"""The process that workers on this computer are forked from, with what they need imported.
+
+It is the fork server of `multiprocessing`. A spawned worker spends two seconds of processor time on
+the same imports; this process does them once, while the command prepares Dask's scheduler. It ends
+with the command.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Mapping, Sequence
+from multiprocessing import forkserver
+
+MODULES = "motord.cli", "motord.batch.worker_modules"
+"""What every worker needs; `multiprocessing` imports the command's main module, so the first."""
+
+
+def start_fork_server(modules: Sequence[str], environment: Mapping[str, str]) -> None:
+    """Start the fork server, unless it runs. What it cannot import is left to the workers.
+
+    modules: imported there besides MODULES. environment: variables set there first, as libraries
+    count their threads when they are imported; this process has them from then on, too.
+    """
+    os.environ.update(environment)
+    multiprocessing.get_context("forkserver").set_forkserver_preload([*MODULES, *modules])
+    forkserver.ensure_running()
+
+
+def keep_modules() -> None:
+    """Keep Dask from choosing the modules itself, for which it imports pandas and others here.
+
+    That takes half a second where they are installed. The name is not public; if Dask has none of
+    it any more, the workers start later, and nothing else changes.
+    """
+    from distributed import utils
+
+    utils._forkserver_preload_set = True

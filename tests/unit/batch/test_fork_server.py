@@ -1,0 +1,67 @@
+"""What workers are forked from: it has one thread, and they have nothing left to import."""
+
+import multiprocessing
+import subprocess
+import sys
+
+import dask
+from distributed import utils
+
+from motord.batch.fork_server import MODULES, keep_modules
+from motord.config import load, packaged
+from motord.config.experiments import analysis_kinds
+from tests.support.short_recordings import ShortRecording
+
+IMPORTED = f"""
+import importlib, os, sys, threading
+from pathlib import Path
+for module in {MODULES!r} + ("motord.experiments.cogging.command",):
+    importlib.import_module(module)
+before = set(sys.modules)
+"""
+
+
+def in_a_process(script: str, *arguments: object) -> str:
+    """Return what a script prints that has imported what the fork server does."""
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTED + script, *map(str, arguments)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_no_thread_begins_by_an_import() -> None:
+    modules = sorted({kind.command.partition(":")[0] for kind in analysis_kinds().values()})
+    script = """
+for module in sys.argv[1:]:
+    importlib.import_module(module)
+print(threading.active_count())
+"""
+    assert in_a_process(script, *modules) == "1\n"
+
+
+def test_a_worker_imports_no_other_package(tmp_path) -> None:
+    """Its first analysis took a second longer than the next ones."""
+    path = ShortRecording.of(load(packaged("sim.toml"))).write(tmp_path / "r.mcap")
+    script = """
+from motord.batch.task import THREAD_LIMIT, BatchTask, analyse_recordings
+os.environ[THREAD_LIMIT] = "1"
+task = BatchTask("cogging", {}, {"config": None})
+[outcome] = analyse_recordings(task, [Path(sys.argv[1])]).results
+assert not outcome.failure, outcome.failure
+print(*(name for name in set(sys.modules) - before if not name.startswith("motord.")))
+"""
+    assert in_a_process(script, path) == "\n"
+
+
+def test_dask_keeps_the_modules(monkeypatch) -> None:
+    """Else it imports pandas in the command, and the server has other modules when it restarts."""
+    chosen = []
+    context = multiprocessing.get_context("forkserver")
+    monkeypatch.setattr(context, "set_forkserver_preload", chosen.append)
+    monkeypatch.setattr(utils, "_forkserver_preload_set", False)
+    keep_modules()
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        assert utils.get_mp_context() is context
+    assert chosen == []
