@@ -1,9 +1,10 @@
 """Many recordings analysed, each by itself, with a ledger of what is done."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -69,22 +70,21 @@ def analyse_into_store(
     ResultsError, OSError; what was done until then is kept.
     """
 
-    def hashing(count: int, new: int) -> None:
-        if not rehash:
-            pool.begin()  # new files are to be analysed soon
-        progress("hashing", count, new)
-
+    found: dict[Path, tuple[LedgerEntry, LedgerEntry | None]] = {}
+    settings = _settings(task)
     hashes = FileHashes(ledger.folder, trusted=not rehash)
-    digests: dict[Path, str] = {}
-    for path, sha256, failure in hash_files(paths, hashes, hashing):
+    for path, sha256, failure in hash_files(paths, hashes, partial(progress, "hashing")):
         if failure:
             yield BatchLine(path, "failed", failure)
-        else:
-            digests[path] = sha256
+            continue
+        analysis = LedgerEntry(path.name, sha256, task.experiment, task.version, settings)
+        found[path] = analysis, ledger.find(analysis)
+        if _is_to_be_made(found[path][1], retry=retry):
+            pool.begin()  # the others are hashed meanwhile
     to_do: dict[Path, LedgerEntry] = {}
-    for path, analysis, line in _chosen(paths, digests, task, ledger, retry=retry):
+    for path, line in _chosen(paths, found, retry=retry):
         if line is None:
-            to_do[path] = analysis
+            to_do[path], _ = found[path]
         else:
             yield line
     with ThreadPoolExecutor(WRITERS) as writers:
@@ -109,28 +109,41 @@ def _analysed(
         yield path, outcome or Outcome(failure=KILLS, lasting=True)
 
 
-def _chosen(
-    paths: Sequence[Path], digests: dict[Path, str], task: BatchTask, ledger: Ledger, *, retry: bool
-) -> Iterator[tuple[Path, LedgerEntry, BatchLine | None]]:
-    """Yield the analysis of each recording that could be hashed; and a line if it is not made."""
+def _settings(task: BatchTask) -> Mapping[str, Any]:
+    """Return the settings that an analysis is entered with. Raises ConfigError."""
     settings = settings_to_store(task.settings)
     if task.config is not None:
         settings = with_back_emf(settings, Subject.of_file(task.config))
+    return settings
+
+
+def _is_to_be_made(entry: LedgerEntry | None, *, retry: bool) -> bool:
+    return entry is None or (retry and not entry.stored)
+
+
+def _chosen(
+    paths: Sequence[Path],
+    found: Mapping[Path, tuple[LedgerEntry, LedgerEntry | None]],
+    *,
+    retry: bool,
+) -> Iterator[tuple[Path, BatchLine | None]]:
+    """Yield each recording that could be hashed, with a line if it is not to be analysed.
+
+    found: the analysis of each, and what the ledger has of it.
+    """
     first: dict[str, Path] = {}
-    for path in (one for one in paths if one in digests):
-        sha256 = digests[path]
-        analysis = LedgerEntry(path.name, sha256, task.experiment, task.version, settings)
-        entry = ledger.find(analysis)
-        same = first.setdefault(sha256, path)
+    for path in (one for one in paths if one in found):
+        analysis, entry = found[path]
+        same = first.setdefault(analysis.sha256, path)
         if same != path:
-            yield path, analysis, BatchLine(path, "skipped", f"is the same recording as {same}")
-        elif entry is not None and entry.stored:
-            yield path, analysis, BatchLine(path, "skipped", "done before", entry.stored)
-        elif entry is not None and not retry:
-            note = f"{entry.failure} (set aside by an earlier run; --retry tries again)"
-            yield path, analysis, BatchLine(path, "failed", note)
+            yield path, BatchLine(path, "skipped", f"is the same recording as {same}")
+        elif entry is None or _is_to_be_made(entry, retry=retry):
+            yield path, None
+        elif entry.stored:
+            yield path, BatchLine(path, "skipped", "done before", entry.stored)
         else:
-            yield path, analysis, None
+            note = f"{entry.failure} (set aside by an earlier run; --retry tries again)"
+            yield path, BatchLine(path, "failed", note)
 
 
 def _entered(path: Path, analysis: LedgerEntry, outcome: Outcome, ledger: Ledger) -> BatchLine:

@@ -101,11 +101,22 @@ def test_what_is_done_is_not_done_again(folder, monkeypatch):
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_workers_start_while_new_files_are_hashed_and_not_for_nothing(folder):
+def test_workers_start_while_new_files_are_hashed_and_not_for_nothing(folder, monkeypatch):
+    """A file that is read again, but is the recording that was analysed, needs none."""
     for begun, again in ((True, {}), (False, {}), (False, {"rehash": True})):
         pool = InlinePool()
         analyse(folder, pool=pool, **again)
         assert bool(pool.begun) == begun
+    os.utime(folder / "b.mcap", ns=(0, 10**18 + 1))
+    with hashed(monkeypatch) as read:
+        analyse(folder, pool=pool)
+    assert read == [folder / "b.mcap"]
+    assert not pool.begun
+    recordings(folder, "d", first_Nm=4.0)
+    with hashed(monkeypatch) as read:
+        analyse(folder, pool=pool)
+    assert read == [folder / "d.mcap"]
+    assert pool.begun == 1
 
 
 @pytest.mark.parametrize(
