@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from motord.batch.dispatch import WorkerDiedError
 from motord.batch.error import BatchError, distributed
-from motord.batch.fork_server import keep_modules, start_fork_server
+from motord.batch.fork_server import METHOD, keep_modules, start_fork_server
 from motord.batch.task import THREAD_LIMIT
 
 CONNECT_S = 10.0
@@ -42,7 +42,7 @@ ONE_THREAD = dict.fromkeys(
 CONFIG = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
     "distributed.nanny.pre-spawn-environ": ONE_THREAD,
-    "distributed.worker.multiprocessing-method": "forkserver",
+    "distributed.worker.multiprocessing-method": METHOD,
     "distributed.comm.timeouts.connect": "60s",
     "distributed.worker.memory.monitor-interval": "500ms",
     "distributed.worker.profile.enabled": False,

@@ -7,21 +7,27 @@ with the command.
 
 import multiprocessing
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from multiprocessing import forkserver
 
 MODULES = "motord.cli", "motord.batch.worker_modules"
 """What every worker needs; `multiprocessing` imports the command's main module, so the first."""
 
+METHOD = "forkserver" if sys.version_info >= (3, 11, 1) else "spawn"
+"""How workers begin: other users can have older fork servers run programs (CVE-2022-42919)."""
+
 
 def start_fork_server(modules: Sequence[str], environment: Mapping[str, str]) -> None:
-    """Start the fork server, unless it runs. What it cannot import is left to the workers.
+    """Start the fork server, unless it runs or is not used. What it cannot import workers will.
 
     modules: imported there besides MODULES. environment: variables set there first, as libraries
     count their threads when they are imported; this process has them from then on, too.
     """
     os.environ.update(environment)
-    multiprocessing.get_context("forkserver").set_forkserver_preload([*MODULES, *modules])
+    if METHOD == "spawn":
+        return
+    multiprocessing.get_context(METHOD).set_forkserver_preload([*MODULES, *modules])
     forkserver.ensure_running()
 
 

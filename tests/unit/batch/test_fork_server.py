@@ -7,7 +7,7 @@ import sys
 import dask
 from distributed import utils
 
-from motord.batch.fork_server import MODULES, keep_modules
+from motord.batch.fork_server import METHOD, MODULES, keep_modules
 from motord.config import load, packaged
 from motord.config.experiments import analysis_kinds
 from tests.support.short_recordings import ShortRecording
@@ -58,10 +58,10 @@ print(*(name for name in set(sys.modules) - before if not name.startswith("motor
 def test_dask_keeps_the_modules(monkeypatch) -> None:
     """Else it imports pandas in the command, and the server has other modules when it restarts."""
     chosen = []
-    context = multiprocessing.get_context("forkserver")
+    context = multiprocessing.get_context(METHOD)
     monkeypatch.setattr(context, "set_forkserver_preload", chosen.append)
     monkeypatch.setattr(utils, "_forkserver_preload_set", False)
     keep_modules()
-    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+    with dask.config.set({"distributed.worker.multiprocessing-method": METHOD}):
         assert utils.get_mp_context() is context
     assert chosen == []
