@@ -18,9 +18,10 @@ class Workers(InlinePool):
 
     asked = ()
 
-    def __init__(self, workers, scheduler, remark):
+    def __init__(self, workers, scheduler, remark, modules):
         super().__init__()
         Workers.asked = workers, scheduler
+        assert modules == [probe_analysis.__name__]
 
     def __enter__(self):
         return self
