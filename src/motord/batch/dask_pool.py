@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from motord.batch.dispatch import WorkerDiedError
 from motord.batch.error import BatchError, distributed
 from motord.batch.fork_server import METHOD, keep_modules, start_fork_server
-from motord.batch.task import THREAD_LIMIT
+from motord.loop.main import ONE_THREAD
 
 CONNECT_S = 10.0
 """How long a scheduler may take to answer."""
@@ -33,11 +33,6 @@ LEAST_WINDOW = 4
 
 DEATHS = 2
 """Workers on this computer that a chunk may have until its jobs are suspects."""
-
-ONE_THREAD = dict.fromkeys(
-    (THREAD_LIMIT, "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
-"""Environment of workers on this computer."""
 
 CONFIG = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,

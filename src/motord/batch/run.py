@@ -78,11 +78,14 @@ def analyse_into_store(
             yield BatchLine(path, "failed", failure)
             continue
         analysis = LedgerEntry(path.name, sha256, task.experiment, task.version, settings)
-        found[path] = analysis, ledger.find(analysis)
-        if _is_to_be_made(found[path][1], retry=retry):
+        entry = ledger.find(analysis)
+        if entry is not None and entry.failure and retry:
+            entry = None
+        if entry is None:
             pool.begin()  # the others are hashed meanwhile
+        found[path] = analysis, entry
     to_do: dict[Path, LedgerEntry] = {}
-    for path, line in _chosen(paths, found, retry=retry):
+    for path, line in _chosen(paths, found):
         if line is None:
             to_do[path], _ = found[path]
         else:
@@ -117,19 +120,12 @@ def _settings(task: BatchTask) -> Mapping[str, Any]:
     return settings
 
 
-def _is_to_be_made(entry: LedgerEntry | None, *, retry: bool) -> bool:
-    return entry is None or (retry and not entry.stored)
-
-
 def _chosen(
-    paths: Sequence[Path],
-    found: Mapping[Path, tuple[LedgerEntry, LedgerEntry | None]],
-    *,
-    retry: bool,
+    paths: Sequence[Path], found: Mapping[Path, tuple[LedgerEntry, LedgerEntry | None]]
 ) -> Iterator[tuple[Path, BatchLine | None]]:
     """Yield each recording that could be hashed, with a line if it is not to be analysed.
 
-    found: the analysis of each, and what the ledger has of it.
+    found: the analysis of each, and what the ledger has of it, None if it is to be made.
     """
     first: dict[str, Path] = {}
     for path in (one for one in paths if one in found):
@@ -137,7 +133,7 @@ def _chosen(
         same = first.setdefault(analysis.sha256, path)
         if same != path:
             yield path, BatchLine(path, "skipped", f"is the same recording as {same}")
-        elif entry is None or _is_to_be_made(entry, retry=retry):
+        elif entry is None:
             yield path, None
         elif entry.stored:
             yield path, BatchLine(path, "skipped", "done before", entry.stored)
