@@ -17,6 +17,7 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 from motord.client import Client, Lease
 from tests.benchmarks.bench_isolation import (
@@ -29,7 +30,7 @@ from tests.benchmarks.bench_subscribers import ROUND_TRIP_LIMIT_ms, accounted, s
 from tests.benchmarks.figure import Figure
 from tests.benchmarks.open_pages import OpenPages, Seen, open_pages
 from tests.benchmarks.paired import compared
-from tests.system.daemons import children, wait_for
+from tests.system.daemons import wait_for
 from tests.system.pages import Dashboard, dashboard
 from tests.system.tick_accounts import Subscriber
 
@@ -61,14 +62,7 @@ def cpu_s(pids: Iterable[int]) -> dict[int, float]:
 
 def browsers() -> list[int]:
     """Return the processes of the browser that this one has started, by way of Playwright."""
-    found, waiting = [], children(os.getpid())
-    while waiting:
-        pid = waiting.pop()
-        waiting += children(pid)
-        with suppress(OSError):
-            if b"chrom" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                found.append(pid)
-    return found
+    return [one.pid for one in psutil.Process().children(recursive=True) if "chrom" in one.name()]
 
 
 @contextmanager

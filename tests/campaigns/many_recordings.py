@@ -13,15 +13,15 @@ Prints times and counts; exits with 1 if anything is not as said.
 """
 
 import argparse
-import os
 import random
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import psutil
 
 from motord.results.store import ResultsStore
 from tests.campaigns import seeds
@@ -83,23 +83,18 @@ def killer(store: Path, count: int, rng: random.Random) -> Callable[[int], None]
         for share in shares:
             while len(list(store.glob("*.parquet"))) < share * count:
                 time.sleep(0.05)
-            victim = rng.choice(list(_workers(parent)))
-            os.kill(victim, signal.SIGKILL)
-            print(f"  worker {victim} killed at {100 * share:.0f} %", flush=True)
+            victim = rng.choice(_workers(parent))
+            victim.kill()
+            print(f"  worker {victim.pid} killed at {100 * share:.0f} %", flush=True)
 
     return kill
 
 
-def _workers(command: int) -> Iterator[int]:
-    """Yield the children of the fork server, which is a child of the command."""
-    for child in _children(command):
-        if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes():
-            yield from _children(child)
-
-
-def _children(pid: int) -> Iterator[int]:
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        yield from map(int, (task / "children").read_text().split())
+def _workers(command: int) -> list[psutil.Process]:
+    """Return the children of the fork server, which is a child of the command."""
+    below = psutil.Process(command).children()
+    [server] = [one for one in below if any("forkserver" in word for word in one.cmdline())]
+    return server.children()
 
 
 def main() -> None:

@@ -160,7 +160,8 @@ def test_a_register_that_is_not_there(bench: Bench) -> None:
 
 
 def test_a_wrong_unit(bench: Bench) -> None:
-    host = bench.host(unit=9, timeout_s=SHORT_S if bench.line else LONG_S)
+    timeout_s = SHORT_S if bench.line else LONG_S
+    host = bench.host(unit=9, timeout_s=timeout_s, connect_timeout_s=SHORT_S)
     expected = "no valid answer within" if bench.line else r"exception 11 \(no such unit\)"
     with pytest.raises(DeviceError, match=rf"unit 9: .*{expected}"):
         host.open()

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from motord.schema import Trip
 
 STALENESS = (
@@ -29,26 +31,12 @@ FORGIVEN: list[str] = []
 """Reported by `tests.conftest` when all tests are over."""
 
 
-def _descendants() -> set[int]:
-    """Return this process and all that descend from it."""
-    parents = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
-        except OSError:
-            continue
-    found, new = set(), {os.getpid()}
-    while new:
-        found |= new
-        new = {pid for pid, parent in parents.items() if parent in new}
-    return found
-
-
 def waited_s() -> dict[str, float]:
     """Return for how long each thread of this process and its descendants was ready but not run."""
     waited = {}
-    for pid in _descendants():
-        for path in Path(f"/proc/{pid}/task").glob("*/schedstat"):
+    this = psutil.Process()
+    for process in (this, *this.children(recursive=True)):
+        for path in Path(f"/proc/{process.pid}/task").glob("*/schedstat"):
             try:
                 waited[str(path)] = int(path.read_text().split()[1]) * 1e-9
             except OSError:
@@ -122,18 +110,19 @@ def forgive(
     `missed` is the loop's count now, `limit_s` the limit that was exceeded.
     """
     said = f"{where}: {cause}; kept from running for {stalls.lasted_s(missed):.2f} s"
-    if cause in LINE and board_is_a_process:  # a heartbeat goes through all of them
-        lasted_s = stalls.delay_s(missed)
-        said += f", its processes one after the other for {lasted_s:.2f} s"
-    elif cause in LINE:
+    lasted_s = stalls.lasted_s(missed)
+    if cause == "ENCODER_IMPLAUSIBLE":
+        limit_s = QUARTER_TURN_S
+    elif cause in LINE and not board_is_a_process:
         lasted_s = stalls.missed_s(missed)
         said += f", the loop for {lasted_s:.2f} s"
-    elif cause == "ENCODER_IMPLAUSIBLE":
-        limit_s, lasted_s = QUARTER_TURN_S, stalls.lasted_s(missed)
     else:
         known = cause in Trip.__members__ and bool(Trip[cause] & STALENESS)
-        assert known or cause == "timeout", f"no trip that a busy computer explains: {said}"
-        lasted_s = stalls.lasted_s(missed)
+        known |= cause in LINE or cause == "timeout"
+        assert known, f"no trip that a busy computer explains: {said}"
+        if board_is_a_process:  # heartbeats and samples go through all of them
+            lasted_s = stalls.delay_s(missed)
+            said += f", its processes one after the other for {lasted_s:.2f} s"
     assert lasted_s >= limit_s, f"no stall of {limit_s:g} s explains it: {said}"
     FORGIVEN.append(said)
 

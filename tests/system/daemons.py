@@ -13,6 +13,8 @@ from itertools import count
 from pathlib import Path
 from unittest import mock
 
+import psutil
+
 from motord import config
 from motord.client import ClientError, connect
 from motord.recording.reader import open_run
@@ -50,7 +52,7 @@ def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0, lease_s=LEASE_S):
     # emulated devices that are kept waiting answer to what was asked of them before
     errors = f"torque_error_s = {STALE_S}\ncurrent_error_s = {STALE_S}\n"
     text = text.replace("[limits]\n", f"[limits]\nencoder_jump_rad = 1.5\n{errors}")
-    for table in ("[inverter.can]\n", "[bridge]\n"):
+    for table in ("[inverter.can]\n", "[bridge]\n", "[brake.modbus]\n", "[drive.modbus]\n"):
         text = text.replace(table, f"{table}connect_timeout_s = {CONNECT_S}\n")
     for table, timeout in (("inverter", inverter_timeout_s), ("bridge", 1.0)):
         key = "timeout_s" if table == "inverter" else "heartbeat_timeout_s"
@@ -80,15 +82,6 @@ def journal(folder):
 
 
 _numbers = count()
-
-
-def children(pid):
-    """Return the processes that `pid` has started and that are not over."""
-    found = []
-    for path in Path(f"/proc/{pid}/task").glob("*/children"):
-        with suppress(OSError):  # a thread that ended meanwhile
-            found += [int(child) for child in path.read_text().split()]
-    return found
 
 
 @contextmanager
@@ -153,13 +146,14 @@ class Program:
 
         A loop that stays keeps its serial port locked, whose number the next one may get.
         """
-        started = children(self.process.pid) if self.process.poll() is None else []
-        if self.process.poll() is None:
+        running = self.process.poll() is None
+        started = psutil.Process(self.process.pid).children() if running else []
+        if running:
             self.process.kill()
         self.wait()
-        for pid in started:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        for child in started:
+            with suppress(psutil.NoSuchProcess):
+                child.kill()
 
 
 class Daemon(Program):

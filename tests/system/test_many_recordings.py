@@ -7,9 +7,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import pytest
 
 from motord.results.store import ResultsStore
@@ -21,7 +21,7 @@ GOOD = 6
 PATIENCE_S = 60.0
 
 OF_TWO_WORKERS = 4
-"""Processes: these, their fork server, and the resource tracker of multiprocessing."""
+"""Processes below the command: these, their fork server, and multiprocessing's resource tracker."""
 
 
 class Runs:
@@ -62,15 +62,16 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     process = runs.start("--workers", "2")
     while runs.entered() < GOOD:
         assert process.poll() is None, process.communicate()
-    listening = listeners([process.pid, *children(process.pid)])
+    sockets = [one for below in processes(process) for one in below.net_connections("inet")]
+    listening = {one.laddr for one in sockets if one.status == psutil.CONN_LISTEN}
     assert len(listening) >= 3
-    assert {address for address, _ in listening} == {"127.0.0.1"}
+    assert {address.ip for address in listening} == {"127.0.0.1"}
     _, errors = ended(process, lambda: os.killpg(process.pid, signal.SIGINT))
     assert (process.returncode, errors) == (1, "motord: interrupted\n")
     assert runs.values() == runs.expected(GOOD)
 
     process = runs.start("--workers", "2")
-    while len(children(process.pid)) < OF_TWO_WORKERS:
+    while len(processes(process)) <= OF_TWO_WORKERS:
         assert process.poll() is None, process.communicate()
     ended(process, process.kill)
     assert runs.values() == runs.expected(GOOD)
@@ -85,7 +86,7 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     assert process.returncode == 1, errors
     *lines, last = map(json.loads, output.splitlines())
     counts = {"recordings": GOOD + 5, "done": 2, "skipped": GOOD, "failed": 3}
-    assert last == {"summary": counts}
+    assert last == {"summary": counts}, errors
     assert [line["recording"] for line in lines] == sorted(line["recording"] for line in lines)
     failed = {Path(one["recording"]).stem: one["note"] for one in lines if one["state"] == "failed"}
     assert set(failed) == {"kills", "raises", "text"}
@@ -101,7 +102,7 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
 
 def ended(process: "subprocess.Popen[str]", end: Callable[[], object]) -> tuple[str, str]:
     """End a run, and wait for its workers to end. Return what it printed."""
-    workers = [os.pidfd_open(pid) for pid in children(process.pid)]
+    workers = [os.pidfd_open(below.pid) for below in processes(process)[1:]]
     assert len(workers) >= OF_TWO_WORKERS
     end()
     printed = process.communicate()
@@ -111,31 +112,7 @@ def ended(process: "subprocess.Popen[str]", end: Callable[[], object]) -> tuple[
     return printed
 
 
-def children(pid: int) -> list[int]:
-    """Return the processes below one."""
-    found = []
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(OSError):  # a thread that has just ended
-            for child in map(int, (task / "children").read_text().split()):
-                found += [child, *children(child)]
-    return found
-
-
-def listeners(pids: list[int]) -> list[tuple[str, int]]:
-    """Return addresses (IPv4) and ports on which processes listen; they must not on IPv6."""
-    open_files = set()
-    for pid in pids:
-        for one in Path(f"/proc/{pid}/fd").iterdir():
-            with suppress(OSError):  # a file that has just been closed
-                open_files.add(str(one.readlink()))
-    found = []
-    for protocol in ("tcp", "tcp6"):
-        for line in Path(f"/proc/net/{protocol}").read_text().splitlines()[1:]:
-            fields = line.split()
-            if fields[3] != "0A" or f"socket:[{fields[9]}]" not in open_files:
-                continue
-            assert protocol == "tcp", line
-            address, port = fields[1].split(":")
-            numbers = reversed(bytes.fromhex(address))
-            found.append((".".join(map(str, numbers)), int(port, 16)))
-    return found
+def processes(command: "subprocess.Popen[str]") -> list[psutil.Process]:
+    """Return a command's process, and those below it."""
+    process = psutil.Process(command.pid)
+    return [process, *process.children(recursive=True)]

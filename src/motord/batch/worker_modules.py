@@ -5,15 +5,15 @@ No thread of Python may begin here: a forked process does not have it.
 """
 
 import distributed
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import scipy.interpolate
+from numba.core.registry import cpu_target
 
 import motord.batch.task
-from motord.identification.resample import interpolate
 
 __all__ = ["distributed", "motord", "pyarrow", "scipy"]
 
 pa.array([0.0])
-interpolate(np.arange(4.0), np.zeros((4, 1)), np.ones(1), np.zeros((1, 1)))
+cpu_target.typing_context.refresh()  # what its compiled functions may call, here none yet
+cpu_target.target_context.refresh()

@@ -23,6 +23,8 @@ from tests.support.ports import free_port
 ANSWERED_S = 5.0
 """The longest that a bench file may say: what answers does so at once, unless the computer is busy.
 """
+AT_ONCE_S = 1e-9
+"""For what never answers: it is over before the first attempt, which is made all the same."""
 
 MOTOR = {
     "name": "motor",
@@ -109,7 +111,7 @@ def test_no_set_point_leaves_the_range(brake_pair, setpoint):
 
 
 def test_a_refused_connection_is_one_clear_line():
-    table = ModbusConfig(tcp_port=free_port())
+    table = ModbusConfig(tcp_port=free_port(), connect_timeout_s=AT_ONCE_S)
     with pytest.raises(DeviceError) as caught:
         ModbusDevice("brake", table, 0.0, 1.0).open()
     line = str(caught.value)
@@ -118,15 +120,35 @@ def test_a_refused_connection_is_one_clear_line():
     ModbusDevice("brake", table, 0.0, 1.0).safe_stop()  # nothing to stop: silent
 
 
+def test_a_device_may_still_be_starting_when_it_is_opened(monkeypatch):
+    """It is switched on together with the computer, or that is busy."""
+    table = ModbusConfig(tcp_port=free_port(), timeout_s=ANSWERED_S, connect_timeout_s=60.0)
+    servers = ModbusServers({"brake": (table, RegisterDevice(table, 0.0, 1.0))})
+    pauses_s = []
+
+    def pause(pause_s):
+        pauses_s.append(pause_s)
+        if len(pauses_s) == 3:
+            servers.start()
+
+    monkeypatch.setattr("motord.hal.modbus.devices.time.sleep", pause)
+    host = ModbusDevice("brake", table, 0.0, 1.0)
+    host.open()
+    assert len(pauses_s) >= 3
+    assert host.exchange(0.5).setpoint == pytest.approx(0.5, abs=6e-5)
+    host.close()
+    servers.close()
+
+
 def test_a_host_that_does_not_exist_is_named():
-    table = ModbusConfig(host="no-such-host.invalid", tcp_port=502)
+    table = ModbusConfig(host="no-such-host.invalid", connect_timeout_s=AT_ONCE_S)
     with pytest.raises(DeviceError, match=r"no-such-host\.invalid:502 unit 1: cannot connect"):
         ModbusDevice("drive", table, 0.0, 1.0).open()
 
 
 def test_a_wrong_unit_is_reported_over_tcp(brake_pair):
     host, _ = brake_pair
-    table = host._config.model_copy(update={"unit": 9})
+    table = host._config.model_copy(update={"unit": 9, "connect_timeout_s": AT_ONCE_S})
     stranger = ModbusDevice("brake", table, 0.0, 1.0)
     with pytest.raises(DeviceError, match=r"unit 9: .*exception 11 \(no such unit\)"):
         stranger.open()
@@ -135,7 +157,8 @@ def test_a_wrong_unit_is_reported_over_tcp(brake_pair):
 
 def test_a_wrong_register_is_reported(brake_pair):
     host, _ = brake_pair
-    table = host._config.model_copy(update={"status_register": 400})
+    wrong = {"status_register": 400, "connect_timeout_s": AT_ONCE_S}
+    table = host._config.model_copy(update=wrong)
     lost = ModbusDevice("brake", table, 0.0, 1.0)
     with pytest.raises(DeviceError, match=r"register 400: .*exception 2 \(no such register\)"):
         lost.open()
@@ -189,9 +212,8 @@ def scripted():
 
     def make(answer, timeout_s=0.05):
         server = Scripted(answer)
-        host = ModbusDevice(
-            "brake", ModbusConfig(tcp_port=server.port, timeout_s=timeout_s), 0.0, 1.0
-        )
+        table = ModbusConfig(tcp_port=server.port, timeout_s=timeout_s, connect_timeout_s=AT_ONCE_S)
+        host = ModbusDevice("brake", table, 0.0, 1.0)
         servers.append((server, host))
         return server, host
 
@@ -253,7 +275,9 @@ def test_a_late_answer_is_never_taken_for_a_later_one(scripted):
 
 
 def test_a_serial_port_that_is_missing_is_named(tmp_path):
-    table = ModbusConfig(transport="rtu", serial_port=str(tmp_path / "ttyX"))
+    table = ModbusConfig(
+        transport="rtu", serial_port=str(tmp_path / "ttyX"), connect_timeout_s=AT_ONCE_S
+    )
     with pytest.raises(DeviceError, match=r"ttyX unit 1: cannot open it: .*[Nn]o such file"):
         ModbusDevice("drive", table, -1.0, 1.0).open()
 

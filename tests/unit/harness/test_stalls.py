@@ -98,3 +98,16 @@ def test_a_rotor_that_waited_is_not_where_its_speed_would_have_taken_it(monkeypa
         forgive("a test", "ENCODER_IMPLAUSIBLE", kept, limit_s=1.0)
     forgive("a test", "ENCODER_IMPLAUSIBLE", kept, limit_s=1.0, missed=106)
     assert len(stalls.FORGIVEN) == 1
+
+
+def test_what_goes_through_several_processes_waits_for_each(monkeypatch):
+    names = [f"/proc/{pid}/task/{pid}/schedstat" for pid in (1, 2)]
+    monkeypatch.setattr(stalls, "stolen_s", lambda: 0.0)
+    monkeypatch.setattr(stalls, "waited_s", lambda: dict.fromkeys(names, 5.0))
+    kept = Stalls(100, 500.0, stalls.waited_s(), 0.0)
+    monkeypatch.setattr(stalls, "waited_s", lambda: dict.fromkeys(names, 5.6))
+    with pytest.raises(AssertionError, match="no stall of 1 s"):
+        forgive("a test", "ENCODER_STALE", kept, limit_s=1.0)
+    forgive("a test", "ENCODER_STALE", kept, limit_s=1.0, board_is_a_process=True)
+    [line] = stalls.FORGIVEN
+    assert line.endswith("one after the other for 1.20 s")

@@ -60,6 +60,8 @@ class ModbusConfig(ModbusLinkConfig):
     watchdog_s: NonNegative = 0.0
     """As set in the device: it drops its set-point to zero after so long without one. 0: never,
     which a drive must not have."""
+    connect_timeout_s: Positive = 2.0
+    """The device has to answer within this time of the start."""
     word_order: Literal["big", "little"] = "big"
     """Which half of a 32-bit number comes first."""
     setpoint_register: Annotated[int, Field(ge=0, le=65535)] = 0

@@ -8,6 +8,7 @@ read can have, and what arrives before that is passed over.
 """
 
 import math
+import time
 from contextlib import suppress
 
 from motord.config import Config, ModbusConfig
@@ -15,6 +16,9 @@ from motord.hal.base import DeviceError, DeviceReading
 from motord.hal.modbus.client import ModbusClient
 from motord.wire.modbus.pdu import read, write
 from motord.wire.modbus.registers import Register, layout
+
+_RETRY_S = 0.1
+"""Pause between attempts to reach a device that does not answer yet."""
 
 
 class ModbusDevice:
@@ -31,8 +35,18 @@ class ModbusDevice:
         self._client = ModbusClient(config, f"[{name}.modbus] ")
 
     def open(self) -> None:
-        """Connect and read the device once. Raises DeviceError."""
-        self._read(self._layout.status, self._config.read_table)
+        """Connect and read the device once; tried for `connect_timeout_s`. Raises DeviceError."""
+        deadline_s = time.monotonic() + self._config.connect_timeout_s
+        while True:
+            last = time.monotonic() >= deadline_s
+            try:
+                self._read(self._layout.status, self._config.read_table)
+            except DeviceError:
+                if last:
+                    raise
+                time.sleep(_RETRY_S)
+            else:
+                return
 
     def exchange(self, setpoint: float) -> DeviceReading:
         """Write the set-point, read the device back. Raises DeviceError.
