@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from types import MappingProxyType
 
 import numpy as np
@@ -138,7 +139,9 @@ class TickWatcher:
         self._angle_rad = 0.0
         self._turned_rad = 0.0
         self._started = False
-        self._blocks: deque[tuple[np.ndarray, np.ndarray, float]] = deque()  # rad, rad/s, their sum
+        self._blocks: deque[tuple[np.ndarray, np.ndarray]] = deque()  # rad, rad/s
+        self._block_sums_rad_s: deque[float] = deque()
+        self._ticks_in_blocks = 0
         self._point = -1
         self._point_first = (0, 0)
         self._point_turned_rad = 0.0
@@ -155,7 +158,7 @@ class TickWatcher:
         angle_rad = ticks["angle_rad"].astype(float)
         if not self._started:
             self._angle_rad, self._started = float(angle_rad[0]), True
-        steps_rad = np.diff(angle_rad, prepend=self._angle_rad)
+        steps_rad = angle_rad - np.concatenate(([self._angle_rad], angle_rad[:-1]))
         steps_rad -= 2 * np.pi * np.round(steps_rad / (2 * np.pi))
         turned_rad = self._turned_rad + np.cumsum(steps_rad)
         self._watch_point(ticks, turned_rad)
@@ -224,14 +227,19 @@ class TickWatcher:
         mean of a rotor that is jerky at low speed moves with each block that comes and goes.
         """
         turn_rad = WINDOW_TURNS * 2 * np.pi
-        self._blocks.append((turned_rad, speed_rad_s, float(speed_rad_s.sum())))
+        self._blocks.append((turned_rad, speed_rad_s))
+        self._block_sums_rad_s.append(float(speed_rad_s.sum()))
+        self._ticks_in_blocks += speed_rad_s.size
         while (
             len(self._blocks) > 2 and abs(self._turned_rad - self._blocks[0][0][-1]) >= turn_rad
         ) or len(self._blocks) > WINDOW_BLOCKS:
-            self._blocks.popleft()
-        (oldest_rad, oldest_rad_s, _), *later = self._blocks
-        within_rad_s = oldest_rad_s
-        if later:
-            within_rad_s = oldest_rad_s[np.abs(self._turned_rad - oldest_rad) < turn_rad]
-        ticks = within_rad_s.size + sum(speeds.size for _, speeds, _ in later)
-        return float(within_rad_s.sum() + sum(total for *_, total in later)) / ticks / (2 * np.pi)
+            self._ticks_in_blocks -= self._blocks.popleft()[1].size
+            self._block_sums_rad_s.popleft()
+        oldest_rad, within_rad_s = self._blocks[0]
+        ticks = self._ticks_in_blocks
+        if len(self._blocks) > 1:
+            ticks -= within_rad_s.size
+            within_rad_s = within_rad_s[np.abs(self._turned_rad - oldest_rad) < turn_rad]
+            ticks += within_rad_s.size
+        later_rad_s = sum(islice(self._block_sums_rad_s, 1, None))
+        return float(within_rad_s.sum() + later_rad_s) / ticks / (2 * np.pi)

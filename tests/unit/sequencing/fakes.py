@@ -47,7 +47,7 @@ class FakeBench:
         self.t_ns += PERIOD_NS
         target_Nm = demand.torque_Nm if demand.enabled and self.state is State.ENABLED else 0.0
         step_Nm = self.rate_Nm_per_s * dt_s
-        self.torque_Nm += float(np.clip(target_Nm - self.torque_Nm, -step_Nm, step_Nm))
+        self.torque_Nm += min(max(target_Nm - self.torque_Nm, -step_Nm), step_Nm)
         if self.state is State.ENABLED and not demand.enabled and self.torque_Nm == 0.0:
             self.state = State.READY
         self.excitation += (demand.brake - self.excitation) * dt_s / 0.2

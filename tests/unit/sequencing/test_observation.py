@@ -14,7 +14,7 @@ class WholeBlocks(TickWatcher):
 
     def _turn_speed_Hz(self, turned_rad: np.ndarray, speed_rad_s: np.ndarray) -> float:
         super()._turn_speed_Hz(turned_rad, speed_rad_s)
-        speeds = np.concatenate([speeds for _, speeds, _ in self._blocks])
+        speeds = np.concatenate([speeds for _, speeds in self._blocks])
         return float(speeds.mean() / (2 * np.pi))
 
 
