@@ -284,6 +284,23 @@ test("stopped is what the daemon reported, and nothing else", () => {
   assert.equal(stop.status, "not sent");
 });
 
+test("each state after the stop is said, and the last one long enough to be read", () => {
+  const stop = new StopTracker();
+  stop.asked(0, true);
+  stop.replied();
+  stop.tick(60);
+  stop.reported("READY");
+  assert.match(stop.message, /reports READY/);
+  stop.tick(61);
+  stop.reported("OFF");
+  assert.match(stop.message, /reports OFF/);
+  for (const [now_s, status] of [[66, "stopped"], [71, "stopped"], [73, "idle"]]) {
+    stop.tick(Number(now_s));
+    stop.reported("OFF");
+    assert.equal(stop.status, status);
+  }
+});
+
 test("settings are checked before they are sent", () => {
   const [torques, turns, stator] = fieldsOf({ settings: {}, fields: [
     { name: "torques_Nm", type: "list", default: [1, 2], length_min: 1 },

@@ -93,6 +93,7 @@ class Supervisor:
                 self.mailbox.write(self.setpoint)
             self.drain()
             time.sleep(0.01)
+        self.drain()
 
     def ask(self, request: Request = Request.NONE, torque_Nm: float = 0.0) -> None:
         if request != Request.NONE:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from motord.batch.dispatch import WorkerDiedError
 from motord.batch.error import BatchError, distributed
 from motord.batch.fork_server import METHOD, keep_modules, start_fork_server
-from motord.loop.main import ONE_THREAD
+from motord.process.one_thread import ONE_THREAD
 
 CONNECT_S = 10.0
 """How long a scheduler may take to answer."""

@@ -15,10 +15,8 @@ from motord.batch.stored import settings_to_store, stored_result
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
 from motord.experiments.subject import Recordings
+from motord.process.one_thread import more_threads
 from motord.results.parquet_file import ResultFile
-
-THREAD_LIMIT = "OMP_NUM_THREADS"
-"""Environment variable that has to be 1 in a worker: sums depend on how many threads share them."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +90,11 @@ def _check_worker(task: BatchTask) -> None:
     found = version("motord")
     if found != task.version:
         raise BatchError(f"a worker has motord {found}, this is {task.version}: install the same")
-    if os.environ.get(THREAD_LIMIT) != "1":
+    if missing := more_threads(os.environ):
+        limits = " ".join(f"{name}={one}" for name, one in missing.items())
         raise BatchError(
             f"a worker may compute with several threads, by whose number results differ: start it "
-            f"with {THREAD_LIMIT}=1, as Dask's nannies do"
+            f"with {limits}, as Dask's nannies do"
         )
 
 

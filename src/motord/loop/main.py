@@ -9,12 +9,7 @@ import os
 import sys
 from pathlib import Path
 
-ONE_THREAD = {
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
+from motord.process.one_thread import ONE_THREAD
 
 
 def main(arguments: list[str] | None = None) -> int:

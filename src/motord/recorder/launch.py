@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Generic
 
-from motord.loop.main import ONE_THREAD
+from motord.process.one_thread import ONE_THREAD
 from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import M, MessageReader, RecorderReport

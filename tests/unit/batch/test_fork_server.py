@@ -45,8 +45,9 @@ def test_a_worker_imports_no_other_package(tmp_path) -> None:
     """Its first analysis took a second longer than the next ones."""
     path = ShortRecording.of(load(packaged("sim.toml"))).write(tmp_path / "r.mcap")
     script = """
-from motord.batch.task import THREAD_LIMIT, BatchTask, analyse_recordings
-os.environ[THREAD_LIMIT] = "1"
+from motord.batch.task import BatchTask, analyse_recordings
+from motord.process.one_thread import ONE_THREAD
+os.environ.update(ONE_THREAD)
 task = BatchTask("cogging", {}, {"config": None})
 [outcome] = analyse_recordings(task, [Path(sys.argv[1])]).results
 assert not outcome.failure, outcome.failure

@@ -19,6 +19,7 @@ from motord.batch.error import BatchError
 from motord.batch.ledger import Ledger
 from motord.batch.run import analyse_each, analyse_into_store
 from motord.batch.task import BatchTask, analyse_recordings
+from motord.process.one_thread import ONE_THREAD
 from motord.results.folders import folder as results_folder
 from motord.results.store import ResultsStore
 from motord.results.stored_result import file_digest
@@ -31,7 +32,8 @@ TASK = BatchTask(probe_analysis.NAME, {}, {})
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch):
     probe_analysis.register(monkeypatch)
-    monkeypatch.setenv(task.THREAD_LIMIT, "1")
+    for name, one in ONE_THREAD.items():
+        monkeypatch.setenv(name, one)
 
 
 @pytest.fixture
@@ -301,11 +303,15 @@ def test_hashes_are_kept_when_hashing_is_interrupted(folder, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("change", "why"), [({"version": "9"}, "a worker has motord"), (None, "with several threads")]
+    ("change", "why"),
+    [
+        ({"version": "9"}, "a worker has motord"),
+        (None, "threads.* with OPENBLAS_NUM_THREADS=1,"),
+    ],
 )
 def test_a_worker_that_would_find_something_else_ends_it(folder, monkeypatch, change, why):
     if change is None:
-        monkeypatch.delenv(task.THREAD_LIMIT)
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", "4")
     with pytest.raises(BatchError, match=why):
         analyse(folder, replace(TASK, **(change or {})))
     assert values(folder) == []

@@ -6,8 +6,9 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from motord.batch import dask_pool, task
+from motord.batch import dask_pool
 from motord.cli import app, batch_analysis
+from motord.process.one_thread import ONE_THREAD
 from motord.results.store import ResultsStore
 from tests.support import probe_analysis
 from tests.unit.batch.pools import InlinePool
@@ -34,7 +35,8 @@ class Workers(InlinePool):
 def folder(tmp_path, monkeypatch):
     probe_analysis.register(monkeypatch)
     monkeypatch.setattr(dask_pool, "DaskPool", Workers)
-    monkeypatch.setenv(task.THREAD_LIMIT, "1")
+    for name, one in ONE_THREAD.items():
+        monkeypatch.setenv(name, one)
     monkeypatch.delenv("MOTORD_STORE", raising=False)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs" / "deep").mkdir(parents=True)

@@ -16,6 +16,8 @@ export class StopTracker {
     this._asked_s = 0;
     this._replied = false;
     this._reported = "";
+    /** @type {number | null} when the report that is shown was first seen by `tick` */
+    this._shown_s = null;
   }
 
   /** @param {number} now_s @param {boolean} sent */
@@ -40,26 +42,31 @@ export class StopTracker {
     this.message = `NOT STOPPED by this page: ${why}. Use the emergency stop of the bench.`;
   }
 
-  /** The daemon published a state. @param {string} state */
+  /** The daemon published a state: after READY comes OFF, and both are said. @param {string} state */
   reported(state) {
     this._reported = state;
-    if (this.status === "stopping" || this.status === "unconfirmed") this._settle();
-    else if (this.status === "stopped" && state === "ENABLED") this.status = "idle";
+    if (this.status === "stopped" && state === "ENABLED") this.status = "idle";
+    else if (this.status !== "idle" && this.status !== "not sent") this._settle();
   }
 
   _settle() {
     if (!this._replied || this._reported === "" || this._reported === "ENABLED") return;
+    const message = `Stopped: the daemon reports ${this._reported}.`;
+    if (this.status === "stopped" && this.message === message) return;
     this.status = "stopped";
-    this.message = `Stopped: the daemon reports ${this._reported}.`;
+    this.message = message;
+    this._shown_s = null;
   }
 
   /** @param {number} now_s */
   tick(now_s) {
-    const since_s = now_s - this._asked_s;
-    if (this.status === "stopping" && since_s > UNCONFIRMED_S) {
+    if (this.status === "stopping" && now_s - this._asked_s > UNCONFIRMED_S) {
       this.status = "unconfirmed";
       this.message = "Stopping\u2026 the daemon has not confirmed it. Use the emergency stop of the bench.";
-    } else if (this.status === "stopped" && since_s > SHOWN_S) this.status = "idle";
+    } else if (this.status === "stopped") {
+      this._shown_s ??= now_s;
+      if (now_s - this._shown_s > SHOWN_S) this.status = "idle";
+    }
   }
 }
 

@@ -17,9 +17,9 @@ import numpy as np
 from motord.config import LoopConfig
 from motord.loop.latency import LatencyError, cyclictest
 from motord.loop.latency.measured_loop import LoopSetup, Ready
-from motord.loop.main import ONE_THREAD
 from motord.loop.steal_time import stolen_ticks
 from motord.process.module_command import module_command
+from motord.process.one_thread import ONE_THREAD
 from motord.shm.histogram import TimeHistogram
 from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing

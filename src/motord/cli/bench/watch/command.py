@@ -68,15 +68,19 @@ def _has_screen() -> bool:
 def _each_state(
     client: "Client", for_s: float | None, show: "Callable[[BenchState], None]"
 ) -> None:
+    """Show each state, for `for_s` from the first one on."""
     from motord.client import ClientError
 
-    end_s = None if for_s is None else time.monotonic() + for_s
+    begun_s = None
     with client.subscribe_state() as states:
-        while (end_s is None or time.monotonic() < end_s) and not nobody_reads():
+        while not nobody_reads():
             state = states.get(LOOK_S)
             if state is None:
                 raise ClientError("unreachable", f"bench {client.bench} is silent: has it ended?")
             show(state)
+            begun_s = begun_s or time.monotonic()
+            if for_s is not None and time.monotonic() >= begun_s + for_s:
+                return
 
 
 class Lines:
