@@ -1,7 +1,8 @@
 """An analysis that does what the name of its recording says, registered as an experiment.
 
-`kills...` ends the process that analyses it, `raises...` and `exits...` raise, `waits...` waits
-until the pipe `gate` next to it was written to; of every recording it measures the mean torque.
+`kills...` ends the process that analyses it, `raises...` prints and raises, `exits...` raises,
+`waits...` waits until the pipe `gate` next to it was written to; of every recording it measures the
+mean torque.
 """
 
 import os
@@ -37,6 +38,8 @@ def estimate(recordings: Recordings, factor: float = 1.0) -> ProbedTorque:
         case "kills":
             os.kill(os.getpid(), signal.SIGKILL)
         case "raises":
+            os.write(1, b"no line of JSON\n")
+            os.write(2, b"not for the terminal\n")
             raise ZeroDivisionError("two\nlines")
         case "exits":
             raise SystemExit(7)

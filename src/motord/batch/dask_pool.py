@@ -1,5 +1,6 @@
 """Dask's workers: processes on this computer, or those of a scheduler that runs already."""
 
+import asyncio
 import logging
 import signal
 import tempfile
@@ -38,7 +39,9 @@ CONFIG = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
     "distributed.nanny.pre-spawn-environ": ONE_THREAD,
     "distributed.worker.multiprocessing-method": METHOD,
+    "distributed.worker.preload": ["motord.batch.worker_modules"],
     "distributed.comm.timeouts.connect": "60s",
+    "distributed.deploy.lost-worker-timeout": "15s",
     "distributed.worker.memory.monitor-interval": "500ms",
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -48,6 +51,10 @@ CONFIG = {
 """What workers on this computer have, whatever this user's configuration of Dask says.
 
 Dask's statistics of itself, which nobody sees here, take 5 % of a processor at its own intervals.
+"""
+
+CONFIG_AT_WORK = {"distributed.comm.timeouts.connect": "10s"}
+"""What this process has once the workers have started: so long it asks one that died for a result.
 """
 
 LOOPBACK = "127.0.0.1:0"
@@ -78,7 +85,6 @@ class DaskPool:
         self._modules = modules
         self._stack = ExitStack()
         self._client: Any = None
-        self._executor: Any = None
         self._starting: Future[None] | None = None
         self._starter = ThreadPoolExecutor(1, thread_name_prefix="start-workers")
         self._threads: int | None = None
@@ -103,7 +109,9 @@ class DaskPool:
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> "Future[Result]":
         """Begin a chunk. Raises BatchError."""
-        future: Future[Result] = self._executor.submit(function, *arguments)
+        task = self._client.submit(function, *arguments, pure=False)
+        loop = self._client.loop.asyncio_loop
+        future: Future[Result] = asyncio.run_coroutine_threadsafe(_gathered(task), loop)
         return future
 
     def result(self, future: "Future[Result]") -> Result:
@@ -141,6 +149,8 @@ class DaskPool:
             threads = sum(self._client.nthreads().values())
         except OSError:
             raise self._lost() from None
+        if self._scheduler is None:
+            self._replace_lost()
         if threads or not self._seen_s:
             self._seen_s = now_s
         if not threads and self._threads != 0 and self._scheduler:
@@ -148,6 +158,12 @@ class DaskPool:
         if not threads and self._scheduler is None and now_s > self._seen_s + START_S:
             raise BatchError(f"no worker has started for {START_S:g} s")
         self._threads = threads
+
+    def _replace_lost(self) -> None:
+        """Start workers for those that Dask has given up, as one that dies while it starts."""
+        cluster = self._client.cluster
+        if len(cluster.workers) < self._workers:
+            cluster.scale(self._workers)
 
     def _lost(self) -> BatchError:
         where = self._scheduler or "on this computer"
@@ -163,7 +179,15 @@ class DaskPool:
         _silence()
         client = _remote(self._scheduler) if self._scheduler else _local(self._workers)
         self._client = self._stack.enter_context(client)
-        self._executor = self._client.get_executor(pure=False)
+
+
+async def _gathered(task: Any) -> Any:
+    """Return the result of a task of Dask's; raises what it raised.
+
+    Not by Dask's own executor: when it has the result it looks at the task's state once more, and
+    fails if the worker has died meanwhile.
+    """
+    return await task.client.gather(task, asynchronous=True)
 
 
 @contextmanager
@@ -178,7 +202,9 @@ def _local(workers: int) -> Iterator[Any]:
         stack.enter_context(dask.config.set(CONFIG))
         with _interrupts_blocked():
             cluster = stack.enter_context(_cluster(workers, folder))
-        yield stack.enter_context(found.Client(cluster, set_as_default=False))
+        client = stack.enter_context(found.Client(cluster, set_as_default=False))
+        stack.enter_context(dask.config.set(CONFIG_AT_WORK))
+        yield client
 
 
 @contextmanager

@@ -13,13 +13,23 @@ from motord.batch.error import BatchError
 ADDRESS = "tcp://there:8786"
 
 
+class Cluster:
+    """In place of Dask's. scaled: to how many workers, each time."""
+
+    def __init__(self):
+        self.workers, self.scaled = {}, []
+
+    def scale(self, count):
+        self.scaled.append(count)
+
+
 class Client:
     """In place of Dask's. threads: of each worker."""
 
     status = "running"
 
     def __init__(self):
-        self.threads = {}
+        self.threads, self.cluster = {}, Cluster()
 
     def nthreads(self):
         if self.threads is None:
@@ -79,6 +89,17 @@ def test_workers_that_do_not_start_here_end_it(remarks):
     client.threads = {}
     with pytest.raises(BatchError, match="no worker has started for 60 s"):
         [pool.window() for _ in range(100)]
+
+
+def test_workers_that_dask_has_given_up_are_replaced_here_and_nowhere_else(remarks):
+    client = Client()
+    client.threads = {"a": 1}
+    for present, scaled in (({0: None, 1: None}, []), ({1: None}, [2])):
+        client.cluster.workers = present
+        pool_of(client, remarks, scheduler=None).window()
+        assert client.cluster.scaled == scaled
+    client.cluster = None
+    pool_of(client, remarks).window()
 
 
 @pytest.mark.parametrize(
