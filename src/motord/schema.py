@@ -5,6 +5,7 @@ From `TICK` come the ring's numpy dtype, the MCAP schema and the Zenoh payload
 never renumber, only append.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any
@@ -25,6 +26,14 @@ PROTO_KINDS = {
 def record_dtype(fields: list[Any]) -> np.dtype[np.void]:
     """Return an aligned dtype whose elements have attributes, compiled and interpreted alike."""
     return np.dtype((np.record, np.dtype(fields, align=True)))
+
+
+def joined(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Return blocks (n_k,) of one structured type, one block at least, as one (sum of n_k,).
+
+    Without the type numpy compares all fields of each two blocks, which takes four times as long.
+    """
+    return np.concatenate(blocks, dtype=blocks[0].dtype)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from motord.config import Config, RecordingConfig
 from motord.recording.errors import RecordError
 from motord.recording.file_names import PART, STAMP, part_of, stamp
 from motord.recording.writer import RunWriter
-from motord.schema import State, Trip
+from motord.schema import State, Trip, joined
 from motord.shm.ring import RingReader
 from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
@@ -117,7 +117,7 @@ class BlackBox:
 
     def write(self, settings: RecordingConfig) -> None:
         """Write the file, if it is not there, and remove the oldest ones. Raises RecordError."""
-        path, ticks = self.request.path, np.concatenate(self._blocks)
+        path, ticks = self.request.path, joined(self._blocks)
         if path.exists():
             return
         try:

@@ -24,7 +24,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.schema import TICK_DTYPE, TRUTH_DTYPE
+from motord.schema import TICK_DTYPE, TRUTH_DTYPE, joined
 from motord.sequencing import Plan
 from motord.virtual import rows
 from motord.virtual.bench import VirtualBench
@@ -79,7 +79,7 @@ def _in_one(
     blocks: list[tuple[np.ndarray, np.ndarray]] = []
     bench = VirtualBench(config, seed=seed, calibration=calibration)
     taken = run_plan(bench, plan, lambda *block: blocks.append(block))
-    ticks, truth = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    ticks, truth = (joined(parts) for parts in zip(*blocks, strict=True))
     ends = np.searchsorted(ticks["tick"], [point["tick_end"] for point in taken], side="right")
     for point, first, end in zip(taken, [0, *ends[:-1]], [*ends[:-1], ticks.size], strict=True):
         yield MeshPiece(ticks[first:end], truth[first:end], point)
@@ -122,7 +122,7 @@ def _take(task: _Task) -> MeshPiece:
     """Run one operating point, here."""
     blocks: list[tuple[np.ndarray, np.ndarray]] = []
     point = _run(task, lambda *block: blocks.append(block))
-    ticks, truth = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    ticks, truth = (joined(parts) for parts in zip(*blocks, strict=True))
     return MeshPiece(ticks, truth, point)
 
 

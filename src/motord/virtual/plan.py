@@ -9,7 +9,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.types import SETPOINT
-from motord.schema import Request
+from motord.schema import Request, joined
 from motord.sequencing import Demand, Executor, Observation, Plan, PlanState, TickWatcher
 from motord.sequencing.observation import ChannelValue, Precision
 from motord.virtual.bench import VirtualBench
@@ -50,7 +50,7 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
         before, demand = demand, executor.advance(seen)
         _put(setpoint, before, demand)
         if len(blocks) == LOOKS_PASSED_ON or executor.finished:
-            on_block(*map(np.concatenate, zip(*blocks, strict=True)))
+            on_block(*map(joined, zip(*blocks, strict=True)))
             blocks.clear()
     if executor.state is not PlanState.DONE:
         raise PlanFailed(f"{plan.name}: {executor.message}")

@@ -11,7 +11,7 @@ import numpy as np
 from motord.api.messages import Health, SetpointView
 from motord.api.queue_messages import QueueView
 from motord.config import Config
-from motord.schema import Request, State
+from motord.schema import Request, State, joined
 from motord.sequencing import TickWatcher
 from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.channels import ChannelMonitor
@@ -269,7 +269,7 @@ class Bench:
         if not self._pending or now_ns - self._updated_ns < UPDATE_NS:
             return
         self._updated_ns = now_ns
-        ticks = np.concatenate(self._pending)
+        ticks = joined(self._pending)
         seen = self._watcher.take(ticks, self.channels.seen(now_ns))
         self._torque_error.update(ticks, seen)
         self._pending.clear()

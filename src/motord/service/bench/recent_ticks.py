@@ -6,6 +6,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.control import parameters
+from motord.schema import joined
 from motord.service.bench.trip_report import TripWindow
 
 LEAST_S = 1.0
@@ -60,7 +61,7 @@ class RecentTicks:
     def until(self, row: int) -> TripWindow:
         """Return the ticks up to `row` of the newest block."""
         *earlier, newest = self._blocks
-        ticks = np.concatenate([*earlier, newest[: row + 1]])
+        ticks = joined([*earlier, newest[: row + 1]])
         return TripWindow(ticks, self._expect_Nm(newest[:row]), self._parameters)
 
     def _expect_Nm(self, ticks: np.ndarray) -> float:

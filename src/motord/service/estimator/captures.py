@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.schema import TICK_DTYPE
+from motord.schema import TICK_DTYPE, joined
 from motord.shm.ring import RingReader
 
 READ_AT_ONCE = 1 << 16
@@ -47,7 +47,7 @@ class CaptureTicks:
         self.read()
         first, last = int(point["tick_start"]), int(point["tick_end"])
         with self._lock:
-            ticks = np.concatenate(self._blocks)
+            ticks = joined(self._blocks)
             begin, end = np.searchsorted(ticks["tick"], [first, last + 1])
             self._blocks, self._kept = [ticks[end:].copy()], len(ticks) - int(end)
             whole = self._whole_from <= first and last <= self._newest

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from motord.schema import TICK
+from motord.schema import TICK, joined
 from motord.service.host.log import log_error
 from motord.wire.ticks.blocks import BlockCodec
 
@@ -104,5 +104,5 @@ class Telemetry:
 
     def _flush(self) -> None:
         if self._pending:
-            self._put("ticks", self._codec.encode_list(np.concatenate(self._pending)))
+            self._put("ticks", self._codec.encode_list(joined(self._pending)))
             self._pending = []
