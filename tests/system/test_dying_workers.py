@@ -49,7 +49,7 @@ def test_no_result_is_another_because_its_worker_died_afterwards() -> None:
                     outcomes["result"] += 1
     assert outcomes.total() == ROUNDS * (1 + QUICK)
     assert outcomes["died"] >= ROUNDS
-    assert outcomes["result"] > 2 * outcomes["died"]
+    assert outcomes["result"] >= ROUNDS
 
 
 def test_a_worker_that_dask_has_given_up_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from motord.batch.stored import settings_to_store, stored_result
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
 from motord.experiments.subject import Recordings
-from motord.process.one_thread import more_threads
+from motord.process.one_thread import missing_limits
 from motord.results.parquet_file import ResultFile
 
 
@@ -90,7 +90,7 @@ def _check_worker(task: BatchTask) -> None:
     found = version("motord")
     if found != task.version:
         raise BatchError(f"a worker has motord {found}, this is {task.version}: install the same")
-    if missing := more_threads(os.environ):
+    if missing := missing_limits(os.environ):
         limits = " ".join(f"{name}={one}" for name, one in missing.items())
         raise BatchError(
             f"a worker may compute with several threads, by whose number results differ: start it "

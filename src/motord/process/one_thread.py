@@ -10,6 +10,6 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 """Environment variables; those that Dask's nannies set, too."""
 
 
-def more_threads(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return those of `ONE_THREAD` that an environment has not, or otherwise."""
+def missing_limits(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return those of `ONE_THREAD` that an environment does not have, or with another value."""
     return {name: one for name, one in ONE_THREAD.items() if environment.get(name) != one}
