@@ -74,5 +74,6 @@ def test_what_workers_are_set_to_ends_with_the_pool() -> None:
     before = dict(dask.config.get("distributed.comm.timeouts"))
     with DaskPool(1, None, pytest.fail) as pool:
         pool.window()
-        assert dask.config.get("distributed.comm.timeouts.connect") == "10s"
+        for key, value in dask_pool.CONFIG_AT_WORK.items():
+            assert dask.config.get(key) == value
     assert dask.config.get("distributed.comm.timeouts") == before

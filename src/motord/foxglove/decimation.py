@@ -6,7 +6,7 @@ import numpy as np
 from google.protobuf import descriptor_pb2
 
 from motord.client.tick_losses import LossCounter
-from motord.schema import TICK, TICK_DTYPE
+from motord.schema import TICK, TICK_DTYPE, joined
 from motord.wire.ticks.blocks import Block, BlockCodec, varint
 from motord.wire.ticks.proto_text import descriptor_set
 
@@ -67,7 +67,7 @@ class Decimator:
     def take(self, block: Block) -> Decimated:
         """Return the intervals that `block` (shape (n,), `TICK_DTYPE`) completes."""
         self._counter.add(block)
-        ticks = np.concatenate([self._pending, block])
+        ticks = joined([self._pending, block])
         interval = ticks["t_ns"] // self._period_ns
         starts = np.flatnonzero(np.diff(interval, prepend=interval[0] - 1 if len(ticks) else 0))
         complete = starts[:-1]

@@ -18,6 +18,10 @@ class DeviceError(Exception):
     """A device that cannot be opened or used; the message says which, what and what to do."""
 
 
+class DeviceNotReadyError(DeviceError):
+    """A device that does not answer, or says that it is busy: it may still be starting."""
+
+
 class Device(Protocol):
     """What every device can do."""
 

@@ -8,8 +8,10 @@ import dask
 from distributed import utils
 
 from motord.batch.fork_server import METHOD, MODULES, keep_modules
+from motord.batch.task import BatchTask, analyse_recordings
 from motord.config import load, packaged
 from motord.config.experiments import analysis_kinds
+from motord.process.one_thread import ONE_THREAD
 from tests.support.short_recordings import ShortRecording
 
 IMPORTED = f"""
@@ -41,13 +43,14 @@ print(threading.active_count())
     assert in_a_process(script, *modules) == "1\n"
 
 
-def test_a_worker_imports_no_other_package(tmp_path) -> None:
+def test_a_worker_imports_no_other_package(tmp_path, monkeypatch) -> None:
     """Its first analysis took a second longer than the next ones."""
     path = ShortRecording.of(load(packaged("sim.toml"))).write(tmp_path / "r.mcap")
+    for name, value in ONE_THREAD.items():
+        monkeypatch.setenv(name, value)
+    analyse_recordings(BatchTask("cogging", {}, {"config": None}), [path])  # its kernels, compiled
     script = """
 from motord.batch.task import BatchTask, analyse_recordings
-from motord.process.one_thread import ONE_THREAD
-os.environ.update(ONE_THREAD)
 task = BatchTask("cogging", {}, {"config": None})
 [outcome] = analyse_recordings(task, [Path(sys.argv[1])]).results
 assert not outcome.failure, outcome.failure

@@ -9,7 +9,15 @@ from typer.testing import CliRunner
 from motord.api.messages import RecordingView
 from motord.cli import app
 from motord.cli.bench import overview
-from tests.support.played_benches import await_answers, endpoint, played, publishing, router
+from motord.client import benches
+from tests.support.played_benches import (
+    PATIENCE_S,
+    await_answers,
+    endpoint,
+    played,
+    publishing,
+    router,
+)
 from tests.unit.archive.test_faults import recordings
 
 
@@ -79,9 +87,21 @@ def test_what_becomes_of_the_benches_is_a_line_each(monkeypatch):
 
     monkeypatch.setattr(overview, "print_line", take)
     with played("a") as (a,), router(a.listen) as (listen, _), publishing(a):
-        motord("watch", "--all", "--for-s", "0", "--connect", listen)
         motord("watch", "--all", "--connect", listen)
     assert overview.GONE in lines[-1]
+
+
+def test_a_watch_of_all_lasts_from_its_first_line_on(monkeypatch):
+    monkeypatch.setattr(benches, "ANSWER_S", PATIENCE_S)
+    with played("a") as (a,), router(a.listen) as (listen, _), publishing(a):
+        done = motord("watch", "--all", "--for-s", "0", "--connect", listen)
+        assert " a " in done.stdout
+
+
+def test_a_watch_of_no_bench_ends(monkeypatch):
+    monkeypatch.setattr(benches, "ANSWER_S", 0.0)
+    with router() as (listen, _):
+        assert motord("watch", "--all", "--for-s", "0", "--connect", listen).stdout == ""
 
 
 def test_recordings_are_archived_unless_the_bench_is_needed(tmp_path):

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from motord.config import CanConfig, ConfigError, packaged
+from motord.hal import countdown
 from motord.hal.base import DeviceError
 from motord.hal.can.base import REFUSED_MAX
 from motord.hal.can.python_can import PythonCan
-from motord.hal.inverter import can_drive
 from motord.hal.inverter.feedback import SILENT_AFTER_NS, CanFeedback
 from motord.hal.inverter.phase_currents import CanInverter
 from motord.schema import InverterStatus
@@ -131,7 +131,7 @@ def test_feedback_that_came_while_nobody_looked_came(
     ]
     times_s = count(0.0, 100.0)  # kept from running from before each look to long after
     clock = SimpleNamespace(monotonic=lambda: next(times_s))
-    monkeypatch.setattr(can_drive, "time", clock)
+    monkeypatch.setattr(countdown, "time", clock)
     assert driver._bus is not None
     driver._await_feedback(driver._bus)
     with pytest.raises(DeviceError, match="no PhaseFeedback"):

@@ -140,8 +140,14 @@ def test_a_device_may_still_be_starting_when_it_is_opened(monkeypatch):
     servers.close()
 
 
-def test_a_host_that_does_not_exist_is_named():
-    table = ModbusConfig(host="no-such-host.invalid", connect_timeout_s=AT_ONCE_S)
+@pytest.fixture
+def not_tried_again(monkeypatch):
+    """Fail if a driver waits: these errors no waiting mends."""
+    monkeypatch.setattr("motord.hal.modbus.devices.time.sleep", lambda _: pytest.fail("waited"))
+
+
+def test_a_host_that_does_not_exist_is_named(not_tried_again):
+    table = ModbusConfig(host="no-such-host.invalid")
     with pytest.raises(DeviceError, match=r"no-such-host\.invalid:502 unit 1: cannot connect"):
         ModbusDevice("drive", table, 0.0, 1.0).open()
 
@@ -155,10 +161,9 @@ def test_a_wrong_unit_is_reported_over_tcp(brake_pair):
     stranger.close()
 
 
-def test_a_wrong_register_is_reported(brake_pair):
+def test_a_wrong_register_is_reported(brake_pair, not_tried_again):
     host, _ = brake_pair
-    wrong = {"status_register": 400, "connect_timeout_s": AT_ONCE_S}
-    table = host._config.model_copy(update=wrong)
+    table = host._config.model_copy(update={"status_register": 400})
     lost = ModbusDevice("brake", table, 0.0, 1.0)
     with pytest.raises(DeviceError, match=r"register 400: .*exception 2 \(no such register\)"):
         lost.open()
@@ -274,10 +279,8 @@ def test_a_late_answer_is_never_taken_for_a_later_one(scripted):
     assert len(seen) == 2
 
 
-def test_a_serial_port_that_is_missing_is_named(tmp_path):
-    table = ModbusConfig(
-        transport="rtu", serial_port=str(tmp_path / "ttyX"), connect_timeout_s=AT_ONCE_S
-    )
+def test_a_serial_port_that_is_missing_is_named(tmp_path, not_tried_again):
+    table = ModbusConfig(transport="rtu", serial_port=str(tmp_path / "ttyX"))
     with pytest.raises(DeviceError, match=r"ttyX unit 1: cannot open it: .*[Nn]o such file"):
         ModbusDevice("drive", table, -1.0, 1.0).open()
 

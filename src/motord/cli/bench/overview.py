@@ -80,12 +80,22 @@ def status_of_all(connection: Connection, *, as_json: bool) -> None:
 
 
 def watch_all(connection: Connection, for_s: float | None, *, as_json: bool) -> None:
-    """Print what becomes of the benches: a line when one appears, changes, is silent or is gone."""
-    end_s = None if for_s is None else time.monotonic() + for_s
+    """Print what becomes of the benches: a line when one appears, changes, is silent or is gone.
+
+    For `for_s` from the first line on, which is awaited for ANSWER_S at most.
+    """
+    from motord.client.benches import ANSWER_S
+
     with open_benches(connection) as benches, suppress(KeyboardInterrupt):
+        begun_s = time.monotonic() + ANSWER_S
         before: dict[str, tuple[object, ...]] = {}
-        while (end_s is None or time.monotonic() < end_s) and not nobody_reads():
+        while not nobody_reads():
             before = _print_changes(before, benches.entries(), as_json=as_json)
+            now_s = time.monotonic()
+            if before:
+                begun_s = min(begun_s, now_s)
+            if for_s is not None and now_s >= begun_s + for_s:
+                return
             benches.wait(LOOK_S)
 
 

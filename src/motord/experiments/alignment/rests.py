@@ -10,6 +10,7 @@ from numpy.lib.recfunctions import structured_to_unstructured
 from motord.identification import IdentifyError
 from motord.identification.operating_points import COMMANDS, CURRENTS
 from motord.identification.turning import unwrap_counts
+from motord.schema import joined
 
 REQUIRED = ("t_ns", "encoder_count", *COMMANDS, *CURRENTS, "torque_Nm")
 """Columns of the ticks of a sweep."""
@@ -58,7 +59,7 @@ def rests_of(sweeps: Sequence[np.ndarray], counts: int, pole_pairs: int) -> Rest
     ]
     if not parts:
         raise IdentifyError("no ticks were recorded while the current vector turned")
-    return np.concatenate(parts).view(np.recarray)
+    return joined(parts).view(np.recarray)
 
 
 def unwrapped_rad(encoder_count: np.ndarray, counts: int) -> np.ndarray:

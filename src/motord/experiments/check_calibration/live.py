@@ -13,6 +13,7 @@ from motord.experiments.check_calibration.result import NEEDED_PERCENT
 from motord.experiments.subject import Subject
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
+from motord.schema import joined
 from motord.sequencing.capture import final
 from motord.sequencing.observation import Precision
 
@@ -44,7 +45,7 @@ class LiveCheck:
         if not final(point):
             return Precision(self._captures)
         self._captures += 1
-        self._points += split(np.concatenate(blocks), [point]) if blocks else ()
+        self._points += split(joined(blocks), [point]) if blocks else ()
         return self._verdict() if self._captures == self._wanted else Precision(self._captures)
 
     def _verdict(self) -> Precision:

@@ -14,7 +14,7 @@ from motord.calibration import Calibration
 from motord.identification import IdentifyError
 from motord.identification.operating_points import COMMANDS, REQUIRED
 from motord.identification.turning import continuous_turns, unwrap_counts
-from motord.schema import Flag, State
+from motord.schema import Flag, State, joined
 
 COLUMNS = [*REQUIRED, *COMMANDS, "i_age_ns", "torque_set_Nm", "speed_rad_s"]
 
@@ -100,7 +100,7 @@ class TurnWindows:
 
     def _cut(self) -> Iterator[np.ndarray]:
         """Yield the whole turns so far and keep what comes after them."""
-        ticks = np.concatenate(self._kept)
+        ticks = joined(self._kept)
         self._kept = [ticks]
         self._looked_at = ticks.size
         turns = self._turns(ticks["encoder_count"].astype(int))

@@ -9,7 +9,6 @@ or have missed so many heartbeats that it takes the next for old ones. Its Hello
 number heartbeats go on.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 
@@ -18,6 +17,7 @@ import numpy as np
 from motord.config import Config
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import BoardClock, LoopClock
+from motord.hal.countdown import countdown_s
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 
@@ -225,17 +225,12 @@ class Bridge:
         """Send `request` until a `response` comes. Raises DeviceError if none does."""
         link = self._link
         assert link is not None
-        deadline_s, late = time.monotonic() + self._config.connect_timeout_s, False
-        while not late:
+        for _ in countdown_s(self._config.connect_timeout_s):
             self._send(request)
-            repeat_s = min(time.monotonic() + _REPEAT_S, deadline_s)
-            while (left_s := repeat_s - time.monotonic()) > 0:
+            for left_s in countdown_s(_REPEAT_S):
                 link.wait(left_s)
                 if (found := _first(response, link.receive())) is not None:
                     return found
-            late = time.monotonic() >= deadline_s
-        if (found := _first(response, link.receive())) is not None:  # came while nobody looked
-            return found
         raise self._error(
             f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
             + (

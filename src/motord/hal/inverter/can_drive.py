@@ -4,7 +4,6 @@ The messages come from the bench's DBC, the bus is any that `motord.hal.can.bus`
 pays per tick for one send and one receive, whatever number of frames has arrived.
 """
 
-import time
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import BusState, CanBus
 from motord.hal.can.bus import open_bus
+from motord.hal.countdown import countdown_s
 from motord.hal.inverter.canopen_host import CanopenHost
 from motord.hal.inverter.feedback import CanFeedback
 from motord.schema import InverterStatus
@@ -102,18 +102,17 @@ class CanDrive:
         return {key for key, _, _ in frames} if timeout_s else set()
 
     def _await_feedback(self, bus: CanBus) -> None:
-        deadline_s = time.monotonic() + self._config.connect_timeout_s
         received: set[int] = set()
-        while self._feedback.missing():
-            late = time.monotonic() >= deadline_s
+        for _ in countdown_s(self._config.connect_timeout_s):
             self._now_ns = self._clock.now_ns()
             self._host.start(bus)
             self._send(self.NO_CURRENT_A, False)
             received |= self._take(bus, self._now_ns, _OPEN_ASK_S)
             if bus.state.failures:
                 raise DeviceError(f"{self.name}: the bus failed: {bus.state.last}")
-            if late and self._feedback.missing():  # also not in what came while nobody looked
-                raise self._silence(received)
+            if not self._feedback.missing():
+                return
+        raise self._silence(received)
 
     def _silence(self, received: set[int]) -> DeviceError:
         """Return the error for feedback that did not come, with what came instead."""

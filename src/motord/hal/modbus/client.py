@@ -3,11 +3,13 @@
 What goes wrong is a `DeviceError` that names place, unit, request and what to do.
 """
 
+import errno
+import socket
 import termios
 import time
 
 from motord.config import ModbusLinkConfig
-from motord.hal.base import DeviceError
+from motord.hal.base import DeviceError, DeviceNotReadyError
 from motord.hal.modbus.link import ModbusLink, connect
 from motord.wire.modbus.pdu import ModbusException, ModbusRequest
 
@@ -21,6 +23,10 @@ EXCEPTION_NAMES = {
     10: "no path to the unit",
     11: "no such unit",
 }
+BUSY = frozenset({5, 6, 10, 11})
+"""Exceptions that a device, or the gateway before it, may answer with while it starts."""
+ABSENT = frozenset({errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, socket.EAI_AGAIN})
+"""Why there is no connection to a device that may still come: of the network, of name servers."""
 
 
 class ModbusClient:
@@ -36,7 +42,8 @@ class ModbusClient:
         """Return the registers that were read; waits at most `timeout_s`. Raises DeviceError.
 
         `what` names the request; `unit`: by default that of the settings. Nothing is sent if a name
-        server took longer: a set-point would be an old one by then.
+        server took longer: a set-point would be an old one by then. The error is a
+        DeviceNotReadyError if the device may still be starting.
         """
         unit = self._config.unit if unit is None else unit
         if self._link is None:
@@ -46,7 +53,7 @@ class ModbusClient:
         except TimeoutError as error:
             self.close()
             received = f", only {error}" if str(error) else ""
-            raise self._error(
+            raise self._not_ready(
                 unit,
                 f"{what}: no valid answer within {self._config.timeout_s:g} s{received}; "
                 "is the device on, and is unit right?",
@@ -56,11 +63,11 @@ class ModbusClient:
             raise self._error(unit, f"{what}: {error}") from None
         except OSError as error:
             self.close()
-            raise self._error(unit, f"{what}: connection lost") from error
+            raise self._not_ready(unit, f"{what}: connection lost") from error
         if isinstance(response, ModbusException):
             name = EXCEPTION_NAMES.get(response.code, "unknown cause")
-            why = f"{what}: device answers exception {response.code} ({name})"
-            raise self._error(unit, why)
+            failure = self._not_ready if response.code in BUSY else self._error
+            raise failure(unit, f"{what}: device answers exception {response.code} ({name})")
         return response
 
     def close(self) -> None:
@@ -76,13 +83,15 @@ class ModbusClient:
             link = connect(config, host)
         except ConnectionRefusedError:
             why = "refused: nothing listens there; is the device on?"
-            raise self._error(unit, why) from None
+            raise self._not_ready(unit, why) from None
         except TimeoutError:
             raise self._late(unit) from None
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             reason = getattr(error, "strerror", None) or str(error)
             how = "connect" if config.transport == "tcp" else "open it"
-            raise self._error(unit, f"cannot {how}: {reason}") from error
+            absent = getattr(error, "errno", None) in ABSENT
+            failure = self._not_ready if absent else self._error
+            raise failure(unit, f"cannot {how}: {reason}") from error
         self._host = link.host
         looked_up = link.host not in (host, config.host)
         if looked_up and time.monotonic() - begun_s > config.timeout_s:
@@ -90,8 +99,14 @@ class ModbusClient:
             raise self._late(unit)
         return link
 
-    def _late(self, unit: int) -> DeviceError:
-        return self._error(unit, f"no connection within {self._config.timeout_s:g} s")
+    def _late(self, unit: int) -> DeviceNotReadyError:
+        return self._not_ready(unit, f"no connection within {self._config.timeout_s:g} s")
 
     def _error(self, unit: int, what: str) -> DeviceError:
-        return DeviceError(f"{self._label}{self._config.place} unit {unit}: {what}")
+        return DeviceError(self._message(unit, what))
+
+    def _not_ready(self, unit: int, what: str) -> DeviceNotReadyError:
+        return DeviceNotReadyError(self._message(unit, what))
+
+    def _message(self, unit: int, what: str) -> str:
+        return f"{self._label}{self._config.place} unit {unit}: {what}"

@@ -12,7 +12,8 @@ import time
 from contextlib import suppress
 
 from motord.config import Config, ModbusConfig
-from motord.hal.base import DeviceError, DeviceReading
+from motord.hal.base import DeviceError, DeviceNotReadyError, DeviceReading
+from motord.hal.countdown import countdown_s
 from motord.hal.modbus.client import ModbusClient
 from motord.wire.modbus.pdu import read, write
 from motord.wire.modbus.registers import Register, layout
@@ -35,16 +36,17 @@ class ModbusDevice:
         self._client = ModbusClient(config, f"[{name}.modbus] ")
 
     def open(self) -> None:
-        """Connect and read the device once; tried for `connect_timeout_s`. Raises DeviceError."""
-        deadline_s = time.monotonic() + self._config.connect_timeout_s
-        while True:
-            last = time.monotonic() >= deadline_s
+        """Connect and read the device once. Raises DeviceError.
+
+        One that is not ready has `connect_timeout_s` to become so.
+        """
+        for left_s in countdown_s(self._config.connect_timeout_s):
             try:
                 self._read(self._layout.status, self._config.read_table)
-            except DeviceError:
-                if last:
+            except DeviceNotReadyError:
+                if not left_s:
                     raise
-                time.sleep(_RETRY_S)
+                time.sleep(min(_RETRY_S, left_s))
             else:
                 return
 

@@ -8,6 +8,7 @@ from scipy.io import savemat
 from motord.recording.errors import RecordError
 from motord.recording.export.table import ExportedTable
 from motord.recording.json_encoding import to_json
+from motord.schema import joined
 
 BYTES_MAX = 2**31 - 2**20
 """What a variable of a file of MATLAB 5 can hold, less what surrounds the columns."""
@@ -29,7 +30,7 @@ def write_matlab(path: Path, table: ExportedTable) -> int:
                 "columns (--columns), or a name that ends with .parquet"
             )
         blocks.append(block)
-    rows = np.concatenate(blocks)
+    rows = joined(blocks)
     content = {
         "ticks": {name: np.ascontiguousarray(rows[name])[:, None] for name in table.names},
         "units": {name: field.unit for name, field in table.fields.items()},

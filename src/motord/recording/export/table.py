@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from motord.recording.plan_columns import PlanValue
-from motord.schema import Field, Record
+from motord.schema import Field, Record, joined
 from motord.wire.ticks.blocks import Block
 
 
@@ -41,7 +41,7 @@ class ExportedTable:
         for block in self.blocks:
             waiting.append(block)
             if sum(map(len, waiting)) >= rows:
-                yield np.concatenate(waiting)
+                yield joined(waiting)
                 waiting = []
         if waiting:
-            yield np.concatenate(waiting)
+            yield joined(waiting)

@@ -13,6 +13,7 @@ from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
 from motord.recording.captures import COLUMNS
+from motord.schema import joined
 from motord.sequencing.observation import Precision
 
 AGAIN = 1.25
@@ -51,7 +52,7 @@ class LiveCalibration:
         blocks, self._blocks = self._blocks, []
         self._captures += 1
         try:
-            for data in split(np.concatenate(blocks), [point]) if blocks else ():
+            for data in split(joined(blocks), [point]) if blocks else ():
                 self._calibrator.add(data)
                 used = [name for name in COLUMNS if name in (data.ticks.dtype.names or ())]
                 self._points.append(replace(data, ticks=repack_fields(data.ticks[used])))
