@@ -104,7 +104,7 @@ def conditions(
     bits |= _TRIP.BRIDGE_FAULT if f.bridge_status & _BRIDGE_FAULT else 0
     bits |= _TRIP.FEEDBACK_INVALID if not finite else 0
     bits |= _CURRENTS if compared and not within else 0
-    bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled and not m.limited else 0
+    bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled else 0
     bits |= _TRIP.BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
     bits |= _TRIP.ENABLE_LINE if line_open else 0
     return bits | (_TRIP.CHANNEL if channels_beyond else 0)

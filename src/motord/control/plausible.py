@@ -8,6 +8,9 @@ from motord.control.park import turned
 from motord.control.types import TORQUE_SHARE
 from motord.jit import jit
 
+CUT_MEMORY_S = 1.0
+"""After this time 1/e is left of the torque that limited currents lacked: sensors are not quick."""
+
 
 @jit
 def compare_currents(p: np.record, m: np.record, f: np.record) -> tuple[bool, bool]:
@@ -93,10 +96,8 @@ def _passes(limit: float, first: tuple[float, ...], second: tuple[float, ...]) -
 
 
 @jit
-def remember_command(
-    p: np.record, m: np.record, s: np.record, i_A: np.ndarray, limited: bool
-) -> None:
-    """Keep the command of this tick, its torque, and whether this had to be less than asked for.
+def remember_command(p: np.record, m: np.record, s: np.record, i_A: np.ndarray) -> None:
+    """Keep the command of this tick, its torque, and by how much this may be another.
 
     A gain that is induced in all phases is part of what was asked for. The torque of an offset that
     is induced depends on the rotor's angle, which may not be known yet: the most of it is kept.
@@ -104,29 +105,31 @@ def remember_command(
     gain = 1.0 + (s.induced_gain[0] + s.induced_gain[1] + s.induced_gain[2]) / 3.0
     m.torque_asked_Nm = gain * m.torque_set_Nm
     offset = s.induced_offset_A
-    m.induced_Nm = p.torque_per_A * (abs(offset[0]) + abs(offset[1]) + abs(offset[2]))
+    induced_Nm = p.torque_per_A * (abs(offset[0]) + abs(offset[1]) + abs(offset[2]))
+    m.deviation_Nm = induced_Nm + m.torque_cut_Nm
+    m.torque_cut_Nm *= max(1.0 - p.period_s / CUT_MEMORY_S, 0.0)
     place = m.newest + 1 if m.newest + 1 < p.commands else 0
     m.newest = place
     m.commands = min(m.commands + 1, p.commands)
     m.command_ns[place] = m.now_ns
     for phase in range(3):
         m.command_A[place, phase] = i_A[phase]
-    m.limited = 1 if limited else 0
 
 
 @jit
 def torque_error(p: np.record, m: np.record, torque_Nm: float, missed: int) -> float:
     """Return by how much (Nm) the measured torque is further from the set-point than it may be.
 
-    That is its share, and what induced offsets make at most. Both of the tick before go through the
-    sensor's high-pass: what |x| <= A leaves is within A plus the mean that was taken for A. Call
-    once a tick; missed: ticks that the loop has missed since the tick before.
+    That is its share, and what induced offsets add and limited currents take away at most. Both of
+    the tick before go through the sensor's high-pass: what |x| <= A leaves is within A plus the
+    mean that was taken for A. Call once a tick; missed: ticks that the loop has missed since the
+    tick before.
     """
     decay = p.torque_decay if missed == 0 else p.torque_decay ** (1 + missed)
     m.torque_expected_Nm = decay * (m.torque_expected_Nm + m.torque_asked_Nm - m.torque_before_Nm)
     m.torque_before_Nm = m.torque_asked_Nm
-    m.induced_mean_Nm += (1.0 - decay) * (m.induced_Nm - m.induced_mean_Nm)
+    m.deviation_mean_Nm += (1.0 - decay) * (m.deviation_Nm - m.deviation_mean_Nm)
     apart_Nm = abs(torque_Nm - float(m["torque_expected_Nm"]))
-    may_Nm = TORQUE_SHARE * abs(m.torque_asked_Nm) + m.induced_Nm + m.induced_mean_Nm
+    may_Nm = TORQUE_SHARE * abs(m.torque_asked_Nm) + m.deviation_Nm + m.deviation_mean_Nm
     excess_Nm = float(apart_Nm - may_Nm)
     return excess_Nm if math.isfinite(apart_Nm) else 0.0

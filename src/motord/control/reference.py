@@ -76,15 +76,18 @@ def currents_along_q(
 @jit
 def limit_currents(
     i_a: float, i_b: float, i_c: float, limit_A: float
-) -> tuple[float, float, float, bool]:
-    """Return the currents scaled together so that none exceeds `limit_A`; zero if not finite."""
+) -> tuple[float, float, float, float]:
+    """Return the currents scaled together so that none exceeds `limit_A`, and the scale.
+
+    That is 1 within the limit; 0 if they are not finite.
+    """
     largest = max(abs(i_a), abs(i_b), abs(i_c))
     if not (math.isfinite(i_a) and math.isfinite(i_b) and math.isfinite(i_c)):
-        return 0.0, 0.0, 0.0, True
+        return 0.0, 0.0, 0.0, 0.0
     if largest <= limit_A:
-        return i_a, i_b, i_c, False
+        return i_a, i_b, i_c, 1.0
     scale = limit_A / largest * (1.0 - 1e-6)  # below the limit in single precision, too
-    return i_a * scale, i_b * scale, i_c * scale, True
+    return i_a * scale, i_b * scale, i_c * scale, scale
 
 
 @jit

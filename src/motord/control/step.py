@@ -101,9 +101,10 @@ def _currents(
         i_a = (i_a - p.beta_A[0]) / (p.alpha[0] * p.delta_epsilon)
         i_b = (i_b - p.beta_A[1]) / (p.alpha[1] * p.delta_epsilon)
         i_c = (i_c - p.beta_A[2]) / (p.alpha[2] * p.delta_epsilon)
-    i_a, i_b, i_c, limited = reference.limit_currents(i_a, i_b, i_c, p.current_limit_A)
+    i_a, i_b, i_c, scale = reference.limit_currents(i_a, i_b, i_c, p.current_limit_A)
     command.i_A[0], command.i_A[1], command.i_A[2] = i_a, i_b, i_c
-    return flags | (_FLAG.CURRENT_LIMITED if limited else 0)
+    m.torque_cut_Nm = max(m.torque_cut_Nm, (1.0 - scale) * abs(torque_Nm))
+    return flags | (_FLAG.CURRENT_LIMITED if scale < 1.0 else 0)
 
 
 @jit
@@ -237,9 +238,10 @@ def step(
     if m.state == STATE.ENABLED:
         if aged:
             flags |= _FLAG.POSITION_AGED
+            m.torque_cut_Nm = max(m.torque_cut_Nm, abs(m.torque_asked_Nm))
         else:
             flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
-    remember_command(p, m, s, c.i_A, flags & (_FLAG.CURRENT_LIMITED | _FLAG.POSITION_AGED) != 0)
+    remember_command(p, m, s, c.i_A)
     c.enable = 1 if m.state == STATE.ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s

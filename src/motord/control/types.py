@@ -145,8 +145,9 @@ MEMORY = record_dtype(
         ("torque_expected_Nm", "f8"),  # set-point as the torque sensor should show it
         ("torque_asked_Nm", "f8"),  # set-point with the gain that is induced
         ("torque_before_Nm", "f8"),  # the same a tick before
-        ("induced_Nm", "f8"),  # the most torque that induced offsets make
-        ("induced_mean_Nm", "f8"),  # what the torque sensor's high-pass takes for its mean
+        ("torque_cut_Nm", "f8"),  # the most torque that limited currents lacked lately
+        ("deviation_Nm", "f8"),  # that, and the most torque that induced offsets make
+        ("deviation_mean_Nm", "f8"),  # what the torque sensor's high-pass takes for its mean
         # encoder tracks: time and angle of the newest code, angle since the start, and at which
         # angle each track last changed
         ("tracks_ns", "i8"),
@@ -164,7 +165,6 @@ MEMORY = record_dtype(
         ("causes", "u4"),  # those that have held for longer than they may
         ("implausible", "u4"),  # encoder samples in a row that the speed cannot explain
         ("encoder_count", "i4"),
-        ("limited", "u1"),  # the newest command makes less torque than asked for
         ("started", "u1"),  # the first tick is over
         ("tracking", "u1"),  # the observer has an angle
         ("arming", "u1"),  # READY, on the way to ENABLED

@@ -37,7 +37,7 @@ class Ring:
 
     def send(self, at_ms: float, command_A: tuple[float, float, float]) -> None:
         self.m.now_ns = EPOCH_NS + round(at_ms * MS)
-        remember_command(self.p, self.m, self.setpoint[0], np.array(command_A, "f4"), False)
+        remember_command(self.p, self.m, self.setpoint[0], np.array(command_A, "f4"))
 
     def compare(self, at_ms: float, *i_A: float) -> tuple[bool, bool]:
         self.f.t_inverter_ns = EPOCH_NS + round(at_ms * MS)

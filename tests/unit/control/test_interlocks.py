@@ -342,11 +342,13 @@ def test_torque_is_compared_only_where_it_is_made(state) -> None:
     assert {watched.look() for _ in range(20)} == {0}
 
 
-def test_torque_that_is_limited_is_not_compared() -> None:
+def test_torque_may_lack_what_limited_currents_did() -> None:
     watched = Watched()
     torque_off_set_point(3.0)(watched)
-    watched.m.limited = 1
+    watched.m.deviation_Nm = 1.5
     assert {watched.look() for _ in range(20)} == {0}
+    watched.m.deviation_Nm = 1.4
+    assert Trip.TORQUE_IMPLAUSIBLE in {watched.look() for _ in range(20)}
 
 
 def test_an_overrun_before_the_start_is_none() -> None:

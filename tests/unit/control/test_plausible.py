@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.control.parameters import watched_tracks
-from motord.schema import Compensate, Request, State, Trip
+from motord.schema import Compensate, Flag, Request, State, Trip
 from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 
@@ -53,7 +53,7 @@ class Answering(Bench):
         return super().run(ticks, healthy, supervised)
 
 
-def until_trip(bench: Answering, most: int = 2000) -> tuple[int, Trip]:
+def until_trip(bench: "Answering | Limited", most: int = 2000) -> tuple[int, Trip]:
     for number in range(1, most + 1):
         tick = bench.ticks(1)
         if tick.state == State.TRIPPED:
@@ -108,6 +108,62 @@ def test_torque_against_its_set_point(error_Nm: float, trips: bool) -> None:
     if trips:
         assert first is Trip.TORQUE_IMPLAUSIBLE
         assert 100 <= number <= 103
+
+
+class Limited(Bench):
+    """A bench at 6 Nm whose limit cuts the peaks of the currents; its sensor is a low-pass.
+
+    It shows the torque that the commanded currents make, or none once it is `dead`.
+    """
+
+    def __init__(self, current_A: float, lag_s: float) -> None:
+        limits = {"current_A": current_A, "torque_error_Nm": 1.5}
+        super().__init__(make_config(limits=limits))
+        self.dead = False
+        self._keeps = math.exp(-self.period_ns * 1e-9 / lag_s) if lag_s else 0.0
+        self._shown_Nm = 0.0
+        self.enable(torque_Nm=6.0)
+        self.ticks(1000)
+
+    def ticks(self, count: int) -> np.record:
+        tick = self.tick[0]
+        for _ in range(count):
+            place = self.count_at(float(self.command["angle_rad"][0]))
+            made_Nm = 0.0 if self.dead else float(self.back_emf[place] @ self.currents_A())
+            self._shown_Nm = made_Nm + self._keeps * (self._shown_Nm - made_Nm)
+            self.feedback["torque_Nm"] = self._shown_Nm
+            tick = self.run()
+        return tick
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("current_A", [18.2, 17.5])
+def test_a_dead_torque_sensor_is_found_where_the_limit_cuts_the_peaks_of_the_currents(
+    current_A: float,
+) -> None:
+    bench = Limited(current_A, 0.0)
+    flags = [bench.ticks(1)["flags"] for _ in range(500)]
+    share = np.mean([flag & Flag.CURRENT_LIMITED > 0 for flag in flags])
+    assert 0.0 < share < 1.0
+    bench.dead = True
+    number, first = until_trip(bench, 150)
+    assert (first, 100 <= number <= 103) == (Trip.TORQUE_IMPLAUSIBLE, True)
+
+
+@pytest.mark.parametrize("current_A", [17.9, 12.0, 5.0])
+@pytest.mark.parametrize("lag_s", [0.0, 0.02, 0.3, 3.0])
+def test_torque_that_the_limit_takes_away_trips_nothing(current_A: float, lag_s: float) -> None:
+    bench = Limited(current_A, lag_s)
+    assert bench.ticks(2000).state == State.ENABLED
+
+
+def test_torque_that_is_within_the_limit_again_trips_nothing() -> None:
+    bench = Limited(5.0, 0.02)
+    bench.setpoint["torque_Nm"] = 1.0
+    assert bench.ticks(2000).state == State.ENABLED
+    bench.dead = True
+    bench.ticks(2000)
+    assert bench.memory["torque_cut_Nm"][0] < 1.0  # it is forgotten
 
 
 @pytest.mark.parametrize("missed", [0, 1, 40, 300])

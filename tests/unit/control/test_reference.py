@@ -56,13 +56,16 @@ def test_no_flux_no_current() -> None:
 def test_currents_never_exceed_the_limit(
     i_a: float, i_b: float, i_c: float, limit_A: float
 ) -> None:
-    a, b, c, limited = reference.limit_currents(i_a, i_b, i_c, limit_A)
+    a, b, c, scale = reference.limit_currents(i_a, i_b, i_c, limit_A)
     assert max(abs(a), abs(b), abs(c)) <= limit_A
     assert np.abs(np.array([a, b, c], dtype=np.float32)).max() <= np.nextafter(
         np.float32(limit_A), np.float32(np.inf)
     )
-    if not limited:
+    assert 0.0 <= scale <= 1.0
+    if scale == 1.0:
         assert (a, b, c) == (i_a, i_b, i_c)
+    elif scale > 0.0:
+        assert (a, b, c) == (scale * i_a, scale * i_b, scale * i_c)
 
 
 @given(st.floats(-100, 100), st.floats(-100, 100), st.floats(-100, 100))

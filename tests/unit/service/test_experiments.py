@@ -38,6 +38,14 @@ class BrakeOnTheWire:
         self.written.append("closed")
 
 
+class Mute(BrakeOnTheWire):
+    """A device that takes what is written, also while it does not answer."""
+
+    def exchange(self, setpoint):
+        self.written.append(setpoint)
+        return super().exchange(setpoint)
+
+
 @pytest.fixture
 def service():
     return VirtualService()
@@ -363,6 +371,68 @@ def test_a_brake_that_stops_answering_takes_the_torque_away():
     run_with(service, brake, 1.0, token)
     assert "device: brake ok: answers again" in service.messages()
     service.ask("set", token=token, torque_Nm=1.0)
+
+
+def test_torque_that_waits_for_the_brake_never_comes_if_it_falls_silent():
+    wire, brake, service = wired()
+    token = service.enabled()
+    run_with(service, brake, 0.2, token)
+    wire.answers = False
+    run_with(service, brake, 0.9, token)
+    answer = service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.5)
+    assert (answer["setpoint"]["torque_Nm"], answer["setpoint"]["torque_target_Nm"]) == (0.0, 3.0)
+    for _ in range(50):
+        run_with(service, brake, 0.05, token)
+        assert service.bench.monitor.torque_set_Nm == 0.0
+    assert service.bench.setpoint_view().torque_target_Nm == 0.0
+    assert service.bench.state is State.ENABLED
+
+
+def test_torque_that_waits_for_the_bench_to_be_enabled_never_comes_if_the_brake_gets_too_hot():
+    wire, brake, service = wired()
+    token = service.acquire()
+    run_with(service, brake, 0.2, token)
+    waiting = service.begin("set", token=token, torque_Nm=3.0, enable=True)
+    assert service.bench.manual.waits_for_enabled
+    wire.temperature_C = 151.0
+    for _ in range(50):
+        run_with(service, brake, 0.05, token)
+        assert service.bench.monitor.torque_set_Nm == 0.0
+    assert isinstance(waiting.outcome, RpcError)
+
+
+@pytest.mark.parametrize("silent", ["brake", "drive"])
+def test_the_external_drive_stops_if_it_or_the_brake_falls_silent(silent):
+    wires = {name: Mute() for name in ("brake", "drive")}
+    devices = {
+        name: SlowDevice(name, wire, poll_s=0.05, stale_after_s=1.0, setpoint_valid_s=0.1)
+        for name, wire in wires.items()
+    }
+    for device in devices.values():
+        device.open(START_NS)
+    service = VirtualService(devices)
+    token = service.ready()
+
+    def run(seconds):
+        for _ in range(round(seconds / 0.05)):
+            for device in devices.values():
+                device.exchange(lambda: service.now_ns)
+            service.run_s(0.05, token)
+
+    run(0.2)
+    service.ask("set", token=token, drive_Hz=1.0)
+    run(0.5)
+    assert wires["drive"].written[-1] == pytest.approx(6.283, abs=1e-3)
+    wires[silent].answers = False
+    run(1.5)
+    assert wires["drive"].written[-1] == 0.0
+    why = refused(service, "refused", "set", token=token, drive_Hz=0.5)
+    assert f"the drive may not turn now: {silent} has not answered" in why
+    wires[silent].answers = True
+    run(0.2)
+    service.ask("set", token=token, drive_Hz=0.5)
+    run(0.2)
+    assert wires["drive"].written[-1] == pytest.approx(3.142, abs=1e-3)
 
 
 def test_a_hot_brake_takes_the_torque_away_and_its_temperature_is_in_the_ticks():

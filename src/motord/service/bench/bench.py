@@ -79,6 +79,8 @@ class Bench:
         self._reported: dict[str, tuple[Health, int]] = dict.fromkeys(devices, ("ok", 0))
         self.device_fault = ""
         """Why no torque may be set now, or nothing."""
+        self.drive_fault = ""
+        """Why the external drive may not turn now, or nothing."""
         self._stalled = False
         self._stepped_ns = 0
         self._tick_age_ns = round(config.setpoint_valid_s * 1e9)
@@ -196,7 +198,8 @@ class Bench:
             self.command_lost(f"the lease of {lost} ran out")
 
     def _watch_devices(self, now_ns: int) -> None:
-        fault = ""
+        """Take torque and drive away while a device that is used is stale, or the brake too hot."""
+        fault = idle_drive = ""
         for name, device in self.devices.items():
             view, (health, reported_ns) = device.view(now_ns), self._reported[name]
             if view.health != health:
@@ -207,18 +210,21 @@ class Bench:
                         "device", f"{name} {view.health}: {what}", device=name, health=view.health
                     )
                     self._reported[name] = view.health, now_ns
-            used = name == "brake" or self.setpoint.drive_Hz != 0.0
-            if view.health == "stale" and used:
-                fault = fault or f"{name} has not answered for {view.age_s} s: {view.error}"
+            if view.health == "stale":
+                stale = f"{name} has not answered for {view.age_s} s: {view.error}"
+                if name == "brake" or self.setpoint.drive_Hz != 0.0:
+                    fault = fault or stale
+                else:
+                    idle_drive = stale
             hottest_C = self.config.brake.temperature_max_C
             if name == "brake" and view.value is not None and view.value > hottest_C:
                 fault = fault or (
                     f"the brake is at {view.value:.0f} degC, above [brake] "
                     f"temperature_max_C = {hottest_C:g}"
                 )
-        if fault and not self.device_fault:
-            self._drop_torque(fault)
-        self.device_fault = fault
+        if fault:  # at every step: what was still to come when it began may have come since
+            self._drop_power(fault)
+        self.device_fault, self.drive_fault = fault, fault or idle_drive
 
     def _watch_channels(self, now_ns: int) -> None:
         self.channels.step(now_ns)
@@ -228,12 +234,14 @@ class Bench:
         if self.channels.tripping:  # else what tripped it is kept for the trip's report
             self.monitor.channels = self.channels.tripping
 
-    def _drop_torque(self, why: str) -> None:
+    def _drop_power(self, why: str) -> None:
+        """Abort a plan; of an operator's set-point take torque and drive, set or still to come."""
         if self.plans.active:
             self.plans.abort(why)
-        elif self.setpoint.torque_Nm != 0.0:
-            self.events.emit("device", f"torque set-point to zero: {why}")
+        elif self.manual.wants_power:
+            self.events.emit("device", f"torque and external drive to zero: {why}")
             self.manual.drop_torque()
+            self.setpoint.drive_Hz = 0.0
 
     def _watch_loop(self, now_ns: int) -> None:
         if self.loop_fault or self.monitor.last is None:

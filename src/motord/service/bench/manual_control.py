@@ -30,6 +30,13 @@ class ManualControl:
         """True while a change waits for the bench to be enabled."""
         return self._when_enabled is not None
 
+    @property
+    def wants_power(self) -> bool:
+        """True if torque or a turning drive is set, or waits for the brake or to be enabled."""
+        s, later = self._setpoint, self._when_enabled
+        later_power = later is not None and (later.torque_Nm or later.drive_Hz)
+        return bool(self._torque_Nm or s.torque_Nm or s.drive_Hz or later_power)
+
     def resulting(self, request: SetpointChange) -> tuple[float, float | None]:
         """Return torque (Nm) and speed (Hz, None: not held) as they would be with `request`."""
         torque_Nm = self._torque_Nm if request.torque_Nm is None else request.torque_Nm

@@ -38,6 +38,8 @@ def validate_setpoint(bench: Bench, request: SetpointChange) -> None:
 def _check_devices(bench: Bench, request: SetpointChange) -> None:
     if request.torque_Nm and bench.device_fault:
         raise RpcError("refused", f"no torque now: {bench.device_fault}")
+    if request.drive_Hz and bench.drive_fault:
+        raise RpcError("refused", f"the drive may not turn now: {bench.drive_fault}")
     if (request.speed_Hz is not None or request.brake is not None) and not bench.has("brake"):
         raise RpcError("refused", "this bench has no brake that the daemon could set")
     if request.drive_Hz is not None and not bench.has("drive"):
