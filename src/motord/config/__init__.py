@@ -48,6 +48,7 @@ from motord.config.plans.inertia import OscillationConfig as OscillationConfig
 from motord.config.plans.inertia import SpringConfig as SpringConfig
 from motord.config.reading import load as load
 from motord.config.reading import load_motor as load_motor
+from motord.config.reading import load_started as load_started
 from motord.config.reading import packaged as packaged
 from motord.config.reading import read_toml as read_toml
 from motord.config.reading import resolve as resolve

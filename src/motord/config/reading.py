@@ -63,6 +63,16 @@ def check_text(path: Path, text: str) -> Config:
     return validate(Config, path, text, data)
 
 
+def load_started(path: Path, kept: Path) -> tuple[Config, str]:
+    """Return the bench of a daemon that runs, and the text of its bench file. Raises ConfigError.
+
+    kept: the text as the daemon read it; the bench file at `path` may have been edited since. What
+    runs without a daemon has none, and reads the file.
+    """
+    text = read_toml(kept if kept.exists() else path)[0]
+    return check_text(path, text), text
+
+
 def check_table(model: type[_Model], name: str, content: dict[str, Any]) -> _Model:
     """Check one table by itself. Raises ConfigError naming its keys."""
     try:

@@ -13,10 +13,10 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from motord.config import Config, ConfigError, load
+from motord.config import Config, ConfigError, load_started
 from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
@@ -27,7 +27,6 @@ from motord.recording.errors import RecordError
 from motord.recording.json_encoding import to_line
 from motord.recording.metadata import describe
 from motord.shm.run_directory import RunDir
-from motord.untrusted import read_text
 
 DRAIN_S = 0.05
 """Time between two looks at the ring."""
@@ -110,14 +109,13 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     options = _options(arguments)
     _allocate_from_one_heap()
     try:
-        config = load(options.config)
         run_dir = RunDir.at(options.dir)
+        config, text = load_started(options.config, run_dir.bench_file)
+        metadata = describe(config, text)
         session = Session(run_dir.ring, config.recording)
-        recovery = CrashRecovery(
-            config, run_dir, lambda: _metadata(config, options.config), session.note_recovered
-        )
+        recovery = CrashRecovery(config, run_dir, lambda: metadata, session.note_recovered)
         if options.out is not None:
-            session.start(options.out, _metadata(config, options.config), time.monotonic())
+            session.start(options.out, metadata, time.monotonic())
     except (ConfigError, RecordError, OSError) as error:
         sys.stderr.write(f"motord recorder: {error}\n")
         return 1
@@ -134,7 +132,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         Reporter(reports),
         lambda: bool(stopped),
         lambda wait_s: _wait(commands, lines, wait_s),
-        on_orphaned=lambda now_s: _record_daemon_death(session, config, options.config, now_s),
+        on_orphaned=lambda now_s: _record_daemon_death(session, config, metadata, now_s),
     )
     recovery.stop()
     return 0
@@ -158,11 +156,9 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _metadata(config: Config, path: Path) -> dict[str, object]:
-    return describe(config, read_text(path))
-
-
-def _record_daemon_death(session: Session, config: Config, path: Path, now_s: float) -> None:
+def _record_daemon_death(
+    session: Session, config: Config, metadata: Mapping[str, object], now_s: float
+) -> None:
     """Keep what led to the daemon's death, if it left the bench enabled."""
     now_ns = time.time_ns()
     account = {
@@ -176,7 +172,7 @@ def _record_daemon_death(session: Session, config: Config, path: Path, now_s: fl
         tick=None,
         ticks_before=round(BEFORE_S * config.loop.rate_Hz),
         ticks_after=round(AFTER_S * config.loop.rate_Hz),
-        metadata={**_metadata(config, path), **session.metadata},
+        metadata={**metadata, **session.metadata},
         account=account,
     )
     session.boxes.request(box, now_s, if_powered=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 from motord import config as config_file
+from motord.atomic_write import write_cached
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
 from motord.process.signal_handlers import handled
@@ -25,7 +26,6 @@ from motord.service.supervisor import Supervisor
 from motord.shm.run_directory import RunDir, RunDirError
 from motord.shm.shared_records import SharedFileError
 from motord.unix_clock import Clock
-from motord.untrusted import read_text
 
 
 class LoopFailedError(Exception):
@@ -82,8 +82,7 @@ def run(
     Installed calibrations are kept under `state_dir`. Raises one of EXPLAINED.
     """
     config_path = config_path.resolve()
-    config = config_file.load(config_path)
-    toml = read_text(config_path)
+    config, toml = config_file.load_started(config_path, kept=config_path)
     if config.zenoh.tls is not None:
         process.check(config.zenoh.tls)
     descriptors.raise_limit()
@@ -93,6 +92,7 @@ def run(
         RunDir(config.bench.name).hold() as run_dir,
         closing(Notifier.of_environment()) as notifier,
     ):
+        write_cached(run_dir.bench_file, toml)
         daemon = build(
             config, toml, config_path, run_dir, state_dir or state_directory(),
             Clock.measure(), notifier,

@@ -29,6 +29,8 @@ class RunDir:
     def __init__(self, bench: str, base: Path | None = None) -> None:
         self.bench = bench
         self.path = (base or base_directory()) / bench
+        self.bench_file = self.path / "bench.toml"
+        """The text of the bench file as the daemon read it."""
         self.ring = self.path / "ring"
         """The tick ring, written by the loop."""
         self.setpoint = self.path / "setpoint"

@@ -21,7 +21,7 @@ from motord.shm.run_directory import RunDir
 from motord.shm.shared_records import SharedFileError
 from motord.shm.tables import TablesWriter
 from tests.support.loop_process import start_loop
-from tests.unit.loop.bench import ScriptedRig, Supervisor, write_bench
+from tests.unit.loop.bench import BENCH, ScriptedRig, Supervisor, write_bench
 
 WARM_UP_READS = 3
 
@@ -163,6 +163,16 @@ def test_tables_must_be_written_and_fit(bench: LoopBench) -> None:
     assert "no tables for an encoder of 4096 counts" in bench.status.error
     with pytest.raises(SharedFileError):
         TablesWriter(bench.run_dir.path / "absent" / "tables", 4096)
+
+
+def test_a_bench_file_edited_while_the_daemon_runs_changes_nothing_until_it_starts_anew(
+    bench: LoopBench,
+) -> None:
+    """Else a loop that is started again had drivers of the new file and tables of the old one."""
+    bench.run_dir.bench_file.write_text(BENCH)
+    bench.config_path.write_text(BENCH.replace("rate_Hz = 1000", "rate_Hz = 5000"))
+    assert bench.run() == 0
+    assert bench.status.rate_Hz == 1000
 
 
 def test_second_loop_waits_then_gives_up(bench: LoopBench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from motord.calibration import CalibrationError
-from motord.config import Config, ConfigError, load
+from motord.config import Config, ConfigError, load_started
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
 from motord.service.host import scheduling
 from motord.shm.run_directory import RunDir
@@ -39,12 +39,13 @@ def run(
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     try:
-        config = load(options.config)
+        run_dir = RunDir.at(options.dir)
+        config, _ = load_started(options.config, run_dir.bench_file)
         schedule(config.loop.cpu)
         out = os.dup(sys.stdout.fileno())
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what else is printed is no report
         os.set_blocking(out, blocking)
-        serve(config, RunDir.at(options.dir), LineWriter(out, LINE_MAX_BYTES))
+        serve(config, run_dir, LineWriter(out, LINE_MAX_BYTES))
     except (CalibrationError, ConfigError, SharedFileError) as error:
         sys.stderr.write(f"motord {name}: {error}\n")
         return 1
