@@ -54,6 +54,14 @@ def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
                 f"{name} = {limit_s:g} is too short: {what} every {interval_s:g} s, and one may be "
                 f"lost; make it at least {INTERVALS_MIN * interval_s:g}, or raise the rates"
             )
+    inverter = config.inverter
+    least_s = inverter.feedback_age_s + INTERVALS_MIN * period_s
+    if inverter.feedback_age_s and inverter.stale_after_s < (1.0 - _ROUNDING) * least_s:
+        yield (
+            f"[inverter] stale_after_s = {inverter.stale_after_s:g} is too short for feedback that "
+            f"is feedback_age_s = {inverter.feedback_age_s:g} old when it comes: it would always "
+            f"be stale; make it at least {least_s:g}"
+        )
     patience_s = config.bench.rig_patience_s
     if patience_s is not None and patience_s < (1.0 - _ROUNDING) * INTERVALS_MIN * period_s:
         yield (

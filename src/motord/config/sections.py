@@ -20,6 +20,7 @@ from motord.config.timing import (
     RATE_MIN_HZ,
     SILENCE_MAX_S,
     SUPERVISOR_ACTS_S,
+    SUPERVISOR_TIMEOUT_MIN_S,
 )
 from motord.config.tracking import TrackingConfig
 from motord.config.zenoh import ZenohConfig
@@ -58,7 +59,9 @@ class LoopConfig(Section):
     """Sleep until shortly before each deadline and spin until it; `false` sleeps all the way."""
     observer_bandwidth_Hz: Annotated[float, Field(ge=15, le=10_000)] = 30.0
     """Bandwidth of the observer that estimates angle and speed from the encoder."""
-    supervisor_timeout_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.25
+    supervisor_timeout_s: Annotated[float, Field(ge=SUPERVISOR_TIMEOUT_MIN_S, le=SILENCE_MAX_S)] = (
+        0.25
+    )
     """Without a sign of life from the supervisor for so long the torque ramps to zero, then trips.
     """
     enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
@@ -135,6 +138,11 @@ class LimitsConfig(Section):
             raise ValueError(
                 f"trip_current_A = {self.trip_current_A:g} must be above "
                 f"current_A = {self.current_A:g}, or every full command would trip"
+            )
+        if self.trip_torque_Nm <= self.torque_Nm:
+            raise ValueError(
+                f"trip_torque_Nm = {self.trip_torque_Nm:g} must be above "
+                f"torque_Nm = {self.torque_Nm:g}, or every full torque would trip"
             )
         if self.bus_V_max <= self.bus_V_min:
             raise ValueError("bus_V_max must be above bus_V_min")

@@ -11,6 +11,8 @@ RATE_MIN_HZ, RATE_MAX_HZ = 100, 20_000
 SILENCE_MAX_S = 1.0
 """No link and no process may be silent for longer without the torque being taken away: the rotor
 would be driven by an outdated command."""
+SLOW_FEEDBACK_MAX_S = 0.5
+"""No message of the drive's feedback may stay away for longer, however seldom it is sent."""
 RAMP_DOWN_MAX_S = 1.0
 """From [limits] torque_Nm to zero, however gentle torque_rate_Nm_per_s is."""
 DELAY_MAX_S = 0.02
@@ -23,6 +25,8 @@ TURN_PER_SAMPLE_MAX_RAD = math.pi / 4
 differs from a slower one in the other direction."""
 INTERVALS_MIN = 2
 """Intervals that must pass before silence is a fault: one message may be lost."""
+SUPERVISOR_TIMEOUT_MIN_S = 0.02
+"""The supervisor's heartbeat comes every 10 ms, and one may be late."""
 SUPERVISOR_ACTS_S = 0.05
 """Within this time the supervisor has acted on what the ticks or the clock show: two of its
 steps, a plan's look and a tick."""

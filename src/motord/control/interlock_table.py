@@ -88,7 +88,8 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.INVERTER_STALE,
-        "no feedback came from the inverter within inverter.stale_after_s",
+        "no feedback came from the inverter within inverter.stale_after_s, or one message without "
+        "currents not within inverter.can.slow_stale_after_s",
         "inverter.stale_after_s",
     ),
     Interlock(

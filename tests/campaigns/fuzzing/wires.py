@@ -69,7 +69,7 @@ class Can:
         bench = load(packaged("../../../config/emulated.toml"))
         assert bench.inverter.can is not None
         self._codec = dbc.load(bench.inverter.can)
-        self._feedback = CanFeedback(self._codec, 0)
+        self._feedback = CanFeedback(self._codec, 0, 500_000_000)
         self._row = np.zeros(1, FEEDBACK)
 
     def close(self) -> None:

@@ -151,7 +151,7 @@ def test_a_dead_torque_sensor_is_found_where_the_limit_cuts_the_peaks_of_the_cur
 
 
 @pytest.mark.parametrize("current_A", [17.9, 12.0, 5.0])
-@pytest.mark.parametrize("lag_s", [0.0, 0.02, 0.3, 3.0])
+@pytest.mark.parametrize("lag_s", [0.0, 0.02, 0.05])
 def test_torque_that_the_limit_takes_away_trips_nothing(current_A: float, lag_s: float) -> None:
     bench = Limited(current_A, lag_s)
     assert bench.ticks(2000).state == State.ENABLED

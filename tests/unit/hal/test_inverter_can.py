@@ -14,7 +14,7 @@ from motord.hal import countdown
 from motord.hal.base import DeviceError
 from motord.hal.can.base import REFUSED_MAX
 from motord.hal.can.python_can import PythonCan
-from motord.hal.inverter.feedback import SILENT_AFTER_NS, CanFeedback
+from motord.hal.inverter.feedback import CanFeedback
 from motord.hal.inverter.phase_currents import CanInverter
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
@@ -22,6 +22,7 @@ from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import SIGNALS, Drive, bench, can_config, encode_feedback, until
 
 NOW_NS = 1_800_000_000_000_000_000
+SILENT_AFTER_NS = 500_000_000
 BUS_OFF = InverterStatus.BUS_OFF
 
 
@@ -228,7 +229,7 @@ VALUES = dict.fromkeys(
 
 
 def test_a_slow_message_that_stays_away_makes_all_stale() -> None:
-    state = CanFeedback(dbc.load(can_config()), 0)
+    state = CanFeedback(dbc.load(can_config()), 0, SILENT_AFTER_NS)
     assert len(state.missing()) == 2
     state.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
     record = new_feedback()
@@ -240,9 +241,21 @@ def test_a_slow_message_that_stays_away_makes_all_stale() -> None:
     assert state.missing() == []
 
 
+def test_how_long_a_slow_message_may_stay_away_is_a_setting() -> None:
+    config = can_config("virtual", slow_stale_after_s=0.05)
+    driver = CanInverter(bench(config))
+    for t_ms, stale in ((0, False), (49, False), (50, True)):
+        driver._feedback.take(*feedback_of(VALUES, t_ms, only=0), NOW_NS + t_ms * 1_000_000)
+        if t_ms == 0:
+            driver._feedback.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
+        record = new_feedback()
+        driver._feedback.fill(record)
+        assert (record["t_inverter_ns"][0] == NOW_NS) == (stale or t_ms == 0)
+
+
 def test_values_that_the_map_lacks_are_not_numbers() -> None:
     signals = SIGNALS | {"feedback_u_V": (), "feedback_temperature_C": ""}
-    state = CanFeedback(dbc.load(can_config(signals=signals)), 0)
+    state = CanFeedback(dbc.load(can_config(signals=signals)), 0, SILENT_AFTER_NS)
     record = new_feedback()
     state.fill(record)
     assert np.isnan(record["u_V"]).all()
@@ -259,7 +272,7 @@ def test_a_value_that_the_drive_sends_as_no_number_is_beyond_every_limit(
     path.write_text(text + "\nSIG_VALTYPE_ 385 Temperature : 1;\n")
     signals = SIGNALS | {"feedback_crc": (), "feedback_counter": ()}
     codec = dbc.load(CanConfig(dbc=path, signals=signals))
-    state, record = CanFeedback(codec, 0), new_feedback()
+    state, record = CanFeedback(codec, 0, SILENT_AFTER_NS), new_feedback()
     status = next(message for message in codec.feedback if "temperature_C" in message.slots)
     state.take(status.key, b"\0\0" + half.to_bytes(2, "little") + bytes(4), NOW_NS)
     state.fill(record)

@@ -14,7 +14,13 @@ from pydantic import (
 from motord.config.base import BitRate, NonNegative, Positive, Section
 from motord.config.devices.can_signals import CanSignalMap, DqConfig
 from motord.config.devices.canopen import CanopenConfig
-from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
+from motord.config.timing import (
+    DELAY_MAX_S,
+    RATE_MAX_HZ,
+    RATE_MIN_HZ,
+    SILENCE_MAX_S,
+    SLOW_FEEDBACK_MAX_S,
+)
 
 SAMPLE_BYTES, HEARTBEAT_BYTES = 19, 6
 """Bodies of the two frames that are sent all the time (`wire.bridge.frames.BODY_BYTES`)."""
@@ -55,6 +61,9 @@ class CanConfig(CanBusConfig):
 
     connect_timeout_s: Positive = 2.0
     """Feedback has to come within this time of the start."""
+    slow_stale_after_s: Annotated[float, Field(gt=0, le=SLOW_FEEDBACK_MAX_S)] = 0.5
+    """Without a message of feedback that has no currents (status, bus voltage, temperature) for so
+    long all feedback is stale: until then a fault or a voltage in it is not seen."""
     dbc: Path
     """The drive's DBC; next to the bench file, or `package:NAME`."""
     signals: CanSignalMap

@@ -37,7 +37,8 @@ class CanDrive:
         self._config = can
         self._codec = dbc.load(can)
         reach.check(self._codec, config)
-        self._feedback = CanFeedback(self._codec, round(config.inverter.feedback_age_s * 1e9))
+        age_ns = round(config.inverter.feedback_age_s * 1e9)
+        self._feedback = CanFeedback(self._codec, age_ns, round(can.slow_stale_after_s * 1e9))
         self._host = CanopenHost(can.canopen)
         self._counter = 0
         self._now_ns = 0

@@ -8,9 +8,6 @@ import numpy as np
 from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, InverterCodec, MessageCodec
 
-SILENT_AFTER_NS = 500_000_000
-"""A slow message (status, temperature) missing for so long makes all feedback stale."""
-
 _SLOT = {slot: index for index, slot in enumerate(FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS)}
 _AXES = slice(len(FEEDBACK_SLOTS), len(_SLOT))
 _STATUS = _SLOT["status"]
@@ -37,10 +34,14 @@ class CanFeedback:
     A frame counts only if its length, CRC and alive counter are right.
     """
 
-    def __init__(self, codec: InverterCodec, age_ns: int) -> None:
-        """Expect the feedback messages of `codec`, sampled `age_ns` before they arrive."""
+    def __init__(self, codec: InverterCodec, age_ns: int, slow_stale_ns: int) -> None:
+        """Expect the feedback messages of `codec`, sampled `age_ns` before they arrive.
+
+        slow_stale_ns: a message without currents that is so much older makes all feedback as old.
+        """
         self._codec = codec
         self._age_ns = age_ns
+        self._slow_stale_ns = slow_stale_ns
         self._incoming = {m.key: _Incoming(m) for m in codec.feedback}
         self._values = [math.nan] * len(_SLOT)
         self._values[_STATUS] = 0.0
@@ -102,7 +103,7 @@ class CanFeedback:
         messages = self._incoming.values()
         t_ns = min(m.t_ns for m in messages if m.fast)
         oldest_ns = min(m.t_ns for m in messages)
-        return (t_ns if t_ns - oldest_ns < SILENT_AFTER_NS else oldest_ns) - self._age_ns
+        return (t_ns if t_ns - oldest_ns < self._slow_stale_ns else oldest_ns) - self._age_ns
 
     def _understood(self) -> int:
         word = int(self._values[_STATUS])
