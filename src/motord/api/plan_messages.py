@@ -43,6 +43,8 @@ class PlanView(PublishedMessage):
     """Serial number of the motor, where it was named at the start."""
     recording: str = ""
     """Path of its recording once it is whole."""
+    recorded: bool = True
+    """False if points that were taken are not in the recording, as the disk was full."""
     settings: dict[str, Any] = Field(default_factory=dict)
     """With which it was started."""
     run_id: str = ""

@@ -103,7 +103,7 @@ def build(
         realtime=loop.realtime,
         driven=lambda: bench.setpoint.drive_Hz != 0.0,
         state=lambda now_ns: named_state(bench, now_ns),
-        on_plan_unrecorded=lambda why: bench.plans.abort(why),
+        on_plan_unrecorded=lambda why: bench.plans.unrecorded(why),
     )
     boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
     journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")

@@ -7,7 +7,7 @@ from motord.api.errors import RpcError
 from motord.hal.base import DeviceReading
 from motord.schema import State
 from motord.service.bench.slow_devices import SlowDevice
-from tests.unit.service.virtual_service import VirtualService
+from tests.unit.service.virtual_service import START_NS, VirtualService
 
 SHORT = {"speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2}
 
@@ -82,6 +82,7 @@ class Driven:
     def __init__(self) -> None:
         self.wire = Drive()
         self.drive = SlowDevice("drive", self.wire, 0.05, 60.0, setpoint_valid_s=0.1)
+        self.drive.open(START_NS)
         self.service = VirtualService({"drive": self.drive})
         self.token = self.service.ready()
         self.service.ask("set", token=self.token, drive_Hz=1.0)

@@ -423,3 +423,38 @@ def test_what_is_missing_after_a_recorder_died_is_looked_for_once(days, monkeypa
 def test_a_recording_without_ticks_has_no_points(tmp_path):
     record(tmp_path / "a-000.mcap", [point(0, 0, 10)], 0, 0)
     assert recorded(JournalSegment(str(tmp_path / "a-000.mcap"))) == set()
+
+
+def test_a_plan_is_done_once_it_is_on_the_disk_and_else_taken_again(days):
+    service = days.daemon()
+    token = service.acquire()
+    service.sink.missing = None  # the recorder has not said yet that its file is closed
+    start(service, token)
+    until(service, token, lambda: service.bench.plans.view.step == "closing the recording")
+    service.run_s(1.0, token)
+    assert service.bench.plans.view.state == "ending"
+    service.sink.missing = "no space left"
+    service.run_s(0.1, token)
+    view = service.bench.plans.view
+    assert (view.state, view.recorded, view.points_done) == ("failed", False, 3)
+    assert "not recorded in full: no space left; motord plan resume" in view.message
+    [segment] = service.journal.log.segments
+    assert (segment.sure, segment.written, segment.state) == (False, False, "failed")
+    assert "some may not be recorded" in service.resumption.summary()
+    service.sink.missing = ""
+    service.ask("plan/resume", token=token)
+    assert run_to_end(service, token).state == "done"
+    assert [p["index"] for p in service.sink.points] == [0, 1, 2, 0, 1, 2]
+
+
+def test_a_plan_that_is_ended_for_its_recording_is_taken_again(days):
+    service = days.daemon()
+    token = service.acquire()
+    start(service, token)
+    until(service, token, lambda: service.sink.points)
+    service.bench.plans.unrecorded("not recorded for 7.5 s")
+    view = run_to_end(service, token)
+    assert (view.state, view.message, view.recorded) == ("aborted", "not recorded for 7.5 s", False)
+    service.ask("plan/resume", token=token)
+    assert run_to_end(service, token).recorded
+    assert [p["index"] for p in service.sink.points] == [0, 0, 1, 2]

@@ -33,6 +33,7 @@ class RecordedSink:
 
     def __init__(self):
         self.started, self.points, self.progress, self.over = [], [], [], []
+        self.missing = ""
 
     def plan_started(self, plan, view, notes):
         self.started.append((plan, view, notes))
@@ -45,7 +46,11 @@ class RecordedSink:
         self.progress.append(view)
 
     def plan_over(self, view):
-        self.over.append(view)
+        if len(self.over) < len(self.started):
+            self.over.append(view)
+
+    def unrecorded(self):
+        return self.missing
 
 
 class NoDisk:

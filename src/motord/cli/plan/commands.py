@@ -116,7 +116,8 @@ def start(
 
 def _follow_to_end(client: "Client", run: "PlanRun", commander: "Commander", as_json: bool) -> None:
     view = follow(run, commander, quiet=as_json)
-    recording = f", recorded in {view.recording}" if view.recording else ""
+    how = "recorded" if view.recorded else "not recorded in full"
+    recording = f", {how} in {view.recording}" if view.recording else ""
     end = f"{view.plan}: {view.points_done} of {view.points} points{recording}"
     print_answer(view.model_dump(mode="json"), end + _then(client, view), as_json)
     if view.state != "done":
@@ -158,7 +159,7 @@ def _aim(point: dict[str, Any]) -> str:
 
 def _then(client: "Client", view: "PlanView") -> str:
     """Return the command that analyses what a plan has recorded, on a line of its own, or ""."""
-    if not view.over or not view.points_done or not view.recording:
+    if not view.over or not view.points_done or not view.recording or not view.recorded:
         return ""
     runs = " ".join(shlex.quote(run) for run in (view.continues, view.recording) if run)
     force = client.state().calibration if view.plan in WITH_CALIBRATION else None

@@ -47,7 +47,8 @@ class JournalSegment:
     """A plan from its start, or from where it was resumed, to its end: recording and points.
 
     state: done, aborted or failed; "" if it did not come to an end in order. sure: False if a
-    recorder died meanwhile, so that points may be missing in the recording.
+    recorder died or could not write, so that points may be missing in the recording. written: False
+    if it could not write, so that there may be no recording at all.
     """
 
     recording: str
@@ -55,6 +56,7 @@ class JournalSegment:
     state: str = ""
     message: str = ""
     sure: bool = True
+    written: bool = True
 
     @property
     def taken(self) -> set[int]:
@@ -95,7 +97,7 @@ class PlanLog:
                 raise ValueError(f"no end of a plan: {line['state']}")
             last = replace(last, state=line["state"], message=str(line["message"]))
         elif kind == "recorder_died":
-            last = replace(last, sure=False)
+            last = replace(last, sure=False, written=not line.get("unrecorded", False))
         elif kind == "resumed":
             return replace(self, segments=(*self.segments, JournalSegment(str(line["recording"]))))
         else:

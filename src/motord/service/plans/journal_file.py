@@ -53,9 +53,9 @@ class Journal:
         """The plan goes on, in another recording."""
         self._append({"kind": "resumed", "recording": recording, "by": by, "t_ns": t_ns})
 
-    def recorder_died(self, t_ns: int) -> None:
-        """What the recorder was sent last may not be in the recording."""
-        self._append({"kind": "recorder_died", "t_ns": t_ns})
+    def recorder_died(self, t_ns: int, *, unrecorded: bool = False) -> None:
+        """The recording may lack what the recorder was sent last, or (`unrecorded`) all of it."""
+        self._append({"kind": "recorder_died", "t_ns": t_ns, "unrecorded": unrecorded})
 
     def end(self, state: str, message: str, t_ns: int) -> None:
         """The plan has ended: done, aborted or failed."""

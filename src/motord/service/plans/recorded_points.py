@@ -14,13 +14,14 @@ from motord.service.plans.journal import JournalSegment
 def recorded(segment: JournalSegment) -> set[int]:
     """Return the numbers of the points of a segment that are taken, as its recording has them.
 
-    If it ended in order, or its files are not there, the journal counts.
+    If it ended in order, or its files are not there, the journal counts; but none does of files
+    that may never have been written.
     """
     stem = stem_of(Path(segment.recording))
     certain = segment.sure and segment.state
     files = numbers(stem) if stem is not None and not certain else []
     if stem is None or not files:
-        return segment.taken
+        return segment.taken if segment.written else set()
     return set[int]().union(*(_whole_points(file_name(stem, number)) for number in files))
 
 

@@ -52,9 +52,13 @@ def _mesh_of(log: PlanLog, plan: Plan, taken: set[int]) -> MeshView:
 
 @dataclass(frozen=True)
 class RemainingPlan:
-    """What is missing of a plan, which may be nothing; `mesh` has all of its points."""
+    """What is missing of a plan, which may be nothing; `mesh` has all of its points.
+
+    recording: the newest with points of it, or else the newest.
+    """
 
     log: PlanLog
+    recording: str
     plan: Plan
     taken: int
     mesh: MeshView
@@ -144,6 +148,23 @@ class Resumption:
             )
         self._journal_error = error
 
+    def plan_closing(self, view: PlanView) -> None:
+        """Everything of the plan has been done: its recording ends."""
+        self._recording.plan_progress(view)
+        self._recording.plan_over(view)
+
+    def unrecorded(self) -> str | None:
+        """Return why a plan that is closing is not recorded in full, "" if it is, None: not yet."""
+        why = self._recording.unrecorded()
+        if why:
+            self.points_missing()
+        return why
+
+    def points_missing(self) -> None:
+        """Note that points may be missing in the recording: the journal does not count."""
+        if self._resumable:
+            self._journal.recorder_died(self._unix_ns(), unrecorded=True)
+
     def plan_over(self, view: PlanView) -> None:
         """The plan has ended."""
         self._recording.plan_over(view)
@@ -170,6 +191,8 @@ class Resumption:
         plan, last = log.plan, log.segments[-1]
         how = f"{last.state} ({last.message})" if last.state else "interrupted"
         done = f"{len(log.taken)} of {plan.points} points taken"
+        if not all(segment.sure for segment in log.segments):
+            done += ", of which some may not be recorded"
         return f"{plan.name} was {how} with {done}; {ADVICE}"
 
     def view(self) -> PlanView | None:
@@ -220,10 +243,12 @@ class Resumption:
         if log is None or log.state == "done":
             raise RpcError("refused", "no plan is under way, and none was interrupted")
         plan = self._same_plan(log.plan)
-        taken = set[int]().union(*map(recorded, log.segments))
+        found = [(segment.recording, recorded(segment)) for segment in log.segments]
+        taken = set[int]().union(*(points for _, points in found))
+        newest = next((name for name, points in reversed(found) if points), found[-1][0])
         missing = tuple(point for point in plan.points if point.index not in taken)
         mesh = _mesh_of(log, plan, taken)
-        return RemainingPlan(log, plan.part(missing), len(plan.points) - len(missing), mesh)
+        return RemainingPlan(log, newest, plan.part(missing), len(plan.points) - len(missing), mesh)
 
     def mesh(self) -> MeshView | None:
         """Return the points of the plan in the journal, None if it cannot be made again."""

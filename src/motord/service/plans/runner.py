@@ -22,6 +22,7 @@ from motord.service.plans.torque_error import MeasuredError
 from motord.service.setpoint import RAD_PER_TURN, Setpoint
 
 BEFORE = "check of the calibration before it: "
+RETAKE = "motord plan resume takes the points that are missing"
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class PlanRunner:
         self._points_before = 0
         self._waiting: WaitingPlan | None = None
         self._under_way: int | None = None
+        self._closing = False  # all is done, and the recording is being closed
         self.estimator: EstimatorLink | None = None
         self.view: PlanView | None = None
         """Progress of the plan under way or of the last one."""
@@ -108,7 +110,7 @@ class PlanRunner:
             serial=serial,
             settings=plan.settings,
             run_id=before.log.plan.run_id if before is not None else run_id or uuid4().hex,
-            continues=before.log.recordings[-1] if before is not None else "",
+            continues=before.recording if before is not None else "",
             targets=dict(plan.targets),
         )
         points = (
@@ -124,6 +126,7 @@ class PlanRunner:
     def _begin(self, plan: Plan, view: PlanView, notes: str, points: MeshView) -> PlanView:
         """Begin a plan, or the check before it; `view` is that of the plan."""
         self._executor, self._enabled, self._points_passed_on = Executor(plan), None, 0
+        self._closing = False
         self.mesh = points
         if self.estimator is not None:
             self.estimator.begin(plan)
@@ -147,9 +150,40 @@ class PlanRunner:
             self._journal.plan_checked(waiting.view, executor.message)
             self._begin(waiting.plan, waiting.view, waiting.notes, waiting.mesh)
             return
-        self._show(executor.progress())
+        progress = executor.progress()
+        if executor.state is PlanState.DONE:
+            recorded = self._once_recorded(progress)
+            if recorded is None:
+                return
+            progress = recorded
+        self._show(progress)
         if executor.finished:
             self._finish()
+
+    def _once_recorded(self, progress: dict[str, Any]) -> dict[str, Any] | None:
+        """Return the progress of a plan that is done once its recording is closed, None before.
+
+        It has failed if it is not recorded in full.
+        """
+        if not self._closing and self.view is not None:
+            self._closing = True
+            self._journal.plan_closing(self._with(self.view, progress))
+            step = {"state": PlanState.ENDING.value, "step": "closing the recording"}
+            self.view = self._with(self.view, {**progress, **step})
+        why = self._journal.unrecorded()
+        if why is None:
+            return None
+        if not why:
+            return progress
+        message = f"not recorded in full: {why}; {RETAKE}"
+        return {**progress, "state": "failed", "message": message, "recorded": False}
+
+    def unrecorded(self, why: str) -> None:
+        """Abort a plan whose points are not recorded."""
+        if self.active and self.view is not None:
+            self._journal.points_missing()
+            self.view = self.view.model_copy(update={"recorded": False})
+            self.abort(why)
 
     def pause(self) -> None:
         """Ramp to zero and wait."""
@@ -205,11 +239,15 @@ class PlanRunner:
 
     def _show(self, progress: dict[str, Any]) -> None:
         if self.view is not None:
-            now = {**self._counted(progress), **self._precision()}
-            if self._waiting is not None:
-                now = self._waiting.shown(progress)
-            self.view = PlanView.model_validate({**self.view.model_dump(), **now})
+            self.view = self._with(self.view, progress)
             self._journal.plan_progress(self.view)
+
+    def _with(self, view: PlanView, progress: dict[str, Any]) -> PlanView:
+        """Return the view of a plan with this progress."""
+        now = {**self._counted(progress), **self._precision()}
+        if self._waiting is not None:
+            now = self._waiting.shown(progress)
+        return PlanView.model_validate({**view.model_dump(), **now})
 
     def _precision(self) -> dict[str, Any]:
         """Return the newest precision as it is shown, {} for none."""

@@ -11,7 +11,7 @@ ring reaches. A plan whose ticks have been in the ring alone for too long is end
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,14 @@ RING_PART = 0.5
 """Part of `[loop] ring_s` for which the ring alone may hold the ticks of a plan, or the recorder,
 which reports twice a second, may be silent."""
 NO_TICKS = np.empty(0, TICK_DTYPE)
+
+
+class _ClosingRecording(NamedTuple):
+    """The recording of a plan that is over: its name, since when, and what failed before."""
+
+    name: str
+    since_ns: int
+    failed: str
 
 
 class RecordingControl:
@@ -69,6 +77,7 @@ class RecordingControl:
         self._now_ns = self._recorded_ns = self._powered_ns = 0
         self._plan = False
         self._plan_progress: tuple[object, ...] = ()
+        self._closing: _ClosingRecording | None = None
         self._enabled = self._loop_up = False
         self.recorder = RecorderSession(children, events, unix_ns)
         self._timing = TimingLog(timing, self.recorder.event)
@@ -177,19 +186,48 @@ class RecordingControl:
     def plan_progress(self, view: PlanView) -> None:
         """Record a plan's progress when it comes to another step."""
         progress = (view.state, view.step, view.points_done)
-        if progress != self._plan_progress and self.recorder.link is not None:
+        link = self.recorder.link if self._plan else None
+        if progress != self._plan_progress and link is not None:
             self._plan_progress = progress
-            self.recorder.link.plan(self._unix_ns(), view.model_dump(mode="json"))
+            link.plan(self._unix_ns(), view.model_dump(mode="json"))
 
     def plan_over(self, view: PlanView) -> None:
-        """End the recording of a plan; if the bench is still powered, another begins."""
-        self._plan = False
+        """End the recording of a plan, once; if the bench is still powered, another begins."""
+        if not self._plan:
+            return
+        self._plan, recorder = False, self.recorder
+        failed = "" if recorder.recording_task else recorder.error or "it has not begun"
+        name = recorder.task.stem.name if recorder.task is not None else ""
+        self._closing = _ClosingRecording(name, self._now_ns, failed)
         auto = self._config.recording.auto
         if self._loop_up and auto and (auto == "always" or self._enabled or self._driven()):
             self._powered_ns = self._now_ns
             self._begin("", {})
         else:
             self.end(f"plan {view.plan} {view.state}")
+
+    def unrecorded(self) -> str | None:
+        """Return what is wrong with the recording of the plan that is over: "" for nothing.
+
+        None until it is known: the recorder says so when it has closed the file.
+        """
+        closing, recorder = self._closing, self.recorder
+        if closing is None or not self._config.recording.required:
+            return ""
+        if closing.failed:
+            return closing.failed
+        report, file = recorder.report, Path(recorder.report.file).name
+        for path, outcome in report.leftovers.items():
+            if Path(path).name.startswith(closing.name):
+                return outcome
+        if recorder.up and recorder.reported_ns > closing.since_ns:
+            its_own = file.startswith(closing.name)
+            if not (its_own and report.recording):
+                return report.error if its_own else ""
+        waited_s = (self._now_ns - closing.since_ns) / 1e9
+        if waited_s > self._unrecorded_max_s:
+            return f"the recorder has not closed it within {waited_s:.1f} s: does the disk answer?"
+        return None
 
     def _log_state(self, now_ns: int) -> None:
         if self._state is None:
