@@ -26,8 +26,12 @@ from motord.cli.plan.queue import _text
 def test_the_next_command_names_the_calibration_where_it_needs_it(plan: str, expected: str) -> None:
     force = SimpleNamespace(path="in force.json")
     client = SimpleNamespace(state=lambda: SimpleNamespace(calibration=force))
-    view = SimpleNamespace(over=True, points_done=3, recording="run.mcap", continues="", plan=plan)
+    view = SimpleNamespace(
+        over=True, points_done=3, recorded=True, recording="run.mcap", continues="", plan=plan
+    )
     assert _then(client, view) == expected
+    view.recorded = False
+    assert _then(client, view) == ""
 
 
 @pytest.mark.parametrize("option", ["--wait-limit-s", "--retries"])
