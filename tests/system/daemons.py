@@ -235,10 +235,14 @@ def forgive(client, kept, error=None, limit_s=STALE_S, *, board_is_a_process=Fal
     if error is not None and (refused := re.match(r"it cannot be enabled: (\w+)", str(error))):
         cause = refused[1]
     where = os.environ.get("PYTEST_CURRENT_TEST", "").partition(" ")[0]
-    stalls.forgive(
-        where, cause or state.fault or state.state, kept, limit_s, state.loop.missed,
-        board_is_a_process=board_is_a_process,
-    )  # fmt: skip
+    try:
+        stalls.forgive(
+            where, cause or state.fault or state.state, kept, limit_s, state.loop.missed,
+            board_is_a_process=board_is_a_process,
+        )  # fmt: skip
+    except AssertionError as failure:
+        failure.add_note(f"{error or ''} {state}")
+        raise
 
 
 def wait_for(client, condition, what):
