@@ -28,7 +28,10 @@ def check(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check a bench file, probe each device and where recordings go; nothing is enabled or set."""
+    """Check a bench file, probe devices, endpoints and the folder of recordings.
+
+    Nothing is enabled or set.
+    """
     from motord.config import load
 
     bench = load(config)
@@ -36,7 +39,7 @@ def check(
     findings: list[Finding] = [
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
-    findings += [*probe_devices(bench), probe_recordings(bench)]
+    findings += [*probe_devices(bench), probe_endpoints(bench), probe_recordings(bench)]
     rights, host = _realtime(bench) if rt else ([], [])
     lines = [f"{f['what']}: {'ok, ' if f['ok'] else ''}{f['message']}" for f in findings]
     lines += [f"real time: {right['line']}" for right in rights]
@@ -64,6 +67,38 @@ def probe_devices(bench: "Config") -> list[Finding]:
             ]
     except RunDirError as error:
         return [{"what": "devices", "ok": False, "message": str(error)}]
+
+
+def probe_endpoints(bench: "Config") -> Finding:
+    """Listen where the daemon would, for a moment."""
+    listen = bench.zenoh.listen
+    refused = [f"{endpoint}: {why}" for endpoint in listen if (why := _cannot_listen(endpoint))]
+    message = "; ".join(refused) or ", ".join(listen)
+    return {"what": "endpoints", "ok": not refused, "message": message}
+
+
+def _cannot_listen(endpoint: str) -> str:
+    """Return why nobody can listen at a Zenoh endpoint, "" if one can."""
+    import errno
+    import os
+    import socket
+    from pathlib import Path
+
+    protocol, _, address = endpoint.partition("/")
+    if protocol == "unixsock-stream":
+        folder = Path(address).parent
+        if not folder.is_dir():
+            return f"no folder {folder}; make it first"
+        return "" if os.access(folder, os.W_OK) else f"{folder} may not be written"
+    host, _, port = address.rpartition(":")
+    family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
+    try:
+        socket.create_server((host.strip("[]"), int(port)), family=family).close()
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            return "in use: by a daemon that runs, or another program"
+        return error.strerror or str(error)
+    return ""
 
 
 def probe_recordings(bench: "Config") -> Finding:

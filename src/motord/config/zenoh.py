@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 from motord import DEFAULT_ENDPOINT
 from motord.config.base import Section
 
+PORT_MAX = 65_535
 _LOOPBACK = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
 _SOCKET = r"unixsock-stream/(?=.{2,100}$)(/[\w.@+-]+)+"
 _TLS = r"tls/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):\d{1,5}"
@@ -27,6 +28,10 @@ def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
             'Other machines come in by "tls/0.0.0.0:7448" besides, with certificates and roles: '
             "`motord security init` makes them"
         )
+    for endpoint in endpoints:
+        port = endpoint.rpartition(":")[2]
+        if port.isdecimal() and not 0 < int(port) <= PORT_MAX:
+            raise ValueError(f"{endpoint}: a port is a number from 1 to {PORT_MAX}")
     return endpoints
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import socket
 import threading
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from motord.cli.plan.settings import parse_settings
 from motord.client import ClientError, Commander, Subscription, connect
 from motord.schema import State, Trip
 from tests.contract.peers import until
+from tests.support.ports import free_port
 from tests.unit.service.live_service import endpoint, live_service
 
 WAIT_S = 20.0
@@ -461,14 +463,15 @@ def test_what_is_no_setting_is_refused(wrong):
 
 def test_check_names_what_is_wrong(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    result = CliRunner().invoke(app, ["check", "--rt", "--json"])
+    bench = str(bench_that_records_to(tmp_path / "runs"))
+    result = CliRunner().invoke(app, ["check", "--rt", "--json", "-c", bench])
     assert result.exit_code == 0, result.output
     report = json.loads(result.stdout)
     assert [f["what"] for f in report["findings"]] == [
-        "config", "inverter and bridge", "brake", "drive", "recordings",
+        "config", "inverter and bridge", "brake", "drive", "endpoints", "recordings",
     ]  # fmt: skip
     assert {"scheduler", "memory lock"} <= {item["name"] for item in report["realtime"]}
-    text = CliRunner().invoke(app, ["check", "--rt"]).stdout
+    text = CliRunner().invoke(app, ["check", "--rt", "-c", bench]).stdout
     assert "config: ok, bench sim" in text
     assert "real time: scheduler" in text
 
@@ -481,12 +484,36 @@ def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, monkeypatc
     assert "no.toml: cannot read it" in failed(missing)
 
 
-def bench_that_records_to(folder, free_min_MB=1):
+def bench_that_records_to(folder, free_min_MB=1, listen=None):
     text = config.packaged("sim.toml").read_text()
     text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
     path = folder.parent / "bench.toml"
-    path.write_text(f'{text}\n[recording]\ndirectory = "{folder}"\nfree_min_MB = {free_min_MB}\n')
+    text += f'\n[recording]\ndirectory = "{folder}"\nfree_min_MB = {free_min_MB}\n'
+    listen = listen or f"tcp/127.0.0.1:{free_port()}"
+    path.write_text(f'{text}\n[zenoh]\nlisten = ["{listen}"]\n')
     return path
+
+
+def test_check_says_whether_the_daemon_could_listen(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+    def check(listen):
+        bench = bench_that_records_to(tmp_path / "runs", listen=listen)
+        result = CliRunner().invoke(app, ["check", "-c", str(bench)])
+        return result.exit_code, result.output
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        code, said = check(endpoint)
+    assert code == 1
+    assert f"endpoints: {endpoint}: in use: by a daemon that runs" in said
+    code, said = check(endpoint)
+    assert (code, f"endpoints: ok, {endpoint}" in said) == (0, True)
+    code, said = check(f"unixsock-stream/{tmp_path}/none/bench.sock")
+    assert (code, f"no folder {tmp_path}/none; make it first" in said) == (1, True)
+    code, said = check("tcp/127.0.0.1:99999")
+    assert code == 1
+    assert "zenoh.listen: tcp/127.0.0.1:99999: a port is a number from 1 to 65535" in said
 
 
 def test_check_says_whether_recordings_can_be_written(tmp_path, monkeypatch):
