@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from motord.cli.bench.status import sensor_text
-from motord.cli.bench.wording import number
+from motord.cli.bench.wording import number, recording
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
@@ -60,7 +60,11 @@ def _is_there(state: "BenchState", target_Nm: float) -> bool:
 def _reached(state: "BenchState", target_Nm: float) -> str:
     assert state.tick is not None
     when = "reached" if _is_there(state, target_Nm) else f"now, {state.state}"
+    held_Hz, record = state.setpoint.speed_Hz, state.recording
+    aim = f" on its way to {held_Hz:g} Hz" if held_Hz is not None else ""
+    unrecorded = not record.recording and (record.error or record.obstacle)
     return (
-        f"{when}: torque {number(state.tick.torque_set_Nm)} Nm commanded, "
-        f"{sensor_text(state)}; speed {number(state.tick.speed_Hz)} Hz"
+        f"{when}: torque {number(state.tick.torque_set_Nm)} Nm commanded, {sensor_text(state)}; "
+        f"speed {number(state.tick.speed_Hz)} Hz{aim}"
+        + (f"; {recording(state)}" if unrecorded else "")
     )
