@@ -3,7 +3,7 @@
 import inspect
 import json
 import resource
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import Parameter, Signature
 from pathlib import Path
@@ -24,6 +24,7 @@ from motord.cli.console import (
     remark,
     single,
 )
+from motord.cli.output_files import bench_files, check_output_files
 from motord.cli.results.store_options import AnalysisStorage, Store
 
 if TYPE_CHECKING:
@@ -97,6 +98,7 @@ def _command(kind: "AnalysisKind") -> Callable[..., None]:
         options = {one.name: given[one.name] for one in own}
         if named:
             options["command"] = context.info_name
+        _check_output_files(analysis, context.command.params, given)
         (analyse_batch if of_each(given) else _run)(analysis, kind.name, options, given)
 
     keyword = Parameter.KEYWORD_ONLY
@@ -174,6 +176,21 @@ def _naming_recordings(paths: Sequence[Path], others: Iterable[object]) -> Itera
         if paths and not any(path.name in str(error) for path in files):
             error.args = (f"{listed([str(path) for path in paths], 3)}: {error}",)
         raise
+
+
+def _check_output_files(
+    analysis: "Analysis[Any]", parameters: Sequence[Any], given: Mapping[str, Any]
+) -> None:
+    """Refuse to write over what is read; only the bench file may be one that is edited."""
+    outputs = ("output", "report", *analysis.outputs)
+    options = {one.name: one.opts[0] for one in parameters}
+    written = {options[name]: given[name] for name in outputs}
+    others = [name for name in given if name not in (*outputs, "runs", "config", "store")]
+    read = [*(given["runs"] or ()), *(given[name] for name in others)]
+    read = [one for one in read if isinstance(one, Path)]
+    check_output_files(written, read)
+    unedited = {options[name]: given[name] for name in outputs if name not in analysis.edited}
+    check_output_files(unedited, bench_files(given["config"]))
 
 
 def _storage(

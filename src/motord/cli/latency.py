@@ -8,6 +8,7 @@ import typer
 from motord.cli.analysis_command import print_text
 from motord.cli.common_options import AsJson
 from motord.cli.console import fail, print_json, progress_bar
+from motord.cli.output_files import bench_files, check_output_files
 
 if TYPE_CHECKING:
     from motord.config import LoopConfig
@@ -49,6 +50,7 @@ def latency(
     from motord.loop.latency.measurement import MeasurementPlan
     from motord.loop.latency.report import report
 
+    check_output_files({"--plot": plot}, bench_files(config))
     if plot is not None and not plot.absolute().parent.is_dir():
         fail(f"{plot}: there is no folder {plot.absolute().parent}; make it first")
     limit_s = seconds if seconds is not None else DEFAULT_COMPARE_S if compare else DEFAULT_S

@@ -72,7 +72,8 @@ class Analysis(Generic[Result]):
     prints it; text: what the terminal shows. report: its page, by default made by `report` of the
     module `report` of the estimate's package. save: writes what `-o` asks for, by default the JSON,
     with `indent`. details: more of the command's help. outputs: options that
-    name files to write, which are no settings of the analysis.
+    name files to write, which are no settings of the analysis; edited: those of them whose file is
+    changed, which may be the bench file.
 
     Where the data depart from the model the result says so in its `findings`, a field or property.
     They are shown here for all: `to_json`, `page` and `lines` are what the three give, with them.
@@ -87,6 +88,7 @@ class Analysis(Generic[Result]):
     details: str = ""
     needs_recordings: bool = True
     outputs: tuple[str, ...] = ()
+    edited: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.report is None and find_spec(self._report_module) is None:

@@ -10,6 +10,7 @@ from motord.cli.calibration.in_force import load_in_force
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_json, remark
+from motord.cli.output_files import bench_files, check_output_files
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -74,6 +75,7 @@ def export(
         raise typer.BadParameter(f"unknown format {format_!r}; one of {', '.join(NAMES)}")
     if not isfinite(zero) or not isfinite(torque_constant or 0.0):
         raise typer.BadParameter("--zero and --torque-constant have to be finite")
+    check_output_files({"--output": output}, [file, *bench_files(config)])
     if output is not None and output.exists() and not force:
         fail(f"{output}: is there already; name another file, or say --force to write over it")
     drive_format = FORMATS[format_].resized(length, bits)

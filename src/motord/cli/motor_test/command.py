@@ -12,6 +12,7 @@ from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
 from motord.cli.motor_test.station import run_station
 from motord.cli.motor_test.testing import MotorTests
+from motord.cli.output_files import check_output_files
 from motord.cli.results.store_options import Store
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ def run_test(
     if more and not recordings:
         raise typer.BadParameter(f"{more[0]}: recordings come after --recordings")
     serial = check_serial(_recorded_serial(paths) if serial is None else serial)
+    check_output_files({"--certificate": certificate}, [motor_type, *paths])
     _require_folder(certificate.parent if certificate else Path())
     if certificate is not None and certificate.is_dir():
         fail(f"{certificate}: is a folder; name a file for the certificate")

@@ -88,4 +88,5 @@ ANALYSIS = Analysis(
     json=json_of("motord.align/1", "name", "serial", "pole_pairs", "counts"),
     text=_text,
     outputs=("write",),
+    edited=("write",),
 )
