@@ -1,8 +1,18 @@
 """What is missing of a recording, in numbers and as text."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+
+LINES_MAX = 12
+"""Losses that a list shows, each on a line of its own."""
+ON_A_LINE_MAX = 3
+"""Losses that are shown where there is one line for all."""
+REASONS_MAX = 2
+"""Reasons that are shown of a stretch of losses."""
+GAP_NS = 10_000_000
+"""What is lost on both sides of so short a time is one loss: ticks are as far apart."""
+_NEVER_NS = 1 << 64
 
 
 def utc(t_ns: int) -> str:
@@ -19,7 +29,8 @@ class Loss:
     """A part of the file that cannot be read: `size` bytes at byte `offset`, and why.
 
     `from_ns` and `to_ns` (Unix ns) are the last time before it and the first after it that could
-    be read, None where there is none. `messages` is false if only indexes are gone, no messages.
+    be read, None where there is none; of a chunk that is in the index, the times of its messages.
+    `messages` is false if only indexes are gone, no messages.
     """
 
     offset: int
@@ -31,9 +42,11 @@ class Loss:
 
     def __str__(self) -> str:
         where = f"{self.size} bytes from byte {self.offset} on: {self.reason}"
-        return f"{where}; {self._missing()}"
+        return f"{where}; {self.missing}"
 
-    def _missing(self) -> str:
+    @property
+    def missing(self) -> str:
+        """Which messages are missing, in words."""
         if not self.messages:
             return "no messages are missing"
         if self.from_ns is None and self.to_ns is None:
@@ -62,8 +75,58 @@ class Damage:
         times = [loss.from_ns for loss in self.losses if loss.messages]
         return times[0] if times else None
 
+    def lines(self, most: int = LINES_MAX) -> list[str]:
+        """Return it in words, a line for each stretch of time, in order; `most` and how many more.
+
+        What is lost of one stretch, as several topics may be, is one line.
+        """
+        stretches = list(_stretches(self.losses))
+        lines = [_words(stretch) for stretch in stretches[:most]]
+        if more := len(stretches) - len(lines):
+            lines.append(f"and {more} more, {self.bytes_lost} bytes in all")
+        return lines
+
     def __str__(self) -> str:
-        return "; ".join(map(str, self.losses))
+        return "; ".join(self.lines(ON_A_LINE_MAX))
+
+
+def _stretches(losses: Iterable[Loss]) -> Iterator[list[Loss]]:
+    """Yield the losses that follow each other in time; those of no messages by themselves, last."""
+    stretch: list[Loss] = []
+    end_ns = 0
+    for loss in sorted((one for one in losses if one.messages), key=_begin_ns):
+        if stretch and _begin_ns(loss) > end_ns + GAP_NS:
+            yield stretch
+            stretch = []
+        last_ns = _NEVER_NS if loss.to_ns is None else loss.to_ns
+        end_ns = max(end_ns, last_ns) if stretch else last_ns
+        stretch.append(loss)
+    if stretch:
+        yield stretch
+    yield from ([loss] for loss in losses if not loss.messages)
+
+
+def _begin_ns(loss: Loss) -> int:
+    return -1 if loss.from_ns is None else loss.from_ns
+
+
+def _words(stretch: Sequence[Loss]) -> str:
+    if len(stretch) == 1:
+        return str(stretch[0])
+    ends_ns = [loss.to_ns for loss in stretch if loss.to_ns is not None]
+    reasons = list(dict.fromkeys(loss.reason for loss in stretch))
+    more = [f"{len(reasons) - REASONS_MAX} other reasons"] if len(reasons) > REASONS_MAX else []
+    whole = Loss(
+        min(loss.offset for loss in stretch),
+        sum(loss.size for loss in stretch),
+        ", ".join(reasons[:REASONS_MAX] + more),
+        stretch[0].from_ns,
+        max(ends_ns) if len(ends_ns) == len(stretch) else None,
+    )
+    return (
+        f"{whole.size} bytes in {len(stretch)} parts from byte {whole.offset} on: "
+        f"{whole.reason}; {whole.missing}"
+    )
 
 
 def damage_of(losses: Iterable[Loss]) -> Damage | None:

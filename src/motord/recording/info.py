@@ -44,6 +44,7 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
         facts["recovered"] = recovered
     damage = run.damage
     facts["damage"] = str(damage) if damage else None
+    facts["losses"] = damage.lines() if damage else []
     return facts
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.console import group, print_result, remark
+from motord.cli.console import fail, group, print_result, remark
 from motord.cli.record.importing import import_recording
 
 app = group("Look into recordings, export them, import others.")
@@ -22,7 +22,11 @@ RunFile = Annotated[
 def info(
     run: RunFile,
     check: Annotated[
-        bool, typer.Option("--check", help="Read all of it, not only its index.")
+        bool,
+        typer.Option(
+            "--check",
+            help="Read all of it, not only its index; end with 1 if something is missing.",
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -32,6 +36,8 @@ def info(
 
     facts = describe(open_run(run), check=check)
     print_result(facts, "\n".join(_lines(facts)), as_json)
+    if check and facts["damage"]:
+        fail(f"{run}: is damaged; `motord record recover` writes a clean one of what is whole")
 
 
 @app.command()
@@ -58,7 +64,8 @@ def recover(
             "chunks": done.chunks,
             "damage": str(done.damage),
         }
-        text = f"{done.path}: {done.ticks} ticks in {done.chunks} chunks\n{done.damage}"
+        lost = done.damage.lines() if done.damage else []
+        text = "\n".join([f"{done.path}: {done.ticks} ticks in {done.chunks} chunks", *lost])
     print_result(result, text, as_json)
 
 
@@ -118,7 +125,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         "channels": _channels(facts["channels"]),
         "operating points": f"{len(points)}" if points else None,
         "recovered": _recovered(facts.get("recovered")),
-        "missing": facts["damage"] or "nothing",
+        "missing": f"\n{'':18}".join(facts["losses"]) or "nothing",
     }
     for name, value in shown.items():
         if value not in (None, "", {}):

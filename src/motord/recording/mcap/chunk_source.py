@@ -99,7 +99,8 @@ class ChunkSource:
                 chunk = decode(record, self.layouts)
             except ChunkError as error:
                 self._bad_chunks.add(entry.offset)
-                self._note(Loss(entry.offset, entry.size, str(error)))
+                times = (entry.start_ns, entry.end_ns) if self.structure.indexed else ()
+                self._note(Loss(entry.offset, entry.size, str(error), *times))
             except OSError as error:
                 raise RecordError(f"{self.path}: cannot read it: {error.strerror}") from error
             else:
@@ -148,11 +149,19 @@ class ChunkSource:
         self._losses[loss.offset, loss.reason] = loss
 
     def _between(self, loss: Loss) -> Loss:
-        """Return `loss` with the times of the good chunks around it."""
+        """Return `loss` with the times of the good chunks around it, where it has none.
+
+        Chunks overlap in time: the one after it may begin before that before it ends.
+        """
+        if loss.from_ns is not None or loss.to_ns is not None:
+            return loss
         good = [c for c in self.structure.chunks if c.offset not in self._bad_chunks]
         before = [c.end_ns for c in good if c.offset < loss.offset]
         after = [c.start_ns for c in good if c.offset >= loss.offset + loss.size]
-        return replace(loss, from_ns=max(before, default=None), to_ns=min(after, default=None))
+        from_ns, to_ns = max(before, default=None), min(after, default=None)
+        if from_ns is not None and to_ns is not None:
+            from_ns, to_ns = min(from_ns, to_ns), max(from_ns, to_ns)
+        return replace(loss, from_ns=from_ns, to_ns=to_ns)
 
     def _layouts(self) -> Iterator[tuple[int, MessageArray]]:
         """Yield the channels that have messages of fixed layout."""
