@@ -34,8 +34,8 @@ BatchProgress = Callable[[str, int, int], None]
 class BatchLine:
     """What became of a recording.
 
-    stored: name of the result's file in the store; content: the result; note: why it failed, or
-    was skipped.
+    stored: name of the result's file in the store; content: the result; note: why it failed or
+    was skipped, or what of a recording that was analysed is missing.
     """
 
     recording: Path
@@ -50,7 +50,8 @@ def analyse_each(
 ) -> Iterator[BatchLine]:
     """Yield the result of each recording, as it is done; nothing is kept. Raises BatchError."""
     for path, outcome in _analysed(paths, task, pool, progress):
-        yield _failed(path, outcome) or BatchLine(path, "done", content=outcome.content)
+        done = BatchLine(path, "done", outcome.missing, content=outcome.content)
+        yield _failed(path, outcome) or done
 
 
 def analyse_into_store(
@@ -156,7 +157,7 @@ def _entered(path: Path, analysis: LedgerEntry, outcome: Outcome, ledger: Ledger
             "a worker has other files than this computer for the options that name any"
         )
     name = ledger.store(analysis, outcome.to_store)
-    return BatchLine(path, "done", "", name, outcome.content)
+    return BatchLine(path, "done", outcome.missing, name, outcome.content)
 
 
 def _failed(path: Path, outcome: Outcome) -> BatchLine | None:

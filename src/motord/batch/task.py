@@ -14,6 +14,7 @@ from motord.batch.error import BatchError
 from motord.batch.stored import settings_to_store, stored_result
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
+from motord.experiments.damaged_recordings import naming_damage
 from motord.experiments.subject import Recordings
 from motord.process.one_thread import missing_limits
 from motord.results.parquet_file import ResultFile
@@ -47,13 +48,14 @@ class Outcome:
     """What came of a recording: a result, or a failure, which says why there is none.
 
     sha256: of the recording, where it was read; to_store: the result's file; settings: as they are
-    in there; lasting: it would fail again.
+    in there; missing: what the recording lacks, in words; lasting: it would fail again.
     """
 
     sha256: str = ""
     content: Mapping[str, Any] | None = None
     to_store: ResultFile | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+    missing: str = ""
     failure: str = ""
     lasting: bool = False
 
@@ -76,14 +78,17 @@ def _analyse_recording(task: BatchTask, path: Path) -> Outcome:
 def _analysed(task: BatchTask, path: Path) -> Outcome:
     analysis: Analysis[Any] = resolve_name(task.command)
     recordings = Recordings.open([path], task.config)
-    content = analysis.to_json(analysis.estimate(recordings, **task.options), recordings)
+    with naming_damage(recordings.runs):
+        content = analysis.to_json(analysis.estimate(recordings, **task.options), recordings)
+    [run] = recordings.runs
+    missing = f"missing: {run.damage}" if run.damage else ""
     if not task.to_store:
-        return Outcome(content=content)
+        return Outcome(content=content, missing=missing)
     settings = settings_to_store(task.settings)
     result = stored_result(task.experiment, settings, content, recordings)
     [(_, sha256)] = result.recordings
     printed = content if task.to_print else None
-    return Outcome(sha256, printed, ResultFile.of(result), result.settings)
+    return Outcome(sha256, printed, ResultFile.of(result), result.settings, missing)
 
 
 def _check_worker(task: BatchTask) -> None:

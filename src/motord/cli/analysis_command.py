@@ -131,6 +131,8 @@ def _run(
     analysis: "Analysis[Any]", kind: str, options: dict[str, Any], given: dict[str, Any]
 ) -> None:
     """Estimate, write what is asked for, print, store."""
+    from motord.experiments.damaged_recordings import naming_damage
+    from motord.experiments.given_once import check_given_once
     from motord.experiments.subject import Recordings
 
     paths, config = given["runs"] or [], given["config"]
@@ -140,8 +142,12 @@ def _run(
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     with phase_bars(silent=given["as_json"]) as progress:
         recordings = Recordings.open(paths, config, progress)
-        with _naming_recordings(paths, [config, *options.values()]):
+        check_given_once(paths)
+        others = [config, *options.values()]
+        with _naming_recordings(paths, others), naming_damage(recordings.runs):
             result = analysis.estimate(recordings, **options)
+    for missing in filter(None, (run.missing for run in recordings.runs)):
+        remark(missing)
     content = analysis.to_json(result, recordings)
     if output and analysis.save:
         analysis.save(result, output)

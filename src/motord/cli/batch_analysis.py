@@ -188,6 +188,7 @@ class _Report:
         self._tasks: dict[str, TaskID] = {}
         self._counts = {"done": 0, "skipped": 0, "failed": 0}
         self.failures: dict[int, str] = {}
+        self._missing: dict[int, str] = {}
 
     def progress(self, what: str, done: int, total: int) -> None:
         """Move the bar of what is done; begin one if there is none."""
@@ -201,13 +202,15 @@ class _Report:
         self._counts[line.state] += 1
         if line.state == "failed":
             self.failures[number] = f"motord: {line.recording}: {line.note}"
+        elif line.state == "done" and line.note:
+            self._missing[number] = f"{line.recording}: {line.note}"
         if self._lines is not None:
             shown = {"recording": str(line.recording), "state": line.state, "note": line.note}
             shown |= {"stored": line.stored, "result": line.content}
             self._lines.add(number, json.dumps(shown))
 
     def finish(self) -> None:
-        """Print counts and failures."""
+        """Print counts, what is missing, failures."""
         counts = {"recordings": len(self._numbers), **self._counts}
         if self._lines is not None:
             self._lines.finish()
@@ -217,5 +220,6 @@ class _Report:
             named = self._counts if not left else {**self._counts, "not analysed": left}
             line = ", ".join(f"{count} {name}" for name, count in named.items())
             print_line(f"{len(self._numbers)} recordings: {line}")
-        for number in sorted(self.failures):
-            remark(self.failures[number])
+        texts = self._missing | self.failures
+        for number in sorted(texts):
+            remark(texts[number])

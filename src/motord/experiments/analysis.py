@@ -100,8 +100,14 @@ class Analysis(Generic[Result]):
         return ".".join((*self.estimate.__module__.split(".")[:-1], "report"))
 
     def to_json(self, result: Result, recordings: "Recordings") -> dict[str, Any]:
-        """Return the result as JSON, with its findings."""
-        return {**self.json(result, recordings), "findings": encode(findings_of(result))}
+        """Return the result as JSON, with its findings, and what is missing of its recordings."""
+        damage = {run.path.name: str(run.damage) for run in recordings.runs if run.damage}
+        findings = {"findings": encode(findings_of(result))}
+        return {
+            **self.json(result, recordings),
+            **findings,
+            **({"damage": damage} if damage else {}),
+        }
 
     def page(self, result: Result, recordings: "Recordings") -> "Page":
         """Return the result's page, with its findings."""

@@ -118,6 +118,11 @@ class Run:
         """What is missing, as far as has been seen: all of it after `check()` or a full read."""
         return self.source.damage
 
+    @property
+    def missing(self) -> str:
+        """What `damage` says, as a line that names the file; "" if nothing is missing."""
+        return f"missing in {self.path}: {damage}" if (damage := self.damage) else ""
+
     def check(self) -> Damage | None:
         """Read everything once and return what is missing, None if nothing is."""
         for _ in self.source.read(self.source.chunks()):

@@ -1,11 +1,13 @@
 """The recordings that a verdict rests on: what they are of, their digests, their analyses."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+from motord.experiments.damaged_recordings import naming_damage
+from motord.experiments.given_once import check_given_once
 from motord.experiments.subject import (
     AnalysisError,
     PhaseProgress,
@@ -54,7 +56,8 @@ def analyse(
     runs = [open_run(path) for path in paths]
     for run in runs:
         _check_motor(run, motor_type, serial)
-    digests = list(_digests(paths))
+    check_given_once(paths)
+    digests = [file_digest(path) for path in paths]
     limited = {limit.analysis for limit in motor_type.limit}
     groups: dict[str, list[Run]] = {}
     for run in runs:
@@ -74,7 +77,8 @@ def _result(name: str, recordings: Recordings) -> Mapping[str, Any]:
     kind = analysis_of(name)
     assert kind is not None
     analysis: Analysis[Any] = resolve_name(kind.command)
-    return analysis.to_json(analysis.estimate(recordings), recordings)
+    with naming_damage(recordings.runs):
+        return analysis.to_json(analysis.estimate(recordings), recordings)
 
 
 def _check_motor(run: Run, motor_type: MotorType, serial: str) -> None:
@@ -99,20 +103,6 @@ def check_same_serial(where: str, known: str, serial: str) -> None:
     """Raise AnalysisError if a bench or a recording names the serial number of another motor."""
     if known not in ("", serial):
         raise AnalysisError(f"{where}: is of serial number {known!r}, not {serial!r}")
-
-
-def _digests(paths: Sequence[Path]) -> Iterator[str]:
-    """Yield the SHA-256 of each file. Raises AnalysisError if two have the same content."""
-    seen: dict[str, Path] = {}
-    for path in paths:
-        digest = file_digest(path)
-        if digest in seen:
-            raise AnalysisError(
-                f"{path}: is the same recording as {seen[digest]}; counted twice it would seem "
-                "more certain than it is"
-            )
-        seen[digest] = path
-        yield digest
 
 
 def _used(run: Run, digest: str) -> UsedRecording:

@@ -72,6 +72,8 @@ class MotorTests:
         path = certificate or Path()
         if path.is_dir():
             path /= certificate_name(self.motor_type, serial, stamp(time.time_ns()))
+        for used in (one for one in made.recordings if one.damage):
+            remark(f"missing in {used.path}: {used.damage}")
         made.page().write(path)
         return TestedMotor(made, path, _store(storages, results))
 

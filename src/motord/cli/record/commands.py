@@ -103,7 +103,7 @@ def export(
     result = {"file": str(path), "rows": rows, "damage": damage}
     print_result(result, f"{path}: {rows} rows", as_json)
     if damage and not as_json:
-        remark(f"missing in {run}: {damage}")
+        remark(source.missing)
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:

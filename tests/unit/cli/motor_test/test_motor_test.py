@@ -151,6 +151,15 @@ def test_the_same_recording_twice_is_refused(analysed):
     assert "b.mcap: is the same recording as a.mcap" in refused("--recordings", "a.mcap", "b.mcap")
 
 
+def test_what_is_missing_of_a_recording_is_said(analysed):
+    path = Path(record("a.mcap"))
+    path.write_bytes(path.read_bytes()[:-40])
+    result = run("--recordings", "a.mcap", "--certificate", "c.html")
+    [line] = result.stderr.splitlines()
+    assert line.startswith("missing in a.mcap: ")
+    assert line.removeprefix("missing in ") in Path("c.html").read_text()
+
+
 @pytest.mark.parametrize("serial", ["", " ", "a\nb", "1" * 121])
 def test_a_serial_number_that_is_none_is_refused(serial, analysed):
     path = record("a.mcap", serial="")

@@ -1,0 +1,92 @@
+"""What `motord analyse` says of recordings that are damaged, or given twice."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from motord.batch.task import BatchTask, analyse_recordings
+from motord.cli import app
+from motord.config import load
+from motord.recording.reader import open_run
+from tests.support.short_recordings import ShortRecording
+
+
+@pytest.fixture(scope="module")
+def recorded() -> ShortRecording:
+    return ShortRecording.of(load(), turns=5)
+
+
+@pytest.fixture
+def whole(recorded, tmp_path) -> Path:
+    return recorded.write(tmp_path / "whole.mcap")
+
+
+@pytest.fixture
+def cut(whole) -> Path:
+    """A recording without its index and its last byte of messages."""
+    chunk = open_run(whole).source.structure.chunks[-1]
+    path = whole.with_name("cut.mcap")
+    path.write_bytes(whole.read_bytes()[: chunk.offset + chunk.size + 9])
+    return path
+
+
+@pytest.fixture
+def riddled(whole) -> Path:
+    """A closed recording in which all chunks but the first and the last are damaged."""
+    content = bytearray(whole.read_bytes())
+    for chunk in open_run(whole).source.structure.chunks[1:-1]:
+        content[chunk.offset + chunk.size // 2] ^= 0xFF
+    path = whole.with_name("riddled.mcap")
+    path.write_bytes(content)
+    return path
+
+
+def analyse(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, ["analyse", "cogging", *map(str, arguments)])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_of_a_whole_recording_nothing_is_missing(whole):
+    result = analyse(whole, "--json")
+    assert result.stderr == ""
+    assert "damage" not in json.loads(result.stdout)
+
+
+def test_a_recording_that_is_cut_is_analysed_and_said_to_be(cut, tmp_path):
+    said = f"missing in {cut}: "
+    [line] = analyse(cut).stderr.splitlines()
+    assert line.startswith(said)
+    result = analyse(cut, "--json", "-o", tmp_path / "o.json")
+    assert result.stderr.startswith(said)
+    for text in (result.stdout, (tmp_path / "o.json").read_text()):
+        damage = json.loads(text)["damage"]
+        assert list(damage) == ["cut.mcap"]
+        assert "cut off" in damage["cut.mcap"]
+
+
+def test_an_error_says_first_that_the_recording_is_damaged(riddled):
+    [line] = analyse(riddled, code=1).stderr.splitlines()
+    assert line.startswith(f"motord: {riddled}: damaged, ")
+    assert f"`motord record info --check {riddled}`" in line
+    assert "says where): " in line
+
+
+def test_each_of_many_is_said_to_be_damaged(whole, cut, riddled, monkeypatch):
+    monkeypatch.setattr("motord.batch.task.missing_limits", lambda _: {})
+    task = BatchTask("cogging", {}, {}, to_store=False)
+    outcomes = analyse_recordings(task, [whole, cut, riddled]).results
+    assert [one.missing.partition(":")[0] for one in outcomes] == ["", "missing", ""]
+    assert outcomes[2].failure.startswith("damaged, ")
+
+
+@pytest.mark.parametrize("again", ["whole.mcap", "link.mcap", "copy.mcap"])
+def test_the_same_recording_twice_is_refused(whole, again, recorded, tmp_path):
+    (tmp_path / "link.mcap").symlink_to(whole)
+    shutil.copy(whole, tmp_path / "copy.mcap")
+    other = recorded.write(tmp_path / "other.mcap", 1)
+    line = analyse(whole, other, tmp_path / again, code=1).stderr
+    assert f"{tmp_path / again}: is the same recording as {whole}; counted twice" in line
