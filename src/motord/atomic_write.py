@@ -44,7 +44,7 @@ def _replace(path: Path, content: str | bytes, *, synced: bool) -> None:
                 file.flush()
                 os.fsync(file.fileno())
         temporary.replace(path)
-    except OSError:
+    except BaseException:  # an interrupt, too
         temporary.unlink(missing_ok=True)
         raise
 

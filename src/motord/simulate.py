@@ -1,14 +1,16 @@
 """A plan on the simulated rig in virtual time, recorded as the daemon would record it."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 
 from motord.calibration import Calibration
 from motord.config import Config, load, packaged
+from motord.recording.file_names import part_of, require_free
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
@@ -57,7 +59,7 @@ def record_plan(
     """Run `plan` and write ticks, truth, points and metadata to `path`.
 
     Each operating point is taken on a rig of its own, on all processors if there is a `pool`; but
-    those of a continuous plan.
+    those of a continuous plan. Of one that is interrupted there is no file.
     Raises PlanFailed, ConfigError where rig or faults do not fit the bench, RecordError, OSError.
     """
     config = source.config
@@ -70,13 +72,23 @@ def record_plan(
     rig_and_faults(config)  # what is wrong is found before a file is begun
     ticks = number = 0
     progress(0.0)
-    with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
+    with _nothing_if_interrupted(path), RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
         for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
             _write(writer, piece, config)
             ticks += piece.ticks.size
             progress(number / len(plan.points))
     progress(1.0)
     return Recorded(ticks / config.loop.rate_Hz, number)
+
+
+@contextmanager
+def _nothing_if_interrupted(path: Path) -> Iterator[None]:
+    require_free(path, part_of(path))
+    try:
+        yield
+    except KeyboardInterrupt:
+        part_of(path).unlink(missing_ok=True)
+        raise
 
 
 def _write(writer: RunWriter, piece: MeshPiece, config: Config) -> None:

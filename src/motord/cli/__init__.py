@@ -1,6 +1,7 @@
 """The command line. Modules here parse arguments and print; they import the rest when called."""
 
 import sys
+from contextlib import ExitStack
 from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -9,7 +10,7 @@ import typer
 
 from motord.cli.connection_options import with_connection
 from motord.cli.console import CommandGroup, lost_output, outlive_readers, remark, single
-from motord.process.interrupts import recover_lost_interrupts
+from motord.process.interrupts import ending_as_interrupts, recover_lost_interrupts
 from motord.process.module_command import shield_from_working_folder
 
 COMMANDS = {
@@ -47,6 +48,12 @@ COMMANDS = {
 }
 """Command to `module:object`; the object is a function or a typer app."""
 
+
+WRITE_FILES = ("analyse", "calibration", "demo", "record", "reproduce", "results", "simulate")
+"""Commands that SIGTERM and SIGHUP end as Ctrl-C does, so that no unfinished file stays behind.
+
+Those that move a bench, or go on until they are ended, have handlers of their own.
+"""
 
 INTERRUPTED_WHILE_READ = 130
 """What Typer ends with if it is interrupted while it reads the command line."""
@@ -99,19 +106,30 @@ def _root(
     """Real-time motor controller and data acquisition for a motor test bench."""
 
 
-def main() -> None:
-    """Run the command line: exit code 0 done, 1 failed, 2 wrong usage."""
-    shield_from_working_folder()
-    recover_lost_interrupts()
-    outlive_readers()
-    code: Any = 0
+def _exit_code() -> Any:
+    """Carry out the command line; return what it ends with."""
     try:
         app()
     except SystemExit as done:
-        code = done.code
-        if code == INTERRUPTED_WHILE_READ:
-            remark("motord: interrupted")
-            code = 1
+        if done.code != INTERRUPTED_WHILE_READ:
+            return done.code
+        remark("motord: interrupted")
+        return 1
+    return 0
+
+
+def main() -> None:
+    """Run the command line: exit code 0 done, 1 failed, 2 wrong usage, 128 + N by signal N."""
+    shield_from_working_folder()
+    recover_lost_interrupts()
+    outlive_readers()
+    came: list[int] = []
+    with ExitStack() as signals:
+        if sys.argv[1:] and sys.argv[1] in WRITE_FILES:
+            came = signals.enter_context(ending_as_interrupts())
+        code = _exit_code()
+    if came:
+        code = 128 + came[0]
     if lost := lost_output():
         remark(f"motord: cannot write the output: {lost}")
         code = code or 1

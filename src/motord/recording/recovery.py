@@ -51,7 +51,7 @@ def recover(path: Path, output: Path, go_on: Callable[[], bool] = lambda: True) 
         }
         output_file.metadata(METADATA_RECOVERED, to_strings(account))
         output_file.finish()
-    except RecordError:
+    except BaseException:  # an interrupt, too
         output_file.discard()
         raise
     finally:

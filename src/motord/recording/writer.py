@@ -55,7 +55,7 @@ class RunWriter:
         try:
             self.metadata(METADATA, {"format": FORMAT, **metadata})
             self._declare(topics.TICKS)
-        except RecordError:
+        except BaseException:  # an interrupt, too
             self._file.discard()
             raise
 

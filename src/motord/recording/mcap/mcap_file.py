@@ -83,7 +83,7 @@ class McapFile:
         self._descriptor = self._create()
         try:
             self._write(MAGIC + serialise([Header(profile="", library=_library())]))
-        except RecordError:
+        except BaseException:  # an interrupt, too
             self.discard()
             raise
 

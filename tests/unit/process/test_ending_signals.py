@@ -1,0 +1,83 @@
+"""SIGTERM and SIGHUP end commands that write files as Ctrl-C does: no unfinished file is left."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from motord.cli import COMMANDS, WRITE_FILES
+from motord.process.interrupts import ending_as_interrupts
+from motord.recording.file_names import part_of
+from tests.unit.recording.runs import write_run
+
+SIMULATE = "simulate calibrate --set torques_Nm=2 --set speeds_Hz=0.6 --set turns=200 -o new.mcap"
+
+
+def ended(folder: Path, command: str, part: str, number: int) -> tuple[int, str]:
+    """Return how a command ends that is sent a signal once a file is there, and what it says."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "motord", *command.split()],
+        cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    end_s = time.monotonic() + 60
+    while not (folder / part).exists() and time.monotonic() < end_s and process.poll() is None:
+        time.sleep(0.005)
+    process.send_signal(number)
+    said = process.communicate(timeout=60)[1]
+    return process.returncode, said
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_table_that_is_written_is_gone(tmp_path, number):
+    write_run(tmp_path / "run.mcap", 300_000)
+    command = "record export run.mcap -o new.csv"
+    assert ended(tmp_path, command, "new.csv.part", number) == (
+        128 + number,
+        "motord: interrupted\n",
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 1)])
+def test_a_simulated_recording_is_gone(tmp_path, number, code):
+    part = str(part_of(Path("new.mcap")))
+    assert ended(tmp_path, SIMULATE, part, number) == (code, "motord: interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_commands_that_write_files_are_commands():
+    assert set(WRITE_FILES) <= set(COMMANDS)
+    assert not {"run", "set", "plan", "watch", "queue", "learn", "test"} & set(WRITE_FILES)
+
+
+def test_the_first_signal_counts_and_later_ones_do_not_disturb_the_clearing_up():
+    before = signal.getsignal(signal.SIGTERM)
+    with ending_as_interrupts() as came:
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGHUP)
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert came == [signal.SIGHUP]
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_what_is_ignored_stays_so():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ending_as_interrupts() as came:
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert not came
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_process_that_was_forked_is_ended():
+    with ending_as_interrupts():
+        child = os.fork()
+        if child == 0:
+            os.kill(os.getpid(), signal.SIGTERM)
+            os._exit(0)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGTERM
