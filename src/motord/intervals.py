@@ -18,6 +18,20 @@ def t_quantile(probability: float, freedom: float) -> float:
     return float(stdtrit(max(freedom, 1.0), probability))
 
 
+def freedom_of(half_width: float, stderr: float) -> float | None:
+    """Return the degrees of freedom by which half of a 95 % interval is so many standard errors.
+
+    None for many: also of an interval that is narrower than that of a normal distribution.
+    """
+    if stderr == 0 or not half_width > coverage_factor() * stderr * (1 + 1e-9):
+        return None
+    if half_width >= coverage_factor(1.0) * stderr:
+        return 1.0
+    from scipy.special import stdtridf
+
+    return float(stdtridf((1 + LEVEL) / 2, half_width / stderr))
+
+
 def f_quantile(probability: float, numerator: float, denominator: float) -> float:
     """Return the quantile of the F distribution with these degrees of freedom."""
     from scipy.special import fdtri

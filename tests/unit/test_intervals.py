@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motord.identification.variance_components import VarianceComponents
-from motord.intervals import coverage_factor, plus_minus, t_quantile
+from motord.intervals import coverage_factor, freedom_of, plus_minus, t_quantile
 
 
 @pytest.mark.parametrize(
@@ -55,3 +55,18 @@ def test_freedom_of_a_sum_is_satterthwaites() -> None:
     assert both.along(np.array([3.0])) == pytest.approx((3 * both.stderr[0], both.freedom[0]))
     assert both.trace(np.eye(1)) == pytest.approx((2.5, both.freedom[0]))
     assert (both.of("three")[0, 0], both.of("eight")[0, 0]) == (0.5, 2.0)
+
+
+@pytest.mark.parametrize("freedom", [1.0, 2.0, 3.7, 60.0])
+def test_an_interval_and_its_error_say_their_freedom(freedom):
+    assert freedom_of(coverage_factor(freedom) * 0.2, 0.2) == pytest.approx(freedom)
+
+
+@pytest.mark.parametrize("half_width", [0.0, 1.0, 1.959963, float("nan")])
+def test_an_interval_that_is_no_wider_than_a_normal_one_has_many(half_width):
+    assert freedom_of(half_width, 1.0) is None
+
+
+def test_the_fewest_degrees_of_freedom_are_one():
+    assert freedom_of(1e9, 1.0) == 1.0
+    assert freedom_of(1.0, 0.0) is None

@@ -12,8 +12,9 @@ class FigureKind:
 
     Keys are those of the result, with dots between. rows: the list of objects that have one each,
     by default the result itself; by: keys that separate the rows. value: in the row; a list of
-    three is of phases a, b, c. stderr: its standard uncertainty, in the row; or low, high: the ends
-    of its 95 % interval. freedom: degrees of freedom of either, in the row or else in the result.
+    three is of phases a, b, c. stderr: its standard uncertainty, in the row; low, high: the ends of
+    its 95 % interval. freedom: degrees of freedom, in the row or else in the result; without it
+    stderr and the ends say them.
     budget: quantity of the result's uncertainty budget, whose Type B adds to the uncertainty, and
     whose Type A is the uncertainty if nothing else is named.
 
@@ -35,7 +36,9 @@ class FigureKind:
 
 
 def with_ends(name: str, summary: str, rows: str = "", by: tuple[str, ...] = ()) -> FigureKind:
-    """Return the kind of a figure `x_Nm` that has `x_low_Nm` and `x_high_Nm` in the same row."""
+    """Return the kind of a figure `x_Nm`; x_stderr_Nm, x_low_Nm, x_high_Nm are in the same row."""
     x, suffix = split_unit(name)
-    low, high = ("_".join(filter(None, (x, end, suffix))) for end in ("low", "high"))
-    return FigureKind(name, unit_of(name), summary, name, low=low, high=high, rows=rows, by=by)
+    stderr, low, high = (
+        "_".join(filter(None, (x, of, suffix))) for of in ("stderr", "low", "high")
+    )
+    return FigureKind(name, unit_of(name), summary, name, stderr, low, high, rows=rows, by=by)

@@ -7,12 +7,12 @@ Of so many differences some are large by chance: p-values are judged together, b
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import hypot, inf, isinf, nan
+from math import hypot, inf, isinf
 
 import numpy as np
-from scipy.special import stdtr, stdtridf
+from scipy.special import stdtr
 
-from motord.intervals import LEVEL, coverage_factor
+from motord.intervals import LEVEL, coverage_factor, freedom_of
 from motord.results.figures import ResultFigure
 from motord.results.phases import unwrapped, without_turns
 
@@ -32,6 +32,9 @@ class MeanFigure:
     freedom: float
     results: int
 
+
+FREEDOM_UNKNOWN = 2.0
+"""Degrees of freedom of an interval without a standard error: those of three repetitions."""
 
 Key = tuple[str, str, str]
 """Experiment, field and unit, which results have in common."""
@@ -113,13 +116,18 @@ def _judged(found: Sequence[Difference]) -> list[Difference]:
 
 
 def _uncertainty(one: ResultFigure) -> tuple[float | None, float]:
-    """Return standard uncertainty and degrees of freedom, by what the 95 % interval is of it."""
-    half = nan if one.low is None or one.high is None else (one.high - one.low) / 2
-    if one.stderr is None:
-        return (None, inf) if np.isnan(half) else (half / coverage_factor(), inf)
-    if not half > coverage_factor() * one.stderr * (1 + 1e-9) or one.stderr == 0:
+    """Return standard uncertainty and degrees of freedom, by what the 95 % interval is of it.
+
+    An interval alone, as results of earlier versions have it, is taken with the largest uncertainty
+    and the fewest degrees of freedom that it may have; of unequal sides the longer one counts.
+    """
+    if one.low is None or one.high is None:
         return one.stderr, inf
-    return one.stderr, float(stdtridf((1 + LEVEL) / 2, half / one.stderr))
+    if one.stderr is None:
+        return (one.high - one.low) / 2 / coverage_factor(), FREEDOM_UNKNOWN
+    longer = max(one.high - one.value, one.value - one.low)
+    freedom = freedom_of(longer, one.stderr)
+    return one.stderr, inf if freedom is None else freedom
 
 
 def _welch(parts: Sequence[tuple[float, float]]) -> float:

@@ -17,16 +17,20 @@ from typing import ClassVar, Literal
 import numpy as np
 from scipy.special import stdtr
 
-from motord.intervals import coverage_factor, t_quantile
+from motord.intervals import LEVEL, coverage_factor, t_quantile
 
 Decision = Literal["pass", "fail", "undecidable"]
+
+LEAST_RISK = (1 - LEVEL) / 2 * (1 - 1e-9)
+"""Risk that a 95 % interval keeps whatever its degrees of freedom are; smaller ones it does not."""
 
 
 @dataclass(frozen=True)
 class Figure:
     """A measured figure; doubt: why nothing can be decided about it, "" if nothing is against it.
 
-    degrees_of_freedom: of the standard uncertainty, None for many.
+    degrees_of_freedom: of the standard uncertainty, None for many. freedom_known: False where the
+    uncertainty is from a 95 % interval of unknown degrees of freedom, taken as many.
     """
 
     name: str
@@ -36,6 +40,7 @@ class Figure:
     degrees_of_freedom: float | None = None
     doubt: str = ""
     analysis: str = ""
+    freedom_known: bool = True
 
     @property
     def label(self) -> str:
@@ -110,6 +115,9 @@ def decide(figure: Figure, tolerance: Tolerance, risk: float) -> FigureVerdict:
         return FigureVerdict(figure, tolerance, "undecidable", None, None, reason)
     if u is None or not (isfinite(u) and u > 0):
         reason = figure.doubt or "its uncertainty is not stated"
+        return FigureVerdict(figure, tolerance, "undecidable", None, None, reason)
+    if not figure.freedom_known and risk < LEAST_RISK:
+        reason = figure.doubt or "the degrees of freedom of its interval are not stated"
         return FigureVerdict(figure, tolerance, "undecidable", None, None, reason)
     freedom = figure.degrees_of_freedom
     beyond = nonconformance_probabilities(value, u, freedom, tolerance)

@@ -6,7 +6,7 @@ from math import hypot, inf, isclose, isfinite
 from typing import Any
 
 from motord.config.figures import FigureKind
-from motord.intervals import coverage_factor
+from motord.intervals import coverage_factor, freedom_of
 from motord.uncertainty_budget import Contribution, totals
 from motord.verdict.decision import Figure
 
@@ -83,8 +83,8 @@ def _figure(
     kind: FigureKind, key: Mapping[str, Any], row: Mapping[str, Any], result: Mapping[str, Any]
 ) -> Figure:
     """Return the figure of a row; freedom of Type A and Type B together: Welch-Satterthwaite."""
-    value, freedom = _number(row[kind.value]), _number(row[kind.freedom])
-    type_a, type_b = _type_a(kind, row, freedom), 0.0
+    value, type_b = _number(row[kind.value]), 0.0
+    type_a, freedom, known = _type_a(kind, row)
     name = _name(kind.name, key)
     if kind.budget:
         budget = [Contribution.model_validate(one) for one in result.get("budget", ())]
@@ -97,16 +97,24 @@ def _figure(
         return Figure(name, kind.unit, value, None, None, "its uncertainty is not stated")
     whole = hypot(type_a, type_b)
     wide = None if freedom is None else max(freedom, 1.0) * (whole / type_a) ** 4
-    return Figure(name, kind.unit, value, whole, wide)
+    return Figure(name, kind.unit, value, whole, wide, freedom_known=known)
 
 
-def _type_a(kind: FigureKind, row: Mapping[str, Any], freedom: float | None) -> float | None:
-    if kind.stderr:
-        return _number(row[kind.stderr])
-    low, high = (_number(row.get(end)) for end in (kind.low, kind.high))
-    if low is None or high is None:
-        return None
-    return (high - low) / 2 / coverage_factor(freedom)
+def _type_a(kind: FigureKind, row: Mapping[str, Any]) -> tuple[float | None, float | None, bool]:
+    """Return the standard error, its degrees of freedom, None for many, and if these are known.
+
+    Of an interval that is not symmetric the longer side counts.
+    """
+    parts = (kind.value, kind.stderr, kind.low, kind.high, kind.freedom)
+    value, stderr, low, high, freedom = (_number(row.get(key)) for key in parts)
+    if low is None or high is None or value is None:
+        return stderr, freedom, True
+    if stderr is None:
+        return (high - low) / 2 / coverage_factor(freedom), freedom, freedom is not None
+    if freedom is None:
+        half = max(high - value, value - low)
+        return max(stderr, half / coverage_factor(1.0)), freedom_of(half, stderr), True
+    return stderr, freedom, True
 
 
 def _of_budget(total: Contribution, kind: FigureKind, key: Mapping[str, Any]) -> float:
@@ -132,8 +140,8 @@ def _combined(kind: FigureKind, name: str, figures: Sequence[Figure]) -> Figure:
     if len(values) < len(figures) or len(each) < len(figures):
         return Figure(name, kind.unit, None, None, None, "an uncertainty is not stated")
     fewest = min(inf if (f := one.degrees_of_freedom) is None else f for one in figures)
-    freedom = None if fewest == inf else fewest
+    freedom, known = None if fewest == inf else fewest, all(one.freedom_known for one in figures)
+    n, value, u = len(figures), max(values) - min(values), sum(each[-2:])
     if kind.combine == "mean":
-        n = len(figures)
-        return Figure(name, kind.unit, sum(values) / n, sum(each) / n, freedom)
-    return Figure(name, kind.unit, max(values) - min(values), sum(each[-2:]), freedom)
+        value, u = sum(values) / n, sum(each) / n
+    return Figure(name, kind.unit, value, u, freedom, freedom_known=known)

@@ -65,6 +65,24 @@ def test_an_interval_alone_gives_the_uncertainty():
     assert found.uncertainty == pytest.approx(1 / 1.959964, rel=1e-5)
 
 
+def test_an_interval_alone_may_be_of_few_repetitions():
+    """As stored results of friction have it, from before: each of them of three coast-downs."""
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for _ in range(1000):
+        a, b = (
+            [
+                ResultFigure("coulomb_Nm", "Nm", value, None, value - half, value + half)
+                for value, half in [
+                    (rng.normal(), coverage_factor(2) * (rng.chisquare(2) / 2) ** 0.5)
+                ]
+            ]
+            for _ in range(2)
+        )
+        alarms += only(a, b).changed
+    assert alarms <= 50
+
+
 def test_without_uncertainty_nothing_is_judged():
     one = only([ResultFigure("x", "", 1.0)], [measured(5.0, 0.1)])
     assert (one.difference, one.half_width, one.p_value, one.changed) == (4.0, None, None, False)

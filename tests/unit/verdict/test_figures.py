@@ -18,7 +18,9 @@ from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.thermal.result import ThermalConstants, TimeConstant
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.identification.point_ripple import PointRipple
+from motord.intervals import coverage_factor, t_quantile
 from motord.uncertainty_budget import Contribution
+from motord.verdict.decision import Tolerance, decide
 from motord.verdict.figures import figures_of
 from tests.unit.verdict.made_up import calibration
 
@@ -63,7 +65,8 @@ def test_all_that_is_announced_is_in_the_results():
             assert not figure.freedom or figure.freedom.split(".")[0] in known, figure
             assert figure.by in ((), ("phase",)) or set(figure.by) <= keys(row)
             assert not figure.budget or figure.budget in Contribution.model_fields
-            assert bool(figure.stderr) + bool(figure.low) + bool(figure.high) in (0, 1, 2)
+            assert bool(figure.low) == bool(figure.high)
+            assert not figure.low or figure.stderr  # without it nothing says the freedom
 
 
 def test_type_a_and_b_together_and_their_freedom():
@@ -133,6 +136,46 @@ def test_an_interval_is_as_good_as_an_error():
     [one] = of("friction", "coulomb_Nm", result, direction="backwards")
     assert one.standard_uncertainty == pytest.approx(0.01 / 1.959964, rel=1e-6)
     assert one.expanded_uncertainty == pytest.approx(0.01)
+
+
+def coulomb(half_Nm, stderr_Nm=None):
+    row = {"direction": "forwards", "coulomb_Nm": 0.0, "coulomb_stderr_Nm": stderr_Nm}
+    row |= {"coulomb_low_Nm": -half_Nm, "coulomb_high_Nm": half_Nm}
+    return of("friction", "coulomb_Nm", {"directions": [row], "findings": []})[0]
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 5, 9])
+@pytest.mark.parametrize("risk", [0.1, 0.025, 0.01, 0.001])
+def test_an_interval_with_its_error_keeps_any_risk(freedom, risk):
+    one = coulomb(coverage_factor(freedom) * 0.01, 0.01)
+    assert one.standard_uncertainty == pytest.approx(0.01)
+    assert one.degrees_of_freedom == pytest.approx(freedom)
+    limit = t_quantile(1 - risk, freedom) * 0.01
+    assert decide(one, Tolerance(None, 1.001 * limit), risk).decision == "pass"
+    assert decide(one, Tolerance(None, 0.999 * limit), risk).decision == "undecidable"
+
+
+def test_an_interval_that_is_narrower_than_a_normal_one_has_many_degrees_of_freedom():
+    one = coulomb(1.65 * 0.01, 0.01)
+    assert (one.standard_uncertainty, one.degrees_of_freedom) == (0.01, None)
+
+
+def test_of_an_interval_that_is_not_symmetric_the_longer_side_counts():
+    row = {"resistance_K_per_W": 1.0, "resistance_stderr_K_per_W": 0.1}
+    row |= {"resistance_low_K_per_W": 0.8, "resistance_high_K_per_W": 1 + 0.1 * coverage_factor(7)}
+    [one] = of("thermal", "resistance_K_per_W", row)
+    assert one.degrees_of_freedom == pytest.approx(7)
+
+
+def test_an_interval_alone_decides_nothing_at_a_risk_that_it_may_not_keep():
+    """Of three coast-downs at a risk of 0.1 %, 1 % of motors at their limit would pass."""
+    one = coulomb(0.01)
+    assert decide(one, Tolerance(None, 1.0), 0.025).decision == "pass"
+    found = decide(one, Tolerance(None, 1.0), 0.001)
+    assert (found.decision, found.reason) == (
+        "undecidable",
+        "the degrees of freedom of its interval are not stated",
+    )
 
 
 def test_a_serious_finding_is_a_doubt_about_every_figure_and_a_warning_is_not():

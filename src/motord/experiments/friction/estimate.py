@@ -71,12 +71,17 @@ def _direction(
         fit = group.with_stribeck(speeds, at_rad_s, scale)
     quantile = _quantile(group, 0.975)
     value = fit.solution * inertia.kg_m2
-    half = quantile * np.sqrt(np.diag(fit.covariance)) * inertia.kg_m2
-    whole = np.hypot(half, coverage_factor() * inertia.relative_uncertainty * value)
+    stderr = np.sqrt(np.diag(fit.covariance)) * inertia.kg_m2
+    half = quantile * stderr
+    of_inertia = inertia.relative_uncertainty * value
+    whole = np.hypot(half, coverage_factor() * of_inertia)
+    combined = np.hypot(stderr, of_inertia)
     if at_rad_s:
         stribeck = Stribeck(
             *_interval(float(value[-2]), float(whole[-2])),
             *_interval(at_rad_s, float(half[-1] / inertia.kg_m2)),
+            float(combined[-2]),
+            float(stderr[-1] / inertia.kg_m2),
         )
     lines = np.hypot(*value[2 : 2 + 2 * group.orders.size].reshape(-1, 2).T)
     coulomb, viscous = (_interval(float(value[i]), float(whole[i])) for i in (0, 1))
@@ -98,6 +103,8 @@ def _direction(
         residual_rad=float(np.sqrt(np.mean(fit.rest**2))),
         curve=_curve(fit, at_rad_s, (low, high), quantile, inertia, coasts[0].direction),
         fits=_coast_fits(group, fit, speeds),
+        coulomb_stderr_Nm=float(combined[0]),
+        viscous_stderr_Nm_s_per_rad=float(combined[1]),
     )
 
 

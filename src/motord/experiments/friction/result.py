@@ -40,6 +40,8 @@ class Stribeck:
     speed_rad_s: float
     speed_low_rad_s: float
     speed_high_rad_s: float
+    torque_stderr_Nm: float | None = None
+    speed_stderr_rad_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,14 @@ class DirectionalFriction:
 
     stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed.
     *_fit_*: the half width from the coast-downs alone, without the inertia's uncertainty, which
-    scales both directions alike.
+    scales both directions alike. *_stderr_*: combined standard uncertainty, with the inertia's.
     """
 
     JSON = (
         "direction", "coast_downs", "speed_min_rad_s", "speed_max_rad_s",
-        "coulomb_Nm", "coulomb_low_Nm", "coulomb_high_Nm",
-        "viscous_Nm_s_per_rad", "viscous_low_Nm_s_per_rad", "viscous_high_Nm_s_per_rad",
+        "coulomb_Nm", "coulomb_stderr_Nm", "coulomb_low_Nm", "coulomb_high_Nm",
+        "viscous_Nm_s_per_rad", "viscous_stderr_Nm_s_per_rad", "viscous_low_Nm_s_per_rad",
+        "viscous_high_Nm_s_per_rad",
         "coulomb_fit_Nm", "viscous_fit_Nm_s_per_rad",
         "stribeck", "stribeck_limit_Nm", "cogging", "residual_rad",
     )  # fmt: skip
@@ -95,6 +98,8 @@ class DirectionalFriction:
     residual_rad: float
     curve: tuple[CurvePoint, ...]
     fits: tuple[CoastFit, ...]
+    coulomb_stderr_Nm: float | None = None
+    viscous_stderr_Nm_s_per_rad: float | None = None
 
     @property
     def parts(self) -> dict[str, str]:

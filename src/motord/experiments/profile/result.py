@@ -83,9 +83,10 @@ class Cycle:
 
 @dataclass(frozen=True)
 class CycleMean:
-    """A mean over the cycles with its 95 % interval; None: not known from one cycle."""
+    """A mean over the cycles, its standard error and 95 % interval; None: not of one cycle."""
 
     value: float
+    stderr: float | None
     low: float | None
     high: float | None
 
@@ -101,14 +102,17 @@ class ProfileTracking:
 
     JSON: ClassVar = (
         "file", "sha256", "speed_tolerance_Hz", "torque_tolerance_Nm",
-        "speed_rms_Hz=speed_rms_Hz.value", "speed_rms_low_Hz=speed_rms_Hz.low",
-        "speed_rms_high_Hz=speed_rms_Hz.high", "torque_rms_Nm=torque_rms_Nm.value",
+        "speed_rms_Hz=speed_rms_Hz.value", "speed_rms_stderr_Hz=speed_rms_Hz.stderr",
+        "speed_rms_low_Hz=speed_rms_Hz.low", "speed_rms_high_Hz=speed_rms_Hz.high",
+        "torque_rms_Nm=torque_rms_Nm.value", "torque_rms_stderr_Nm=torque_rms_Nm.stderr",
         "torque_rms_low_Nm=torque_rms_Nm.low", "torque_rms_high_Nm=torque_rms_Nm.high",
-        "energy_J=energy_J.value", "energy_low_J=energy_J.low", "energy_high_J=energy_J.high",
-        "power_mean_W=power_mean_W.value", "power_mean_low_W=power_mean_W.low",
+        "energy_J=energy_J.value", "energy_stderr_J=energy_J.stderr", "energy_low_J=energy_J.low",
+        "energy_high_J=energy_J.high", "power_mean_W=power_mean_W.value",
+        "power_mean_stderr_W=power_mean_W.stderr", "power_mean_low_W=power_mean_W.low",
         "power_mean_high_W=power_mean_W.high", "torque_mean_Nm=torque_mean_Nm.value",
-        "torque_mean_low_Nm=torque_mean_Nm.low", "torque_mean_high_Nm=torque_mean_Nm.high",
-        "speed_mean_Hz=speed_mean_Hz.value", "speed_mean_low_Hz=speed_mean_Hz.low",
+        "torque_mean_stderr_Nm=torque_mean_Nm.stderr", "torque_mean_low_Nm=torque_mean_Nm.low",
+        "torque_mean_high_Nm=torque_mean_Nm.high", "speed_mean_Hz=speed_mean_Hz.value",
+        "speed_mean_stderr_Hz=speed_mean_Hz.stderr", "speed_mean_low_Hz=speed_mean_Hz.low",
         "speed_mean_high_Hz=speed_mean_Hz.high", "speed_max_Hz", "torque_max_Nm",
         "speed_within_percent", "torque_within_percent", "cycles", "notes",
     )  # fmt: skip
@@ -213,10 +217,13 @@ def _mean(values: list[float], relative: float | None = 0.0) -> CycleMean:
 
     What repeats from cycle to cycle does not show in their scatter: without it there is none.
     """
-    mean, half = float(np.mean(values)), coverage_factor() * (relative or 0.0)
-    half *= abs(mean)
+    mean = float(np.mean(values))
+    stderr = (relative or 0.0) * abs(mean)
+    half = coverage_factor() * stderr
     if len(values) > 1:
         scatter = float(np.std(values, ddof=1)) / sqrt(len(values))
+        stderr = hypot(stderr, scatter)
         half = hypot(half, coverage_factor(len(values) - 1) * scatter)
-    known = relative is not None and half > 0.0
-    return CycleMean(mean, mean - half, mean + half) if known else CycleMean(mean, None, None)
+    if relative is None or half == 0.0:
+        return CycleMean(mean, None, None, None)
+    return CycleMean(mean, stderr, mean - half, mean + half)

@@ -24,6 +24,7 @@ EXPERIMENT = Experiment(
                     "unit of the figure an hour",
                     "trend of a figure over the repetitions",
                     value="value",
+                    stderr="stderr",
                     low="low",
                     high="high",
                     rows="trends",

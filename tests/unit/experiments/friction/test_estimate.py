@@ -9,7 +9,7 @@ from motord.experiments.analysis import encode
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.identification import IdentifyError
-from motord.intervals import coverage_factor
+from motord.intervals import coverage_factor, freedom_of
 from tests.campaigns.friction import ROTORS, coverage, recordings, trial
 from tests.unit.experiments.friction.coasting import INERTIA, Rotor, coast_downs, friction
 
@@ -110,6 +110,20 @@ def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
     half = doubled.coulomb_high_Nm - doubled.coulomb_Nm
     expected = np.hypot(2 * exact.coulomb_fit_Nm, coverage_factor() * 0.02 * doubled.coulomb_Nm)
     assert half == pytest.approx(expected)
+    stderr = np.hypot(2 * exact.coulomb_stderr_Nm, 0.02 * doubled.coulomb_Nm)
+    assert doubled.coulomb_stderr_Nm == pytest.approx(stderr)
+
+
+def test_standard_errors_have_one_degree_of_freedom_less_than_there_are_coast_downs() -> None:
+    one = friction(coast_downs(np.random.default_rng(6), Rotor(), 4)).directions[0]
+    for half, stderr in (
+        (one.coulomb_high_Nm - one.coulomb_Nm, one.coulomb_stderr_Nm),
+        (
+            one.viscous_high_Nm_s_per_rad - one.viscous_Nm_s_per_rad,
+            one.viscous_stderr_Nm_s_per_rad,
+        ),
+    ):
+        assert freedom_of(half, stderr) == pytest.approx(3)
 
 
 def test_few_coast_downs_of_one_direction_are_findings() -> None:
