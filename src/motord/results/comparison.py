@@ -1,7 +1,10 @@
 """Two sets of results compared: differences, their combined uncertainty, and which are no chance.
 
     u(A - B)^2 = u(A)^2 + u(B)^2,   degrees of freedom by Welch and Satterthwaite (JCGM 100, G.4)
+    u(A)^2 = max(mean(u_i^2), s^2 / n)   of the mean of n results with scatter s
 
+What the results state may be an error that they have in common, such as the gain of the bench's
+torque sensor: only their scatter is divided by their number. The two sides count as independent.
 Of so many differences some are large by chance: p-values are judged together, by Holm (1979).
 """
 
@@ -71,8 +74,8 @@ def compare(
 def mean_of(results: Sequence[ResultFigure]) -> MeanFigure:
     """Return the mean of results of one field (one at least), n of them.
 
-    Its uncertainty is the larger one of what the results state (those that state none are taken to
-    be like the others) and of what their scatter shows.
+    Its uncertainty is the larger one of what a result states in the (quadratic) mean (those that
+    state none are taken to be like the others) and of what their scatter shows of their mean.
     """
     values = unwrapped(results)
     n = len(values)
@@ -80,7 +83,7 @@ def mean_of(results: Sequence[ResultFigure]) -> MeanFigure:
     known = [(u, freedom) for u, freedom in each if u is not None]
     stated, freedom = None, inf
     if known:
-        stated = float(np.sqrt(np.mean([u**2 for u, _ in known]) / n))
+        stated = float(np.sqrt(np.mean([u**2 for u, _ in known])))
         freedom = _welch(known)
     if n > 1:
         scatter = float(np.std(values, ddof=1) / np.sqrt(n))

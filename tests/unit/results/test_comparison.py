@@ -51,12 +51,12 @@ def test_several_results_are_averaged_and_their_scatter_counts():
     assert (found.value, found.results, found.freedom) == (2.0, 3, 2)
     assert found.uncertainty == pytest.approx(1 / np.sqrt(3))
     close = mean_of([measured(2.0, 0.3), measured(2.001, 0.4)])
-    assert close.uncertainty == pytest.approx(0.25)
+    assert close.uncertainty == pytest.approx(0.25 * np.sqrt(2))
 
 
 def test_results_without_an_error_are_taken_to_be_like_the_others():
     found = mean_of([measured(1.0, 0.3, 5), ResultFigure("alpha.a", "", 1.0)])
-    assert found.uncertainty == pytest.approx(0.3 / np.sqrt(2))
+    assert found.uncertainty == pytest.approx(0.3)
     assert found.freedom == pytest.approx(5)
 
 
@@ -69,18 +69,57 @@ def test_an_interval_alone_may_be_of_few_repetitions():
     """As stored results of friction have it, from before: each of them of three coast-downs."""
     rng = np.random.default_rng(3)
     alarms = 0
-    for _ in range(1000):
+    for _ in range(200):
         a, b = (
-            [
-                ResultFigure("coulomb_Nm", "Nm", value, None, value - half, value + half)
-                for value, half in [
-                    (rng.normal(), coverage_factor(2) * (rng.chisquare(2) / 2) ** 0.5)
+            {
+                ("friction", f"x{n}", "Nm"): [
+                    ResultFigure(f"x{n}", "Nm", value, None, value - half, value + half)
                 ]
-            ]
-            for _ in range(2)
+                for n, (value, half) in enumerate(zip(values, halves, strict=True))
+            }
+            for values, halves in zip(
+                rng.normal(size=(2, 40)),
+                coverage_factor(2) * np.sqrt(rng.chisquare(2, (2, 40)) / 2),
+                strict=True,
+            )
         )
-        alarms += only(a, b).changed
-    assert alarms <= 50
+        alarms += any(one.changed for one in compare(a, b))
+    assert alarms <= 10  # 5 %
+
+
+SHARES_IN_COMMON = (0.0, 0.5, 1.0)
+"""Of the stated variance, what all results of a side have in common: nothing, half, all."""
+
+
+def alarms(rng, number, in_common, trials=600, change=0.0, unstated=0.0):
+    """Return the share of comparisons of so many results a side, u = 1, that say `changed`."""
+    found = 0
+    for _ in range(trials):
+        a, b = (
+            rng.normal(mean, in_common**0.5)
+            + rng.normal(0, (1 - in_common + unstated) ** 0.5, number)
+            for mean in (0.0, change)
+        )
+        found += only([measured(x, 1.0) for x in a], [measured(x, 1.0) for x in b]).changed
+    return found / trials
+
+
+@pytest.mark.parametrize("in_common", SHARES_IN_COMMON)
+@pytest.mark.parametrize("number", [1, 4, 16])
+def test_an_error_that_results_have_in_common_does_not_average_out(number, in_common):
+    assert alarms(np.random.default_rng(7), number, in_common) <= 0.075
+
+
+@pytest.mark.parametrize("in_common", SHARES_IN_COMMON)
+@pytest.mark.parametrize("number", [1, 4, 16])
+def test_a_change_of_several_uncertainties_is_found(number, in_common):
+    assert alarms(np.random.default_rng(8), number, in_common, 200, change=6.0) >= 0.95
+
+
+def test_results_that_scatter_more_than_they_state_are_averaged():
+    rng = np.random.default_rng(9)
+    assert alarms(rng, 16, 0.0, 600, unstated=99.0) <= 0.075
+    assert alarms(rng, 16, 0.0, 100, unstated=99.0, change=15.0) >= 0.95
 
 
 def test_without_uncertainty_nothing_is_judged():

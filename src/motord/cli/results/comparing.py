@@ -30,8 +30,8 @@ def compare(
     """Compare two motors, recordings or versions: differences B - A with combined uncertainty.
 
     Of each recording the newest version's result counts, unless versions are compared; of several
-    results the mean. A difference counts as a change if chance makes any so large in 5 % of such
-    comparisons.
+    results the mean, whose stated uncertainty is that of one: it may be an error in common. A
+    difference counts as a change if chance makes any so large in 5 % of such comparisons.
     """
     from motord.results.comparison import compare as differences
     from motord.results.selection import either, newest, rows_of
@@ -75,6 +75,11 @@ def _print(found: "list[Difference]", every: bool) -> None:
     ]  # fmt: skip
     for line in aligned(columns, rows):
         print_line(line)
+    if any(max(one.a.results, one.b.results) > 1 for one in known):
+        print_line(
+            "means of several results: the uncertainty that they state counts as common to a side "
+            "and is not divided by their number, their scatter is"
+        )
     changed = sum(one.changed for one in found)
     more = len(found) - len(known)
     print_line(
