@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from motord.findings import Finding
-from motord.intervals import coverage_factor
+from motord.intervals import coverage_factor, plus_minus
 
 Direction = Literal["forwards", "backwards"]
 
@@ -104,22 +104,25 @@ class DirectionalFriction:
     @property
     def parts(self) -> dict[str, str]:
         """Value and half of the interval of each part, by its name and unit; "" for no part."""
-        coulomb_mNm = 1e3 * (self.coulomb_high_Nm - self.coulomb_Nm)
-        viscous = 1e3 * (self.viscous_high_Nm_s_per_rad - self.viscous_Nm_s_per_rad)
+        coulomb, viscous = self.coulomb_Nm, self.viscous_Nm_s_per_rad
         if s := self.stribeck:
-            stribeck = f"{1e3 * s.torque_Nm:.3f} +- {1e3 * (s.high_Nm - s.torque_Nm):.3f}"
-            speed = f"{s.speed_rad_s:.3g} +- {s.speed_high_rad_s - s.speed_rad_s:.2g}"
+            stribeck = _in_thousandths(s.torque_Nm, s.high_Nm)
+            speed = plus_minus(s.speed_rad_s, s.speed_high_rad_s - s.speed_rad_s)
         else:
             stribeck, speed = f"not seen: at most {1e3 * (self.stribeck_limit_Nm or 0.0):.2g}", ""
         return {
-            "Coulomb (mNm)": f"{1e3 * self.coulomb_Nm:.3f} +- {coulomb_mNm:.3f}",
-            "viscous (mNm s/rad)": f"{1e3 * self.viscous_Nm_s_per_rad:.4f} +- {viscous:.4f}",
+            "Coulomb (mNm)": _in_thousandths(coulomb, self.coulomb_high_Nm),
+            "viscous (mNm s/rad)": _in_thousandths(viscous, self.viscous_high_Nm_s_per_rad),
             "Stribeck (mNm)": stribeck,
             "Stribeck speed (rad/s)": speed,
             "speeds seen (rad/s)": f"{self.speed_min_rad_s:.3g} to {self.speed_max_rad_s:.3g}",
             "coast-downs": str(self.coast_downs),
-            "RMS residual (mrad)": f"{1e3 * self.residual_rad:.3f}",
+            "RMS residual (mrad)": f"{1e3 * self.residual_rad:.3g}",
         }
+
+
+def _in_thousandths(value: float, high: float) -> str:
+    return plus_minus(1e3 * value, 1e3 * (high - value))
 
 
 @dataclass(frozen=True)

@@ -77,8 +77,8 @@ def _fill_budget(page: Page, found: EfficiencyMap) -> None:
             [
                 one.source,
                 one.type,
-                f"{one.loss_W:.3f}",
-                "-" if one.efficiency_percent is None else f"{one.efficiency_percent:.3f}",
+                f"{one.loss_W:.2g}",
+                "-" if one.efficiency_percent is None else f"{one.efficiency_percent:.2g}",
             ]
             for one in best.budget
         ],

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 from motord.experiments.torque_speed.uncertainty import ErrorSum
 from motord.findings import Finding
+from motord.intervals import plus_minus
 from motord.recording.plan_columns import PlanValue
 
 Mode = Literal["motoring", "generating", "braking"]
@@ -31,7 +32,7 @@ class PowerEstimate:
         """Return value and half of the interval, "" if it is not defined."""
         if self.value is None or self.high is None:
             return ""
-        return f"{self.value:.2f} +- {self.high - self.value:.2f}"
+        return plus_minus(self.value, self.high - self.value)
 
 
 UNDEFINED = PowerEstimate(None)

@@ -154,6 +154,19 @@ def test_the_json_has_units_and_no_samples() -> None:
     assert set(content["curve"][0]) == {"speed_rad_s", "torque_Nm", "low_Nm", "high_Nm"}
 
 
+def test_a_small_motor_has_the_digits_of_its_intervals() -> None:
+    coasts = coast_downs(np.random.default_rng(9), Rotor(), 6)
+    exact, small = (
+        friction(coasts, replace(INERTIA, kg_m2=share * INERTIA.kg_m2)).directions[0]
+        for share in (1.0, 1e-4)
+    )
+    for name in ("Coulomb (mNm)", "viscous (mNm s/rad)"):
+        value, half = (float(part) for part in small.parts[name].split(" +- "))
+        larger, wider = (1e-4 * float(part) for part in exact.parts[name].split(" +- "))
+        assert value == pytest.approx(larger, abs=0.1 * wider)
+        assert half == pytest.approx(wider, rel=0.1)
+
+
 def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:
     coasts = coast_downs(np.random.default_rng(10), Rotor(), 2)
     with pytest.raises(IdentifyError, match="2 good coast-downs forwards: 3 are needed at least"):

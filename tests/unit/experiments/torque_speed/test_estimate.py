@@ -10,7 +10,7 @@ from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.findings import ACCURACIES, findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
-from motord.experiments.torque_speed.result import OperatingPower
+from motord.experiments.torque_speed.result import OperatingPower, PowerEstimate
 from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.experiments.torque_speed.uncertainty import (
     ErrorSum,
@@ -34,6 +34,18 @@ def found(
     return operating_power(
         machine.torque_Nm, machine.speed_Hz, machine.turns(rng), series, accuracy, 8
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "text"),
+    [
+        (0.001, 0.0002, "0.00100 +- 0.00020"),
+        (12.142, 0.342, "12.14 +- 0.34"),
+        (1234.56, 250.0, "1235 +- 250"),
+    ],
+)
+def test_a_power_has_the_digits_of_its_interval(value: float, half: float, text: str) -> None:
+    assert PowerEstimate(value, half / 2, value - half, value + half).text() == text
 
 
 @pytest.mark.parametrize("means", [True, False])
