@@ -115,7 +115,8 @@ class _ModbusDevice(DeviceConfig):
     poll_s: Positive = 0.05
     """Time between two readings."""
     stale_after_s: Annotated[float, Field(gt=0, le=SLOW_SILENCE_MAX_S)] = 1.0
-    """Without an answer for so long torque goes to zero and a plan is aborted."""
+    """Without an answer for so long torque goes to zero, an external drive stops, and a plan is
+    aborted."""
 
     @model_validator(mode="after")
     def _silence_outlasts_a_lost_answer(self) -> "_ModbusDevice":
@@ -145,7 +146,7 @@ class BrakeConfig(_ModbusDevice):
     excitation_time_constant_s: NonNegative = 0.2
     """Time constant of its current source and coil."""
     temperature_max_C: Finite = 150.0
-    """A hotter disc takes the torque to zero; one 10 K hotter trips."""
+    """A hotter disc takes the torque to zero and stops an external drive; one 10 K hotter trips."""
 
     @property
     def trip_temperature_C(self) -> float:
