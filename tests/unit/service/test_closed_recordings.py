@@ -25,7 +25,7 @@ class Link:
 
 
 class Closing:
-    """A plan's recording; `ended` ends the plan 1 s later, `report` reports 1 s after that."""
+    """A plan's recording, and what the recorder reports of it."""
 
     def __init__(self, folder, **recording):
         bench = config.load().model_copy(
@@ -48,7 +48,8 @@ class Closing:
         return self.control.unrecorded()
 
     def ended(self):
-        self.control.plan_over(VIEW)
+        self.control.plan_closing(VIEW)
+        self.at(1.0)
         return self
 
 
@@ -73,20 +74,34 @@ def test_a_file_that_could_not_be_written_to_its_end_is_said(tmp_path, how):
     assert closing.at(2.0, recording=how == "leftovers", file=file, **content) == FULL
 
 
-def test_a_recording_that_had_ended_before_or_never_began_is_said_at_once(tmp_path):
+def test_a_recording_that_had_ended_before_is_said_at_once(tmp_path):
     closing = Closing(tmp_path)
     closing.at(0.5, recording=False, file=closing.file, error=FULL)
     closing.recorder.error = FULL
     assert closing.ended().at(1.0) == FULL
-    never = Closing(tmp_path)
-    never.recorder.report = NO_REPORT
-    assert never.ended().at(1.0) == "it has not begun"
+
+
+def test_a_recorder_that_has_died_has_a_successor_that_goes_on(tmp_path):
+    closing = Closing(tmp_path)
+    closing.recorder.report = NO_REPORT
+    assert closing.ended().at(1.0) is None
+    assert closing.recorder.task is not None
+    assert closing.at(2.0, recording=True, file=closing.file) is None
+    assert closing.recorder.task is None
+    assert closing.at(3.0, recording=False, file=closing.file) == ""
+
+
+def test_a_recorder_without_a_successor_has_recorded_nothing(tmp_path):
+    closing = Closing(tmp_path)
+    closing.recorder.report = NO_REPORT
+    assert closing.ended().at(closing.limit_s) is None
+    assert closing.at(closing.limit_s + 0.1) == "the recorder does not record"
 
 
 def test_a_disk_that_does_not_answer_is_no_recording(tmp_path):
     closing = Closing(tmp_path).ended()
-    assert closing.at(closing.limit_s) is None
-    assert "does the disk answer?" in closing.at(closing.limit_s + 0.1)
+    assert closing.at(closing.limit_s + 1.0) is None
+    assert "does the disk answer?" in closing.at(closing.limit_s + 1.1)
 
 
 def test_nothing_is_asked_of_a_recording_that_is_not_required(tmp_path):

@@ -49,6 +49,9 @@ class RecordedSink:
         if len(self.over) < len(self.started):
             self.over.append(view)
 
+    def plan_closing(self, view):
+        self.plan_over(view)
+
     def unrecorded(self):
         return self.missing
 

@@ -151,7 +151,7 @@ class Resumption:
     def plan_closing(self, view: PlanView) -> None:
         """Everything of the plan has been done: its recording ends."""
         self._recording.plan_progress(view)
-        self._recording.plan_over(view)
+        self._recording.plan_closing(view)
 
     def unrecorded(self) -> str | None:
         """Return why a plan that is closing is not recorded in full, "" if it is, None: not yet."""

@@ -10,8 +10,9 @@ ring reaches. A plan whose ticks have been in the ring alone for too long is end
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from motord.schema import TICK_DTYPE, State
 from motord.sequencing import Plan
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
+from motord.service.recording.closing import ClosingRecording
 from motord.service.recording.session import RecorderSession, RecordingTask
 from motord.service.recording.state_log import Destination, NamedState, StateLog
 from motord.service.recording.timing_log import TimingLog
@@ -35,14 +37,6 @@ RING_PART = 0.5
 """Part of `[loop] ring_s` for which the ring alone may hold the ticks of a plan, or the recorder,
 which reports twice a second, may be silent."""
 NO_TICKS = np.empty(0, TICK_DTYPE)
-
-
-class _ClosingRecording(NamedTuple):
-    """The recording of a plan that is over: its name, since when, and what failed before."""
-
-    name: str
-    since_ns: int
-    failed: str
 
 
 class RecordingControl:
@@ -77,7 +71,7 @@ class RecordingControl:
         self._now_ns = self._recorded_ns = self._powered_ns = 0
         self._plan = False
         self._plan_progress: tuple[object, ...] = ()
-        self._closing: _ClosingRecording | None = None
+        self._closing: ClosingRecording | None = None
         self._enabled = self._loop_up = False
         self.recorder = RecorderSession(children, events, unix_ns)
         self._timing = TimingLog(timing, self.recorder.event)
@@ -169,7 +163,7 @@ class RecordingControl:
             "run_id": view.run_id,
             **({"continues": view.continues} if view.continues else {}),
         }
-        self._plan_progress = ()
+        self._plan_progress, self._closing = (), None
         self._plan, self._recorded_ns = True, self._now_ns
         first_tick = self._ticks_before(self._newest_tick, BEFORE_S)
         return self._begin(f"-{plan.name}", described, notes, first_tick, view.serial)
@@ -195,10 +189,7 @@ class RecordingControl:
         """End the recording of a plan, once; if the bench is still powered, another begins."""
         if not self._plan:
             return
-        self._plan, recorder = False, self.recorder
-        failed = "" if recorder.recording_task else recorder.error or "it has not begun"
-        name = recorder.task.stem.name if recorder.task is not None else ""
-        self._closing = _ClosingRecording(name, self._now_ns, failed)
+        self._plan = False
         auto = self._config.recording.auto
         if self._loop_up and auto and (auto == "always" or self._enabled or self._driven()):
             self._powered_ns = self._now_ns
@@ -206,28 +197,18 @@ class RecordingControl:
         else:
             self.end(f"plan {view.plan} {view.state}")
 
-    def unrecorded(self) -> str | None:
-        """Return what is wrong with the recording of the plan that is over: "" for nothing.
+    def plan_closing(self, view: PlanView) -> None:
+        """End the recording of a plan that is done; `unrecorded` says what becomes of it."""
+        if not self._config.recording.required:
+            self.plan_over(view)
+            return
+        end = partial(self.plan_over, view)
+        limit_s = self._unrecorded_max_s
+        self._closing = ClosingRecording(self.recorder, limit_s, self._now_ns, end)
 
-        None until it is known: the recorder says so when it has closed the file.
-        """
-        closing, recorder = self._closing, self.recorder
-        if closing is None or not self._config.recording.required:
-            return ""
-        if closing.failed:
-            return closing.failed
-        report, file = recorder.report, Path(recorder.report.file).name
-        for path, outcome in report.leftovers.items():
-            if Path(path).name.startswith(closing.name):
-                return outcome
-        if recorder.up and recorder.reported_ns > closing.since_ns:
-            its_own = file.startswith(closing.name)
-            if not (its_own and report.recording):
-                return report.error if its_own else ""
-        waited_s = (self._now_ns - closing.since_ns) / 1e9
-        if waited_s > self._unrecorded_max_s:
-            return f"the recorder has not closed it within {waited_s:.1f} s: does the disk answer?"
-        return None
+    def unrecorded(self) -> str | None:
+        """Return what is wrong with a recording that closes, "" for nothing; None: not known."""
+        return self._closing.unrecorded(self._now_ns) if self._closing is not None else ""
 
     def _log_state(self, now_ns: int) -> None:
         if self._state is None:
