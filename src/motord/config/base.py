@@ -6,6 +6,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, ValidationError
 
+from motord.config.complaints import wrong_things
+
 LARGEST, SMALLEST = 1e12, 1e-12
 """Of any quantity, in its unit: products and quotients of two, and single precision, hold them."""
 
@@ -64,12 +66,7 @@ class ConfigError(Exception):
 
 def what_is_wrong(error: ValidationError) -> Iterator[str]:
     """Yield each thing that is wrong as `place: message`, or as a message if it is of the whole."""
-    for item in error.errors(include_url=False, include_input=False):
-        place = ".".join(map(str, item["loc"]))
-        message = item["msg"].removeprefix("Value error, ")
-        if item["type"] == "extra_forbidden":
-            message = "is not known"
-        yield f"{place}: {message}" if place else message
+    return wrong_things(error)
 
 
 _SCALARS = ("bool", "float", "int", "str")

@@ -5,12 +5,13 @@ from collections import Counter
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from motord.config.base import ConfigError, Section, what_is_wrong
 from motord.config.bench import Config
+from motord.config.complaints import Place, complaints, dotted, is_type, message
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
 from motord.untrusted import parse_toml, read_text
@@ -128,56 +129,62 @@ def _resolve_files(path: Path, data: dict[str, Any]) -> None:
 
 def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:
     lines = []
-    for item in error.errors(include_url=False):
+    for item in complaints(error):
         keys = _keys(item["loc"], whole=item["type"] == "extra_forbidden")
         where = f"{path}:{_line_of(text, keys)}" if _line_of(text, keys) else str(path)
-        what = item["msg"].removeprefix("Value error, ")
+        what = message(item)
         if item["type"] == "extra_forbidden":
-            what = "unknown key" + _suggestion(model, keys)
+            what = "unknown key" + _suggestion(model, item["loc"])
         elif item["type"] == "missing":
             what = "missing"
         elif item["type"] in ("tuple_type", "list_type"):
             table = isinstance(item["input"], dict)
-            what = f"takes a list, {f'[[{_dotted(keys)}]]' if table else '[...]'}"
+            what = f"takes a list, {f'[[{dotted(keys)}]]' if table else '[...]'}"
         elif item["type"] in ("model_type", "model_attributes_type", "dict_type"):
-            what = f"is a table, [{_dotted(keys)}]"
+            what = (
+                f"is a table, {f'[{dotted(keys)}]' if keys and not keys[-1].isdigit() else '{...}'}"
+            )
         if item["type"] not in ("extra_forbidden", "missing") and not isinstance(
             item.get("input"), dict | list
         ):
             what = f"{what[0].lower()}{what[1:]}, got {item['input']!r}"
-        lines.append(f"{where}: {_dotted(keys)}: {what}" if keys else f"{where}: {what}")
+        lines.append(f"{where}: {dotted(keys)}: {what}" if keys else f"{where}: {what}")
     return "; ".join(dict.fromkeys(lines))
 
 
-def _keys(loc: tuple[int | str, ...], *, whole: bool) -> list[str]:
+def _keys(place: Place, *, whole: bool) -> list[str]:
     """Return the keys of a place in a file: pydantic's own names of types are left out.
 
     whole: the last part is as written in the file, whatever it looks like.
     """
-    parts = [str(part) for part in loc]
-    kept = [part for part in parts if not part[:1].isupper() and part != "[key]"]
-    return [*kept, parts[-1]] if whole and parts and parts[-1] not in kept[-1:] else kept
+    kept = [str(part) for part in place if not is_type(part)]
+    last = str(place[-1]) if place else ""
+    return [*kept, last] if whole and last and last not in kept[-1:] else kept
 
 
-def _dotted(keys: list[str]) -> str:
-    dotted = ""
-    for key in keys:
-        dotted += f"[{key}]" if key.isdigit() else f".{key}" if dotted else key
-    return dotted
+def _suggestion(model: type[BaseModel], place: Place) -> str:
+    """Return the key that is meant by the last part of a place, or all that its table knows."""
+    tables: list[type[BaseModel]] = [model]
+    for part in place[:-1]:
+        if is_type(part):
+            named = [one for one in tables if one.__name__ in str(part)]
+            tables = named or [one for one in tables if one.__name__.startswith(str(part))]
+        elif isinstance(part, str):
+            field = tables[0].model_fields.get(part) if len(tables) == 1 else None
+            tables = [] if field is None else list(_tables(field.annotation))
+    if len(tables) != 1:
+        return ""
+    known = list(tables[0].model_fields)
+    near = difflib.get_close_matches(str(place[-1]), known, 1, 0.5)
+    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
 
 
-def _suggestion(model: type[BaseModel], keys: list[str]) -> str:
-    known: type[BaseModel] = model
-    for key in (key for key in keys[:-1] if not key.isdigit()):
-        field = known.model_fields.get(key)
-        kind = field.annotation if field is not None else None
-        if get_origin(kind) is tuple:
-            kind = get_args(kind)[0]
-        if not isinstance(kind, type) or not issubclass(kind, BaseModel):
-            return ""
-        known = kind if kind is not PlansConfig else plans_model()
-    near = difflib.get_close_matches(keys[-1], list(known.model_fields), 1, 0.5)
-    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known.model_fields)}"
+def _tables(kind: Any) -> Iterator[type[BaseModel]]:
+    """Yield the tables that a value of this type may be, or be a list of."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield kind if kind is not PlansConfig else plans_model()
+    for part in get_args(kind):
+        yield from _tables(part)
 
 
 def _line_of(text: str, keys: list[str]) -> int:

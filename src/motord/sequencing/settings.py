@@ -6,7 +6,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import ValidationError
 
 from motord.config import Config, Section
-from motord.config.base import what_is_wrong
+from motord.config.complaints import wrong_setting
 from motord.schema import Compensate
 
 Settings = TypeVar("Settings", bound=Section)
@@ -27,8 +27,8 @@ def chosen(
     try:
         return section.model_validate({**own.model_dump(), **given})
     except ValidationError as error:
-        wrong, known = next(what_is_wrong(error)), ", ".join([*section.model_fields, *others])
-        raise PlanError(f"{name}: setting {wrong}; settings are: {known}") from None
+        known = [*section.model_fields, *others]
+        raise PlanError(f"{name}: {wrong_setting(error, known)}") from None
 
 
 Compensation = Literal["off", "on", "calibration", "currents", "cogging"]

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from motord.config.base import Finite, Section, what_is_wrong
+from motord.config.base import Finite, Section
+from motord.config.complaints import wrong_setting
 from motord.config.experiments import AnalysisKind, analysis_kinds, plan_kinds
 from motord.config.figures import FigureKind
 from motord.config.reading import read_toml, validate
@@ -36,9 +37,8 @@ class PlanToRun(Section):
         try:
             type(own).model_validate({**own.model_dump(), **self.settings})
         except ValidationError as error:
-            known = ", ".join(type(own).model_fields)
-            wrong = next(what_is_wrong(error))
-            raise ValueError(f"{self.name}: setting {wrong}; settings are: {known}") from None
+            wrong = wrong_setting(error, [*type(own).model_fields])
+            raise ValueError(f"{self.name}: {wrong}") from None
         return self
 
 
