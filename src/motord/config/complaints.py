@@ -40,7 +40,8 @@ def message(item: ErrorDetails) -> str:
         bound = item["ctx"]["min_length" if item["type"] == "too_short" else "max_length"]
         which = "at least" if item["type"] == "too_short" else "at most"
         values = "one value" if bound == 1 else f"{bound} values"
-        return f"takes {which} {values}, got {item['ctx']['actual_length'] or 'none'}"
+        found = item["ctx"]["actual_length"]  # None: pydantic ends counting
+        return f"takes {which} {values}, got {'more' if found is None else found or 'none'}"
     return item["msg"].removeprefix("Value error, ")
 
 
