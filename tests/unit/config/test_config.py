@@ -305,6 +305,7 @@ def test_back_emf_from_a_table_file(tmp_path: Path) -> None:
     for content, expected in (
         ("[]", "not a back-EMF table: it has no k_V_s_per_rad"),
         ("{}", "not a back-EMF table: it has no k_V_s_per_rad"),
+        ('{"k_V_s_per_rad": []}', "k_V_s_per_rad: takes at least one value, got none"),
         ('{"k_V_s_per_rad": [[1, 2, "x"]]}', r"k_V_s_per_rad\[0\]\[2\]: Input should be a valid"),
         (json.dumps({"k_V_s_per_rad": [[0, 1, 1]] * 4096}), "a phase that is zero"),
     ):

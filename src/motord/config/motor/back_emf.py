@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from motord.config.base import ConfigError, Finite, Section
+from motord.config.complaints import complaints, message
 from motord.untrusted import parse_json, read_text
 
 
@@ -50,10 +51,10 @@ def read_back_emf_table(path: Path) -> BackEmfTable:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the back-EMF table: {error.strerror}") from error
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        first = complaints(error)[0]
         where = "".join(f"[{part}]" for part in first["loc"][1:])
         raise ConfigError(
-            f"{path}: not a back-EMF table: k_V_s_per_rad{where}: {first['msg']}"
+            f"{path}: not a back-EMF table: k_V_s_per_rad{where}: {message(first)}"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigError(
