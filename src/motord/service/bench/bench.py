@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from motord.api.messages import Health, SetpointView
+from motord.api.messages import SetpointView
 from motord.api.queue_messages import QueueView
 from motord.config import Config
 from motord.schema import Request, State, joined
@@ -18,7 +18,7 @@ from motord.service.bench.channels import ChannelMonitor
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
 from motord.service.bench.manual_control import WATCHED, ManualControl
-from motord.service.bench.slow_devices import SlowDevice
+from motord.service.bench.slow_devices import DeviceHealth, SlowDevice
 from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
@@ -35,8 +35,6 @@ STALLED_NS = 1_000_000_000
 LOOP_STARTS = "the loop is not up yet"
 SUSPENDED_NS = 500_000_000
 """A supervisor that did not run for this long stops the external drive."""
-REPORT_AGAIN_NS = 1_000_000_000
-"""Least time between two reports of a device that fails now and then."""
 
 
 class Bench:
@@ -76,7 +74,7 @@ class Bench:
         self._pending: list[np.ndarray] = []
         self._updated_ns = 0
         self._state = State.OFF
-        self._reported: dict[str, tuple[Health, int]] = dict.fromkeys(devices, ("ok", 0))
+        self._health = DeviceHealth(devices, config.brake.temperature_max_C, events)
         self.device_fault = ""
         """Why no torque may be set now, or nothing."""
         self.drive_fault = ""
@@ -198,33 +196,11 @@ class Bench:
             self.command_lost(f"the lease of {lost} ran out")
 
     def _watch_devices(self, now_ns: int) -> None:
-        """Take torque and drive away while a device that is used is stale, or the brake too hot."""
-        fault = idle_drive = ""
-        for name, device in self.devices.items():
-            view, (health, reported_ns) = device.view(now_ns), self._reported[name]
-            if view.health != health:
-                soon = now_ns - reported_ns < REPORT_AGAIN_NS
-                if view.health == "stale" or not soon:
-                    what = "answers again" if view.health == "ok" else view.error
-                    self.events.emit(
-                        "device", f"{name} {view.health}: {what}", device=name, health=view.health
-                    )
-                    self._reported[name] = view.health, now_ns
-            if view.health == "stale":
-                stale = f"{name} has not answered for {view.age_s} s: {view.error}"
-                if name == "brake" or self.setpoint.drive_Hz != 0.0:
-                    fault = fault or stale
-                else:
-                    idle_drive = stale
-            hottest_C = self.config.brake.temperature_max_C
-            if name == "brake" and view.value is not None and view.value > hottest_C:
-                fault = fault or (
-                    f"the brake is at {view.value:.0f} degC, above [brake] "
-                    f"temperature_max_C = {hottest_C:g}"
-                )
+        """Take torque and drive away for as long as a device that is used has a fault."""
+        fault, idle = self._health.look(now_ns, drive_turns=self.setpoint.drive_Hz != 0.0)
         if fault:  # at every step: what was still to come when it began may have come since
             self._drop_power(fault)
-        self.device_fault, self.drive_fault = fault, fault or idle_drive
+        self.device_fault, self.drive_fault = fault, fault or idle
 
     def _watch_channels(self, now_ns: int) -> None:
         self.channels.step(now_ns)

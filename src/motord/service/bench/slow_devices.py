@@ -9,14 +9,17 @@ A device that stops answering is `failing` at once, and `stale` after its `stale
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from motord.api.messages import DeviceView, Health
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
+from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
 
 JOIN_S = 5.0
+REPORT_AGAIN_NS = 1_000_000_000
+"""Least time between two reports of a device that fails now and then."""
 UNORDERED = "not written: the supervisor has given no order in time"
 
 
@@ -127,6 +130,51 @@ class SlowDevice:
             error=error,
             age_s=round(age_ns / 1e9, 3),
         )
+
+
+class DeviceHealth:
+    """Follows the slow devices by name ("brake", "drive"). Times are monotonic ns."""
+
+    def __init__(
+        self, devices: Mapping[str, SlowDevice], brake_max_C: float, events: EventLog
+    ) -> None:
+        self._devices = devices
+        self._brake_max_C = brake_max_C
+        self._events = events
+        self._reported: dict[str, tuple[Health, int]] = dict.fromkeys(devices, ("ok", 0))
+
+    def look(self, now_ns: int, *, drive_turns: bool) -> tuple[str, str]:
+        """Report changes; return why there may be no power, and why a drive at rest may not turn.
+
+        Both "" for nothing. A drive that is stale matters to the torque only while it turns.
+        """
+        fault = idle = ""
+        for name, device in self._devices.items():
+            view = device.view(now_ns)
+            self._report(name, view, now_ns)
+            if view.health == "stale":
+                stale = f"{name} has not answered for {view.age_s} s: {view.error}"
+                if name == "brake" or drive_turns:
+                    fault = fault or stale
+                else:
+                    idle = stale
+            if name == "brake" and view.value is not None and view.value > self._brake_max_C:
+                fault = fault or (
+                    f"the brake is at {view.value:.0f} degC, above [brake] "
+                    f"temperature_max_C = {self._brake_max_C:g}"
+                )
+        return fault, idle
+
+    def _report(self, name: str, view: DeviceView, now_ns: int) -> None:
+        """Make an event of another health, but soon after the last one only if it is stale."""
+        health, reported_ns = self._reported[name]
+        if view.health == health:
+            return
+        if view.health == "stale" or now_ns - reported_ns >= REPORT_AGAIN_NS:
+            what = "answers again" if view.health == "ok" else view.error
+            message = f"{name} {view.health}: {what}"
+            self._events.emit("device", message, device=name, health=view.health)
+            self._reported[name] = view.health, now_ns
 
 
 class DeviceThreads:
