@@ -43,6 +43,7 @@ SOURCES = (
     "power reading, gain",
     "power, zero",
     "power reading, resolution",
+    "ripple of the bus voltage",
 )
 
 
@@ -80,6 +81,7 @@ class PowerBlocks:
     readings: int
     sampling_W: float
     rounding_W: float
+    ripple_W: float
     in_step: float
 
     @classmethod
@@ -116,6 +118,7 @@ class PowerBlocks:
             readings=int(np.count_nonzero((inside.t_s >= edges_s[0]) & (inside.t_s < edges_s[-1]))),
             sampling_W=sampling_error_W(turns, inside, edges_s),
             rounding_W=inside.rounding_W,
+            ripple_W=inside.ripple_W,
             in_step=0.0 if series.means else turns.in_step(inside.t_s, pole_pairs),
         )
 
@@ -152,6 +155,7 @@ def operating_power(
         readings=found.readings,
         read_every_s=series.period_s,
         sampling_W=found.sampling_W,
+        bus_ripple_W=found.ripple_W,
         loss_drift_W=loss.scatter.drift,
         loss_drift_stderr_W=loss.scatter.drift_stderr,
         in_step=found.in_step,
@@ -190,6 +194,7 @@ class _Budget:
                 a.power_gain * abs(of_electrical * self.electrical_W),
                 a.power_zero_W * abs(of_electrical),
                 found.rounding_W * abs(of_electrical),
+                found.ripple_W * abs(of_electrical),
             ),
             sampling=found.sampling_W * abs(of_electrical),
             scatter=scatter_of(

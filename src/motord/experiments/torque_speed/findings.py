@@ -1,7 +1,7 @@
 """What is questionable about an efficiency map, each with its meaning and what to do."""
 
 from collections.abc import Iterator, Sequence
-from math import pi
+from math import pi, sqrt
 
 from motord.config import AccuracyConfig
 from motord.experiments.signal_findings import mean_torque_scale
@@ -19,6 +19,9 @@ DRIFT_PART = 0.03
 
 SAMPLING_PART = 0.5
 """Part of the electrical power's standard uncertainty that slow readings may make."""
+
+RIPPLE_PART = 0.5
+"""Part of the electrical power's standard uncertainty that the bus voltage's ripple may make."""
 
 IN_STEP = 0.3
 """How far readings may fall on the same angles; evenly spread ones are below."""
@@ -44,6 +47,7 @@ def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Findin
         *_between_ticks(points, subject),
         *_drifting(points),
         *_slow(points),
+        *_rippling(points),
         *_assumed(subject.accuracy),
     )
 
@@ -126,6 +130,24 @@ def _slow(points: Sequence[OperatingPower]) -> Iterator[Finding]:
             f"{_labels([one for *_, one in slow])}: that the power is read slowly makes most of "
             "its uncertainty; it is in the intervals",
             "raise rate_Hz of the channel, or turns; choose speeds that are not in step with it",
+        )  # fmt: skip
+
+
+def _rippling(points: Sequence[OperatingPower]) -> Iterator[Finding]:
+    """Yield a finding where the bus voltage ripples between readings of the current."""
+    rippling = [
+        (one.bus_ripple_W, RIPPLE_PART * sqrt(3) * (one.electrical.stderr or 0.0), one)
+        for one in points
+    ]
+    rippling = [each for each in rippling if each[0] > each[1]]
+    if rippling:
+        worst, limit, _ = max(rippling, key=lambda each: each[0] - each[1])
+        yield Finding(
+            "bus-voltage-ripple", worst, limit, "W", "warning",
+            f"{_labels([one for *_, one in rippling])}: the bus voltage ripples between readings "
+            "of the mean current; one that ripples along makes another mean power, by up to this "
+            "much if its ripple (RMS) is at most its mean: that is in the intervals, more is not",
+            "read the power with an analyser, or the current as instants; keep the bus steadier",
         )  # fmt: skip
 
 

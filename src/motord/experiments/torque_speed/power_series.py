@@ -26,13 +26,15 @@ SAME = 1e-9
 class PowerSeries:
     """Times t_s (n,), rising, and powers (n,) W; means: each is the mean since the one before.
 
-    resolution_W: step in which they come, 0 if it is not known.
+    resolution_W: step in which they come, 0 if it is not known. ripple_W: limit of what the mean
+    power lacks where readings are products of means, whose ripples may go together.
     """
 
     t_s: np.ndarray
     power_W: np.ndarray
     means: bool
     resolution_W: float = 0.0
+    ripple_W: float = 0.0
 
     def __post_init__(self) -> None:
         if self.t_s.size < 2:

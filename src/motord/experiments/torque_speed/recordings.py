@@ -1,6 +1,6 @@
 """Operating points with their electrical power, from recordings."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from motord.config import TorqueSensorConfig
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
+from motord.experiments.torque_speed.bus_voltage import bus_voltage
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.findings import findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
@@ -94,26 +95,9 @@ def _series(
     t_s = (t_ns - turns.t0_ns) * 1e-9
     near = np.flatnonzero((t_s >= turns.t_s[0]) & (t_s <= turns.t_s[-1]))
     t_s, values = t_s[near], values[near]
+    means, ripple_W = own.readings == "means", 0.0
     if own.bus_current_channel:
-        bus_V = _bus_V(turns, point.ticks, t_s, own.readings == "means")
+        bus_V, ripple_V = bus_voltage(turns, point.ticks, t_s, means)
+        ripple_W = ripple_V * float(np.sqrt(np.mean(values**2))) if ripple_V else 0.0
         values, resolution = values * bus_V, resolution * float(np.abs(bus_V).max(initial=0.0))
-    return PowerSeries(t_s, values, own.readings == "means", resolution)
-
-
-def _bus_V(
-    turns: CapturedTurns, ticks: np.ndarray, at_s: Sequence[float] | np.ndarray, means: bool
-) -> np.ndarray:
-    """Return the bus voltage of the ticks at readings (m,), or between them where these are means.
-
-    Raises IdentifyError where the drive does not report it.
-    """
-    names = ticks.dtype.names or ()
-    voltage_V = ticks["u_bus_V"].astype(float) if "u_bus_V" in names else np.zeros(0)
-    if not voltage_V.size or not np.isfinite(voltage_V).all() or not voltage_V.any():
-        raise IdentifyError("the ticks have no bus voltage (u_bus_V) to multiply the current with")
-    tick_s = (ticks["t_ns"].astype(np.int64) - turns.t0_ns) * 1e-9
-    at_s = np.asarray(at_s)
-    if not means or at_s.size < 2:
-        return np.asarray(np.interp(at_s, tick_s, voltage_V))
-    between_V = PowerSeries(tick_s, voltage_V, means=False).means_W(at_s)
-    return np.concatenate([between_V[:1], between_V])
+    return PowerSeries(t_s, values, means, resolution, ripple_W)

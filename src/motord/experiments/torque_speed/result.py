@@ -57,6 +57,7 @@ class OperatingPower:
     torque_Nm, speed_Hz: set-points. t_start_ns, t_end_ns: of these turns. readings: of the
     electrical power that count, read_every_s apart. blocks: of turns, whose scatter is the Type A
     uncertainty. sampling_W: standard uncertainty of the electrical power that slow readings cause.
+    bus_ripple_W: limit of what it lacks where voltage and current of the bus ripple together.
     loss_drift_W: change of the losses from the beginning to the end, with its standard error.
     in_step: how far readings that are instants fall on the same angles, from 0 to 1.
     tick_s: time between ticks.
@@ -74,8 +75,8 @@ class OperatingPower:
         "loss_high_W=loss.high", "efficiency_percent=efficiency.value",
         "efficiency_stderr_percent=efficiency.stderr", "efficiency_low_percent=efficiency.low",
         "efficiency_high_percent=efficiency.high", "efficiency_reason", "t_start_ns", "t_end_ns",
-        "turns", "blocks", "readings", "read_every_s", "sampling_W", "loss_drift_W",
-        "loss_drift_stderr_W", "in_step", "envelope_Nm", "budget",
+        "turns", "blocks", "readings", "read_every_s", "sampling_W", "bus_ripple_W",
+        "loss_drift_W", "loss_drift_stderr_W", "in_step", "envelope_Nm", "budget",
     )  # fmt: skip
 
     torque_Nm: float
@@ -95,6 +96,7 @@ class OperatingPower:
     readings: int
     read_every_s: float
     sampling_W: float
+    bus_ripple_W: float
     loss_drift_W: float
     loss_drift_stderr_W: float
     in_step: float

@@ -7,6 +7,7 @@ import pytest
 
 from motord.config import AccuracyConfig, TorqueSensorConfig
 from motord.experiments.subject import Subject
+from motord.experiments.torque_speed.bus_voltage import bus_voltage
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.findings import ACCURACIES, findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
@@ -251,6 +252,21 @@ def test_steps_that_readings_are_spread_over_cost_nothing() -> None:
 )
 def test_the_resolution_is_the_smallest_step(values: list[float], step: float) -> None:
     assert resolution_of(np.array(values)) == pytest.approx(step)
+
+
+@pytest.mark.parametrize("noise_V", [0.0, 0.02])
+@pytest.mark.parametrize("ripple_V", [0.0, 0.5])
+def test_white_noise_of_the_bus_voltage_is_no_ripple(noise_V: float, ripple_V: float) -> None:
+    rng = np.random.default_rng(2)
+    turns = Machine().turns(rng)
+    ticks = Machine().captured(rng).ticks
+    phase_rad = 2 * np.pi * 41.3 * 1e-9 * (ticks["t_ns"] - ticks["t_ns"][0])
+    ticks["u_bus_V"] += ripple_V * np.sin(phase_rad) + noise_V * rng.standard_normal(ticks.size)
+    at_s = np.arange(1.0, 10.0, 0.2)
+    mean_V, rms_V = bus_voltage(turns, ticks, at_s, means=True)
+    assert mean_V == pytest.approx(24.0, abs=0.02)
+    assert rms_V == pytest.approx(ripple_V / 2**0.5, rel=0.01, abs=0.3 * noise_V + 1e-9)
+    assert bus_voltage(turns, ticks, at_s, means=False)[1] == 0.0
 
 
 @pytest.mark.parametrize(
