@@ -181,6 +181,16 @@ def test_two_motors_are_compared(folder):
     assert found["differences"][1]["p_value"] is None
 
 
+def test_means_of_several_results_say_what_is_taken_as_common(folder):
+    """Two of a side, which agree, differ by 2.5 of the uncertainties that they would average to."""
+    store = fill(folder / "store", [0.8, 0.8])
+    for number in (2, 3):
+        store.add(result(number, serial="B", figures=[figure(0.8025)]))
+    text = motord("results compare A-1 B").stdout
+    assert "counts as common to a side and is not divided by their number" in " ".join(text.split())
+    assert "0 of 1 differences" in text
+
+
 def test_two_versions_of_the_same_recordings_share_their_noise(folder):
     store = fill(folder / "store", 0.8)
     store.add(result(0, (0.8001,), version="1.1"))
