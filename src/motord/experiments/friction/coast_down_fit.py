@@ -33,6 +33,9 @@ SETTLED_RAD = 1e-5
 STRIBECK_SPEEDS = 12
 """Values of w_s that are tried before the search."""
 
+LEAST_STRIBECK = 0.05
+"""Least w_s that is tried before cogging torque is known, in parts of the highest speed."""
+
 STRIBECK_ROUNDS = 3
 
 
@@ -169,6 +172,14 @@ def fitted(
     return plain, group.speeds_rad_s()
 
 
+def stribeck_speeds(low_rad_s: float, high_rad_s: float) -> np.ndarray:
+    """Return the w_s that are tried (n,), rising: from the least speed to half of the highest.
+
+    Speeds may be so near each other that half of the highest is below the least.
+    """
+    return np.geomspace(low_rad_s, max(high_rad_s / 2, 1.2 * low_rad_s), STRIBECK_SPEEDS)
+
+
 def _apparent_stribeck(group: CoastDownFit) -> float:
     """Return w_s of the Stribeck part that fits best before any cogging torque, 0 if none helps.
 
@@ -176,7 +187,7 @@ def _apparent_stribeck(group: CoastDownFit) -> float:
     """
     speeds = group.speeds_rad_s()
     low, high = min(float(s.min()) for s in speeds), max(float(s.max()) for s in speeds)
-    tried = np.geomspace(max(low, 0.05 * high), 0.5 * high, STRIBECK_SPEEDS)
+    tried = stribeck_speeds(max(low, LEAST_STRIBECK * high), high)
     best = group.best_stribeck(speeds, tried)
     return best if group.gain_of(group.with_stribeck(speeds, best)) > 0 else 0.0
 

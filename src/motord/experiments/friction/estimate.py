@@ -11,7 +11,12 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.experiments.friction.coast_down import CoastDown
-from motord.experiments.friction.coast_down_fit import STRIBECK_SPEEDS, CoastDownFit, fitted
+from motord.experiments.friction.coast_down_fit import (
+    STRIBECK_SPEEDS,
+    CoastDownFit,
+    fitted,
+    stribeck_speeds,
+)
 from motord.experiments.friction.findings import findings
 from motord.experiments.friction.result import (
     CoastFit,
@@ -112,8 +117,7 @@ def _search_stribeck(
     group: CoastDownFit, speeds: Sequence[np.ndarray], low: float, high: float
 ) -> tuple[float, float]:
     """Return w_s of a significant Stribeck part, else 0, and S/J at most at the least speed."""
-
-    tried = np.geomspace(low, max(high / 2, 1.2 * low), STRIBECK_SPEEDS)
+    tried = stribeck_speeds(low, high)
     fits = [group.with_stribeck(speeds, float(at)) for at in tried]
     part = np.array([fit.solution[-1] for fit in fits])
     stderr = np.sqrt([fit.covariance[-1, -1] for fit in fits])

@@ -84,6 +84,15 @@ def test_a_stribeck_part_that_is_too_small_is_not_stated_but_limited() -> None:
     assert "no Stribeck part seen" in " ".join(found.notes)
 
 
+@pytest.mark.parametrize("stop_rad_s", [5.0, 6.5, 9.0])
+def test_speeds_near_each_other_are_analysed(stop_rad_s: float) -> None:
+    rotor = Rotor(cogging=())
+    coasts = coast_downs(np.random.default_rng(12), rotor, 8, stop_rad_s=stop_rad_s)
+    (one,) = friction(coasts).directions
+    assert one.speed_min_rad_s == pytest.approx(stop_rad_s, rel=0.02)
+    assert both_hold(one, rotor)
+
+
 def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None:
     rng = np.random.default_rng(4)
     other = replace(Rotor(), coulomb_Nm=0.04)
