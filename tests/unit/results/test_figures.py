@@ -13,7 +13,7 @@ from motord.experiments.back_emf.result import ElectricalHarmonic
 from motord.experiments.check_calibration.result import Change
 from motord.experiments.cogging.directions import DirectionDifference
 from motord.experiments.cogging.result import MeanHarmonic
-from motord.experiments.friction.result import DirectionalFriction, Stribeck
+from motord.experiments.friction.result import DirectionalFriction, Stribeck, Windage
 from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.error_budget import Share
 from motord.experiments.sensitivity.slope_fit import Branch
@@ -136,7 +136,8 @@ def test_results_of_other_experiments():
         "directions": [DirectionDifference(16, 0.3, 0.2, 0.0, 0.1, 0.01, 0.05)],
         "friction": DirectionalFriction(
             "forwards", 3, 1.0, 5.0, 0.05, 0.04, 0.07, 0.01, 0.002, 0.001, 0.004, 0.0005,
-            Stribeck(0.03, 0.02, 0.05, 1.5, 1.2, 1.9), None, (), 0.01, (), (),
+            Stribeck(0.03, 0.02, 0.05, 1.5, 1.2, 1.9), None, (),
+            Windage(0.0, 1e-3, 2e-3, 0.0, 1e-3, 0.0, False), 0.01, (), (),
         ),
         "inertia": Acceleration(0.01, 1e-4, 5.0, 0.0, 0.0, (), ()),
         "share": Share("bar", 1, 0.01, -0.8, 0.005),

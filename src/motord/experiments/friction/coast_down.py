@@ -111,6 +111,10 @@ class CoastDown:
         twice = [-integral(self.t_s, integral(self.t_s, shape)) for shape in shapes]
         return np.column_stack(twice)
 
+    def windage(self, speed_rad_s: np.ndarray) -> np.ndarray:
+        """Return the column (n,) of a torque with the square of the speed (n,), over J."""
+        return -integral(self.t_s, integral(self.t_s, speed_rad_s**2))
+
 
 def once(t_s: np.ndarray, means: np.ndarray) -> np.ndarray:
     """Return the integral (n,) from the first sample on of means (n - 1,) between samples."""

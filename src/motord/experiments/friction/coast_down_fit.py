@@ -118,13 +118,16 @@ class CoastDownFit:
         self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float = 0.0
     ) -> ClusterFit:
         """Fit a Stribeck part of w_s `at_rad_s`, too; with `scale` (S/J) w_s is free around it."""
-        more = np.concatenate(
-            [
-                one.projected(one.stribeck(speed, at_rad_s, scale))
-                for one, speed in zip(self.coasts, speeds_rad_s, strict=True)
-            ]
-        )
-        return _cluster_robust(np.hstack([self.columns, more]), self.cluster, self.values)
+        columns = self.and_stribeck(speeds_rad_s, at_rad_s, scale)
+        return _cluster_robust(columns, self.cluster, self.values)
+
+    def and_stribeck(
+        self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
+    ) -> np.ndarray:
+        """Return the columns and those of a Stribeck part (n, p + 1), with `scale` (n, p + 2)."""
+        pairs = zip(self.coasts, speeds_rad_s, strict=True)
+        more = [one.projected(one.stribeck(speed, at_rad_s, scale)) for one, speed in pairs]
+        return np.hstack([self.columns, np.concatenate(more)])
 
     def best_stribeck(self, speeds_rad_s: Sequence[np.ndarray], tried: np.ndarray) -> float:
         """Return the w_s that fits best, near the best of those `tried` (n,), rising."""

@@ -18,6 +18,7 @@ from motord.experiments.friction.coast_down_fit import (
     stribeck_speeds,
 )
 from motord.experiments.friction.findings import findings
+from motord.experiments.friction.lack_of_fit import LackOfFit, lack_of_fit, windage_instead
 from motord.experiments.friction.result import (
     CoastFit,
     CoggingLine,
@@ -26,6 +27,7 @@ from motord.experiments.friction.result import (
     Friction,
     Inertia,
     Stribeck,
+    Windage,
 )
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit
@@ -70,14 +72,19 @@ def _direction(
             "stop_speed_Hz"
         )
     at_rad_s, limit = _search_stribeck(group, speeds, low, high)
-    fit, stribeck = group.fit, None
+    fit, scale, stribeck = group.fit, 0.0, None
     if at_rad_s:
         scale = float(group.with_stribeck(speeds, at_rad_s).solution[-1])
+        if windage_instead(group, speeds, at_rad_s, scale):
+            at_rad_s, limit, scale = 0.0, scale, 0.0
+    if at_rad_s:
         fit = group.with_stribeck(speeds, at_rad_s, scale)
+    lack = lack_of_fit(group, speeds, at_rad_s, scale)
     quantile = _quantile(group, 0.975)
     value = fit.solution * inertia.kg_m2
     stderr = np.sqrt(np.diag(fit.covariance)) * inertia.kg_m2
-    half = quantile * stderr
+    stated = quantile * stderr
+    half = lack.widened(stated, np.eye(value.size), inertia.kg_m2)
     of_inertia = inertia.relative_uncertainty * value
     whole = np.hypot(half, coverage_factor() * of_inertia)
     combined = np.hypot(stderr, of_inertia)
@@ -105,8 +112,9 @@ def _direction(
             CoggingLine(int(order), float(line))
             for order, line in zip(group.orders, lines, strict=True)
         ),
+        windage=_windage(lack, stated, high, inertia),
         residual_rad=float(np.sqrt(np.mean(fit.rest**2))),
-        curve=_curve(fit, at_rad_s, (low, high), quantile, inertia, coasts[0].direction),
+        curve=_curve(fit, lack, at_rad_s, (low, high), quantile, inertia, coasts[0].direction),
         fits=_coast_fits(group, fit, speeds),
         coulomb_stderr_Nm=float(combined[0]),
         viscous_stderr_Nm_s_per_rad=float(combined[1]),
@@ -139,8 +147,26 @@ def _interval(value: float, half: float) -> tuple[float, float, float]:
     return value, value - half, value + half
 
 
+def _windage(
+    lack: LackOfFit, stated_Nm: np.ndarray, high_rad_s: float, inertia: Inertia
+) -> Windage:
+    """Return the part of the square of the speed; stated_Nm (p,): halves of intervals without."""
+    top, j = inertia.kg_m2 * high_rad_s**2, inertia.kg_m2
+    change, half = lack.changes(np.eye(stated_Nm.size)[:2])
+    return Windage(
+        torque_Nm=top * lack.coefficient,
+        half_Nm=top * lack.half,
+        limit_Nm=top * lack.limit,
+        coulomb_change_Nm=j * float(change[0]),
+        coulomb_half_Nm=j * float(half[0]),
+        viscous_change_Nm_s_per_rad=j * float(change[1]),
+        beyond=bool((j * np.abs(change) > stated_Nm[:2]).any()),
+    )
+
+
 def _curve(
     fit: ClusterFit,
+    lack: LackOfFit,
     at_rad_s: float,
     seen_rad_s: tuple[float, float],
     quantile: float,
@@ -160,6 +186,7 @@ def _curve(
             seen[-1] = 0.0  # a change of w_s, of which there is none at the best
         value = float(weights @ seen)
         half = quantile * float(np.sqrt(weights @ fit.covariance @ weights))
+        half = float(lack.widened(half, weights, direct=speed_rad_s**2))
         half = hypot(half, coverage_factor() * inertia.relative_uncertainty * value)
         low, high = sorted((sign * (value - half), sign * (value + half)))
         points.append(CurvePoint(sign * float(speed_rad_s), sign * value * j, low * j, high * j))

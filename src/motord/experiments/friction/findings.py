@@ -43,6 +43,7 @@ def _of_direction(
             "rounding: another torque acts on the rotor, or its friction changes",
             "see the residual in the report; brake released? shaft free of cables and belt?",
         )  # fmt: skip
+    yield from _windage(one)
     ripple = _ripple(one, inertia)
     if ripple > RIPPLE_MAX:
         yield Finding(
@@ -51,6 +52,23 @@ def _of_direction(
             f"near the least one, {one.speed_min_rad_s:.3g} rad/s: what is not known of it "
             "there looks like friction that changes with speed, such as a Stribeck part",
             "raise stop_speed_Hz",
+        )  # fmt: skip
+
+
+def _windage(one: DirectionalFriction) -> Iterator[Finding]:
+    """Yield a finding where the friction has a part of the square of the speed."""
+    windage = one.windage
+    if windage.significant:
+        yield Finding(
+            "windage", abs(windage.torque_Nm), windage.limit_Nm, "Nm",
+            "serious" if windage.beyond else "warning",
+            f"{one.direction}: all coast-downs have a torque with the square of the speed, "
+            f"{1e3 * windage.torque_Nm:+.3g} mNm at {one.speed_max_rad_s:.3g} rad/s, that Coulomb "
+            "and viscous friction do not explain. Allowing for it changes Coulomb friction by "
+            f"{1e3 * windage.coulomb_change_Nm:+.3g} mNm, viscous friction by "
+            f"{1e3 * windage.viscous_change_Nm_s_per_rad:+.3g} mNm s/rad; the intervals "
+            "are widened by that. It is windage or, if negative, a bearing that warms",
+            "use the curve within its speeds; take coast-downs from higher to lower speeds",
         )  # fmt: skip
 
 

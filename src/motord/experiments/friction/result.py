@@ -45,6 +45,29 @@ class Stribeck:
 
 
 @dataclass(frozen=True)
+class Windage:
+    """A torque with the square of the speed, which the figures leave out; at the highest speed.
+
+    limit_Nm: what chance alone makes of it; *_change_*: by how much the figures would change if it
+    were allowed for, *_half_*: half of the 95 % intervals; beyond: a change is more than the
+    interval of its figure was without it.
+    """
+
+    torque_Nm: float
+    half_Nm: float
+    limit_Nm: float
+    coulomb_change_Nm: float
+    coulomb_half_Nm: float
+    viscous_change_Nm_s_per_rad: float
+    beyond: bool
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is beyond what chance makes: then the intervals hold the changes."""
+        return abs(self.torque_Nm) > self.limit_Nm
+
+
+@dataclass(frozen=True)
 class CoggingLine:
     """An order per turn of the torque without current, fitted along with the friction."""
 
@@ -68,7 +91,8 @@ class DirectionalFriction:
 
     stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed.
     *_fit_*: the half width from the coast-downs alone, without the inertia's uncertainty, which
-    scales both directions alike. *_stderr_*: combined standard uncertainty, with the inertia's.
+    scales both directions alike. *_stderr_*: combined standard uncertainty, with the inertia's, but
+    without what the intervals are widened by for windage. windage: what was tested for lack of fit.
     """
 
     JSON = (
@@ -95,6 +119,7 @@ class DirectionalFriction:
     stribeck: Stribeck | None
     stribeck_limit_Nm: float | None
     cogging: tuple[CoggingLine, ...]
+    windage: Windage
     residual_rad: float
     curve: tuple[CurvePoint, ...]
     fits: tuple[CoastFit, ...]
@@ -173,9 +198,22 @@ class Friction:
             for one in self.directions
             if one.stribeck is None
         ]
+        lines += [_unseen(one) for one in self.directions if not one.windage.significant]
         share = coverage_factor() * self.inertia.relative_uncertainty
         lines.append(
             f"all torques are in proportion to the inertia, {self.inertia.kg_m2:.5g} kg m2 "
             f"({self.inertia.source}, +-{100 * share:.2g} %)"
         )
         return lines
+
+
+def _unseen(one: DirectionalFriction) -> str:
+    """Return in a sentence what a windage that is not seen may change."""
+    windage = one.windage
+    torque_Nm = abs(windage.torque_Nm) + windage.half_Nm
+    coulomb_Nm = abs(windage.coulomb_change_Nm) + windage.coulomb_half_Nm
+    return (
+        f"{one.direction}: no torque with the square of the speed (windage) seen: at most "
+        f"{torque_Nm:.2g} Nm at {one.speed_max_rad_s:.3g} rad/s, which would change Coulomb "
+        f"friction by {coulomb_Nm:.2g} Nm; the intervals take it as none"
+    )

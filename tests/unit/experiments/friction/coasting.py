@@ -26,6 +26,7 @@ class Rotor:
     viscous_Nm_s_per_rad: float = 0.002
     stribeck_Nm: float = 0.0
     stribeck_rad_s: float = 2.0
+    windage_Nm_s2_per_rad2: float = 0.0
     cogging: tuple[tuple[int, float, float], ...] = ((16, 0.05, 0.02), (48, 0.1, -0.2))
 
     def acceleration(self, angle_rad: np.ndarray, speed_rad_s: np.ndarray) -> np.ndarray:
@@ -33,6 +34,7 @@ class Rotor:
         torque_Nm = -sign * (
             self.coulomb_Nm
             + self.viscous_Nm_s_per_rad * size
+            + self.windage_Nm_s2_per_rad2 * size**2
             + self.stribeck_Nm * np.exp(-((size / self.stribeck_rad_s) ** 2))
         )
         for order, c, d in self.cogging:

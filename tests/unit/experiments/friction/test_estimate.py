@@ -93,6 +93,30 @@ def test_speeds_near_each_other_are_analysed(stop_rad_s: float) -> None:
     assert both_hold(one, rotor)
 
 
+def test_windage_is_named_and_the_intervals_hold_the_truth() -> None:
+    rotor = Rotor(cogging=(), windage_Nm_s2_per_rad2=4e-5)  # a tenth of the torque at 12 rad/s
+    (one,) = (found := friction(coast_downs(np.random.default_rng(15), rotor, 10))).directions
+    (named,) = (finding for finding in found.findings if finding.name == "windage")
+    assert named.severity == "serious"
+    top_Nm = 4e-5 * one.speed_max_rad_s**2
+    assert one.windage.torque_Nm == pytest.approx(top_Nm, abs=2 * one.windage.half_Nm)
+    assert abs(one.coulomb_Nm - rotor.coulomb_Nm) > 1e-3
+    assert f"{1e3 * one.windage.coulomb_change_Nm:+.3g} mNm" in named.meaning
+    assert both_hold(one, rotor)
+    for point in one.curve:
+        w = point.speed_rad_s
+        assert holds(point.low_Nm, 0.03 + 0.002 * w + 4e-5 * w**2, point.high_Nm)
+
+
+def test_friction_that_differs_between_coast_downs_is_no_windage() -> None:
+    rng = np.random.default_rng(16)
+    for _ in range(6):
+        own = [replace(Rotor(cogging=()), coulomb_Nm=0.03 * rng.normal(1, 0.01)) for _ in range(6)]
+        found = friction([one for rotor in own for one in coast_downs(rng, rotor, 1)])
+        assert "windage" not in {finding.name for finding in found.findings}
+        assert "no torque with the square of the speed" in " ".join(found.notes)
+
+
 def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None:
     rng = np.random.default_rng(4)
     other = replace(Rotor(), coulomb_Nm=0.04)

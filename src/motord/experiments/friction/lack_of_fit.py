@@ -1,0 +1,141 @@
+"""Lack of fit of the coast-downs of one direction: a torque with the square of the speed.
+
+How coast-downs differ says nothing of what the model lacks in all of them alike, such as windage,
+s W q'^2. Next to a Coulomb and a viscous part of its own each coast-down gives a coefficient
+W_g/J; their mean, by information, is tested by t with one degree of freedom less than there are
+coast-downs. Friction that differs from one to the next does not matter to it. What a column x of
+coefficient W/J, left out, adds to the fitted figures is X^+ x W/J.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.experiments.friction.coast_down_fit import CoastDownFit
+from motord.identification.cluster_robust_ls import Regressors
+from motord.intervals import t_quantile
+
+LEVEL = 0.002
+"""Probability of a finding by chance, in each direction."""
+
+OWN = 2
+"""Columns that each coast-down has of its own: Coulomb and viscous friction."""
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """A part of the square of the speed that the model does not have, over the inertia.
+
+    coefficient: W/J; limit: what chance alone makes of it; half: of its 95 % interval;
+    moved (p,): by how much each coefficient of the fit changes with one of W/J.
+    """
+
+    coefficient: float
+    limit: float
+    half: float
+    moved: np.ndarray
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is beyond what chance makes."""
+        return abs(self.coefficient) > self.limit
+
+    def changes(self, weights: np.ndarray, direct: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much weights @ coefficients (m,) would change, and half of its interval.
+
+        weights (m, p) or (p,); direct: what one of W/J adds besides.
+        """
+        moved = np.asarray(weights @ self.moved + direct)
+        return moved * self.coefficient, np.abs(moved) * self.half
+
+    def widened(
+        self, half: np.ndarray | float, weights: np.ndarray, scale: float = 1.0, direct: float = 0.0
+    ) -> np.ndarray:
+        """Return halves of intervals (m,) of scale times weights @ coefficients, with the change.
+
+        They hold what allowing for the part gives and the interval of that, where it is there.
+        """
+        if not self.significant:
+            return np.asarray(half)
+        change, more = self.changes(weights, direct)
+        return np.asarray(scale * np.abs(change) + np.hypot(half, scale * more))
+
+
+def lack_of_fit(
+    group: CoastDownFit, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
+) -> LackOfFit:
+    """Return the part of the square of the speed next to a fit, with a Stribeck part or without.
+
+    speeds_rad_s: (n,) of each coast-down; at_rad_s, scale: w_s and S/J of that part, 0 for none.
+    """
+    pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
+    columns = group.columns
+    if at_rad_s:
+        columns = group.and_stribeck(speeds_rad_s, at_rad_s, scale)
+    square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
+    narrow = Regressors.of(columns, group.cluster)
+    own = np.column_stack([columns[:, :OWN], square])
+    coefficients, information = _of_each(own, columns[:, OWN:], group.values, narrow.first)
+    weight = information / information.sum()
+    mean = float(weight @ coefficients)
+    number = len(group.coasts)
+    variance = float((weight**2 * (coefficients - mean) ** 2).sum()) * number / (number - 1)
+    stderr = float(np.sqrt(variance))
+    return LackOfFit(
+        mean,
+        t_quantile(1 - LEVEL / 2, number - 1) * stderr,
+        t_quantile(0.975, number - 1) * stderr,
+        -narrow.inverse @ (columns.T @ square),
+    )
+
+
+def windage_instead(
+    group: CoastDownFit, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
+) -> bool:
+    """Return whether a part of the square of the speed explains what a Stribeck part would.
+
+    By the Bayesian information criterion, the latter with its w_s having a parameter more.
+    """
+    pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
+    square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
+    stribeck = group.and_stribeck(speeds_rad_s, at_rad_s, scale)
+    first = np.flatnonzero(np.diff(group.cluster, prepend=-1))
+    left = []
+    for columns in (np.column_stack([group.columns, square]), stribeck):
+        rest, values = _beyond_own(columns[:, :OWN], columns[:, OWN:], group.values, first)
+        shared = np.linalg.lstsq(rest, values)[0]
+        left.append(float(((values - rest @ shared) ** 2).sum()))
+    number = group.values.size
+    return bool(number * np.log(left[0] / left[1]) < np.log(number))
+
+
+def _beyond_own(
+    own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what each coast-down's own columns do not explain of the others and of the values."""
+    left = []
+    for rows in np.split(np.arange(values.size), first[1:]):
+        q = np.linalg.qr(own[rows])[0]
+        both = np.column_stack([common[rows], values[rows]])
+        left.append(both - q @ (q.T @ both))
+    every = np.concatenate(left)
+    return every[:, :-1], every[:, -1]
+
+
+def _of_each(
+    own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the coefficient of the last own column (g,), and its information.
+
+    Each coast-down has coefficients of its own columns; those of the others are common to all.
+    """
+    rest, rest_values = _beyond_own(own, common, values, first)
+    shared = np.linalg.lstsq(rest, rest_values)[0] if common.shape[1] else np.zeros(0)
+    found = []
+    for rows in np.split(np.arange(values.size), first[1:]):
+        q, r = np.linalg.qr(own[rows])
+        alone = values[rows] - common[rows] @ shared
+        found.append((q[:, -1] @ alone / r[-1, -1], r[-1, -1] ** 2))
+    coefficients, information = np.array(found).T
+    return coefficients, information
