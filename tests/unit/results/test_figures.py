@@ -131,7 +131,7 @@ def test_results_of_other_experiments():
     """A key that is renamed there loses its interval here."""
     content = {
         "cogging": MeanHarmonic(16, 0.08, 0.6, 0.001, 0.01, 0.003, 0.03, True),
-        "back_emf": ElectricalHarmonic(1, 0.2, 0.0, 1e-3, 2e-3, True),
+        "back_emf": ElectricalHarmonic(1, 0.2, 0.0, 1e-3, 5.0, 2e-3, True),
         "change": Change("gain-a", "the gain", "%", 0.1, 0.2, 5, 0.7, 0.9, 0.1, False),
         "directions": [DirectionDifference(16, 0.3, 0.2, 0.0, 0.1, 0.01, 0.05)],
         "friction": DirectionalFriction(

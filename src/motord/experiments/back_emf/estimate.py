@@ -15,6 +15,7 @@ from math import isnan
 import numpy as np
 
 from motord.config import MotorConfig
+from motord.experiments.back_emf.between_speeds import average
 from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.back_emf.voltages import (
@@ -50,9 +51,6 @@ ENCODER_SHARE = 0.5
 """Part of the noise of independent cells that is left: samples meet them in a regular order."""
 
 MOST_OTHERS = 16
-
-LEAST_VARIANCE = 1e-300
-"""Of data without noise: what its weight is the inverse of."""
 
 
 def _columns(samples: VoltageSamples, order: np.ndarray) -> np.ndarray:
@@ -175,28 +173,6 @@ def _encoder_variance(driven: Driven, order: np.ndarray, pole_pairs: int) -> np.
     return np.asarray(variance.sum(axis=0))
 
 
-def _average(fits: list[list[ClusterFit]], encoder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return lines (m, 3) averaged over the points by their variances, and standard errors.
-
-    encoder (points, m): what the encoder adds to the variance, over the fundamental's square.
-
-    Where the points differ by more than their own standard errors explain (an encoder whose cells
-    are in step with the samples), those of the average grow with what they differ by.
-    """
-    waves = np.array([[fit.solution[:-1] for fit in point] for point in fits])
-    line = np.moveaxis(waves[..., 0::2] - 1j * waves[..., 1::2], 2, 1)
-    variance = np.array([[np.diag(fit.covariance)[:-1] for fit in point] for point in fits])
-    component = np.moveaxis(variance[..., 0::2] + variance[..., 1::2], 2, 1) / 2
-    largest = np.abs(line).max(axis=1, keepdims=True)
-    weight = 1 / np.maximum(component + encoder[:, :, None] * largest**2, LEAST_VARIANCE)
-    mean = (weight * line).sum(axis=0) / weight.sum(axis=0)
-    spread = np.ones(mean.shape[0])
-    if len(fits) > 1:
-        freedom = 2 * 3 * (len(fits) - 1)
-        spread = np.maximum((weight * np.abs(line - mean) ** 2).sum(axis=(0, 2)) / freedom, 1.0)
-    return mean, np.sqrt(spread[:, None] / weight.sum(axis=0))
-
-
 def _result(
     fits: list[list[ClusterFit]],
     order: np.ndarray,
@@ -205,10 +181,11 @@ def _result(
     motor: MotorConfig,
 ) -> MeasuredBackEmf:
     encoder = np.array([_encoder_variance(one, order, motor.pole_pairs) for one in driven])
-    line, stderr = _average(fits, encoder)
+    turns = tuple(len(one.turns) for one in driven)
+    mean = average(fits, encoder, max(sum(turns) - len(turns), 1), age_fitted=delay is not None)
+    line, stderr = mean.line, mean.stderr
     speed_rad_s = 2 * np.pi * float(np.mean([one.speed_Hz for one in driven]))
-    turned = delay[1] * speed_rad_s if delay else 0.0
-    phase_stderr = np.hypot(stderr, np.abs(line) * order[:, None] * turned)
+    turned = order * (delay[1] * speed_rad_s if delay else 0.0)
     electrical = order % motor.pole_pairs == 0
     limit = np.where(electrical, STANDS_OUT, OTHER_STANDS_OUT)
     kept = (np.abs(line) > limit[:, None] * stderr).any(axis=1)
@@ -218,11 +195,15 @@ def _result(
         order=order,
         line=line,
         stderr=stderr,
-        phase_stderr=phase_stderr,
+        phase_stderr=np.hypot(mean.across_stderr, np.abs(line) * turned[:, None]),
+        mean_stderr=mean.mean_stderr,
+        turned_stderr_rad=turned,
+        freedom=mean.freedom,
+        phase_freedom=mean.phase_freedom,
         kept=kept,
         offset_V=np.mean([[fit.solution[-1] for fit in point] for point in fits], axis=0),
         delay_s=delay,
         noise_V=np.mean([[fit.noise for fit in point] for point in fits], axis=0),
         speeds_Hz=tuple(one.speed_Hz for one in driven),
-        turns=tuple(len(one.turns) for one in driven),
+        turns=turns,
     )

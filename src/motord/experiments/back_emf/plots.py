@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.intervals import coverage_factor
 from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, figure
 
 PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
@@ -31,8 +32,10 @@ def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
         fundamental = harmonics[0].amplitude_V_s_per_rad
         order = [h.order for h in harmonics]
         percent = 100 * np.array([h.amplitude_V_s_per_rad for h in harmonics]) / fundamental
-        noise = np.array([h.stderr_V_s_per_rad for h in harmonics])
-        noise *= 100 * found.coverage_factor / fundamental
+        noise = np.array(
+            [coverage_factor(h.degrees_of_freedom) * h.stderr_V_s_per_rad for h in harmonics]
+        )
+        noise *= 100 / fundamental
         right.bar(order, percent, 0.7, color=AFTER)
         right.plot(order, noise, color=SOFT, linewidth=1.2, label="noise, 95 %")
         right.set(yscale="log", xlabel="electrical order", ylabel="amplitude (% of fundamental)")

@@ -6,7 +6,7 @@ from motord.experiments.back_emf.plots import waves
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
+from motord.intervals import coverage_factor, plus_minus
 from motord.report.html import Page
 
 HEADER = ("order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)")
@@ -44,7 +44,7 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
 
 def rows(found: MeasuredBackEmf) -> list[list[str]]:
     """Return the harmonics of the table as rows under HEADER."""
-    t = found.coverage_factor
+    listed = [(h, coverage_factor(h.degrees_of_freedom)) for h in found.harmonics if h.in_table]
     return [
         [
             str(h.order),
@@ -52,6 +52,5 @@ def rows(found: MeasuredBackEmf) -> list[list[str]]:
             f"{100 * h.amplitude_V_s_per_rad / found.fundamental:.3f}",
             plus_minus(h.phase_rad, t * h.phase_stderr_rad),
         ]
-        for h in found.harmonics
-        if h.in_table
+        for h, t in listed
     ]

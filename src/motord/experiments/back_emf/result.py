@@ -15,12 +15,16 @@ from motord.intervals import coverage_factor
 
 @dataclass(frozen=True)
 class PhaseHarmonic:
-    """An order of one phase: amplitude sin(order theta + phase), theta = 2 pi count / counts."""
+    """An order of one phase: amplitude sin(order theta + phase), theta = 2 pi count / counts.
+
+    degrees_of_freedom: of the standard errors.
+    """
 
     order: int
     amplitude_V_s_per_rad: float
     phase_rad: float
     stderr_V_s_per_rad: float
+    degrees_of_freedom: float
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,12 @@ class MeasuredBackEmf:
     """k of the phases. Lines: phase p is Re(sum_h line[h, p] exp(j order[h] theta)), V s/rad.
 
     order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
-    the amplitude; kept (n,): part of the table, the others are noise. offset_V (3,); delay_s: by
-    how much the voltages are older than the recording says, and its standard error, None where
-    the speeds are too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each segment.
+    the amplitude; mean_stderr (n, 2): both of the mean of the phases, without the error of the age,
+    turned_stderr_rad (n,); freedom (n, 2): their degrees of freedom; phase_freedom (n, 3): those of
+    the phases' amplitudes; kept (n,): part of the table, the others are noise. offset_V (3,);
+    delay_s: by how much the voltages are older than the recording says, and its standard error,
+    None where the speeds are too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each
+    segment.
     left_out: what of the points was not used; referred: where k was referred to one temperature of
     the magnets; findings: what is questionable.
     """
@@ -54,6 +61,10 @@ class MeasuredBackEmf:
     line: np.ndarray
     stderr: np.ndarray
     phase_stderr: np.ndarray
+    mean_stderr: np.ndarray
+    turned_stderr_rad: np.ndarray
+    freedom: np.ndarray
+    phase_freedom: np.ndarray
     kept: np.ndarray
     offset_V: np.ndarray
     delay_s: tuple[float, float] | None
@@ -82,12 +93,12 @@ class MeasuredBackEmf:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Of the standard errors: turns of each point but one."""
+        """Of what the turns show, such as the error of the age: turns of each point but one."""
         return max(sum(self.turns) - len(self.turns), 1)
 
     @property
     def coverage_factor(self) -> float:
-        """Half of a 95 % interval in standard errors."""
+        """Half of a 95 % interval in such standard errors."""
         return coverage_factor(self.degrees_of_freedom)
 
     @property
@@ -119,15 +130,16 @@ class MeasuredBackEmf:
     def _harmonic(self, place: int, line: complex) -> ElectricalHarmonic:
         order = int(self.order[place])
         turned = order * self.motor.encoder_offset_rad
-        stderr = float(np.sqrt((self.stderr[place] ** 2).sum()) / 3)
-        sideways = self.phase_stderr[place] ** 2 - self.stderr[place] ** 2
-        phase_stderr = float(np.hypot(stderr, np.sqrt(max(sideways.mean(), 0.0))))
+        stderr, across = (float(one) for one in self.mean_stderr[place])
+        size = max(float(np.abs(line)), 1e-300)
+        phase_stderr_rad = float(np.hypot(across / size, self.turned_stderr_rad[place]))
         return ElectricalHarmonic(
             order=order // self.motor.pole_pairs,
             amplitude_V_s_per_rad=float(np.abs(line)),
             phase_rad=float(np.angle(1j * line * np.exp(-1j * turned))),
             stderr_V_s_per_rad=stderr,
-            phase_stderr_rad=min(phase_stderr / max(float(np.abs(line)), 1e-300), np.pi),
+            degrees_of_freedom=float(self.freedom[place].min()),
+            phase_stderr_rad=min(phase_stderr_rad, np.pi),
             in_table=bool(self.kept[place]),
         )
 
@@ -141,6 +153,7 @@ class MeasuredBackEmf:
                     float(np.abs(self.line[place, phase])),
                     float(np.angle(1j * self.line[place, phase])),
                     float(self.stderr[place, phase]),
+                    float(self.phase_freedom[place, phase]),
                 )
                 for place in np.flatnonzero(self.kept)
             ]

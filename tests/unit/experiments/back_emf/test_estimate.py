@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from motord.config import AccuracyConfig
-from motord.experiments.back_emf.estimate import _average, measure
+from motord.experiments.back_emf.between_speeds import average
+from motord.experiments.back_emf.estimate import measure
 from motord.experiments.magnet_temperature import UNKNOWN
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
 from motord.identification.operating_points import PointData
+from motord.intervals import coverage_factor
 from tests.campaigns.back_emf import BOUND_PERCENT, errors, measured
 from tests.campaigns.driven import MOTORS, REPORT, Motor, inverter_apart, ticks_of
 
@@ -179,10 +181,42 @@ def test_without_noise_the_lines_are_averaged_all_the_same() -> None:
     """Data that is fitted exactly has no variance to weigh it by."""
     solution = np.array([1.0, 0.5, 0.0])
     exact = ClusterFit(solution, np.zeros((3, 3)), np.zeros(8), 0.0)
-    line, stderr = _average([[exact] * 3, [exact] * 3], np.zeros((2, 1)))
-    assert line == pytest.approx(np.full((1, 3), 1.0 - 0.5j), rel=1e-12)
-    assert np.isfinite(stderr).all()
-    assert stderr.max() < 1e-12
+    found = average([[exact] * 3, [exact] * 3], np.zeros((2, 1)), 8)
+    assert found.line == pytest.approx(np.full((1, 3), 1.0 - 0.5j), rel=1e-12)
+    assert np.isfinite(found.stderr).all()
+    assert found.stderr.max() < 1e-12
+
+
+@pytest.mark.parametrize(("speeds", "drift"), [(2, 0.01), (3, 0.01), (6, 0.01), (3, 0.0)])
+@pytest.mark.parametrize("turned", [1.0, 1.0j])
+def test_what_moves_all_phases_from_speed_to_speed_is_in_the_interval(
+    speeds: int, drift: float, turned: complex
+) -> None:
+    """An amplitude (turned by 1) or a phase (1j) that is another at each speed."""
+    rng = np.random.default_rng(speeds)
+    turns_stderr, trials = 1e-4, 400
+    held, half = [], []
+    for _ in range(trials):
+        moved = 1 + drift * turned * rng.standard_normal(speeds)
+        lines = moved[:, None] + turns_stderr * (rng.standard_normal((speeds, 3, 2)) @ [1, 1j])
+        fits = [
+            [
+                ClusterFit(
+                    np.array([k.real, -k.imag, 0.0]), turns_stderr**2 * np.eye(3), np.zeros(8), 0
+                )
+                for k in phases
+            ]
+            for phases in lines
+        ]
+        found = average(fits, np.zeros((speeds, 1)), 40)
+        off = found.line[0].mean() - 1
+        place = 0 if turned == 1.0 else 1
+        factor = coverage_factor(found.freedom[0, place])
+        half.append(factor * found.mean_stderr[0, place])
+        held.append(abs((off / turned).real) < half[-1])
+    assert np.mean(held) >= 0.93 - 0.02  # two standard errors of the trials
+    if not drift:
+        assert np.median(half) < 1.5 * 1.96 * turns_stderr / np.sqrt(3 * speeds)
 
 
 def test_back_emf_is_that_of_the_reference_temperature(points: list[PointData]) -> None:
