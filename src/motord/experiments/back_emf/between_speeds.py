@@ -8,7 +8,8 @@ each, from how the n speeds differ (DerSimonian and Laird 1986):
 
 with n - 1 degrees of freedom, for the phase one less where the age of the voltages is fitted.
 Phases share it: their mean does not make it smaller. Degrees of freedom of the sum with the turns'
-part: Welch-Satterthwaite.
+part are Welch-Satterthwaite's; the whole scatter between speeds counts in them with its few degrees
+of freedom, also where it is no more than turns explain: of few speeds it may be small by chance.
 """
 
 from collections.abc import Sequence
@@ -61,36 +62,40 @@ def average(
     common = apart.mean(axis=2)
     within = variance.sum(axis=2) / 9
     free = np.array([speeds - 1, speeds - 1 - age_fitted])
-    between = np.array(
-        [
-            _between(part, within, n)
-            for part, n in zip((common.real, common.imag), free, strict=True)
-        ]
-    )
+    parts = (common.real, common.imag)
+    scatter = [_between(part, within, n) for part, n in zip(parts, free, strict=True)]
+    between, seen = (np.stack(each) for each in zip(*scatter, strict=True))  # (2, m) each
     mean, share = _mean(line, variance + between.max(axis=0)[:, None])
     turns = (share**2 * variance).sum(axis=0)
     own = (np.abs(apart - common[..., None]) ** 2 / variance).sum(axis=(0, 2))
-    spread = np.maximum(own / max(OWN_COMPONENTS * (speeds - 1), 1), 1.0)[:, None]
+    own_freedom = max(OWN_COMPONENTS * (speeds - 1), 1)
+    more = turns * (np.maximum(own / own_freedom, 1.0)[:, None] - 1)
     shared = between[:, :, None] * (share**2).sum(axis=0)  # (2, m, 3)
-    parts = [(turns, turns_freedom), (turns * (spread - 1), OWN_COMPONENTS * (speeds - 1))]
-    of_mean = [(part.sum(axis=1) / 9, n) for part, n in parts]
-    sums = [
-        welch_satterthwaite([*of_mean, (one.mean(axis=1), n)])
-        for one, n in zip(shared, free, strict=True)
-    ]
+    seen = seen[:, :, None] * turns.sum(axis=1, keepdims=True) / 9
+    own_parts = [(turns, turns_freedom), (more, own_freedom)]
+    of_mean = [(part.sum(axis=1) / 9, n) for part, n in own_parts]
+    sums = [_sum(of_mean, shared[n].mean(axis=1), seen[n, :, 0], float(free[n])) for n in range(2)]
     variances, freedom = (np.stack(each, axis=1) for each in zip(*sums, strict=True))
-    amplitude, phase_freedom = welch_satterthwaite([*parts, (shared[0], int(free[0]))])
-    across = np.sqrt(turns * spread + shared[1])
+    amplitude, phase_freedom = _sum(own_parts, shared[0], seen[0], float(free[0]))
+    across = np.sqrt(turns + more + shared[1])
     return Average(mean, np.sqrt(amplitude), across, np.sqrt(variances), freedom, phase_freedom)
 
 
-def welch_satterthwaite(
+def _sum(
     parts: Sequence[tuple[np.ndarray, float]],
+    shared: np.ndarray,
+    seen: np.ndarray,
+    freedom: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sum of variances, and its degrees of freedom from those of each."""
-    total = np.sum([part for part, _ in parts], axis=0)
-    inverse = np.sum([part**2 / max(n, 1) for part, n in parts], axis=0)
-    return total, np.asarray(total**2 / np.maximum(inverse, LEAST_VARIANCE))
+    """Return the variance, and its degrees of freedom.
+
+    parts: variances with their degrees of freedom; shared: that between speeds, whose scatter is
+    known as shared + seen, with `freedom`.
+    """
+    total = np.sum([part for part, _ in parts], axis=0) + shared
+    every = [*parts, (shared + seen, freedom)]
+    inverse = np.sum([(part / total) ** 2 / max(n, 1) for part, n in every], axis=0)
+    return total, np.asarray(1 / np.maximum(inverse, 1e-9))
 
 
 def _lines(
@@ -112,11 +117,15 @@ def _mean(line: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return (share * line).sum(axis=0), share
 
 
-def _between(values: np.ndarray, within: np.ndarray, freedom: int) -> np.ndarray:
-    """Return the variance (m,) that values (n, m) have between speeds beyond `within` (n, m)."""
+def _between(values: np.ndarray, within: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the variance (m,) of values (n, m) between speeds beyond `within` (n, m).
+
+    And their scatter over what `within` explains, 1 at most.
+    """
     if freedom < 1:
-        return np.zeros(values.shape[1])
+        return np.zeros(values.shape[1]), np.zeros(values.shape[1])
     mean, share = _mean(values, within)
-    excess = ((values - mean) ** 2 / within).sum(axis=0) - freedom
+    scatter = ((values - mean) ** 2 / within).sum(axis=0) / freedom
     weights = (1 / within).sum(axis=0) * (1 - (share**2).sum(axis=0))
-    return np.asarray(np.maximum(excess, 0) / weights * (len(values) - 1) / freedom)
+    beyond = np.maximum(scatter - 1, 0) * (len(values) - 1) / weights
+    return beyond, np.minimum(scatter, 1.0)
