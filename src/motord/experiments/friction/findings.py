@@ -67,7 +67,8 @@ def _windage(one: DirectionalFriction) -> Iterator[Finding]:
             "and viscous friction do not explain. Allowing for it changes Coulomb friction by "
             f"{1e3 * windage.coulomb_change_Nm:+.3g} mNm, viscous friction by "
             f"{1e3 * windage.viscous_change_Nm_s_per_rad:+.3g} mNm s/rad; the intervals "
-            "are widened by that. It is windage or, if negative, a bearing that warms",
+            "are widened by that. It is windage, or a Stribeck part that fits no better, or, if "
+            "negative, a bearing that warms",
             "use the curve within its speeds; take coast-downs from higher to lower speeds",
         )  # fmt: skip
 
