@@ -18,7 +18,7 @@ from motord.experiments.friction.coast_down_fit import (
     stribeck_speeds,
 )
 from motord.experiments.friction.findings import findings
-from motord.experiments.friction.lack_of_fit import LackOfFit, lack_of_fit, windage_instead
+from motord.experiments.friction.lack_of_fit import WindageFit, lack_of_fit, windage_instead
 from motord.experiments.friction.result import (
     CoastFit,
     CoggingLine,
@@ -148,7 +148,7 @@ def _interval(value: float, half: float) -> tuple[float, float, float]:
 
 
 def _windage(
-    lack: LackOfFit, stated_Nm: np.ndarray, high_rad_s: float, inertia: Inertia
+    lack: WindageFit, stated_Nm: np.ndarray, high_rad_s: float, inertia: Inertia
 ) -> Windage:
     """Return the part of the square of the speed; stated_Nm (p,): halves of intervals without."""
     top, j = inertia.kg_m2 * high_rad_s**2, inertia.kg_m2
@@ -166,7 +166,7 @@ def _windage(
 
 def _curve(
     fit: ClusterFit,
-    lack: LackOfFit,
+    lack: WindageFit,
     at_rad_s: float,
     seen_rad_s: tuple[float, float],
     quantile: float,

@@ -24,7 +24,7 @@ OWN = 2
 
 
 @dataclass(frozen=True)
-class LackOfFit:
+class WindageFit:
     """A part of the square of the speed that the model does not have, over the inertia.
 
     coefficient: W/J; limit: what chance alone makes of it; half: of its 95 % interval;
@@ -64,7 +64,7 @@ class LackOfFit:
 
 def lack_of_fit(
     group: CoastDownFit, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
-) -> LackOfFit:
+) -> WindageFit:
     """Return the part of the square of the speed next to a fit, with a Stribeck part or without.
 
     speeds_rad_s: (n,) of each coast-down; at_rad_s, scale: w_s and S/J of that part, 0 for none.
@@ -82,7 +82,7 @@ def lack_of_fit(
     number = len(group.coasts)
     variance = float((weight**2 * (coefficients - mean) ** 2).sum()) * number / (number - 1)
     stderr = float(np.sqrt(variance))
-    return LackOfFit(
+    return WindageFit(
         mean,
         t_quantile(1 - LEVEL / 2, number - 1) * stderr,
         t_quantile(0.975, number - 1) * stderr,
