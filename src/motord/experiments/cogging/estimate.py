@@ -15,12 +15,14 @@ from motord.experiments.cogging.at_speed import (
     standing_out,
 )
 from motord.experiments.cogging.directions import directions
+from motord.experiments.cogging.eccentricity import eccentricity
 from motord.experiments.cogging.findings import findings
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
 from motord.experiments.signal_findings import signal_findings
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
 from motord.identification.rotor.driven_rotor import prepare
+from motord.intervals import coverage_factor
 
 SEEN = 5.0
 """Amplitude, in standard errors, from which a harmonic is compared by magnitude and phase."""
@@ -36,7 +38,7 @@ def measure(
     if others:
         found = [at_speed(one, motor, sensor, others) for one in driven]
     recorded_s = sum(float(one.t_s[-1] - one.t_s[0]) for one in driven)
-    measured = replace(_average(found, motor), left_out=left_out)
+    measured = _widened(replace(_average(found, motor), left_out=left_out))
     faults = signal_findings((one.label, one.faults) for one in driven)
     return replace(measured, findings=(*findings(measured, recorded_s), *faults))
 
@@ -63,6 +65,23 @@ def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCoggi
         allowed=allowed[kept],
         speeds=tuple(found),
         directions=directions(order[kept], [way[:, kept] for way in ways], turns),
+    )
+
+
+def _widened(measured: MeasuredCogging) -> MeasuredCogging:
+    """Return it with intervals that hold what an eccentric encoder takes off the orders."""
+    allowed, freedom = measured.order[measured.allowed], measured.degrees_of_freedom
+    found = eccentricity(measured.speeds, allowed, freedom)
+    if found is None or not found.significant:
+        return measured
+    lost_Nm = found.lost(measured.order, at_most=True) * measured.amplitude_Nm
+    stderr_Nm = measured.stderr_Nm + lost_Nm / coverage_factor(freedom)
+    beyond = found.lost(measured.order) * measured.amplitude_Nm > measured.half_width_Nm
+    serious = bool((beyond & measured.allowed).any())
+    return replace(
+        measured,
+        stderr_Nm=np.where(measured.allowed, stderr_Nm, measured.stderr_Nm),
+        encoder=replace(found, serious=serious),
     )
 
 

@@ -25,6 +25,7 @@ def findings(found: MeasuredCogging, used_s: float) -> tuple[Finding, ...]:
     return (
         *_scale(found),
         *_orders(found),
+        *_encoder(found),
         *_turns(found),
         *_motion(found),
         *_directions(found),
@@ -60,6 +61,26 @@ def _orders(found: MeasuredCogging) -> Iterator[Finding]:
             "of the cogging torque that is stated",
             "check slots and pole_pairs in [motor]; drive through another belt or coupling",
         )  # fmt: skip
+
+
+def _encoder(found: MeasuredCogging) -> Iterator[Finding]:
+    """Yield a finding where the encoder's angle is off once a turn; named as `calibrate` does."""
+    encoder = found.encoder
+    if encoder is None:
+        return
+    order, size_Nm = found.order[found.allowed], found.amplitude_Nm[found.allowed]
+    parts = encoder.lost(order)
+    largest = np.argsort(-parts * size_Nm)[:3]
+    texts = [f"{order[n]} by {1e3 * parts[n] * size_Nm[n]:.2g} mNm" for n in largest]
+    yield Finding(
+        "encoder-error-order-1", float(np.degrees(encoder.error_rad)),
+        float(np.degrees(encoder.limit_rad)), "deg", "serious" if encoder.serious else "note",
+        "orders of the cogging torque have sidebands as of an encoder that is eccentric: the "
+        f"orders stated are too small, order {', '.join(texts)} (up to "
+        f"{100 * float(parts.max()):.2g} %); the intervals are widened by that, by as much also "
+        "to the other side, and what the sidebands have is missing in the torque",
+        "centre the encoder's disc on its shaft and measure again",
+    )  # fmt: skip
 
 
 def _turns(found: MeasuredCogging) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.experiments.cogging.at_speed import SpeedCogging
 from motord.experiments.cogging.directions import DirectionDifference
+from motord.experiments.cogging.eccentricity import Eccentricity
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.left_out import LeftOut
@@ -93,8 +94,9 @@ class MeasuredCogging:
     order (n,), rising; line_Nm (n,): order h is Re(line exp(j h theta)); stderr_Nm (n,) per
     component; allowed (n,): by slots and poles, the others stand out of the noise; speeds: what
     each speed gave; directions: what both directions differ by, order by order, nothing if there is
-    one; left_out: what of the points was not used; findings: what is questionable; comparison: with
-    a calibration's cogging torque.
+    one; encoder: its error once a turn, if there is one, whose loss stderr_Nm holds; left_out: what
+    of the points was not used; findings: what is questionable; comparison: with a calibration's
+    cogging torque.
     """
 
     JSON: ClassVar = (
@@ -111,6 +113,7 @@ class MeasuredCogging:
     allowed: np.ndarray
     speeds: tuple[SpeedCogging, ...]
     directions: tuple[DirectionDifference, ...] = ()
+    encoder: Eccentricity | None = None
     left_out: tuple[LeftOut, ...] = ()
     findings: tuple[Finding, ...] = ()
     comparison: "Comparison | None" = None
@@ -119,6 +122,11 @@ class MeasuredCogging:
     def amplitude_Nm(self) -> np.ndarray:
         """Amplitudes (n,) of amplitude sin(order theta + phase)."""
         return np.asarray(np.abs(self.line_Nm))
+
+    @property
+    def half_width_Nm(self) -> np.ndarray:
+        """Halves of the 95 % intervals of the amplitudes (n,)."""
+        return np.asarray(coverage_factor(self.degrees_of_freedom) * self.stderr_Nm)
 
     @property
     def phase_rad(self) -> np.ndarray:

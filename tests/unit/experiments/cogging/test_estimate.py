@@ -98,6 +98,46 @@ def test_an_order_that_nothing_explains_is_reported_and_not_part_of_the_torque()
     assert found.peak_Nm == pytest.approx(0.1, abs=5e-3)
 
 
+@pytest.mark.parametrize(
+    ("off_deg", "severity"), [(0.0, None), (0.1, "note"), (0.3, "serious"), (0.5, "serious")]
+)
+def test_what_an_eccentric_encoder_takes_off_the_orders_is_in_the_interval(
+    off_deg: float, severity: str | None
+) -> None:
+    cogging = {48: (0.06, 0.4), 16: (0.02, 1.0)}
+    bench = synthetic.Bench(
+        truth=no_current(cogging=cogging), sensor=TorqueSensorConfig(), torque_noise_Nm=0.02
+    )
+    counts = bench.motor.counts
+    points = []
+    for point in driven(bench, 0.53, 0.87):
+        ticks = point.ticks.copy()
+        angle_rad = ticks["encoder_count"] * (2 * np.pi / counts)
+        bent_rad = np.radians(off_deg) * np.sin(angle_rad + 0.7)
+        moved = np.rint(ticks["encoder_count"] + bent_rad * counts / (2 * np.pi))
+        ticks["encoder_count"] = moved.astype(int) % counts
+        points.append(replace(point, ticks=ticks))
+    found = measure(points, bench.motor, bench.sensor)
+    named = {one.name: one for one in found.findings}.get("encoder-error-order-1")
+    assert (named.severity if named else None) == severity
+    if named:
+        assert named.value == pytest.approx(off_deg, rel=0.1)
+        assert "order 48 by" in named.meaning
+    for harmonic in found.harmonics:
+        if harmonic.order in cogging:
+            off_Nm = harmonic.amplitude_Nm - cogging[harmonic.order][0]
+            assert abs(off_Nm) < 1.3 * harmonic.half_width_Nm  # four trials of two orders
+            assert harmonic.half_width_Nm < 4e-3
+
+
+def test_a_torque_that_changes_over_the_turn_is_no_encoder_error() -> None:
+    """An amplitude that is modulated has sidebands of the same sign, and the order is as stated."""
+    cogging = {48: (0.06, 0.4), 47: (0.004, 0.4), 49: (0.004, 0.4)}
+    bench = synthetic.Bench(truth=no_current(cogging=cogging), torque_noise_Nm=0.02)
+    found = measure(driven(bench, 0.5, 0.8), bench.motor, bench.sensor)
+    assert "encoder-error-order-1" not in {one.name for one in found.findings}
+
+
 def test_a_run_without_points_is_cut_into_steady_stretches() -> None:
     bench = synthetic.Bench(truth=no_current(), torque_noise_Nm=0.02)
     slow, fast = driven(bench, 0.5, 0.9, turns=5.4)
