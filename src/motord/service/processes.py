@@ -4,14 +4,16 @@ from motord.recorder.launch import spawn_piped
 from motord.service.bench.loop_link import LOOP
 from motord.service.channels.link import CHANNELS
 from motord.service.estimator.link import ESTIMATOR
-from motord.service.gateway.link import GATEWAY, gateway_command
+from motord.service.gateway.link import GATEWAY
 from motord.service.host.children import Process, spawn
 from motord.service.recording.session import RECORDER
 from motord.service.tracker.link import TRACKER
 
 PROCESSES = (
     Process(
-        GATEWAY, gateway_command, spawn_piped,
+        GATEWAY,
+        lambda path, run_dir: run_dir.command("motord.service.gateway.process", path),
+        spawn_piped,
         restart="always", while_=lambda config: bool(config.zenoh.remote), stop_timeout_s=2.0,
         loss="until it is back nobody gets in from other machines",
     ),

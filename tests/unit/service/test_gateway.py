@@ -19,7 +19,7 @@ from motord.security.error import SecurityError
 from motord.security.roles import Role
 from motord.service.gateway import process
 from motord.service.gateway.audit import AuditLog
-from motord.service.gateway.link import GATEWAY, GatewayLink, gateway_command
+from motord.service.gateway.link import GATEWAY, GatewayLink
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
@@ -264,7 +264,7 @@ def test_a_gateway_that_floods_is_ended_and_started_again(flood):
 
 
 def test_a_gateway_that_cannot_open_says_why(tmp_path):
-    command = gateway_command(tmp_path / "none.toml", RunDir("none"))
+    command = RunDir("none").command("motord.service.gateway.process", tmp_path / "none.toml")
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     assert done.returncode == 1
     assert "none.toml: cannot read it" in json.loads(done.stdout)["message"]

@@ -105,7 +105,7 @@ def windage_instead(
     for columns in (np.column_stack([group.columns, square]), stribeck):
         rest, values = _beyond_own(columns[:, :OWN], columns[:, OWN:], group.values, first)
         shared = np.linalg.lstsq(rest, values)[0]
-        left.append(float(((values - rest @ shared) ** 2).sum()))
+        left.append(max(float(((values - rest @ shared) ** 2).sum()), 1e-300))
     number = group.values.size
     return bool(number * np.log(left[0] / left[1]) < np.log(number))
 

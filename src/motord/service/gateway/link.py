@@ -1,18 +1,15 @@
 """The supervisor's end of the gateway process: makes events of what it reports."""
 
 import os
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from motord.process.allowance import Allowance
-from motord.process.module_command import module_command
 from motord.recorder.protocol import Message, MessageReader
 from motord.service.host.child_faults import ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.shm.run_directory import RunDir
 
 GATEWAY = "gate"
 """Its name in the state of the bench."""
@@ -40,11 +37,6 @@ class AccessMessage(Message):
 
     message: Annotated[str, Field(max_length=MESSAGE_MAX)]
     data: AccessData = AccessData()
-
-
-def gateway_command(config_path: Path, run_dir: RunDir) -> list[str]:
-    """Return the command line of the gateway process."""
-    return module_command("motord.service.gateway.process", "--config", str(config_path))
 
 
 class GatewayLink:

@@ -31,6 +31,7 @@ from motord.security.error import SecurityError
 from motord.security.identity import check_files
 from motord.service.gateway.audit import LEVELS, AuditLog, Throttle
 from motord.service.gateway.link import DATA_MAX, MESSAGE_MAX
+from motord.shm.run_directory import RunDir
 
 STDIN = 0
 BACKLOG_MAX_BYTES = 1 << 20
@@ -176,7 +177,8 @@ def main() -> int:
     """Run the gateway of the bench file that `--config` names."""
     parser = argparse.ArgumentParser(description="The gateway for other machines.")
     parser.add_argument("--config", type=Path, required=True)
-    path = parser.parse_args().config
+    parser.add_argument("--dir", type=Path, required=True)
+    options = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -185,7 +187,9 @@ def main() -> int:
     os.set_blocking(out.fileno(), False)
     reporter = AuditReporter(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
     try:
-        keep(config_file.load(path), reporter, log)
+        kept = RunDir.at(options.dir).bench_file
+        config, _ = config_file.load_started(options.config, kept)
+        keep(config, reporter, log)
     except (ConfigError, SecurityError, zenoh.ZError) as error:
         reporter.report(f"closed to other machines: {str(error).split(' at /')[0]}")
         return 1
