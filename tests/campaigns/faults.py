@@ -229,9 +229,10 @@ interlock its time are refused. Currents are compared with the commands that can
 when they were measured (`i_age_ns`), and between these while a current settles: wrong ones trip as
 much later as their feedback is late, right ones not at any age up to `inverter.stale_after_s`. The
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
-of the set-point; this only where torque is applied and the currents are not limited. An encoder
-track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for the speed are
-left out, and the count starts anew when the bench is enabled or a trip is reset.
+of the set-point and the torque that limited currents, or a position too old to commutate by, have
+lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
+An encoder track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for the
+speed are left out, and the count starts anew when the bench is enabled or a trip is reset.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )

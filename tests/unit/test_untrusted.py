@@ -105,11 +105,11 @@ def test_whole_numbers_end_where_devices_do(kind, most):
 
 
 def test_a_recording_of_a_bench_file_from_a_windows_editor_says_what_it_is_of(tmp_path):
-    from motord.config import packaged
-    from motord.recorder import main as recorder
+    from motord.config import load_started, packaged
+    from motord.recording.metadata import describe
 
     path = tmp_path / "bench.toml"
     text = packaged("sim.toml").read_text().replace('rig = "', 'rig = "package:')
     path.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    metadata = recorder._metadata(load(path), path)
+    metadata = describe(*load_started(path, kept=path))
     assert tomllib.loads(metadata["config"])["bench"]["name"] == "sim"

@@ -76,7 +76,11 @@ def shown_Nm(before_Nm: float, after_Nm: float, rate_Nm_per_s: float, tau_s: flo
 
 def sensing(trip_Nm: float, rate_Nm_per_s: float, tau_s: float) -> Config:
     return make_config(
-        limits={"trip_torque_Nm": trip_Nm, "torque_rate_Nm_per_s": rate_Nm_per_s},
+        limits={
+            "torque_Nm": min(6.0, trip_Nm / 2),
+            "trip_torque_Nm": trip_Nm,
+            "torque_rate_Nm_per_s": rate_Nm_per_s,
+        },
         torque_sensor={"highpass_time_constant_s": tau_s},
     )
 

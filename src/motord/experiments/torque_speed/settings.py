@@ -47,7 +47,6 @@ class TorqueSpeedConfig(MeshConfig):
     power_channel: str = "dc_power_W"
     """The entry of `[[channels]]` with the DC power, W; with bus_current_channel "" it counts."""
     bus_current_channel: str = ""
-    """An entry with the DC current instead, A, times the ticks' bus voltage; what the ripples of
-    both make together, which means do not show, widens the interval."""
+    """An entry with the DC current instead, A, times the ticks' bus voltage."""
     readings: Literal["means", "instants"] = "means"
     """What a reading is: the mean since the one before, as of a power analyser, or an instant."""
