@@ -44,7 +44,7 @@ class PlanView(PublishedMessage):
     recording: str = ""
     """Path of its recording once it is whole."""
     recorded: bool = True
-    """False if points that were taken are not in the recording, as the disk was full."""
+    """False if points that were taken are not in the recording, as if the disk was full."""
     settings: dict[str, Any] = Field(default_factory=dict)
     """With which it was started."""
     run_id: str = ""

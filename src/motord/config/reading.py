@@ -67,8 +67,8 @@ def check_text(path: Path, text: str) -> Config:
 def load_started(path: Path, kept: Path) -> tuple[Config, str]:
     """Return the bench of a daemon that runs, and the text of its bench file. Raises ConfigError.
 
-    kept: the text as the daemon read it; the bench file at `path` may have been edited since. What
-    runs without a daemon has none, and reads the file.
+    kept: the text as the daemon read it; the bench file at `path` may have been edited since. Where
+    there is none, no daemon having run, the bench file is read.
     """
     text = read_toml(kept if kept.exists() else path)[0]
     return check_text(path, text), text

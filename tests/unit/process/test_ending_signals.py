@@ -18,9 +18,12 @@ SIMULATE = "simulate calibrate --set torques_Nm=2 --set speeds_Hz=0.6 --set turn
 
 
 def ended(folder: Path, command: str, part: str, number: int) -> tuple[int, str]:
-    """Return how a command ends that is sent a signal once a file is there, and what it says."""
+    """Return how a command ends that is sent a signal once a file is there, and what it says.
+
+    It gives way to this process, so that it is not done before, however busy the computer is.
+    """
     process = subprocess.Popen(
-        [sys.executable, "-m", "motord", *command.split()],
+        ["nice", "-n", "19", sys.executable, "-m", "motord", *command.split()],
         cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
     )  # fmt: skip
     end_s = time.monotonic() + 60

@@ -136,7 +136,7 @@ def test_set_uses_the_lease_that_another_terminal_holds(live, motord):
     reached = said.splitlines()[1]
     assert reached.startswith("reached: torque 0.5 Nm commanded, ")
     assert "without the mean, which this sensor does not pass (high-pass, 2 s)" in reached
-    assert reached.endswith(" Hz on its way to 0.5 Hz")
+    assert reached.endswith(" Hz of 0.5 Hz")
     assert printed(motord("disable", "--json")) == {"state": "READY"}
     done.set()
     thread.join()

@@ -106,3 +106,9 @@ def test_a_disk_that_does_not_answer_is_no_recording(tmp_path):
 
 def test_nothing_is_asked_of_a_recording_that_is_not_required(tmp_path):
     assert Closing(tmp_path, required=False).ended().at(1.0) == ""
+
+
+def test_a_recorder_that_dies_while_it_closes_the_file_has_not_closed_it(tmp_path):
+    closing = Closing(tmp_path).ended()
+    closing.recorder.link = Link()  # to its successor, which was told to record nothing
+    assert closing.at(2.0, recording=False) == "the recorder died while it closed the file"

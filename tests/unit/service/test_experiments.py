@@ -428,6 +428,9 @@ def test_the_external_drive_stops_if_it_or_the_brake_falls_silent(silent):
     assert wires["drive"].written[-1] == 0.0
     why = refused(service, "refused", "set", token=token, drive_Hz=0.5)
     assert f"the drive may not turn now: {silent} has not answered" in why
+    settings = {"speeds_Hz": [0.8], "turns": 2}
+    why = refused(service, "refused", "plan/start", token=token, name="cogging", settings=settings)
+    assert f"not started: {silent} has not answered" in why
     wires[silent].answers = True
     run(0.2)
     service.ask("set", token=token, drive_Hz=0.5)

@@ -236,3 +236,13 @@ def test_a_disk_that_stalls_holds_nobody_up(journal, monkeypatch):
     assert not journal._disk.path.exists()
     go_on.set()
     assert reloaded(journal).log.taken == {0, 1}
+
+
+@pytest.mark.parametrize("order", [(True, False), (False, True)])
+def test_a_recording_that_was_not_written_stays_so_whatever_dies_later(journal, order):
+    journal.begin(NOTE, "run-000.mcap")
+    for unrecorded in order:
+        journal.recorder_died(0, unrecorded=unrecorded)
+    [segment] = journal.log.segments
+    assert (segment.sure, segment.written) == (False, False)
+    journal.settle()

@@ -432,6 +432,8 @@ def test_a_plan_is_done_once_it_is_on_the_disk_and_else_taken_again(days):
     start(service, token)
     until(service, token, lambda: service.bench.plans.view.step == "closing the recording")
     service.run_s(1.0, token)
+    service.bench.plans.abort("by the operator: there is nothing left to end")
+    service.bench.plans.unrecorded("not recorded for 7.5 s")
     assert service.bench.plans.view.state == "ending"
     service.sink.missing = "no space left"
     service.run_s(0.1, token)
@@ -457,4 +459,20 @@ def test_a_plan_that_is_ended_for_its_recording_is_taken_again(days):
     assert (view.state, view.message, view.recorded) == ("aborted", "not recorded for 7.5 s", False)
     service.ask("plan/resume", token=token)
     assert run_to_end(service, token).recorded
+    assert [p["index"] for p in service.sink.points] == [0, 0, 1, 2]
+
+
+def test_a_plan_that_is_aborted_while_it_is_not_recorded_is_taken_again(days):
+    service = days.daemon()
+    token = service.acquire()
+    start(service, token)
+    until(service, token, lambda: service.sink.points)
+    service.sink.plan_recorded = False  # the disk is full, for less than half of the ring
+    service.ask("plan/abort", token=token)
+    assert run_to_end(service, token).state == "aborted"
+    service.sink.plan_recorded = True
+    [segment] = service.journal.log.segments
+    assert (segment.sure, segment.written) == (False, False)
+    service.ask("plan/resume", token=token)
+    run_to_end(service, token)
     assert [p["index"] for p in service.sink.points] == [0, 0, 1, 2]

@@ -61,7 +61,7 @@ def _reached(state: "BenchState", target_Nm: float) -> str:
     assert state.tick is not None
     when = "reached" if _is_there(state, target_Nm) else f"now, {state.state}"
     held_Hz, record = state.setpoint.speed_Hz, state.recording
-    aim = f" on its way to {held_Hz:g} Hz" if held_Hz is not None else ""
+    aim = f" of {held_Hz:g} Hz" if held_Hz is not None else ""
     unrecorded = not record.recording and (record.error or record.obstacle)
     return (
         f"{when}: torque {number(state.tick.torque_set_Nm)} Nm commanded, {sensor_text(state)}; "

@@ -62,8 +62,9 @@ class CanConfig(CanBusConfig):
     connect_timeout_s: Positive = 2.0
     """Feedback has to come within this time of the start."""
     slow_stale_after_s: Annotated[float, Field(gt=0, le=SLOW_FEEDBACK_MAX_S)] = 0.5
-    """Without a message of feedback that has no currents (status, bus voltage, temperature) for so
-    long all feedback is stale: until then a fault or a voltage in it is not seen."""
+    """A message of feedback without currents (status, bus voltage, temperature) that stays away for
+    longer makes all feedback as old as it is, to which inverter.stale_after_s applies: until then a
+    fault or a voltage in it is not seen. Longer than the drive takes from one to the next."""
     dbc: Path
     """The drive's DBC; next to the bench file, or `package:NAME`."""
     signals: CanSignalMap

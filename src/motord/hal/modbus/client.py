@@ -25,7 +25,12 @@ EXCEPTION_NAMES = {
 }
 BUSY = frozenset({5, 6, 10, 11})
 """Exceptions that a device, or the gateway before it, may answer with while it starts."""
-ABSENT = frozenset({errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, socket.EAI_AGAIN})
+ABSENT = frozenset(
+    {
+        *(errno.EHOSTUNREACH, errno.EHOSTDOWN, errno.ENETUNREACH, errno.ENETDOWN),
+        *(errno.ECONNRESET, errno.ECONNABORTED, socket.EAI_AGAIN),
+    }
+)
 """Why there is no connection to a device that may still come: of the network, of name servers."""
 
 

@@ -97,7 +97,8 @@ class PlanLog:
                 raise ValueError(f"no end of a plan: {line['state']}")
             last = replace(last, state=line["state"], message=str(line["message"]))
         elif kind == "recorder_died":
-            last = replace(last, sure=False, written=not line.get("unrecorded", False))
+            written = last.written and not line.get("unrecorded", False)
+            last = replace(last, sure=False, written=written)
         elif kind == "resumed":
             return replace(self, segments=(*self.segments, JournalSegment(str(line["recording"]))))
         else:

@@ -167,6 +167,8 @@ class Resumption:
 
     def plan_over(self, view: PlanView) -> None:
         """The plan has ended."""
+        if view.state != "done" and not self._recording.plan_recorded:
+            self.points_missing()
         self._recording.plan_over(view)
         if not self._resumable:
             return

@@ -180,7 +180,7 @@ class PlanRunner:
 
     def unrecorded(self, why: str) -> None:
         """Abort a plan whose points are not recorded."""
-        if self.active and self.view is not None:
+        if self.active and self.view is not None and not self._closing:
             self._journal.points_missing()
             self.view = self.view.model_copy(update={"recorded": False})
             self.abort(why)
@@ -199,7 +199,7 @@ class PlanRunner:
 
     def abort(self, why: str) -> None:
         """Ramp down, disable, end."""
-        if self._executor is not None and self.active:
+        if self._executor is not None and self.active and not self._executor.over:
             self._executor.abort(why)
             self._show(self._executor.progress())
 

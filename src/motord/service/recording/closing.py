@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from motord.recorder.launch import RecorderLink
 from motord.service.recording.session import RecorderSession
 
 
@@ -22,6 +23,7 @@ class ClosingRecording:
         self._since_ns = now_ns
         self._end: Callable[[], None] | None = end
         self._failed = ""
+        self._closer: RecorderLink | None = None
 
     def unrecorded(self, now_ns: int) -> str | None:
         """Return what is wrong with the recording: "" for nothing, None until it is known."""
@@ -32,6 +34,7 @@ class ClosingRecording:
                 return None
             if not recorder.recording_task:
                 self._failed = recorder.error or "the recorder does not record"
+            self._closer = recorder.link
             self._end()
             self._end, self._since_ns, late = None, now_ns, False
         if self._failed:
@@ -46,6 +49,8 @@ class ClosingRecording:
         for path, outcome in report.leftovers.items():
             if Path(path).name.startswith(self._name):
                 return outcome
+        if self._recorder.link is not self._closer:
+            return "the recorder died while it closed the file"
         if not self._recorder.up or self._recorder.reported_ns <= self._since_ns:
             return None
         if not Path(report.file).name.startswith(self._name):

@@ -197,6 +197,11 @@ class RecordingControl:
         else:
             self.end(f"plan {view.plan} {view.state}")
 
+    @property
+    def plan_recorded(self) -> bool:
+        """Whether the plan under way is being recorded, as far as the recorder has said."""
+        return self.recorder.recording_task and not self.recorder.error
+
     def plan_closing(self, view: PlanView) -> None:
         """End the recording of a plan that is done; `unrecorded` says what becomes of it."""
         if not self._config.recording.required:
@@ -244,7 +249,7 @@ class RecordingControl:
 
     def _check_plan(self, now_ns: int) -> None:
         """End a plan while the ring still has what was not recorded of it."""
-        if not self._plan or not self._config.recording.required:
+        if not self._plan or self._closing is not None or not self._config.recording.required:
             return
         if self.recorder.recording_task:
             self._recorded_ns = max(self._recorded_ns, self.recorder.reported_ns)

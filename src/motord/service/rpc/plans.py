@@ -88,7 +88,7 @@ class PlanControl:
     ) -> PlanView:
         """Begin a plan. Raises RpcError if bench, recorder or journal are not ready for one."""
         bench, plan = self._bench, prepared.plan
-        self._check_startable()
+        self._check_startable(plan)
         self._not_stopped_since(prepared)
         if prepared.check is not None and prepared.file != self._calibration():
             why = "not started: another calibration was installed meanwhile; ask again"
@@ -157,13 +157,13 @@ class PlanControl:
             )
         return file
 
-    def _check_startable(self) -> None:
+    def _check_startable(self, plan: Plan) -> None:
         bench = self._bench
         can_be_enabled(bench)
         not_ramping_down(bench)
         zero_torque(bench, "a plan begins with an open brake")
-        if bench.device_fault:
-            raise RpcError("refused", f"not started: {bench.device_fault}")
+        if fault := bench.drive_fault if plan.needs == "drive" else bench.device_fault:
+            raise RpcError("refused", f"not started: {fault}")
         if why := self._unrecordable():
             raise RpcError(
                 "refused",
@@ -224,7 +224,7 @@ class PlanControl:
             self._bench.plans.show(self._resumption.view(), remaining.mesh)
 
     def _start_remaining(self, remaining: RemainingPlan, holder: str, *, detached: bool) -> None:
-        self._check_startable()
+        self._check_startable(remaining.plan)
         plan_devices(self._bench, remaining.plan)
         note, bench = remaining.log.plan, self._bench
         bench.events.emit(
