@@ -1,9 +1,14 @@
 """95 % intervals by Student's t, and figures with the digits that these allow."""
 
 from math import floor, inf, isfinite, log10
+from typing import NamedTuple
 
 LEVEL = 0.95
 """Share of intervals that hold the truth."""
+
+SERIOUS_BIAS = 0.3
+"""Share of half of an interval above which an error of one sign leaves a verdict in doubt: an
+interval that is widened by it holds the truth, but does not keep a risk above that of its end."""
 
 
 def coverage_factor(freedom: float | None = None) -> float:
@@ -30,6 +35,33 @@ def freedom_of(half_width: float, stderr: float) -> float | None:
     from scipy.special import stdtridf
 
     return float(stdtridf((1 + LEVEL) / 2, half_width / stderr))
+
+
+class StandardUncertainty(NamedTuple):
+    """A standard uncertainty and its degrees of freedom, None for many.
+
+    known: False where an interval alone is stated, whose degrees of freedom may be few.
+    """
+
+    value: float
+    freedom: float | None
+    known: bool = True
+
+
+def standard_uncertainty(
+    value: float, stderr: float | None, low: float | None, high: float | None
+) -> StandardUncertainty | None:
+    """Return what a figure states by its standard error, or 95 % interval, or both; None: nothing.
+
+    Of both, degrees of freedom are those by which the longer side of the interval is t times the
+    standard error; an interval that is longer than one degree of freedom makes it enlarges that.
+    """
+    if low is None or high is None:
+        return None if stderr is None else StandardUncertainty(stderr, None)
+    half = max(high - value, value - low)
+    if stderr is None:
+        return StandardUncertainty(half / coverage_factor(), None, known=False)
+    return StandardUncertainty(max(stderr, half / coverage_factor(1.0)), freedom_of(half, stderr))
 
 
 def f_quantile(probability: float, numerator: float, denominator: float) -> float:

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from motord.identification.variance_components import VarianceComponents
-from motord.intervals import coverage_factor, freedom_of, plus_minus, t_quantile
+from motord.intervals import (
+    coverage_factor,
+    freedom_of,
+    plus_minus,
+    standard_uncertainty,
+    t_quantile,
+)
 
 
 @pytest.mark.parametrize(
@@ -70,3 +76,28 @@ def test_an_interval_that_is_no_wider_than_a_normal_one_has_many(half_width):
 def test_the_fewest_degrees_of_freedom_are_one():
     assert freedom_of(1e9, 1.0) == 1.0
     assert freedom_of(1.0, 0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("stderr", "half", "expected"),
+    [
+        (1.0, None, (1.0, None, True)),
+        (None, 1.96, (1.0, None, False)),
+        (1.0, 1.9, (1.0, None, True)),
+        (1.0, coverage_factor(5.0), (1.0, 5.0, True)),
+        (1.0, 10 * coverage_factor(1.0), (10.0, 1.0, True)),  # wider than any t makes it
+    ],
+)
+def test_what_a_figure_states_is_a_standard_uncertainty_with_degrees_of_freedom(
+    stderr, half, expected
+):
+    low, high = (None, None) if half is None else (3.0 - half / 2, 3.0 + half)
+    stated = standard_uncertainty(3.0, stderr, low, high)
+    value, freedom, known = expected
+    assert stated.value == pytest.approx(value, rel=1e-4)
+    assert (stated.freedom is None, stated.known) == (freedom is None, known)
+    assert freedom is None or stated.freedom == pytest.approx(freedom)
+
+
+def test_a_figure_without_error_or_interval_states_nothing():
+    assert standard_uncertainty(3.0, None, None, None) is None

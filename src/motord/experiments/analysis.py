@@ -101,7 +101,7 @@ class Analysis(Generic[Result]):
 
     def to_json(self, result: Result, recordings: "Recordings") -> dict[str, Any]:
         """Return the result as JSON, with its findings, and what is missing of its recordings."""
-        damage = {run.path.name: str(run.damage) for run in recordings.runs if run.damage}
+        damage = {str(run.path): str(run.damage) for run in recordings.runs if run.damage}
         findings = {"findings": encode(findings_of(result))}
         return {
             **self.json(result, recordings),

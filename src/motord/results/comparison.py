@@ -15,7 +15,7 @@ from math import hypot, inf, isinf
 import numpy as np
 from scipy.special import stdtr
 
-from motord.intervals import LEVEL, coverage_factor, freedom_of
+from motord.intervals import LEVEL, coverage_factor, standard_uncertainty
 from motord.results.figures import ResultFigure
 from motord.results.phases import unwrapped, without_turns
 
@@ -37,7 +37,10 @@ class MeanFigure:
 
 
 FREEDOM_UNKNOWN = 2.0
-"""Degrees of freedom of an interval without a standard error: those of three repetitions."""
+"""Degrees of freedom of an interval without a standard error: those of three repetitions.
+
+Of two there would be one, with which hardly any change could be found.
+"""
 
 Key = tuple[str, str, str]
 """Experiment, field and unit, which results have in common."""
@@ -119,18 +122,13 @@ def _judged(found: Sequence[Difference]) -> list[Difference]:
 
 
 def _uncertainty(one: ResultFigure) -> tuple[float | None, float]:
-    """Return standard uncertainty and degrees of freedom, by what the 95 % interval is of it.
-
-    An interval alone, as results of earlier versions have it, is taken with the largest uncertainty
-    and the fewest degrees of freedom that it may have; of unequal sides the longer one counts.
-    """
-    if one.low is None or one.high is None:
-        return one.stderr, inf
-    if one.stderr is None:
-        return (one.high - one.low) / 2 / coverage_factor(), FREEDOM_UNKNOWN
-    longer = max(one.high - one.value, one.value - one.low)
-    freedom = freedom_of(longer, one.stderr)
-    return one.stderr, inf if freedom is None else freedom
+    """Return standard uncertainty and degrees of freedom; FREEDOM_UNKNOWN of an interval alone."""
+    stated = standard_uncertainty(one.value, one.stderr, one.low, one.high)
+    if stated is None:
+        return None, inf
+    if not stated.known:
+        return stated.value, FREEDOM_UNKNOWN
+    return stated.value, inf if stated.freedom is None else stated.freedom
 
 
 def _welch(parts: Sequence[tuple[float, float]]) -> float:

@@ -6,7 +6,7 @@ from math import hypot, inf, isclose, isfinite
 from typing import Any
 
 from motord.config.figures import FigureKind
-from motord.intervals import coverage_factor, freedom_of
+from motord.intervals import coverage_factor, standard_uncertainty
 from motord.uncertainty_budget import Contribution, totals
 from motord.verdict.decision import Figure
 
@@ -101,20 +101,14 @@ def _figure(
 
 
 def _type_a(kind: FigureKind, row: Mapping[str, Any]) -> tuple[float | None, float | None, bool]:
-    """Return the standard error, its degrees of freedom, None for many, and if these are known.
-
-    Of an interval that is not symmetric the longer side counts.
-    """
+    """Return the standard error, its degrees of freedom, None for many, and if these are known."""
     parts = (kind.value, kind.stderr, kind.low, kind.high, kind.freedom)
     value, stderr, low, high, freedom = (_number(row.get(key)) for key in parts)
-    if low is None or high is None or value is None:
+    if freedom is not None and stderr is None and low is not None and high is not None:
+        return (high - low) / 2 / coverage_factor(freedom), freedom, True
+    if freedom is not None or value is None:
         return stderr, freedom, True
-    if stderr is None:
-        return (high - low) / 2 / coverage_factor(freedom), freedom, freedom is not None
-    if freedom is None:
-        half = max(high - value, value - low)
-        return max(stderr, half / coverage_factor(1.0)), freedom_of(half, stderr), True
-    return stderr, freedom, True
+    return standard_uncertainty(value, stderr, low, high) or (None, None, True)
 
 
 def _of_budget(total: Contribution, kind: FigureKind, key: Mapping[str, Any]) -> float:

@@ -64,8 +64,8 @@ def test_a_recording_that_is_cut_is_analysed_and_said_to_be(cut, tmp_path):
     assert result.stderr.startswith(said)
     for text in (result.stdout, (tmp_path / "o.json").read_text()):
         damage = json.loads(text)["damage"]
-        assert list(damage) == ["cut.mcap"]
-        assert "cut off" in damage["cut.mcap"]
+        assert list(damage) == [str(cut)]
+        assert "cut off" in damage[str(cut)]
 
 
 def test_an_error_says_first_that_the_recording_is_damaged(riddled):

@@ -82,5 +82,5 @@ def _of_speed(one: SpeedCogging, allowed: set[int]) -> list[tuple[complex, float
         turned = (above - below.conjugate()) / 2  # J1(x) / J0(x) exp(j phi)
         turned *= 1 - min(abs(turned), 1.0) ** 2 / 2
         noise = np.hypot(stderr_Nm[h], stderr_Nm[h - 2]) / 2 / abs(line)
-        found.append((complex(2 * turned / h), float(2 * max(noise, 1e-300) / h)))
+        found.append((complex(2 * turned / h), float(2 * max(noise, 1e-150) / h)))
     return found

@@ -22,7 +22,7 @@ from motord.experiments.signal_findings import signal_findings
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
 from motord.identification.rotor.driven_rotor import prepare
-from motord.intervals import coverage_factor
+from motord.intervals import SERIOUS_BIAS, coverage_factor
 
 SEEN = 5.0
 """Amplitude, in standard errors, from which a harmonic is compared by magnitude and phase."""
@@ -76,7 +76,8 @@ def _widened(measured: MeasuredCogging) -> MeasuredCogging:
         return measured
     lost_Nm = found.lost(measured.order, at_most=True) * measured.amplitude_Nm
     stderr_Nm = measured.stderr_Nm + lost_Nm / coverage_factor(freedom)
-    beyond = found.lost(measured.order) * measured.amplitude_Nm > measured.half_width_Nm
+    lost = found.lost(measured.order) * measured.amplitude_Nm
+    beyond = lost > SERIOUS_BIAS * measured.half_width_Nm
     serious = bool((beyond & measured.allowed).any())
     return replace(
         measured,

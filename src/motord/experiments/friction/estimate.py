@@ -31,7 +31,7 @@ from motord.experiments.friction.result import (
 )
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit
-from motord.intervals import coverage_factor, t_quantile
+from motord.intervals import SERIOUS_BIAS, coverage_factor, t_quantile
 
 LEAST_COAST_DOWNS = 3
 """Coast-downs of a direction below which their scatter says nothing."""
@@ -76,24 +76,23 @@ def _direction(
     if at_rad_s:
         scale = float(group.with_stribeck(speeds, at_rad_s).solution[-1])
         if windage_instead(group, speeds, at_rad_s, scale):
-            at_rad_s, limit, scale = 0.0, scale, 0.0
+            at_rad_s, scale = 0.0, 0.0
     if at_rad_s:
         fit = group.with_stribeck(speeds, at_rad_s, scale)
     lack = lack_of_fit(group, speeds, at_rad_s, scale)
     quantile = _quantile(group, 0.975)
     value = fit.solution * inertia.kg_m2
-    stderr = np.sqrt(np.diag(fit.covariance)) * inertia.kg_m2
-    stated = quantile * stderr
+    stated = quantile * np.sqrt(np.diag(fit.covariance)) * inertia.kg_m2
     half = lack.widened(stated, np.eye(value.size), inertia.kg_m2)
     of_inertia = inertia.relative_uncertainty * value
     whole = np.hypot(half, coverage_factor() * of_inertia)
-    combined = np.hypot(stderr, of_inertia)
+    combined = np.hypot(half / quantile, of_inertia)
     if at_rad_s:
         stribeck = Stribeck(
             *_interval(float(value[-2]), float(whole[-2])),
             *_interval(at_rad_s, float(half[-1] / inertia.kg_m2)),
             float(combined[-2]),
-            float(stderr[-1] / inertia.kg_m2),
+            float(half[-1] / quantile / inertia.kg_m2),
         )
     lines = np.hypot(*value[2 : 2 + 2 * group.orders.size].reshape(-1, 2).T)
     coulomb, viscous = (_interval(float(value[i]), float(whole[i])) for i in (0, 1))
@@ -112,7 +111,7 @@ def _direction(
             CoggingLine(int(order), float(line))
             for order, line in zip(group.orders, lines, strict=True)
         ),
-        windage=_windage(lack, stated, high, inertia),
+        windage=_windage(lack, stated, bool(at_rad_s), high, inertia),
         residual_rad=float(np.sqrt(np.mean(fit.rest**2))),
         curve=_curve(fit, lack, at_rad_s, (low, high), quantile, inertia, coasts[0].direction),
         fits=_coast_fits(group, fit, speeds),
@@ -136,7 +135,7 @@ def _search_stribeck(
     least = _quantile(group, 1 - STRIBECK_LEVEL / STRIBECK_SPEEDS)
     if part[best] < least * stderr[best]:
         return 0.0, float(upper.max())
-    return group.best_stribeck(speeds, tried), 0.0
+    return group.best_stribeck(speeds, tried), float(upper.max())
 
 
 def _quantile(group: CoastDownFit, probability: float) -> float:
@@ -148,11 +147,15 @@ def _interval(value: float, half: float) -> tuple[float, float, float]:
 
 
 def _windage(
-    lack: WindageFit, stated_Nm: np.ndarray, high_rad_s: float, inertia: Inertia
+    lack: WindageFit, stated_Nm: np.ndarray, stribeck: bool, high_rad_s: float, inertia: Inertia
 ) -> Windage:
-    """Return the part of the square of the speed; stated_Nm (p,): halves of intervals without."""
+    """Return the part of the square of the speed; stated_Nm (p,): halves of intervals without.
+
+    stribeck: the last two of them are of a Stribeck part.
+    """
     top, j = inertia.kg_m2 * high_rad_s**2, inertia.kg_m2
-    change, half = lack.changes(np.eye(stated_Nm.size)[:2])
+    parts = [0, 1, *((-2, -1) if stribeck else ())]
+    change, half = lack.changes(np.eye(stated_Nm.size)[parts])
     return Windage(
         torque_Nm=top * lack.coefficient,
         half_Nm=top * lack.half,
@@ -160,7 +163,7 @@ def _windage(
         coulomb_change_Nm=j * float(change[0]),
         coulomb_half_Nm=j * float(half[0]),
         viscous_change_Nm_s_per_rad=j * float(change[1]),
-        beyond=bool((j * np.abs(change) > stated_Nm[:2]).any()),
+        beyond=bool((j * np.abs(change) > SERIOUS_BIAS * stated_Nm[parts]).any()),
     )
 
 

@@ -19,6 +19,9 @@ from motord.intervals import t_quantile
 LEVEL = 0.002
 """Probability of a finding by chance, in each direction."""
 
+ROUNDING = 1e-9
+"""Of Coulomb friction, at the highest speed: less is of the arithmetic, in data without noise."""
+
 OWN = 2
 """Columns that each coast-down has of its own: Coulomb and viscous friction."""
 
@@ -81,7 +84,9 @@ def lack_of_fit(
     mean = float(weight @ coefficients)
     number = len(group.coasts)
     variance = float((weight**2 * (coefficients - mean) ** 2).sum()) * number / (number - 1)
-    stderr = float(np.sqrt(variance))
+    fastest_rad_s = max(float(speed.max()) for speed in speeds_rad_s)
+    rounding = ROUNDING * abs(float(group.fit.solution[0])) / fastest_rad_s**2
+    stderr = max(float(np.sqrt(variance)), rounding)
     return WindageFit(
         mean,
         t_quantile(1 - LEVEL / 2, number - 1) * stderr,

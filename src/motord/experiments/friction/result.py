@@ -49,8 +49,8 @@ class Windage:
     """A torque with the square of the speed, which the figures leave out; at the highest speed.
 
     limit_Nm: what chance alone makes of it; *_change_*: by how much the figures would change if it
-    were allowed for, *_half_*: half of the 95 % intervals; beyond: a change is more than the
-    interval of its figure was without it.
+    were allowed for, *_half_*: half of the 95 % intervals; beyond: a change is more than
+    SERIOUS_BIAS of half of its figure's interval without it.
     """
 
     torque_Nm: float
@@ -91,8 +91,8 @@ class DirectionalFriction:
 
     stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed.
     *_fit_*: the half width from the coast-downs alone, without the inertia's uncertainty, which
-    scales both directions alike. *_stderr_*: combined standard uncertainty, with the inertia's, but
-    without what the intervals are widened by for windage. windage: what was tested for lack of fit.
+    scales both directions alike. *_stderr_*: combined standard uncertainty. windage: what was
+    tested for lack of fit; where it is significant, all intervals and uncertainties are widened.
     """
 
     JSON = (
