@@ -1,11 +1,14 @@
 """Handlers of signals for as long as a block runs."""
 
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 Handler = Callable[[int, FrameType | None], object]
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""What ends a command: by its user, by the system, as its terminal is gone."""
 
 
 @contextmanager
@@ -17,3 +20,18 @@ def handled(numbers: Iterable[signal.Signals], handler: Handler) -> Iterator[Non
     finally:
         for number, earlier in before.items():
             signal.signal(number, earlier)
+
+
+@contextmanager
+def put_off(numbers: Iterable[signal.Signals]) -> Iterator[None]:
+    """Let the handlers of signals wait until the block is over; only a main thread has any."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        numbers = ()
+    with handled(
+        [number for number in numbers if callable(signal.getsignal(number))],
+        lambda number, _frame: came.append(number),
+    ):
+        yield
+    for number in came[:1]:
+        signal.raise_signal(number)

@@ -14,21 +14,24 @@ import os
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
+from motord.process.signal_handlers import INTERRUPTS, put_off
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, joined
 from motord.sequencing import Plan
 from motord.virtual import rows
 from motord.virtual.bench import VirtualBench
 from motord.virtual.plan import BlockSink, run_plan
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -113,9 +116,19 @@ def _ahead(
         wait(futures)
 
 
+class _Processors(ProcessPoolExecutor):
+    """A pool whose processes are not left half started: one that is ends with a traceback."""
+
+    def submit(
+        self, function: Callable[..., _Result], /, *arguments: Any, **named: Any
+    ) -> "Future[_Result]":
+        with put_off(INTERRUPTS):
+            return super().submit(function, *arguments, **named)
+
+
 def processors() -> ProcessPoolExecutor:
     """Return a pool of one process a processor; use it as a context manager."""
-    return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
+    return _Processors(os.cpu_count(), multiprocessing.get_context("spawn"))
 
 
 def _take(task: _Task) -> MeshPiece:

@@ -11,6 +11,7 @@ import pytest
 
 from motord.cli import COMMANDS, WRITE_FILES
 from motord.process.interrupts import ending_as_interrupts
+from motord.process.signal_handlers import INTERRUPTS, put_off
 from motord.recording.file_names import part_of
 from tests.unit.recording.runs import write_run
 
@@ -84,3 +85,25 @@ def test_a_process_that_was_forked_is_ended():
             os.kill(os.getpid(), signal.SIGTERM)
             os._exit(0)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGTERM
+
+
+@pytest.mark.parametrize("number", INTERRUPTS)
+def test_what_is_put_off_comes_when_the_block_is_over(number):
+    done = []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def block():
+        with put_off(INTERRUPTS):
+            os.kill(os.getpid(), number)
+            done.append(number)
+
+    before = signal.signal(number, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            block()
+        assert done == [number]
+        assert signal.getsignal(number) is interrupt
+    finally:
+        signal.signal(number, before)
