@@ -93,9 +93,21 @@ _seconds: Counter[str] = Counter()
 _forgiven: list[str] = stalls.FORGIVEN
 
 
+_terminal: list[pytest.TerminalReporter] = []
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Keep where failures are printed to, which only the process that prints has."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if not hasattr(session.config, "workerinput"):
+        _terminal.append(reporter)
+
+
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Add up the time of each file of tests."""
+    """Add up the time of each file of tests, and print a failure at once, not after minutes."""
     _seconds[schedule.file_of(report.nodeid)] += report.duration
+    if report.failed and _terminal:
+        _terminal[0].write_line(f"\n{report.nodeid} ({report.when}):\n{report.longreprtext}")
 
 
 @pytest.hookimpl(optionalhook=True)
