@@ -20,12 +20,12 @@ from motord.client import ClientError, Commander, Subscription, connect
 from motord.schema import State, Trip
 from tests.contract.peers import until
 from tests.support.ports import free_port
+from tests.unit.emulate.benches import write_bench
 from tests.unit.service.live_service import endpoint, live_service
 
 WAIT_S = 20.0
 UNDONE = re.compile(r"motord: the bench is (OFF$|(OFF|READY), and what was set is undone)", re.M)
 """A stop undoes what was set at once; the loop is OFF some ticks later. Either may be seen."""
-EMULATED = Path(__file__).parents[3] / "config" / "emulated.toml"
 
 
 @pytest.fixture(scope="module")
@@ -479,7 +479,7 @@ def test_check_names_what_is_wrong(tmp_path, monkeypatch):
 
 def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    result = CliRunner().invoke(app, ["check", "-c", str(EMULATED)])
+    result = CliRunner().invoke(app, ["check", "-c", str(write_bench(tmp_path))])
     assert "not ready to run: inverter and bridge, brake, drive" in failed(result)
     missing = CliRunner().invoke(app, ["check", "-c", str(tmp_path / "no.toml")])
     assert "no.toml: cannot read it" in failed(missing)
