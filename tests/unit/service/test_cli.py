@@ -4,7 +4,6 @@ import json
 import re
 import socket
 import threading
-from pathlib import Path
 
 import pytest
 import typer
