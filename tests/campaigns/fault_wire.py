@@ -19,7 +19,15 @@ from motord.schema import FAULT_COUNT_SHIFT, Flag, State, Trip
 from tests.campaigns.fault_bench import STATES
 from tests.campaigns.fault_table import ENABLED, RUNNING
 from tests.support import stalls
-from tests.system.daemons import daemon, emulator, forgive, patient, runtime_of, wait_for
+from tests.system.daemons import (
+    daemon,
+    emulator,
+    forgive,
+    patient,
+    runtime_of,
+    stalls_from_now,
+    wait_for,
+)
 from tests.unit.emulate.benches import write_bench
 
 RATE_HZ = 500
@@ -194,7 +202,7 @@ def session(folder: Path, rows: tuple[WireRow, ...], states: tuple[str, ...]) ->
             for row in rows:
                 for state in states:
                     _bring_to(client, lease.token, state, config)
-                    kept = stalls.of_bench(client.state())
+                    kept = stalls_from_now(client)
                     inject(config, row.fault.model_dump(exclude_none=True))
                     _let_pass(client, row.fault.duration_s + AFTER_S)
                     late_ms.append(1e3 * kept.delay_s(client.state().loop.missed))
@@ -281,7 +289,7 @@ def _trip(client: Any, config: Any) -> None:
 def _enable(client: Any, token: str) -> stalls.Stalls:
     """Enable, again only after a trip that a busy computer explains; return stalls since then."""
     while True:
-        kept = stalls.of_bench(client.state())
+        kept = stalls_from_now(client)
         try:
             client.rpc("reset", token=token)
             assert client.rpc("enable", token=token) == {"state": "ENABLED"}

@@ -18,7 +18,6 @@ from motord.hal.inverter.phase_currents import CanInverter
 from motord.recording.reader import open_run
 from motord.schema import InverterStatus
 from tests.firmware.images import emulated, with_other_layout
-from tests.support import stalls
 from tests.system.daemons import (
     LONG_LEASE_S,
     Program,
@@ -26,6 +25,7 @@ from tests.system.daemons import (
     forgive,
     patient,
     runtime_of,
+    stalls_from_now,
     wait_for,
     wait_until,
 )
@@ -123,7 +123,7 @@ def test_a_reboot_in_mid_run_trips_and_after_reset_it_goes_on(bench, devices):
         with client.lease("anna") as lease:
             while True:
                 steady(client, lease)
-                kept = stalls.of_bench(client.state())
+                kept = stalls_from_now(client)
                 bench.inject(kind="bridge_reboot", for_s=0.05)
                 tripped = wait_for(client, lambda state: state.trips, "a trip")
                 # the line opened and the power stage went off, or the first samples came sooner
@@ -181,7 +181,7 @@ def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
         with client.lease("anna") as lease:
             while True:
                 steady(client, lease)
-                kept = stalls.of_bench(client.state())
+                kept = stalls_from_now(client)
                 bench.inject(kind="bridge_corrupt", for_s=1.0, fraction=0.1)
                 time.sleep(1.5)  # the time that the noise lasts, and some
                 if client.state().state == "ENABLED":

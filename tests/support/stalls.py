@@ -24,6 +24,10 @@ LINE = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 what carries and judges them (a board in QEMU) was kept from running."""
 STALE_S = 1.0
 """The shortest limit of a patient bench that a busy computer exceeds."""
+SIGNALS = ("tick", "encoder", "torque", "inverter")
+"""Of the loop, by their names among the ages of a state."""
+FRESH_S = 0.1
+"""A signal that is older has met a stall, at the rates of the tests' benches."""
 QUARTER_TURN_S = 0.3
 """A rotor that waits for its host so long is a quarter of a turn behind where its speed would have
 taken it, at the 0.8 Hz that tests on the wire do not exceed, and no jump may be larger."""
@@ -52,17 +56,21 @@ def stolen_s() -> float:
 
 @dataclass
 class Stalls:
-    """How long what runs here has been kept from running since this was made."""
+    """How long what runs here has been kept from running since this was made.
+
+    age_s: of the oldest signal then, that of a stall which had begun before.
+    """
 
     missed: int = 0
     rate_Hz: float = 1.0
+    age_s: float = 0.0
     _waited_s: dict[str, float] = field(default_factory=waited_s)
     _stolen_s: float = field(default_factory=stolen_s)
     _ended: "tuple[dict[str, float], float] | None" = None
 
     def end(self) -> None:
         """Count no further: with a process that ends, its waits are gone."""
-        self._ended = self._waits_s(), self._other_s(self.missed)
+        self._ended = self._waits_s(), self._stolen_since_s()
 
     def lasted_s(self, missed: int = 0) -> float:
         """Return the longest wait of a thread, ticks missed by a loop, and time stolen, in all."""
@@ -87,13 +95,24 @@ class Stalls:
         return max(missed - self.missed, 0) / self.rate_Hz
 
     def _other_s(self, missed: int) -> float:
-        stolen = stolen_s() - self._stolen_s if self._ended is None else self._ended[1]
-        return self.missed_s(missed) + stolen
+        return self.age_s + self.missed_s(missed) + self._stolen_since_s()
+
+    def _stolen_since_s(self) -> float:
+        return stolen_s() - self._stolen_s if self._ended is None else self._ended[1]
+
+
+def is_fresh(state: Any) -> bool:
+    """Return whether what the loop of `state` goes by has just come: no stall is going on."""
+    return _age_s(state) < FRESH_S
 
 
 def of_bench(state: Any) -> Stalls:
     """Return stalls from now on, with the ticks that the loop of `state` misses."""
-    return Stalls(state.loop.missed, state.loop.rate_Hz)
+    return Stalls(state.loop.missed, state.loop.rate_Hz, _age_s(state))
+
+
+def _age_s(state: Any) -> float:
+    return max((state.ages.get(name, 0.0) for name in SIGNALS), default=0.0)
 
 
 def forgive(

@@ -224,6 +224,11 @@ def emulator(folder, bench_path, truth: Path):
         running.close()
 
 
+def stalls_from_now(client):
+    """Return what stalls there are from now on, once none is going on."""
+    return stalls.of_bench(wait_for(client, stalls.is_fresh, "signals that are new"))
+
+
 def forgive(client, kept, error=None, limit_s=STALE_S, *, board_is_a_process=False):
     """Count a trip, or a request not fulfilled in time, that `kept` (stalls) explains; else fail.
 

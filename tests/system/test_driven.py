@@ -9,8 +9,7 @@ from motord.config import load
 from motord.experiments.back_emf.command import estimate as measured_back_emf
 from motord.experiments.cogging.command import estimate as measured_cogging
 from motord.experiments.subject import Recordings
-from tests.support import stalls
-from tests.system.daemons import daemon, emulator, forgive, patient, wait_until
+from tests.system.daemons import daemon, emulator, forgive, patient, stalls_from_now, wait_until
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.long]
@@ -20,7 +19,7 @@ def run_plan(client, name, **settings):
     """Run a plan to its end; return its recording."""
     with client.lease("anna") as lease:
         while True:
-            kept = stalls.of_bench(client.state())
+            kept = stalls_from_now(client)
             client.rpc("reset", token=lease.token)
             view = client.rpc("plan/start", token=lease.token, name=name, settings=settings)
             wait_until(lambda: client.state().plan.over, name)

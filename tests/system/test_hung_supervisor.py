@@ -17,8 +17,15 @@ from motord.hal.modbus.link import connect as modbus_link
 from motord.recording.reader import open_run
 from motord.wire.modbus.pdu import read
 from motord.wire.modbus.registers import layout
-from tests.support import stalls
-from tests.system.daemons import daemon, emulator, forgive, patient, wait_for, wait_until
+from tests.system.daemons import (
+    daemon,
+    emulator,
+    forgive,
+    patient,
+    stalls_from_now,
+    wait_for,
+    wait_until,
+)
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -59,7 +66,7 @@ def turning(client):
         return fast or state.state == "TRIPPED" or state.setpoint.drive_Hz == 0.0
 
     while True:
-        kept = stalls.of_bench(client.state())
+        kept = stalls_from_now(client)
         try:
             for name in ("reset", "enable", "disable"):
                 client.rpc(name, token=lease.token)

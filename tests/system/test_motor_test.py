@@ -17,8 +17,7 @@ from motord.cli import app
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
 from motord.results.store import ResultsStore
-from tests.support import stalls
-from tests.system.daemons import PATIENCE_S, daemon, forgive, wait_for, write_sim
+from tests.system.daemons import PATIENCE_S, daemon, forgive, stalls_from_now, wait_for, write_sim
 
 pytestmark = pytest.mark.system
 
@@ -50,7 +49,7 @@ def running(folder):
 def run_motor_test(client, *arguments):
     """Run `motord test`, again after a trip that a stall of the computer explains."""
     while True:
-        kept = stalls.of_bench(client.state())
+        kept = stalls_from_now(client)
         done = CliRunner().invoke(app, ["test", "pump.toml", *arguments])
         if done.exit_code != 1 or client.state().state != "TRIPPED":
             return done

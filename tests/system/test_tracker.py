@@ -6,8 +6,14 @@ import signal
 import pytest
 
 from motord.client import ClientError
-from tests.support import stalls
-from tests.system.daemons import LONG_LEASE_S, daemon, forgive, wait_until, write_sim
+from tests.system.daemons import (
+    LONG_LEASE_S,
+    daemon,
+    forgive,
+    stalls_from_now,
+    wait_until,
+    write_sim,
+)
 from tests.unit.service.test_installation import calibration
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -37,7 +43,7 @@ def kill_tracker(client, lease):
     `restarts` of the state is how often it took.
     """
     while True:
-        kept = stalls.of_bench(client.state())
+        kept = stalls_from_now(client)
         lease.reset()
         lease.set(enable=True, torque_Nm=2.0, speed_Hz=1.0)
         wait_until(lambda: tracked(client) or client.state().first_trip, "turns that are tracked")

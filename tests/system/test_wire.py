@@ -20,6 +20,7 @@ from tests.system.daemons import (
     emulator,
     forgive,
     patient,
+    stalls_from_now,
     wait_for,
     wait_until,
 )
@@ -137,7 +138,7 @@ def hold(
     """
     forgive_trip = partial(forgive, client, board_is_a_process=board_is_a_process)
     while True:
-        kept, seen = stalls.of_bench(client.state()), []
+        kept, seen = stalls_from_now(client), []
         try:
             wait_until(lambda: resets(client, lease), "no cause of a trip to be left")
             client.rpc("enable", token=lease.token)

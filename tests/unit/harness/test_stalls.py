@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -21,7 +22,7 @@ def stalled(seconds: float, monkeypatch: pytest.MonkeyPatch) -> Stalls:
     """Return stalls of a loop at 500 Hz, since which a thread has waited for `seconds`."""
     monkeypatch.setattr(stalls, "stolen_s", lambda: 0.0)
     monkeypatch.setattr(stalls, "waited_s", lambda: {"/proc/1/task/1/schedstat": 5.0})
-    kept = Stalls(100, 500.0, stalls.waited_s(), 0.0)
+    kept = Stalls(100, 500.0, 0.0, stalls.waited_s(), 0.0)
     monkeypatch.setattr(stalls, "waited_s", lambda: {"/proc/1/task/1/schedstat": 5.0 + seconds})
     return kept
 
@@ -33,6 +34,24 @@ def test_staleness_is_forgiven_with_proof_and_counted(
     kept = stalled(1.01, monkeypatch)
     forgive("a test", cause, kept, limit_s=1.0, missed=100)
     assert [f"a test: {cause}; kept from running for 1.01 s"] == stalls.FORGIVEN
+
+
+def test_a_stall_that_had_begun_before_counts_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = stalled(0.52, monkeypatch)
+    kept.age_s = 0.5
+    forgive("a test", "ENCODER_STALE", kept, limit_s=1.0, missed=100)
+    kept.age_s = 0.4
+    with pytest.raises(AssertionError, match="no stall of 1 s explains it"):
+        forgive("a test", "ENCODER_STALE", kept, limit_s=1.0, missed=100)
+
+
+def test_the_age_of_the_oldest_signal_is_that_of_a_stall_that_goes_on() -> None:
+    ages = {"tick": 0.01, "encoder": 0.02, "inverter": 0.4, "brake": 3.0}
+    state = SimpleNamespace(ages=ages, loop=SimpleNamespace(missed=7, rate_Hz=500.0))
+    assert stalls.of_bench(state).age_s == 0.4
+    assert not stalls.is_fresh(state)
+    ages["inverter"] = 0.03
+    assert stalls.is_fresh(state)
 
 
 def test_missed_ticks_are_a_stall_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,7 +123,7 @@ def test_what_goes_through_several_processes_waits_for_each(monkeypatch):
     names = [f"/proc/{pid}/task/{pid}/schedstat" for pid in (1, 2)]
     monkeypatch.setattr(stalls, "stolen_s", lambda: 0.0)
     monkeypatch.setattr(stalls, "waited_s", lambda: dict.fromkeys(names, 5.0))
-    kept = Stalls(100, 500.0, stalls.waited_s(), 0.0)
+    kept = Stalls(100, 500.0, 0.0, stalls.waited_s(), 0.0)
     monkeypatch.setattr(stalls, "waited_s", lambda: dict.fromkeys(names, 5.6))
     with pytest.raises(AssertionError, match="no stall of 1 s"):
         forgive("a test", "ENCODER_STALE", kept, limit_s=1.0)
