@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from motord.emulate.process import FEEDBACK_AGE_MAX_NS, FEEDBACK_SILENCE_MAX_NS
-from motord.schema import State
+from motord.emulate.freshness import AGE_MAX_NS, HELD_UP_NS, SILENCE_MAX_NS
+from motord.schema import InverterStatus, State
 from tests.support.virtual_wire import STEP_MAX_NS, World, on_the_wire
 from tests.system.test_shipped_limits import shipped
 from tests.unit.emulate.benches import EMULATED
@@ -89,7 +89,7 @@ def test_an_emulator_that_is_preempted_while_it_sends_sends_no_old_feedback(
         service.run_s(1.0, token)
         emulator = world.emulator
         assert service.bench.state is State.ENABLED, service.messages()
-    assert max(ages_ns) < FEEDBACK_AGE_MAX_NS
+    assert max(ages_ns) < AGE_MAX_NS
     assert emulator.summary()["feedback_late"] >= 1000 // PREEMPTED_EVERY - 1
 
 
@@ -106,7 +106,33 @@ def test_an_emulator_that_is_always_late_is_not_silent(
         monkeypatch.setattr(world.emulator._link, "sample", slowly)
         ages_ns.clear()
         began_ns = world.now_ns
-        while world.now_ns - began_ns < 10 * FEEDBACK_SILENCE_MAX_NS:
+        while world.now_ns - began_ns < 10 * SILENCE_MAX_NS:
             world.now_ns += STEP_MAX_NS
             world._step()
-    assert sum(age_ns >= FEEDBACK_AGE_MAX_NS for age_ns in ages_ns) >= 3
+    assert sum(age_ns >= AGE_MAX_NS for age_ns in ages_ns) >= 3
+
+
+def test_an_emulator_that_is_preempted_before_it_sends_listens_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or a drive that the host has disabled meanwhile would say that it is on, as of now."""
+    with enabled(tmp_path, monkeypatch) as (service, world, *_):
+        emulator, stated = world.emulator, []
+        sample, send = emulator._link.sample, emulator._can.send
+
+        def preempted(*arguments):
+            sample(*arguments)
+            monkeypatch.setattr(emulator._link, "sample", sample)
+            monkeypatch.setattr(emulator._can, "send", stating)
+            service.loop.rig.safe_stop()
+            world.now_ns += HELD_UP_NS
+
+        def stating(codec, values, at_ns):
+            stated.append(int(values["status"]) & emulator._codec.status_word(InverterStatus.READY))
+            send(codec, values, at_ns)
+
+        monkeypatch.setattr(emulator._link, "sample", preempted)
+        while not stated:
+            world.now_ns += STEP_MAX_NS
+            world._step()
+    assert set(stated) == {0}

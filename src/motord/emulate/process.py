@@ -3,9 +3,7 @@
 The devices sample and send at instants of their own, fixed beforehand. A process that wakes late
 produces what was due meanwhile, with the right times; what the host sent takes effect at the time
 when it arrived. Only a stall of more than `CATCH_UP_NS`, or than the rig's patience if it has any,
-leaves instants out. The inverter's feedback carries no time, its stamp is that of its arrival: of
-what is due at once only the newest is sent, as no inverter queues measurements, and that not if it
-is old by now, unless none has been sent for long.
+leaves instants out, and feedback that is old by now is not sent (`emulate.freshness`).
 """
 
 import gc
@@ -25,6 +23,7 @@ from motord.emulate.can import CanPort
 from motord.emulate.clock import HostClock
 from motord.emulate.control import ControlSocket, control_path
 from motord.emulate.faults import Injector
+from motord.emulate.freshness import Freshness
 from motord.emulate.modbus import ModbusServers
 from motord.emulate.schedule import Schedule
 from motord.emulate.selection import (
@@ -40,9 +39,6 @@ from motord.wire.can import dbc
 from motord.wire.can.codec import MessageCodec
 
 CATCH_UP_NS = 200_000_000
-FEEDBACK_AGE_MAX_NS, FEEDBACK_SILENCE_MAX_NS = 5_000_000, 100_000_000
-"""Older currents are not sent, which the host would take for those of their arrival; but after such
-a silence they are, however old: the computer is always late."""
 BOARD_STATUS_HZ = 20
 INVERTER_STATUS_HZ = 100
 
@@ -97,12 +93,10 @@ class Emulator:
         self._start_ns = 0
         patience_s = config.bench.rig_patience_s
         self._catch_up_ns = min(CATCH_UP_NS, round((patience_s or CATCH_UP_NS) * 1e9))
-        self._period_ns = round(1e9 / config.loop.rate_Hz)
+        self._freshness = Freshness(round(1e9 / config.loop.rate_Hz), lambda: time.monotonic_ns())
         self._logged_ns = 0
         self.ticks = 0
         self.skipped = 0
-        self.feedback_late = 0
-        self._feedback_sent_ns = 0
 
     def __enter__(self) -> "Emulator":
         """Open all ports. Raises EmulatorError for one that cannot be had."""
@@ -161,7 +155,7 @@ class Emulator:
             "ticks": self.ticks,
             "truth_rows": self._log.rows,
             "skipped": self.skipped,
-            "feedback_late": self.feedback_late,
+            "feedback_late": self._freshness.late,
             "stalled_s": bench.skipped_ns * 1e-9,
             "paused_s": bench.paused_ns * 1e-9,
             "torque_mean_Nm": self._log.mean_torque_Nm,
@@ -259,34 +253,27 @@ class Emulator:
     def _emit(self, at_ns: int, now_ns: int) -> None:
         """Send everything that is due at `at_ns`; of feedback only the newest before `now_ns`."""
         reading, board = self.bench.sense(), self.bench.board
-        status = self.bench.inverter_status(reading)
         if self._samples.due(at_ns):
             self._link.sample(board, reading, at_ns)
+        held_up, newest = self._freshness.held_up(now_ns), self._freshness.newest(at_ns, now_ns)
+        if held_up and newest:
+            self._listen(at_ns)
+            self.bench.advance(at_ns + 1, self._link.send)  # and take effect
+            reading = self.bench.sense()
+        status = self.bench.inverter_status(reading)
         if self._feedback.due(at_ns):
-            if self._feedback_is_current(at_ns, now_ns):
+            if self._freshness.currents_leave(at_ns, now_ns):
                 self._send(self._fast, reading, status, at_ns)
-            else:
-                self.feedback_late += 1
             self.ticks += 1
             if self.bench.played_ns != self._logged_ns:  # no rows while the rig's time stands still
                 self._logged_ns = self.bench.played_ns
                 self.bench.fill_truth(self._clock.unix_ns(at_ns), self._log.next_row())
-        if self._slow_feedback.due(at_ns) or status != self._status:
+        due = self._slow_feedback.due(at_ns) or status != self._status
+        if due and (newest or not held_up):
             self._send(self._slow, reading, status, at_ns)
             self._status = status
         if self._board_status.due(at_ns) and board.streaming:
             self._link.send(board.status(at_ns), at_ns)
-
-    def _feedback_is_current(self, at_ns: int, now_ns: int) -> bool:
-        """Return whether feedback of `at_ns` is to be sent, and note that it is."""
-        if now_ns - at_ns >= self._period_ns:
-            return False
-        real_ns = time.monotonic_ns()
-        silent = real_ns - self._feedback_sent_ns >= FEEDBACK_SILENCE_MAX_NS
-        if real_ns - at_ns >= FEEDBACK_AGE_MAX_NS and not silent:
-            return False
-        self._feedback_sent_ns = real_ns
-        return True
 
     def _send(
         self,
