@@ -71,6 +71,15 @@ def press(page: Page, selector: str) -> None:
         page.click(selector)
 
 
+def press_by_key(page: Page, selector: str) -> None:
+    """Do so with the keyboard, which needs the button to have the focus and to be allowed."""
+    page.evaluate(NOTE_CLICKS, selector)
+    while not page.evaluate("window.clicked"):
+        expect(page.locator(selector)).to_be_enabled()
+        page.focus(selector)
+        page.keyboard.press("Enter")
+
+
 def take_command(page: Page) -> None:
     """Take the lease and enable the bench."""
     press(page, "#take")

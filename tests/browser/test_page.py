@@ -17,6 +17,7 @@ from tests.browser.chromium import (
     PATIENCE_MS,
     PHONE,
     press,
+    press_by_key,
     set_by_hand,
     shows,
     start_plan,
@@ -163,9 +164,7 @@ def test_a_plan_goes_through_the_queue(server, visit: Watched):
     for number in "12":
         press(page, "#plan-add")
         shows(page, "#queue-items", f"{number} calibrate")
-    expect(page.locator("#queue-up-2")).to_be_enabled()  # not while the page has no connection
-    page.focus("#queue-up-2")
-    page.keyboard.press("Enter")  # and the focus stays with the item
+    press_by_key(page, "#queue-up-2")  # and the focus stays with the item
     waits(page, "() => document.activeElement.id === 'queue-down-2'")
     assert [row.get_attribute("data-id") for row in page.locator("#queue-items li").all()] == [
         *"21"
@@ -325,6 +324,24 @@ def test_a_trip_says_what_to_do(server, visit: Watched):
     press(page, "#reset")
     shows(page, "#state-name", "READY")
     expect(page.locator("#trip")).to_be_hidden()
+
+
+def test_the_focus_comes_back_to_a_button_that_could_not_be_used_for_a_while(
+    server, visit: Watched
+):
+    page, stand_in = visit(server.urls.operator), server.stand_in
+    expect(page.locator("#take")).to_be_enabled()
+    page.focus("#take")
+    stand_in.do(lambda: setattr(stand_in, "silent", True))
+    expect(page.locator("#take")).to_be_disabled()
+    stand_in.do(lambda: setattr(stand_in, "silent", False))
+    waits(page, "() => document.activeElement.id === 'take'")
+    stand_in.do(lambda: setattr(stand_in, "silent", True))
+    expect(page.locator("#take")).to_be_disabled()
+    page.focus("#plan-start-box > summary")
+    stand_in.do(lambda: setattr(stand_in, "silent", False))
+    expect(page.locator("#take")).to_be_enabled()
+    assert page.evaluate("document.activeElement.id") != "take"  # of who has gone elsewhere
 
 
 def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):

@@ -1,6 +1,6 @@
 /** The queue of plans as the daemon reported it; start, pause, stop, move and remove. */
 
-import { allow, byId, element, setAttribute, setText } from "./dom.js";
+import { allow, byId, element, focusOnceAllowed, setAttribute, setText } from "./dom.js";
 import { clock, duration } from "./format.js";
 import { attemptsText, place, policyText, settingsText, stateText, timeText, waitText, whole } from "./queue_items.js";
 
@@ -109,8 +109,10 @@ export class PlanQueue {
   _focus(id, row) {
     const same = /** @type {HTMLButtonElement | null} */ (id ? document.getElementById(id) : null);
     const near = same?.closest("li") ?? row;
-    const usable = same && !same.disabled ? same : near?.querySelector("button:not(:disabled)");
-    (/** @type {HTMLElement} */ (usable ?? (row ? byId("queue-items") : byId("queue")))).focus();
+    const usable = same && !same.dataset.why ? same : near?.querySelector('button[data-why=""]');
+    const list = byId(row ? "queue-items" : "queue");
+    if (usable) focusOnceAllowed(/** @type {HTMLButtonElement} */ (usable), list);
+    else list.focus();
   }
 
   /** @param {Item} item @param {any[]} history */
