@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.config.faults import KINDS, Timeline
-from motord.control.observer import POSITION_AGE_MAX_S
+from motord.config.timing import POSITION_AGE_MAX_S
 from motord.schema import Request, State, Trip
 from tests.campaigns import fault_wire, seeds
 from tests.campaigns.fault_bench import (

@@ -70,7 +70,7 @@ FEW = (
     ("motord.control.plausible", "if settled and back > later + 1:", "if back > later + 1:"),
     ("motord.control.plausible", "if not settled and _passes(", "if _passes("),
     ("motord.control.observer", "    pole = math.exp(", SPEED_OF_DENSE_SAMPLES_ONLY),
-    ("motord.control.observer", "POSITION_AGE_MAX_S = 0.03", "POSITION_AGE_MAX_S = 0.1"),
+    ("motord.config.timing", "POSITION_AGE_MAX_S = 0.03", "POSITION_AGE_MAX_S = 0.1"),
     ("motord.sequencing.limits", "SPEED_MARGIN = 0.8", "SPEED_MARGIN = 0.81"),
     ("motord.service.bench.lease", "held is not None and not force", "held is not None and force"),
 )

@@ -1,7 +1,7 @@
 """The times, rates and angles within which every interlock keeps its stated time.
 
 The fields of a bench file are bounded by them, and so are the rules between several fields
-(`config.bench`).
+(`config.rules`).
 """
 
 import math
@@ -16,10 +16,24 @@ SLOW_FEEDBACK_MAX_S = 0.5
 RAMP_DOWN_MAX_S = 1.0
 """From [limits] torque_Nm to zero, however gentle torque_rate_Nm_per_s is."""
 DELAY_MAX_S = 0.02
-"""Of the inverter: the angle where its current flows is predicted over this time."""
+"""Of the inverter: the angle where its current flows is predicted over this time. A drive that is
+disabled is off within it: what it states afterwards is of the time since."""
+SETTLING_LAGS = 3
+"""Lags of the current loops after [inverter] actuation_delay_s, which has one of them, within which
+a current settles: 1.8 % of a step are left."""
 JUMP_MAX_RAD = math.pi / 2
 """No spacing of samples makes a larger jump of the encoder plausible: from half a turn on, the
 direction is a guess."""
+STEADY_S = 0.005
+"""Time between samples over which the speed hardly changes: after a longer one more of a jump is
+plausible, in proportion."""
+POSITION_AGE_MAX_S = 0.03
+"""Age of the newest position up to which it is extrapolated. Beyond it no torque is commanded: at
+100 rad/s^2 the rotor may be 45 mrad further on, 0.36 rad electrically with 8 pole pairs."""
+ACCELERATION_RAD_S2 = 100.0
+"""No rotor that accelerates by so much may seem to jump, at any setting of the encoder's check."""
+SAMPLE_TIME_S = 100e-6
+"""By so much the time of a bridge's sample may be wrong: of a heartbeat's way half is known."""
 TURN_PER_SAMPLE_MAX_RAD = math.pi / 4
 """The rotor may turn so far from sample to sample at the speed limit: a speed well beyond it still
 differs from a slower one in the other direction."""

@@ -10,17 +10,11 @@ import math
 
 import numpy as np
 
-from motord.config.timing import JUMP_MAX_RAD
+from motord.config.timing import JUMP_MAX_RAD, STEADY_S
 from motord.control.states import STATE
 from motord.jit import jit
 
 TWO_PI = 2 * math.pi
-STEADY_S = 0.005
-"""Time between samples over which the speed hardly changes: after a longer one more of a jump is
-plausible, in proportion."""
-POSITION_AGE_MAX_S = 0.03
-"""Age of the newest position up to which it is extrapolated. Beyond it no torque is commanded: at
-100 rad/s^2 the rotor may be 45 mrad further on, 0.36 rad electrically with 8 pole pairs."""
 RESTART_S = 1.0
 """After a gap of this length nothing of what was known of the rotor holds."""
 

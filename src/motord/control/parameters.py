@@ -7,7 +7,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.interlock_table import INTERLOCKS
-from motord.control.types import PARAMETERS, SETTLING_LAGS
+from motord.control.types import PARAMETERS
 from motord.learned import COEFFICIENTS_MAX, LearnedTorque
 
 if TYPE_CHECKING:
@@ -58,8 +58,7 @@ def build(
 
 def settling_ns(config: Config) -> int:
     """Return the time (ns) from the start of a tick until its current has settled."""
-    inverter = config.inverter
-    return round((inverter.actuation_delay_s + SETTLING_LAGS * inverter.lag_s) * 1e9)
+    return round(config.inverter.settling_s * 1e9)
 
 
 def watched_tracks(counts: int) -> int:

@@ -6,6 +6,7 @@ filled `tick`, `missed`, `wake_late_ns`, `work_ns` and the flags of lateness in 
 
 import numpy as np
 
+from motord.config.timing import DELAY_MAX_S, POSITION_AGE_MAX_S
 from motord.control import interlocks, observer, reference, tracks
 from motord.control.learned import learned_torque
 from motord.control.plausible import remember_command
@@ -17,6 +18,8 @@ from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus
 _FLAG, _COMPENSATE = constants(Flag), constants(Compensate)
 _BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 _INT32_MAX = 2**31 - 1
+OFF_NS = round(DELAY_MAX_S * 1e9)
+"""Within this time of being disabled the drive is off."""
 
 ELAPSED_MAX_S = 1.0
 """Most time that a tick counts for, however long the loop was kept from running before it."""
@@ -108,6 +111,18 @@ def _currents(
 
 
 @jit
+def _powered(m: np.record, f: np.record) -> bool:
+    """Return whether inverter and enable line are ready, by what they stated lately enough.
+
+    A status from before the drive can have carried out that it was disabled says nothing of
+    whether it is on again: the next one may show it off, which would be a fault once enabled.
+    """
+    stated_ns = f.t_status_ns if f.t_status_ns else f.t_inverter_ns
+    ready = f.inverter_status & _INVERTER.READY and f.bridge_status & _BRIDGE.ENABLE_LINE
+    return bool(ready != 0 and min(stated_ns, f.t_ns) >= m.off_by_ns)
+
+
+@jit
 def _decide(
     p: np.record,
     m: np.record,
@@ -135,16 +150,18 @@ def _decide(
     )
     bits = interlocks.debounced(p, m, conditions, new, f.now_ns)
     interlocks.latch(m, bits)
-    powered = f.inverter_status & _INVERTER.READY and f.bridge_status & _BRIDGE.ENABLE_LINE
+    commanded_on = m.state == STATE.ENABLED or m.arming != 0
     state, arming, stopping = transition(
         m.state,
         m.arming != 0,
         m.stopping != 0,
         request,
         bits,
-        powered != 0,
+        _powered(m, f),
         m.torque_set_Nm == 0.0,
     )
+    if commanded_on and not (state == STATE.ENABLED or arming):
+        m.off_by_ns = f.now_ns + OFF_NS
     if m.state == STATE.TRIPPED and state == STATE.READY:
         m.trip_bits = 0
         m.first_trip = 0
@@ -227,8 +244,8 @@ def step(
     t.trip_bits = causes if m.state == STATE.OFF else m.trip_bits
     flags |= _set_torque(p, m, s, supervisor_late, elapsed_s)
     age_s = (f.now_ns - m.t_ns) * 1e-9
-    aged = age_s > observer.POSITION_AGE_MAX_S
-    ahead_s = min(age_s, observer.POSITION_AGE_MAX_S) + p.actuation_delay_s
+    aged = age_s > POSITION_AGE_MAX_S
+    ahead_s = min(age_s, POSITION_AGE_MAX_S) + p.actuation_delay_s
     angle_rad = observer.wrap_angle(m.angle_rad + m.speed_rad_s * ahead_s)
     t.angle_predicted_rad = angle_rad
     c.angle_rad, c.speed_rad_s = angle_rad, m.speed_rad_s

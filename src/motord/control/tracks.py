@@ -6,7 +6,8 @@ times as much is stuck, even where the jumps that it causes are small enough to 
 
 import numpy as np
 
-from motord.control.observer import POSITION_AGE_MAX_S, TWO_PI, wrap_difference
+from motord.config.timing import POSITION_AGE_MAX_S
+from motord.control.observer import TWO_PI, wrap_difference
 from motord.jit import jit
 
 FAR = 2.5

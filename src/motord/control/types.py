@@ -7,7 +7,7 @@ All numbers that a recording must hold to replay a run are single precision, as 
 
 import math
 
-from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, SILENCE_MAX_S
+from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, SETTLING_LAGS, SILENCE_MAX_S
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.schema import record_dtype
 
@@ -16,6 +16,7 @@ FEEDBACK = record_dtype(
         ("now_ns", "i8"),  # when the tick began (Unix ns)
         ("t_ns", "i8"),  # when encoder and torque were sampled (Unix ns)
         ("t_inverter_ns", "i8"),  # when currents and voltages were sampled (Unix ns)
+        ("t_status_ns", "i8"),  # when the drive stated its status (Unix ns); 0: with the currents
         ("encoder_gray", "u4"),
         ("bridge_status", "u4"),  # schema.BridgeStatus
         ("inverter_status", "u4"),  # schema.InverterStatus
@@ -65,9 +66,6 @@ COMMAND = record_dtype(
 
 TORQUE_SHARE = 0.2
 """Part of the torque set-point by which the measured torque may be off, besides torque_error_Nm."""
-SETTLING_LAGS = 3
-"""Lags of the current loops after [inverter] actuation_delay_s, which has one of them, within which
-a current settles: 1.8 % of a step are left."""
 COMMANDS_MAX = math.ceil((SILENCE_MAX_S + (1 + SETTLING_LAGS) * DELAY_MAX_S) * RATE_MAX_HZ) + 2
 """Commands remembered at most; of a bench `PARAMETERS.commands`, enough for its oldest feedback."""
 
@@ -142,6 +140,7 @@ MEMORY = record_dtype(
         ("link_errors", "i8"),
         ("missed", "i8"),
         ("arming_s", "f8"),  # time since enabling began
+        ("off_by_ns", "i8"),  # when a drive that was commanded to be off surely was
         ("torque_expected_Nm", "f8"),  # set-point as the torque sensor should show it
         ("torque_asked_Nm", "f8"),  # set-point with the gain that is induced
         ("torque_before_Nm", "f8"),  # the same a tick before

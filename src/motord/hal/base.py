@@ -59,8 +59,9 @@ class InverterDriver(Rig, Protocol):
     """A drive that takes phase-current references.
 
     `read` fills t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status and adds to
-    link_errors. `write` sends current references, all as 0 if one is not finite, and the enable
-    bit; `safe_stop` zero current and disable.
+    link_errors; and t_status_ns, if the drive states its status apart from its currents. `write`
+    sends current references, all as 0 if one is not finite, and the enable bit; `safe_stop` zero
+    current and disable.
     """
 
 

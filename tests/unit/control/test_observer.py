@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from motord.config.timing import POSITION_AGE_MAX_S
 from motord.control import observer
 from motord.schema import Flag, Request, State, Trip
 from tests.unit.control.bench import Bench, make_config
@@ -128,7 +129,7 @@ def test_a_position_that_is_too_old_makes_no_torque() -> None:
             bench.run(healthy=False)
         return bench.tick[0]
 
-    tick = blind(round(observer.POSITION_AGE_MAX_S * 1e3) - 1)
+    tick = blind(round(POSITION_AGE_MAX_S * 1e3) - 1)
     assert bench.currents_A().any()
     assert not tick["flags"] & Flag.POSITION_AGED
     tick = blind(2)

@@ -253,6 +253,32 @@ def test_how_long_a_slow_message_may_stay_away_is_a_setting() -> None:
         assert (record["t_inverter_ns"][0] == NOW_NS) == (stale or t_ms == 0)
 
 
+@pytest.mark.parametrize("stale_after_s", [0.02, 0.05, 0.3])
+def test_a_slow_message_is_missed_in_its_time_whatever_that_of_the_others(
+    stale_after_s: float,
+) -> None:
+    config = bench(can_config("virtual", slow_stale_after_s=0.05))
+    inverter = config.inverter.model_copy(update={"stale_after_s": stale_after_s})
+    driver = CanInverter(config.model_copy(update={"inverter": inverter}))
+    driver._feedback.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
+    record = new_feedback()
+    for t_ms, stale in ((0, False), (49, False), (50, True), (51, True)):
+        now_ns = NOW_NS + t_ms * 1_000_000
+        driver._feedback.take(*feedback_of(VALUES, t_ms, only=0), now_ns)
+        driver._feedback.fill(record)
+        age_s = (now_ns + 1 - record["t_inverter_ns"][0]) * 1e-9
+        assert (age_s > stale_after_s) == stale
+
+
+def test_a_status_has_the_time_at_which_it_was_stated() -> None:
+    state, record = CanFeedback(dbc.load(can_config()), 1000, SILENT_AFTER_NS), new_feedback()
+    state.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
+    state.take(*feedback_of(VALUES, 0, only=0), NOW_NS + 70)
+    state.fill(record)
+    assert record["t_inverter_ns"][0] == NOW_NS + 70 - 1000
+    assert record["t_status_ns"][0] == NOW_NS - 1000
+
+
 def test_values_that_the_map_lacks_are_not_numbers() -> None:
     signals = SIGNALS | {"feedback_u_V": (), "feedback_temperature_C": ""}
     state = CanFeedback(dbc.load(can_config(signals=signals)), 0, SILENT_AFTER_NS)

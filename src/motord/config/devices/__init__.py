@@ -18,6 +18,7 @@ from motord.config.timing import (
     DELAY_MAX_S,
     RATE_MAX_HZ,
     RATE_MIN_HZ,
+    SETTLING_LAGS,
     SILENCE_MAX_S,
     SLOW_FEEDBACK_MAX_S,
 )
@@ -64,7 +65,8 @@ class CanConfig(CanBusConfig):
     slow_stale_after_s: Annotated[float, Field(gt=0, le=SLOW_FEEDBACK_MAX_S)] = 0.5
     """A message of feedback without currents (status, bus voltage, temperature) that stays away for
     longer makes all feedback as old as it is, to which inverter.stale_after_s applies: until then a
-    fault or a voltage in it is not seen. Longer than the drive takes from one to the next."""
+    fault or a voltage in it is not seen. At least twice the time from one to the next, which its
+    DBC may say (GenMsgCycleTime): one may be lost."""
     dbc: Path
     """The drive's DBC; next to the bench file, or `package:NAME`."""
     signals: CanSignalMap
@@ -149,6 +151,11 @@ class InverterConfig(DeviceConfig):
                 'or take driver = "can"'
             )
         return self
+
+    @property
+    def settling_s(self) -> float:
+        """Time from the start of a tick until its current has settled."""
+        return self.actuation_delay_s + SETTLING_LAGS * self.lag_s
 
     @property
     def q_only(self) -> bool:

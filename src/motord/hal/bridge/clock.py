@@ -9,10 +9,11 @@ the drift comes from the heartbeats alone.
 
 import time
 
+from motord.config.timing import SAMPLE_TIME_S
 from motord.hal.bridge.drift_estimator import HeartbeatLine, SampleBound
 from motord.wire.bridge.frames import CLOCK_MODULUS_US
 
-HEARTBEAT_LATENCY_NS = 100_000
+HEARTBEAT_LATENCY_NS = round(SAMPLE_TIME_S * 1e9)
 """Half the round trip is taken for the heartbeat's way, but never more than this: what else is in
 the round trip is the time until the loop comes round to read."""
 INCONSISTENT_NS = 20_000

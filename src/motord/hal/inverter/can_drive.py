@@ -37,8 +37,9 @@ class CanDrive:
         self._config = can
         self._codec = dbc.load(can)
         reach.check(self._codec, config)
-        age_ns = round(config.inverter.feedback_age_s * 1e9)
-        self._feedback = CanFeedback(self._codec, age_ns, round(can.slow_stale_after_s * 1e9))
+        limits_s = (can.slow_stale_after_s, config.inverter.stale_after_s)
+        ages_s = (config.inverter.feedback_age_s, *limits_s)
+        self._feedback = CanFeedback(self._codec, *(round(age_s * 1e9) for age_s in ages_s))
         self._host = CanopenHost(can.canopen)
         self._counter = 0
         self._now_ns = 0
@@ -60,7 +61,7 @@ class CanDrive:
             raise
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
+        """Fill what an `InverterDriver` fills; add errors."""
         self._now_ns = now_ns
         self._clock.observe(now_ns)
         if self._bus is not None:

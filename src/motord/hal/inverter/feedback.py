@@ -34,17 +34,24 @@ class CanFeedback:
     A frame counts only if its length, CRC and alive counter are right.
     """
 
-    def __init__(self, codec: InverterCodec, age_ns: int, slow_stale_ns: int) -> None:
+    def __init__(
+        self, codec: InverterCodec, age_ns: int, slow_stale_ns: int, stale_ns: int = 0
+    ) -> None:
         """Expect the feedback messages of `codec`, sampled `age_ns` before they arrive.
 
-        slow_stale_ns: a message without currents that is so much older makes all feedback as old.
+        slow_stale_ns: a message without currents that is so much older makes all feedback as old,
+        and older than `stale_ns` at any rate, at which feedback is stale.
         """
         self._codec = codec
         self._age_ns = age_ns
         self._slow_stale_ns = slow_stale_ns
+        self._stale_ns = stale_ns
         self._incoming = {m.key: _Incoming(m) for m in codec.feedback}
         self._values = [math.nan] * len(_SLOT)
         self._values[_STATUS] = 0.0
+        self._stating = next(
+            (m for m in self._incoming.values() if "status" in m.codec.slots), None
+        )
         self._word = -1
         self._status = 0
 
@@ -85,7 +92,7 @@ class CanFeedback:
             incoming.t_ns = t_ns
 
     def fill(self, feedback: np.ndarray) -> None:
-        """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns and inverter_status."""
+        """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns, inverter_status, t_status_ns."""
         values = self._values
         feedback["i_A"] = values[0:3]
         feedback["u_V"] = values[3:6]
@@ -93,6 +100,8 @@ class CanFeedback:
         feedback["temperature_C"] = values[7]
         feedback["t_inverter_ns"] = self._sampled_ns()
         feedback["inverter_status"] = self._understood()
+        if self._stating is not None:
+            feedback["t_status_ns"] = self._stating.t_ns - self._age_ns
 
     def along_axes(self) -> list[float]:
         """Return i_d, i_q (A), u_d, u_q (V) as the drive says them."""
@@ -103,7 +112,9 @@ class CanFeedback:
         messages = self._incoming.values()
         t_ns = min(m.t_ns for m in messages if m.fast)
         oldest_ns = min(m.t_ns for m in messages)
-        return (t_ns if t_ns - oldest_ns < self._slow_stale_ns else oldest_ns) - self._age_ns
+        if t_ns - oldest_ns >= self._slow_stale_ns:
+            t_ns = min(oldest_ns, t_ns - self._stale_ns)
+        return t_ns - self._age_ns
 
     def _understood(self) -> int:
         word = int(self._values[_STATUS])
