@@ -3,30 +3,23 @@
 `RULES` in the order in which they are checked: the first one that is broken refuses the file.
 """
 
-import math
 from collections.abc import Callable, Iterator
 
 from pydantic import model_validator
 
 from motord.config.channel_sources import CanSource, SimulatedSource
 from motord.config.channels import line_problems
-from motord.config.sections import Sections
-from motord.config.slow_device_rules import (
+from motord.config.rules.interlocks import interlocks_keep_their_times
+from motord.config.rules.slow_devices import (
     drive_stops_without_the_daemon,
     registers_reach_the_limits,
 )
-from motord.config.timing import (
-    INTERVALS_MIN,
-    RENEWAL_S,
-    SILENCE_MAX_S,
-    TURN_PER_SAMPLE_MAX_RAD,
-)
+from motord.config.sections import Sections
+from motord.config.timing import RENEWAL_S
 
 BUS_LOAD_MAX = 0.9
 """Most of a CAN bus that the bridge may take at worst; the rest is for Status, at 20 Hz, and for
 frames sent again."""
-
-_ROUNDING = 1e-9
 
 
 def simulated_together(config: Sections) -> Iterator[str]:
@@ -36,74 +29,6 @@ def simulated_together(config: Sections) -> Iterator[str]:
         yield "inverter and bridge are simulated together or not at all; got " + ", ".join(
             f'[{k}] driver = "{v}"' for k, v in drivers.items()
         )
-
-
-def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
-    """Every timeout spans INTERVALS_MIN intervals of what it watches, and none SILENCE_MAX_S."""
-    loop_Hz, period_s = config.loop.rate_Hz, 1.0 / config.loop.rate_Hz
-    for name, limit_s, interval_s, what in (
-        ("[bridge] stale_after_s", config.bridge.stale_after_s, config.sample_interval_s,
-         "samples come"),
-        ("[inverter] stale_after_s", config.inverter.stale_after_s, period_s, "feedback comes"),
-        ("[inverter] timeout_s", config.inverter.timeout_s, period_s, "commands come"),
-        ("[bridge] heartbeat_timeout_s", config.bridge.heartbeat_timeout_s, period_s,
-         "heartbeats come"),
-    ):  # fmt: skip
-        if limit_s < (1.0 - _ROUNDING) * INTERVALS_MIN * interval_s:
-            yield (
-                f"{name} = {limit_s:g} is too short: {what} every {interval_s:g} s, and one may be "
-                f"lost; make it at least {INTERVALS_MIN * interval_s:g}, or raise the rates"
-            )
-    inverter = config.inverter
-    least_s = inverter.feedback_age_s + INTERVALS_MIN * period_s
-    if inverter.feedback_age_s and inverter.stale_after_s < (1.0 - _ROUNDING) * least_s:
-        yield (
-            f"[inverter] stale_after_s = {inverter.stale_after_s:g} is too short for feedback that "
-            f"is feedback_age_s = {inverter.feedback_age_s:g} old when it comes: it would always "
-            f"be stale; make it at least {least_s:g}"
-        )
-    patience_s = config.bench.rig_patience_s
-    if patience_s is not None and patience_s < (1.0 - _ROUNDING) * INTERVALS_MIN * period_s:
-        yield (
-            f"[bench] rig_patience_s = {patience_s:g} is too short: commands come every "
-            f"{period_s:g} s, and the rig's time would stand still between them; make it at least "
-            f"{INTERVALS_MIN * period_s:g}, or leave it out"
-        )
-    overrun_s = config.loop.overrun_ticks / loop_Hz
-    if overrun_s > SILENCE_MAX_S:
-        yield (
-            f"[loop] overrun_ticks = {config.loop.overrun_ticks} at rate_Hz = {loop_Hz} lets the "
-            f"loop stand still for {overrun_s:g} s before it is a fault; make it at most "
-            f"{round(SILENCE_MAX_S * loop_Hz)} ({SILENCE_MAX_S:g} s)"
-        )
-
-
-def position_is_unambiguous(config: Sections) -> Iterator[str]:
-    """A step of the encoder is plausible, and the speed limit turns little from sample to sample.
-
-    At most TURN_PER_SAMPLE_MAX_RAD.
-    """
-    limits, counts, interval_s = config.limits, config.motor.counts, config.sample_interval_s
-    if limits.encoder_jump_rad <= 2 * math.pi / counts:
-        yield (
-            f"[limits] encoder_jump_rad = {limits.encoder_jump_rad:g} is not above one point of "
-            f"an encoder with counts = {counts}, so every step would be implausible; make it more "
-            f"than {2 * math.pi / counts:.3g}"
-        )
-    most_rad_s = TURN_PER_SAMPLE_MAX_RAD / interval_s
-    if limits.trip_speed_rad_s > most_rad_s:
-        yield (
-            f"[limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g} is too fast for "
-            f"{1 / interval_s:g} encoder samples a second: the rotor would turn "
-            f"{limits.trip_speed_rad_s * interval_s:.2g} rad from one to the next; make it at most "
-            f"{most_rad_s:.3g}, or raise [bridge] rate_Hz and [loop] rate_Hz"
-        )
-
-
-def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
-    """No setting lets an interlock lose its stated time."""
-    yield from timeouts_outlast_a_lost_message(config)
-    yield from position_is_unambiguous(config)
 
 
 def bus_voltage_is_measured(config: Sections) -> Iterator[str]:

@@ -65,7 +65,8 @@ class LoopConfig(Section):
     """Without a sign of life from the supervisor for so long the torque ramps to zero, then trips.
     """
     enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
-    """Inverter and enable line have to be ready within this time of being enabled."""
+    """Inverter and enable line have to be ready within this time of being enabled, and say so. A
+    status of before they can have been off, if they were disabled just before, does not count."""
     overrun_ticks: Annotated[int, Field(ge=1)] = 50
     """Missed periods in a row that trip."""
     ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
@@ -102,19 +103,20 @@ class LimitsConfig(Section):
     """A DC bus below it trips."""
     bus_V_max: Positive = 32.0
     """A DC bus above it trips."""
-    link_errors_per_s: Positive = 50.0
-    """Frames lost or corrupt, both links, that trip."""
+    link_errors_per_s: Annotated[float, Field(ge=1, le=2 * RATE_MAX_HZ)] = 50.0
+    """Frames lost or corrupt, both links, that trip; one now and then may be lost."""
     encoder_jump_rad: Annotated[float, Field(gt=0, le=JUMP_MAX_RAD)] = 0.15
-    """How far an encoder sample may be from where the speed would have taken the rotor in 5 ms."""
+    """How far an encoder sample may be from where the speed would have taken the rotor in 5 ms. At
+    least as far as a sound one is, by its counts and the observer's lag, at 100 rad/s^2."""
     current_error_A: Positive | None = None
     """How far a sensed current may be from its command; left out: a quarter of current_A."""
     current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
-    """How long it may be further off."""
+    """How long it may be further off; at least a period of the loop."""
     torque_error_Nm: Positive | None = None
     """How far the measured torque may be from the set-point, besides a fifth of it and what induced
     offsets of the currents make at most, as of the plan `align`; left out: 0.3 torque_Nm."""
     torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
-    """How long it may be further off."""
+    """How long it may be further off; at least until a step of the torque has settled and shows."""
 
     @property
     def ramp_down_Nm_per_s(self) -> float:

@@ -190,7 +190,14 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("bridge", "heartbeat_timeout_s = 0.0019", "heartbeats come every 0.001 s"),
         ("limits", "trip_torque_Nm = 6.0", "or every full torque would trip"),
         ("limits", "encoder_jump_rad = 1.6", "limits.encoder_jump_rad"),
-        ("limits", "encoder_jump_rad = 0.0015", "not above one point of an encoder"),
+        ("limits", "encoder_jump_rad = 0.0016", "make it at least 0.0147"),
+        ("limits", "encoder_jump_rad = 0.0146", "make it at least 0.0147"),
+        ("limits", "encoder_jump_rad = 0.0147\ntrip_speed_rad_s = 60", "make it at least 0.0193"),
+        ("limits", "current_error_s = 0.00099", "make it at least 0.001"),
+        ("limits", "torque_error_s = 0.0027", "make it at least 0.0028"),
+        ("loop", "enable_timeout_s = 0.0219", "make it at least 0.022"),
+        ("limits", "link_errors_per_s = 0.9", "limits.link_errors_per_s"),
+        ("limits", "link_errors_per_s = 2001.0", "lets more frames be lost than the loop needs"),
         ("limits", "trip_speed_rad_s = 786.0", "make it at most 785"),
         ("limits", "current_error_s = 1.1", "limits.current_error_s"),
         ("limits", "torque_error_s = 1.1", "limits.torque_error_s"),
@@ -200,6 +207,36 @@ def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, lin
     table = f"[{section}]\n"
     text = BENCH.replace(table, table + line + "\n") if table in BENCH else BENCH + table + line
     assert says in complaint(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("section", "lines"),
+    [
+        ("limits", "encoder_jump_rad = 0.0147\ncurrent_error_s = 0.001\ntorque_error_s = 0.0028"),
+        ("limits", "link_errors_per_s = 1.0"),
+        ("limits", "link_errors_per_s = 2000.0"),
+        ("loop", "enable_timeout_s = 0.022"),
+    ],
+)
+def test_the_least_that_is_named_is_accepted(tmp_path: Path, section: str, lines: str) -> None:
+    table = f"[{section}]\n"
+    read(tmp_path, BENCH.replace(table, table + lines + "\n"))
+
+
+def test_a_slow_drive_needs_longer_errors_of_the_torque(tmp_path: Path) -> None:
+    slow = BENCH.replace("rate_Hz = 1000", "rate_Hz = 100") + (
+        "torque_error_s = 0.0699\n[inverter]\nactuation_delay_s = 0.02\nlag_s = 0.01\n"
+    )
+    assert "[limits] torque_error_s = 0.0699 is too short" in complaint(tmp_path, slow)
+    read(tmp_path, slow.replace("0.0699", "0.07"))
+
+
+def test_a_bench_whose_encoder_always_seems_to_jump_is_refused(tmp_path: Path) -> None:
+    """One count of an encoder of 16 is 0.39 rad: none of the jumps that are legal would do."""
+    coarse = BENCH.replace("counts = 4096", "counts = 16") + "encoder_jump_rad = 1.57\n"
+    read(tmp_path, coarse)
+    quick = coarse.replace("[motor]", "observer_bandwidth_Hz = 300.0\n[motor]")
+    assert "lower observer_bandwidth_Hz or trip_speed_rad_s" in complaint(tmp_path, quick)
 
 
 def test_a_speed_limit_too_fast_for_the_samples_is_refused(tmp_path: Path) -> None:

@@ -252,6 +252,29 @@ def test_a_gain_that_is_induced_is_asked_for() -> None:
 
 
 @pytest.mark.kernel
+@pytest.mark.parametrize("dead", [False, True])
+def test_a_step_of_the_torque_is_no_error_at_the_least_time_that_is_legal(dead: bool) -> None:
+    """The drive takes 20 ms; what it does then is seen in the next tick, of the next sample."""
+    late = 21
+    bench = Answering(
+        limits={"torque_error_s": 0.022, "torque_rate_Nm_per_s": 1e6},
+        inverter={"actuation_delay_s": 0.02},
+    )
+    bench.enable()
+    steps = [0.0] * late
+    for tick in range(300):
+        bench.setpoint["torque_Nm"] = (5.0, -5.0, 0.0)[tick // 100]
+        steps.append(float(bench.memory["torque_set_Nm"][0]))
+        bench.before_Nm, bench.shown_Nm = steps[-1], 0.0
+        bench.error_Nm = 0.0 if dead else steps[-late]
+        state = bench.ticks(1).state
+        if state != State.ENABLED:
+            break
+    assert (state == State.TRIPPED) == dead
+    assert not dead or Trip(int(bench.tick["first_trip"][0])) is Trip.TORQUE_IMPLAUSIBLE
+
+
+@pytest.mark.kernel
 def test_a_hot_brake() -> None:
     bench = at_torque(1.0)
     bench.setpoint["brake_temperature_C"] = bench.config.brake.temperature_max_C + 9.0

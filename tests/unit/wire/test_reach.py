@@ -69,6 +69,57 @@ def test_the_unit_of_a_drive_with_axes_counts(scale: float) -> None:
         check(config)
 
 
+def with_cycles(folder: Path, **cycles_ms: int) -> Path:
+    """Return the emulated drive's DBC with how often its messages come."""
+    text = packaged("inverter.dbc").read_text()
+    identifiers = {"PhaseFeedback": 384, "InverterStatus": 385}
+    lines = [
+        'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;',
+        'BA_DEF_DEF_ "GenMsgCycleTime" 0;',
+        *(f'BA_ "GenMsgCycleTime" BO_ {identifiers[n]} {ms};' for n, ms in cycles_ms.items()),
+    ]
+    path = folder / "cycles.dbc"
+    path.write_text(text + "\n".join(lines) + "\n")
+    return path
+
+
+def timed(slow_stale_after_s: float, stale_after_s: float, enable_timeout_s: float) -> Config:
+    inverter = EMULATED.inverter
+    assert inverter.can is not None
+    can = inverter.can.model_copy(update={"slow_stale_after_s": slow_stale_after_s})
+    inverter = inverter.model_copy(update={"can": can, "stale_after_s": stale_after_s})
+    loop = EMULATED.loop.model_copy(update={"enable_timeout_s": enable_timeout_s})
+    return EMULATED.model_copy(update={"inverter": inverter, "loop": loop})
+
+
+@pytest.mark.parametrize(
+    ("cycles_ms", "times_s", "says"),
+    [
+        ({}, (0.001, 0.02, 0.05), ""),
+        ({"InverterStatus": 100}, (0.2, 0.02, 0.22), ""),
+        ({"InverterStatus": 0}, (0.001, 0.02, 0.05), ""),
+        ({"InverterStatus": 100}, (0.199, 0.02, 1.0), r"slow_stale_after_s = 0.199 .* least 0.2$"),
+        ({"InverterStatus": 100}, (0.01, 0.02, 1.0), r"slow_stale_after_s = 0.01 .* least 0.2$"),
+        ({"InverterStatus": 100}, (0.2, 0.02, 0.219), r"enable_timeout_s = 0.219 .* least 0.22$"),
+        ({"InverterStatus": 300}, (0.5, 0.02, 1.0), "no more than 0.5 can be set: have the drive"),
+        ({"PhaseFeedback": 10}, (0.5, 0.02, 1.0), ""),
+        ({"PhaseFeedback": 11}, (0.5, 0.02, 1.0), r"\[inverter\] stale_after_s .* least 0.022$"),
+    ],
+)
+def test_a_drive_that_sends_as_often_as_its_dbc_states_is_not_stale(
+    tmp_path: Path,
+    cycles_ms: dict[str, int],
+    times_s: tuple[float, float, float],
+    says: str,
+) -> None:
+    path = with_cycles(tmp_path, **cycles_ms)
+    if not says:
+        check(timed(*times_s), path)
+        return
+    with pytest.raises(ConfigError, match=says):
+        check(timed(*times_s), path)
+
+
 @pytest.mark.parametrize(("on", "off"), list(product((1, 2), (0, 3))))
 def test_a_value_that_enables_or_disables_fits_its_signal(on: int, off: int) -> None:
     """Of one bit: 3, saturated, would enable."""

@@ -5,6 +5,7 @@ import time
 
 from motord.config import CanBusConfig, ChannelConfig, ConfigError
 from motord.config.channel_sources import CanSource
+from motord.config.timing import INTERVALS_MIN
 from motord.hal.base import DeviceError
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
@@ -58,6 +59,14 @@ class CanChannel:
         self._codec = signal_codec(source.dbc, source.signal)
         if why := channel.beyond_reach(*self._codec.steps(source.signal)[:2]):
             raise ConfigError(f"{source.dbc}: {source.signal} could never trip at {why}")
+        least_s = INTERVALS_MIN * self._codec.cycle_s + channel.period_s
+        if self._codec.cycle_s and channel.timeout_s < least_s:
+            raise ConfigError(
+                f"{source.dbc}: {source.signal} comes every {self._codec.cycle_s:g} s "
+                f"(GenMsgCycleTime) and is read every {channel.period_s:g} s, and one may be lost: "
+                f"timeout_s = {channel.timeout_s:g} would be over although the sensor is well; "
+                f"make it at least {least_s:g}"
+            )
         self._seen_ns = 0
 
     def open(self) -> None:

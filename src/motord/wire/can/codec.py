@@ -57,10 +57,14 @@ class MessageCodec:
     """One message: `slots` names the values of `encode` and `decode`, in order.
 
     `key` is the identifier, with bit 31 set for an extended one; `size_bytes` the length on the
-    bus, `checks.counter_modulus` 0 for a message without counter.
+    bus, `checks.counter_modulus` 0 for a message without counter; `cycle_s` the time from one to
+    the next as its DBC states it, 0 if it does not.
     """
 
-    __slots__ = ("_base", "_length", "_signals", "checks", "key", "name", "size_bytes", "slots")
+    __slots__ = (
+        *("_base", "_length", "_signals"),
+        *("checks", "cycle_s", "key", "name", "size_bytes", "slots"),
+    )
 
     def __init__(
         self,
@@ -70,6 +74,7 @@ class MessageCodec:
         signals: Mapping[str, SignalCodec],
         checks: Checks,
         constants: Sequence[tuple[SignalCodec, float]] = (),
+        cycle_s: float = 0.0,
     ) -> None:
         """Join the signals of a message; `constants` are sent with these values every time."""
         self.name = name
@@ -77,6 +82,7 @@ class MessageCodec:
         self.size_bytes = data_size(length_bytes)
         self.slots = tuple(signals)
         self.checks = checks
+        self.cycle_s = cycle_s
         self._length = length_bytes
         self._signals = tuple(signals.values())
         self._base = [0, 0]

@@ -129,9 +129,8 @@ class _Draft:
     def compiled(self) -> MessageCodec:
         message = self.message
         key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-        return MessageCodec(
-            message.name, key, message.length, self.signals, self.checks, self.constants
-        )
+        parts = (message.name, key, message.length, self.signals, self.checks, self.constants)
+        return MessageCodec(*parts, cycle_s=1e-3 * (message.cycle_time or 0))
 
 
 class _Drafts:

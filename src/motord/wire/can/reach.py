@@ -8,11 +8,13 @@ import math
 from collections.abc import Iterator
 
 from motord.config import Config, ConfigError
+from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SILENCE_MAX_S, SLOW_FEEDBACK_MAX_S
 from motord.wire.can.canopen import SYNC, heartbeat, nmt_start
 from motord.wire.can.codec import InverterCodec
 
 STEP_MAX = 0.02
 """Of [limits] current_A, between two currents that can be commanded: they are rounded."""
+_ROUNDING = 1e-9
 _DQ_PER_PHASE = 2.0 / math.sqrt(3.0)
 """Largest length along d and q of currents in a star none of which is above 1."""
 
@@ -21,7 +23,7 @@ def check(codec: InverterCodec, config: Config) -> None:
     """Raise ConfigError for a drive whose signals do not reach the limits of its bench."""
     can = config.inverter.can
     assert can is not None  # a rule of the bench file
-    for rule in (_commands, _feedback, _words, _same_identifiers):
+    for rule in (_commands, _feedback, _words, _cycles, _same_identifiers):
         for problem in rule(codec, config):
             raise ConfigError(f"{can.dbc}: [inverter.can.signals] {problem}")
 
@@ -87,6 +89,41 @@ def _words(codec: InverterCodec, _config: Config) -> Iterator[str]:
                 yield (
                     f"status_{name}_mask = {mask} has bits beyond the {bits} of "
                     f"{signals.feedback_status}, so that they are never set; 0: it does not say"
+                )
+
+
+def _cycles(codec: InverterCodec, config: Config) -> Iterator[str]:
+    """Yield timeouts that are over although messages come as often as the DBC states."""
+    can, inverter = config.inverter.can, config.inverter
+    assert can is not None
+    for message in codec.feedback:
+        if not message.cycle_s:
+            continue
+        age_s, least_s = inverter.feedback_age_s, INTERVALS_MIN * message.cycle_s
+        fast = any(slot.startswith("i_") for slot in message.slots)
+        waits = [
+            ("[inverter] stale_after_s", inverter.stale_after_s, least_s + age_s, SILENCE_MAX_S)
+            if fast
+            else (
+                *("[inverter.can] slow_stale_after_s", can.slow_stale_after_s),
+                *(least_s, SLOW_FEEDBACK_MAX_S),
+            )
+        ]
+        if "status" in message.slots:
+            enabled_s = config.loop.enable_timeout_s
+            first_s = DELAY_MAX_S + age_s + least_s
+            waits.append(("[loop] enable_timeout_s", enabled_s, first_s, math.inf))
+        for name, given_s, needed_s, most_s in waits:
+            if given_s < (1.0 - _ROUNDING) * needed_s:
+                remedy = f"make it at least {needed_s:g}"
+                if needed_s > most_s:
+                    remedy = (
+                        f"no more than {most_s:g} can be set: have the drive send it more often"
+                    )
+                yield (
+                    f"feedback: {message.name} comes every {message.cycle_s:g} s "
+                    f"(GenMsgCycleTime), and one may be lost, so that {name} = {given_s:g} is over "
+                    f"although the drive is well: {remedy}"
                 )
 
 

@@ -1,4 +1,4 @@
-"""What must hold of brake and drive: rules of a bench, as those of `config.bench`."""
+"""What must hold of brake and drive: rules of a bench, as those of `config.rules.interlocks`."""
 
 from collections.abc import Iterator
 

@@ -1,0 +1,89 @@
+"""What must hold of the encoder for the observer to follow the rotor, and for it to see a fault."""
+
+import math
+from collections.abc import Iterator
+
+from motord.config.sections import Sections
+from motord.config.timing import (
+    ACCELERATION_RAD_S2,
+    JUMP_MAX_RAD,
+    POSITION_AGE_MAX_S,
+    SAMPLE_TIME_S,
+    STEADY_S,
+    TURN_PER_SAMPLE_MAX_RAD,
+)
+
+
+def least_jump_rad(config: Sections) -> float:
+    """Return the least limits.encoder_jump_rad at which a rotor that is well never seems to jump.
+
+    The poles of the observer are at its bandwidth w, p = exp(-w dt) for samples dt apart. A sample
+    may be off from where its speed would have taken the rotor in a time T by
+
+    - the acceleration a: the position is up to a / w^2 behind and the speed a / w (2 + h exp(-1 /
+      h)), h = w G / 2 - 1, where 0 < h: after a gap G, over which the mean speed was taken, the
+      observer's speed falls behind once more until its position does; the rotor gains a T^2 / 2;
+    - the counts: half of one by which the sample is off, and at most 1.27 and (1 - p)^2 / dt times
+      2 (n + 1) p^n, n = floor(p / (1 - p)), of such halves in position and speed: the sums of their
+      responses to a sample;
+    - times that are off by SAMPLE_TIME_S, at the speed that trips: once in the position, (1 - p)^2
+      / dt times in the speed.
+
+    All over T / STEADY_S, from where on a jump may be larger in proportion. T is an interval, or,
+    where samples are lost, G: the time that the bridge may be silent, up to POSITION_AGE_MAX_S. It
+    is the most at STEADY_S or at G, since it is a sum of 1 / T, 1 and T.
+    """
+    dt_s, w_rad_s = config.sample_interval_s, 2 * math.pi * config.loop.observer_bandwidth_Hz
+    gap_s = max(min(config.bridge.stale_after_s, POSITION_AGE_MAX_S), dt_s)
+    count_rad = 2 * math.pi / config.motor.counts
+    time_rad = config.limits.trip_speed_rad_s * SAMPLE_TIME_S
+    again = 0.5 * w_rad_s * gap_s - 1
+    lags = 2.0 if again <= 0 else 2.0 + again * math.exp(-1 / again)
+    pole = math.exp(-w_rad_s * dt_s)
+    peak = int(pole / (1 - pole))
+    position_rad = ACCELERATION_RAD_S2 / w_rad_s**2 + 0.5 * (1 + 1.27) * count_rad + time_rad
+    speed_rad_s = lags * ACCELERATION_RAD_S2 / w_rad_s
+    speed_rad_s += (1 - pole) ** 2 / dt_s * (count_rad * (peak + 1) * pole**peak + time_rad)
+
+    def jump_rad(over_s: float) -> float:
+        off_rad = position_rad + speed_rad_s * over_s + 0.5 * ACCELERATION_RAD_S2 * over_s**2
+        return off_rad / max(over_s / STEADY_S, 1.0)
+
+    return max(jump_rad(gap_s), jump_rad(min(max(STEADY_S, dt_s), gap_s)))
+
+
+def a_sound_encoder_never_jumps(config: Sections) -> Iterator[str]:
+    """No rotor that accelerates by ACCELERATION_RAD_S2 seems to jump."""
+    limits, least_rad = config.limits, least_jump_rad(config)
+    if limits.encoder_jump_rad >= least_rad:
+        return
+    remedy = f"make it at least {_rounded_up(least_rad):g}"
+    if least_rad > JUMP_MAX_RAD:
+        remedy = "lower observer_bandwidth_Hz or trip_speed_rad_s, or take an encoder that is finer"
+    yield (
+        f"[limits] encoder_jump_rad = {limits.encoder_jump_rad:g} is too small: a sound encoder "
+        f"would seem to jump by up to {least_rad:.2g} rad when the rotor accelerates by "
+        f"{ACCELERATION_RAD_S2:g} rad/s^2, with [motor] counts = {config.motor.counts}, "
+        f"[loop] observer_bandwidth_Hz = {config.loop.observer_bandwidth_Hz:g}, a sample every "
+        f"{config.sample_interval_s:g} s, [bridge] stale_after_s = {config.bridge.stale_after_s:g} "
+        f"and trip_speed_rad_s = {limits.trip_speed_rad_s:g}; {remedy}"
+    )
+
+
+def position_is_unambiguous(config: Sections) -> Iterator[str]:
+    """The speed limit turns the rotor at most TURN_PER_SAMPLE_MAX_RAD from sample to sample."""
+    limits, interval_s = config.limits, config.sample_interval_s
+    most_rad_s = TURN_PER_SAMPLE_MAX_RAD / interval_s
+    if limits.trip_speed_rad_s > most_rad_s:
+        yield (
+            f"[limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g} is too fast for "
+            f"{1 / interval_s:g} encoder samples a second: the rotor would turn "
+            f"{limits.trip_speed_rad_s * interval_s:.2g} rad from one to the next; make it at most "
+            f"{most_rad_s:.3g}, or raise [bridge] rate_Hz and [loop] rate_Hz"
+        )
+
+
+def _rounded_up(least: float) -> float:
+    """Return a bound in three digits that is not below it."""
+    step = 10.0 ** (math.floor(math.log10(least)) - 2)
+    return math.ceil(least / step) * step

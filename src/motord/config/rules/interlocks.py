@@ -1,0 +1,84 @@
+"""What must hold so that interlocks of the loop keep their stated times and trip for a reason."""
+
+from collections.abc import Iterator
+
+from motord.config.rules.encoder import a_sound_encoder_never_jumps, position_is_unambiguous
+from motord.config.sections import Sections
+from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SETTLING_LAGS, SILENCE_MAX_S
+
+_ROUNDING = 1e-9
+
+
+def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
+    """Every timeout spans INTERVALS_MIN intervals of what it watches, and none SILENCE_MAX_S."""
+    loop_Hz, period_s = config.loop.rate_Hz, 1.0 / config.loop.rate_Hz
+    for name, limit_s, interval_s, what in (
+        ("[bridge] stale_after_s", config.bridge.stale_after_s, config.sample_interval_s,
+         "samples come"),
+        ("[inverter] stale_after_s", config.inverter.stale_after_s, period_s, "feedback comes"),
+        ("[inverter] timeout_s", config.inverter.timeout_s, period_s, "commands come"),
+        ("[bridge] heartbeat_timeout_s", config.bridge.heartbeat_timeout_s, period_s,
+         "heartbeats come"),
+    ):  # fmt: skip
+        if limit_s < (1.0 - _ROUNDING) * INTERVALS_MIN * interval_s:
+            yield (
+                f"{name} = {limit_s:g} is too short: {what} every {interval_s:g} s, and one may be "
+                f"lost; make it at least {INTERVALS_MIN * interval_s:g}, or raise the rates"
+            )
+    inverter = config.inverter
+    least_s = inverter.feedback_age_s + INTERVALS_MIN * period_s
+    if inverter.feedback_age_s and inverter.stale_after_s < (1.0 - _ROUNDING) * least_s:
+        yield (
+            f"[inverter] stale_after_s = {inverter.stale_after_s:g} is too short for feedback that "
+            f"is feedback_age_s = {inverter.feedback_age_s:g} old when it comes: it would always "
+            f"be stale; make it at least {least_s:g}"
+        )
+    patience_s = config.bench.rig_patience_s
+    if patience_s is not None and patience_s < (1.0 - _ROUNDING) * INTERVALS_MIN * period_s:
+        yield (
+            f"[bench] rig_patience_s = {patience_s:g} is too short: commands come every "
+            f"{period_s:g} s, and the rig's time would stand still between them; make it at least "
+            f"{INTERVALS_MIN * period_s:g}, or leave it out"
+        )
+    overrun_s = config.loop.overrun_ticks / loop_Hz
+    if overrun_s > SILENCE_MAX_S:
+        yield (
+            f"[loop] overrun_ticks = {config.loop.overrun_ticks} at rate_Hz = {loop_Hz} lets the "
+            f"loop stand still for {overrun_s:g} s before it is a fault; make it at most "
+            f"{round(SILENCE_MAX_S * loop_Hz)} ({SILENCE_MAX_S:g} s)"
+        )
+
+
+def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
+    """What is normal for a while is no fault: a step on its way, one sample, one lost frame."""
+    limits, inverter = config.limits, config.inverter
+    period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
+    for name, given_s, least_s, why in (
+        ("[limits] current_error_s", limits.current_error_s, period_s,
+         f"one sample of the currents would trip, as feedback comes every {period_s:g} s"),
+        ("[limits] torque_error_s", limits.torque_error_s,
+         inverter.settling_s + period_s + sample_s,
+         "a step of the torque would trip before it shows, after [inverter] actuation_delay_s, "
+         f"{SETTLING_LAGS} lag_s, a tick and a sample"),
+        ("[loop] enable_timeout_s", config.loop.enable_timeout_s,
+         DELAY_MAX_S + INTERVALS_MIN * max(period_s, sample_s),
+         "no drive and no enable line could be ready so soon, and say so in a message of "
+         "which one may be lost"),
+    ):  # fmt: skip
+        if given_s < (1.0 - _ROUNDING) * least_s:
+            yield f"{name} = {given_s:g} is too short: {why}; make it at least {least_s:g}"
+    frames_per_s = config.loop.rate_Hz + config.sample_rate_Hz
+    if limits.link_errors_per_s > frames_per_s:
+        yield (
+            f"[limits] link_errors_per_s = {limits.link_errors_per_s:g} lets more frames be lost "
+            f"than the loop needs, {frames_per_s:g} of feedback and samples in a second; make it "
+            "less"
+        )
+
+
+def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
+    """No setting lets an interlock lose its stated time, or trip where nothing is wrong."""
+    yield from timeouts_outlast_a_lost_message(config)
+    yield from position_is_unambiguous(config)
+    yield from a_sound_encoder_never_jumps(config)
+    yield from errors_last_longer_than_they_may(config)
