@@ -2,16 +2,19 @@
 
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motord.config import CanBusConfig, ChannelConfig, packaged
 from motord.hal.bridge.clock import HEARTBEAT_LATENCY_NS, BoardClock, LoopClock
 from motord.hal.bridge.drift_estimator import SampleBound
+from motord.hal.can.base import BusState, CanFrame
+from motord.hal.channels.can import CanChannel, ListeningPort
+from motord.wire.can.dbc import signal_codec
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000
@@ -218,12 +221,153 @@ def test_bound_is_below_what_it_saw_last(steps: list[tuple[int, int]]) -> None:
         assert bound.at(t_ns) <= value_ns + 1
 
 
-def test_loop_clock_takes_the_shortest_delay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monotonic_ns, ahead_ns = 7 * SECOND_NS, 3600 * SECOND_NS
-    stood_still = SimpleNamespace(time_ns=lambda: START_NS, monotonic_ns=lambda: monotonic_ns)
-    monkeypatch.setattr("motord.hal.bridge.clock.time", stood_still)
+class Clocks:
+    """The computer's clocks; `system_ns` may be set."""
+
+    def __init__(self) -> None:
+        self.monotonic, self.ahead_ns = 7 * SECOND_NS, START_NS
+        self.readings = 0
+
+    def time_ns(self) -> int:
+        self.readings += 1
+        return self.monotonic + self.ahead_ns
+
+    def monotonic_ns(self) -> int:
+        return self.monotonic
+
+
+@pytest.fixture
+def clocks(monkeypatch: pytest.MonkeyPatch) -> Clocks:
+    clocks = Clocks()
+    monkeypatch.setattr("motord.hal.bridge.clock.time", clocks)
+    monkeypatch.setattr("motord.hal.channels.can.time", clocks)
+    monkeypatch.setattr("motord.unix_clock.time", clocks)
+    return clocks
+
+
+def test_loop_clock_takes_the_shortest_delay(clocks: Clocks) -> None:
+    monotonic_ns, ahead_ns = clocks.monotonic, 3600 * SECOND_NS
     clock = LoopClock()
     for late_ns in (5 * MS, 0, 2 * MS):
         clock.observe(monotonic_ns + ahead_ns - late_ns)
     assert clock.now_ns() == monotonic_ns + ahead_ns
-    assert clock.from_system(START_NS - MS) == clock.now_ns() - MS
+    assert clock.from_system(clocks.time_ns() - MS) == clock.now_ns() - MS
+
+
+SETS_NS = [s * n for s in (1, -1) for n in (3600 * SECOND_NS, SECOND_NS, 50 * MS, 3 * MS)]
+
+
+@pytest.mark.parametrize("set_ns", SETS_NS)
+@pytest.mark.parametrize("when_ns", [0, MS // 4, 3 * MS // 4])
+def test_frames_keep_their_times_when_the_systems_clock_is_set(
+    clocks: Clocks, set_ns: int, when_ns: int
+) -> None:
+    """Frames come 0.2 and 0.5 ms after each tick, and are read in the next; the clock is set once,
+    before, between or after two of them."""
+    clock = LoopClock()
+    for tick in range(3000):
+        begun_ns, stamps = clocks.monotonic, []
+        for after_ns in (MS // 5, MS // 2):
+            if tick == 700 and clocks.ahead_ns == START_NS and after_ns > when_ns:
+                clocks.ahead_ns += set_ns
+            clocks.monotonic = begun_ns + after_ns
+            stamps.append((clocks.monotonic, clocks.time_ns()))
+        if tick == 700 and clocks.ahead_ns == START_NS:
+            clocks.ahead_ns += set_ns
+        clocks.monotonic = begun_ns + MS
+        clock.observe(clocks.monotonic + 5 * SECOND_NS)
+        for came_ns, stamp_ns in stamps:
+            assert clock.from_system(stamp_ns) == came_ns + 5 * SECOND_NS
+
+
+def test_a_small_step_of_the_systems_clock_is_followed_within_a_second(clocks: Clocks) -> None:
+    """It makes no stamp impossible; the times of frames are off by as much until then."""
+    clock, wrong = LoopClock(), 0
+    for tick in range(2500):
+        clocks.ahead_ns += MS // 10 if tick == 20 else 0
+        clocks.monotonic += MS // 2
+        came_ns, stamp_ns = clocks.monotonic, clocks.time_ns()
+        clocks.monotonic += MS // 2
+        clock.observe(clocks.monotonic)
+        off_ns = clock.from_system(stamp_ns) - came_ns
+        assert off_ns in (0, MS // 10)
+        wrong += off_ns != 0
+    assert 0 < wrong <= 1000
+
+
+def test_the_systems_clock_is_not_read_in_each_tick(clocks: Clocks) -> None:
+    clock = LoopClock()
+    readings = clocks.readings
+    for _ in range(10_000):
+        stamp_ns = clocks.monotonic + clocks.ahead_ns
+        clocks.monotonic += MS
+        clock.observe(clocks.monotonic)
+        assert clock.from_system(stamp_ns) == clocks.monotonic - MS
+    assert clocks.readings - readings <= 10 * 3 + 3
+
+
+def test_what_has_waited_for_long_is_old(clocks: Clocks) -> None:
+    """Nothing was set: a frame from before the last reading was not received by it."""
+    clock = LoopClock()
+    for _ in range(5):
+        clocks.monotonic += MS
+        clock.observe(clocks.monotonic)
+    readings = clocks.readings
+    for late_ns in range(10 * MS, 1000 * MS, MS):
+        assert clock.from_system(clocks.monotonic + clocks.ahead_ns - late_ns) == (
+            clocks.monotonic - late_ns
+        )
+    assert clocks.readings - readings <= 3
+    ahead_ns = clocks.monotonic + clocks.ahead_ns + SECOND_NS
+    assert clock.from_system(ahead_ns) == clocks.monotonic + SECOND_NS
+
+
+class Frames:
+    """A CAN bus on which frames come when a test says so."""
+
+    def __init__(self) -> None:
+        self.state = BusState()
+        self.waiting: list[CanFrame] = []
+
+    def receive(self, timeout_s: float = 0.0) -> list[CanFrame]:
+        taken, self.waiting = self.waiting, []
+        return taken
+
+    def listen(self, keys: Collection[int]) -> None: ...
+
+    def send(self, key: int, payload: bytes) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize("set_ns", SETS_NS)
+def test_a_slow_channel_goes_on_when_the_systems_clock_is_set(
+    clocks: Clocks, monkeypatch: pytest.MonkeyPatch, set_ns: int
+) -> None:
+    """Less than the time between two readings cannot be seen; it is by how much an age is off."""
+    unseen_s = 1e-9 * abs(set_ns) + 1e-6 if abs(set_ns) < SECOND_NS else 1e-6
+    bus = Frames()
+    monkeypatch.setattr("motord.hal.channels.can.open_bus", lambda *_: bus)
+    dbc, signal = packaged("inverter.dbc"), "InverterStatus.Temperature"
+    channel = ChannelConfig.model_validate(
+        {
+            "name": "t_C",
+            "unit": "degC",
+            "rate_Hz": 1.0,
+            "source": {"driver": "can", "dbc": dbc, "signal": signal},
+        }
+    )
+    codec = signal_codec(dbc, signal)
+    read = CanChannel(channel, ListeningPort(CanBusConfig()))
+    read.open()
+    for second in range(20):
+        clocks.ahead_ns += set_ns if second == 5 else 0
+        clocks.monotonic += SECOND_NS - 200 * MS
+        bus.waiting.append((codec.key, codec.encode([float(second)]), clocks.time_ns()))
+        clocks.ahead_ns += set_ns if second == 12 else 0
+        clocks.monotonic += 200 * MS
+        sample = read.read()
+        assert sample is not None
+        assert sample.value == second
+        assert sample.age_s == pytest.approx(0.2, abs=unseen_s)
+        assert read.read() is None

@@ -7,6 +7,7 @@ from motord.config import CanBusConfig, ChannelConfig, ConfigError
 from motord.config.channel_sources import CanSource
 from motord.config.timing import INTERVALS_MIN
 from motord.hal.base import DeviceError
+from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
 from motord.hal.channel_source import RawSample
@@ -20,8 +21,9 @@ class ListeningPort:
         self._config = config
         self._bus: CanBus | None = None
         self._keys: set[int] = set()
+        self._clock = LoopClock()
         self.newest: dict[int, tuple[bytes, int]] = {}
-        """By key: payload, and when it came (Unix ns)."""
+        """By key: payload, and when it came (monotonic ns)."""
 
     def open(self, key: int) -> None:
         """Listen to messages of this key, too. Raises DeviceError."""
@@ -34,9 +36,11 @@ class ListeningPort:
         """Take what has come. Raises DeviceError for a bus that is off."""
         if self._bus is None:
             raise DeviceError(f"{self._config.place}: not open")
+        now_ns, stamped = time.monotonic_ns(), self._clock.from_system
+        self._clock.observe(now_ns)
         while frames := self._bus.receive():
-            for key, payload, t_ns in frames:
-                self.newest[key] = payload, t_ns or time.time_ns()
+            for key, payload, stamp_ns in frames:
+                self.newest[key] = payload, stamped(stamp_ns) if stamp_ns else now_ns
         if self._bus.state.off:
             raise DeviceError(f"{self._config.place}: the CAN controller is off the bus")
 
@@ -84,7 +88,7 @@ class CanChannel:
             return None
         self._seen_ns = t_ns
         values = self._codec.decode(payload)
-        age_s = max(time.time_ns() - t_ns, 0) * 1e-9
+        age_s = max(time.monotonic_ns() - t_ns, 0) * 1e-9
         return RawSample(math.nan if values is None else values[0], age_s)
 
     def close(self) -> None:

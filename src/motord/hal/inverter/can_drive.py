@@ -97,10 +97,9 @@ class CanDrive:
 
     def _take(self, bus: CanBus, now_ns: int, timeout_s: float = 0.0) -> set[int]:
         """Take what has come, at most waiting for the first; returns the keys."""
-        frames = bus.receive(timeout_s)
-        system_ns = self._clock.from_system(0)
+        frames, stamped = bus.receive(timeout_s), self._clock.from_system
         for key, payload, stamp_ns in frames:
-            self._feedback.take(key, payload, stamp_ns + system_ns if stamp_ns else now_ns)
+            self._feedback.take(key, payload, stamped(stamp_ns) if stamp_ns else now_ns)
         return {key for key, _, _ in frames} if timeout_s else set()
 
     def _await_feedback(self, bus: CanBus) -> None:
