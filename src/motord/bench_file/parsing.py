@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from motord.bench_file.questions import BACK_EMF, Question
 from motord.config import ConfigError
-from motord.config.base import what_is_wrong
+from motord.config.complaints import wrong_things
 from motord.config.text.descriptions import field_of
 from motord.untrusted import parse_toml
 
@@ -25,7 +25,7 @@ def parse(question: Question, text: str) -> Any:
         strict = field_of(question.key).annotation in (int, float)  # a bool is no number
         checked = _adapter(question.key).validate_python(value, strict=strict)
     except ValidationError as error:
-        raise ConfigError(f"{'; '.join(what_is_wrong(error))}, not {text!r}") from None
+        raise ConfigError(f"{'; '.join(wrong_things(error))}, not {text!r}") from None
     return value if isinstance(checked, Path) else checked
 
 

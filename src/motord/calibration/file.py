@@ -27,7 +27,7 @@ from motord.calibration.parts import (
     half_widths,
 )
 from motord.config import Finite, MotorConfig, Positive
-from motord.config.base import what_is_wrong
+from motord.config.complaints import wrong_things
 from motord.findings import Finding
 from motord.learned import LearnedTorque
 from motord.uncertainty_budget import Contribution
@@ -215,7 +215,7 @@ def from_json(content: object, where: str) -> Calibration:
     try:
         return Calibration.model_validate_json(json.dumps(content))
     except ValidationError as error:
-        raise CalibrationError(f"{where}: {next(what_is_wrong(error))}") from None
+        raise CalibrationError(f"{where}: {next(wrong_things(error))}") from None
 
 
 def load(path: Path) -> Calibration:

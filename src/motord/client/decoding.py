@@ -17,7 +17,7 @@ from motord.api.plan_messages import MeshView, PlanView
 from motord.api.replies import ErrorReply
 from motord.api.requests import ReplyT, Rpc
 from motord.client.error import ClientError
-from motord.config.base import what_is_wrong
+from motord.config.complaints import wrong_things
 from motord.schema import TICK
 from motord.wire.ticks.blocks import BlockCodec
 
@@ -37,7 +37,7 @@ def _decoder(validate: Callable[[bytes], _Item], what: str) -> Callable[[bytes],
         try:
             return validate(content)
         except ValidationError as error:
-            raise _wrong(f"{what}: {next(what_is_wrong(error))}") from None
+            raise _wrong(f"{what}: {next(wrong_things(error))}") from None
         except (ValueError, RecursionError) as error:
             raise _wrong(f"{what}: {error}") from None
 

@@ -1,12 +1,9 @@
 """What every part of a bench file shares: strict sections, bounded numbers, one kind of error."""
 
-from collections.abc import Iterator
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, Field, GetCoreSchemaHandler
-from pydantic_core import CoreSchema, ValidationError
-
-from motord.config.complaints import wrong_things
+from pydantic_core import CoreSchema
 
 LARGEST, SMALLEST = 1e12, 1e-12
 """Of any quantity, in its unit: products and quotients of two, and single precision, hold them."""
@@ -62,11 +59,6 @@ PositiveValues = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=
 
 class ConfigError(Exception):
     """A bench file that cannot be used; the message says where, what and what to do."""
-
-
-def what_is_wrong(error: ValidationError) -> Iterator[str]:
-    """Yield each thing that is wrong as `place: message`, or as a message if it is of the whole."""
-    return wrong_things(error)
 
 
 _SCALARS = ("bool", "float", "int", "str")

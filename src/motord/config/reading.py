@@ -9,9 +9,9 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from motord.config.base import ConfigError, Section, what_is_wrong
+from motord.config.base import ConfigError, Section
 from motord.config.bench import Config
-from motord.config.complaints import Place, complaints, dotted, is_type, message
+from motord.config.complaints import Place, complaints, dotted, is_type, message, wrong_things
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
 from motord.untrusted import parse_toml, read_text
@@ -79,7 +79,7 @@ def check_table(model: type[_Model], name: str, content: dict[str, Any]) -> _Mod
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise ConfigError("; ".join(f"[{name}] {one}" for one in what_is_wrong(error))) from None
+        raise ConfigError("; ".join(f"[{name}] {one}" for one in wrong_things(error))) from None
 
 
 def validate(model: type[_Model], path: Path, text: str, data: dict[str, Any]) -> _Model:

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from motord.config import Config
-from motord.config.base import what_is_wrong
+from motord.config.complaints import wrong_things
 from motord.config.faults import Fault
 from motord.emulate import EmulatorError
 from motord.process.private_folder import PrivateFolderError, base_directory, make_private
@@ -68,7 +68,7 @@ class ControlSocket:
         try:
             return Fault.model_validate(parse_json(data)), sender
         except ValidationError as error:
-            return "; ".join(what_is_wrong(error)), sender
+            return "; ".join(wrong_things(error)), sender
         except ValueError:
             return "not JSON", sender
 

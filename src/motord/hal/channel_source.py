@@ -13,8 +13,9 @@ from typing import NamedTuple, Protocol, TypeVar
 from pydantic import ValidationError
 
 from motord.config import ChannelConfig
-from motord.config.base import Section, what_is_wrong
+from motord.config.base import Section
 from motord.config.channel_sources import OtherSource
+from motord.config.complaints import wrong_things
 from motord.hal.base import DeviceError
 
 SettingsT = TypeVar("SettingsT", bound=Section)
@@ -66,4 +67,4 @@ def read_channel_settings(model: type[SettingsT], channel: ChannelConfig) -> Set
     try:
         return model.model_validate(settings)
     except ValidationError as error:
-        raise DeviceError(f"[channels.source.settings] {'; '.join(what_is_wrong(error))}") from None
+        raise DeviceError(f"[channels.source.settings] {'; '.join(wrong_things(error))}") from None

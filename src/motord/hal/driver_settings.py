@@ -5,7 +5,8 @@ from typing import Literal, TypeVar
 from pydantic import ValidationError
 
 from motord.config import Config
-from motord.config.base import Section, what_is_wrong
+from motord.config.base import Section
+from motord.config.complaints import wrong_things
 from motord.hal.base import DeviceError
 
 SettingsT = TypeVar("SettingsT", bound=Section)
@@ -21,4 +22,4 @@ def read_settings(
     try:
         return model.model_validate(getattr(config, kind).settings)
     except ValidationError as error:
-        raise DeviceError(f"[{kind}.settings] {'; '.join(what_is_wrong(error))}") from None
+        raise DeviceError(f"[{kind}.settings] {'; '.join(wrong_things(error))}") from None

@@ -6,7 +6,7 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 
 from motord.atomic_write import write_whole
-from motord.config.base import what_is_wrong
+from motord.config.complaints import wrong_things
 from motord.loop.rt_setup import RealtimeStatus
 from motord.shm.histogram import TimeSummary
 
@@ -58,5 +58,5 @@ class LoopStatus(BaseModel, frozen=True):
         try:
             return cls.model_validate_json(content)
         except ValidationError as error:
-            wrong = next(what_is_wrong(error))
+            wrong = next(wrong_things(error))
             raise OSError(f"{path}: is no status of a loop: {wrong}") from None

@@ -7,8 +7,8 @@ import pytest
 from pydantic import ValidationError
 
 from motord.config import ConfigError, load, packaged
-from motord.config.base import Section, what_is_wrong
-from motord.config.complaints import complaints
+from motord.config.base import Section
+from motord.config.complaints import complaints, wrong_things
 from motord.experiments.plans import build
 from motord.sequencing import PlanError
 
@@ -78,7 +78,7 @@ def test_names_of_plain_types_are_no_keys():
     with pytest.raises(ValidationError) as refused:
         Either.model_validate({"value": True})
     assert {item["loc"] for item in complaints(refused.value)} == {("value",)}
-    assert all(line.startswith("value: Input ") for line in what_is_wrong(refused.value))
+    assert all(line.startswith("value: Input ") for line in wrong_things(refused.value))
 
 
 @pytest.mark.parametrize(

@@ -125,12 +125,12 @@ def _checked(plan: dict[str, Any]) -> "QueuedPlan":
     from pydantic import ValidationError
 
     from motord.api.queue_messages import QueuedPlan
-    from motord.config.base import what_is_wrong
+    from motord.config.complaints import wrong_things
 
     try:
         return QueuedPlan.model_validate(plan)
     except ValidationError as error:
-        raise typer.BadParameter("; ".join(what_is_wrong(error))) from None
+        raise typer.BadParameter("; ".join(wrong_things(error))) from None
 
 
 def _limit(pair: str) -> tuple[str, float]:

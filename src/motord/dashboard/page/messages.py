@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
 
 from motord.api.requests import MAX_REQUEST_BYTES
-from motord.config.base import what_is_wrong
+from motord.config.complaints import wrong_things
 from motord.dashboard.frames import FrameError, decode
 from motord.dashboard.history import BUCKETS_MAX, RETENTION_S
 from motord.dashboard.signals import ROW
@@ -80,6 +80,6 @@ def read(message: bytes) -> PageMessage | None:
     try:
         return _MESSAGES.validate_python(header)
     except ValidationError as error:
-        raise FrameError(f"{header['kind']}: {next(what_is_wrong(error))}") from None
+        raise FrameError(f"{header['kind']}: {next(wrong_things(error))}") from None
     except UnicodeEncodeError:
         raise FrameError(f"{header['kind']}: half of a surrogate pair is no text") from None
