@@ -26,3 +26,13 @@ def test_each_look_has_the_time_left_and_the_last_one_none(
     assert last_s == 0.0
     assert all(0.0 < left_s <= timeout_s for left_s in before_s)
     assert before_s == sorted(before_s, reverse=True)
+
+
+def test_a_clock_that_stands_still_does_not_take_the_last_look() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(countdown, "time", SimpleNamespace(monotonic=lambda: 3.0))
+        one = countdown.Countdown(0.0)
+        assert one.left_s() == 0.0
+        for _ in range(2):
+            with pytest.raises(TimeoutError):
+                one.left_s()

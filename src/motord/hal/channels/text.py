@@ -2,13 +2,13 @@
 
 import math
 import re
-import time
 from collections.abc import Callable
 
 from motord.config.channel_sources import SerialSource
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial_port import SerialPort
 from motord.hal.channel_source import RawSample
+from motord.hal.countdown import countdown_s
 
 LINE_MAX_BYTES = 4096
 """A longer line is none: its end is looked for."""
@@ -103,16 +103,15 @@ class TextChannel:
         source = self._source
         self._newest = None
         self._port.request(source.request)
-        end_s = time.monotonic() + source.timeout_s
-        while self._newest is None:
-            left_s = end_s - time.monotonic()
-            if left_s <= 0:
-                raise DeviceError(
-                    f"{source.port}: no line with {source.pattern} within {source.timeout_s:g} s "
-                    f"of the request {source.request!r}"
-                )
+        for left_s in countdown_s(source.timeout_s):
             self._port.wait(left_s)
             self._port.pump()
+            if self._newest is not None:
+                return
+        raise DeviceError(
+            f"{source.port}: no line with {source.pattern} within {source.timeout_s:g} s "
+            f"of the request {source.request!r}"
+        )
 
     def _look(self, line: str) -> None:
         found = self._pattern.search(line)

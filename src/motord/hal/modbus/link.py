@@ -15,6 +15,7 @@ from typing import ClassVar
 import serial
 
 from motord.config import ModbusLinkConfig
+from motord.hal.countdown import Countdown
 from motord.wire.modbus.pdu import (
     TCP_HEAD,
     ModbusRequest,
@@ -32,24 +33,6 @@ PAUSE_LEAST_S = 0.00175
 """Silence between two frames on a serial line, as the Modbus specification has it."""
 _ABORT = struct.pack("ii", 1, 0)
 """SO_LINGER with no time: what has not been delivered is thrown away."""
-
-
-class _Deadline:
-    """Time to wait; when it is over, one more look."""
-
-    def __init__(self, timeout_s: float) -> None:
-        self._end_s = time.monotonic() + timeout_s
-        self._over = False
-
-    def left_s(self) -> float:
-        """Return how long to wait; 0 once, when time is up. Raises TimeoutError after that."""
-        left_s = self._end_s - time.monotonic()
-        if left_s > 0:
-            return left_s
-        if self._over:
-            raise TimeoutError
-        self._over = True
-        return 0.0
 
 
 class TcpLink:
@@ -79,9 +62,9 @@ class TcpLink:
         self._transaction = (self._transaction + 1) % TRANSACTIONS
         self._unanswered = True
         self._socket.sendall(tcp_frame(self._transaction, unit, request))
-        deadline = _Deadline(self._timeout_s)
+        countdown = Countdown(self._timeout_s)
         while True:
-            transaction, responding_unit, pdu = self._frame(deadline)
+            transaction, responding_unit, pdu = self._frame(countdown)
             if transaction != self._transaction:
                 continue
             response = request.decode(pdu)
@@ -96,20 +79,20 @@ class TcpLink:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _ABORT)
         self._socket.close()
 
-    def _frame(self, deadline: _Deadline) -> tuple[int, int, bytes]:
+    def _frame(self, countdown: Countdown) -> tuple[int, int, bytes]:
         """Return transaction, unit and content of the next frame."""
-        self._await(TCP_HEAD.size, deadline)
+        self._await(TCP_HEAD.size, countdown)
         transaction, protocol, size, unit = TCP_HEAD.unpack_from(self._rest)
         if protocol != 0 or not 2 <= size <= 254:
             raise ValueError("what answers there does not speak Modbus TCP")
         end = TCP_HEAD.size - 1 + size
-        self._await(end, deadline)
+        self._await(end, countdown)
         pdu, self._rest = self._rest[TCP_HEAD.size : end], self._rest[end:]
         return transaction, unit, pdu
 
-    def _await(self, size: int, deadline: _Deadline) -> None:
+    def _await(self, size: int, countdown: Countdown) -> None:
         while len(self._rest) < size:
-            if not select.select([self._socket], [], [], deadline.left_s())[0]:
+            if not select.select([self._socket], [], [], countdown.left_s())[0]:
                 continue
             data = self._socket.recv(CHUNK_BYTES)
             if not data:
@@ -179,7 +162,7 @@ class _SerialLine:
 
     def exchange(self, unit: int, request: ModbusRequest, timeout_s: float) -> ModbusResponse:
         """Return the response; the request is sent within the timeouts of all, or not at all."""
-        begun = _Deadline(self._wait_s)
+        begun = Countdown(self._wait_s)
         if not self._lock.acquire(timeout=self._wait_s):
             raise TimeoutError("requests of another device on the line")
         try:
@@ -202,23 +185,23 @@ class _SerialLine:
 
     def _exchange(self, unit: int, request: ModbusRequest, timeout_s: float) -> ModbusResponse:
         self._port.write(rtu_frame(unit, request))
-        deadline = _Deadline(timeout_s)
+        countdown = Countdown(timeout_s)
         received = b""
         try:
             while (response := rtu_response(received, unit, request)) is None:
-                received += self._receive(deadline.left_s())
+                received += self._receive(countdown.left_s())
         except TimeoutError:
             raise TimeoutError(
                 f"{len(received)} bytes of something else" if received else ""
             ) from None
         return response
 
-    def _await_silence(self, deadline: _Deadline) -> None:
+    def _await_silence(self, countdown: Countdown) -> None:
         """Wait out the pause between frames; what comes now is no response."""
         while (left_s := self._quiet_since_s + self._pause_s - time.monotonic()) > 0:
-            self._receive(min(left_s, deadline.left_s()))
+            self._receive(min(left_s, countdown.left_s()))
         while self._receive(0.0):
-            deadline.left_s()
+            countdown.left_s()
 
     def _receive(self, timeout_s: float) -> bytes:
         """Return what has come within `timeout_s`, b"" if nothing. Raises OSError."""

@@ -17,12 +17,10 @@ from motord.config.sections import LimitsConfig
 from motord.hal.channel_source import ChannelReading
 from motord.sequencing.observation import ChannelValue
 from motord.service.bench.trip_report import ValuesAndLimits
-from motord.service.host.events import EventLog
+from motord.service.host.events import REPORT_AGAIN_NS, EventLog
 
 HELD_NS = 100_000_000
 """A trip is asked of the loop for so long at least, and shown: it reads the mailbox once a tick."""
-REPORT_AGAIN_NS = 1_000_000_000
-"""Least time between two events about the same channel."""
 NOTHING_YET = "nothing has been read yet"
 
 

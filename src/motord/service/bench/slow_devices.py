@@ -14,12 +14,10 @@ from dataclasses import dataclass
 
 from motord.api.messages import DeviceView, Health
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
-from motord.service.host.events import EventLog
+from motord.service.host.events import REPORT_AGAIN_NS, EventLog
 from motord.service.host.log import log_error
 
 JOIN_S = 5.0
-REPORT_AGAIN_NS = 1_000_000_000
-"""Least time between two reports of a device that fails now and then."""
 UNORDERED = "not written: the supervisor has given no order in time"
 
 

@@ -10,6 +10,8 @@ from motord.recording.event_log import event_level
 from motord.service.host.log import log_error
 
 KEPT = 500
+REPORT_AGAIN_NS = 1_000_000_000
+"""Least time between two events about a device, or a channel, that fails now and then."""
 _LOG = logging.getLogger("motord")
 
 
