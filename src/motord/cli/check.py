@@ -10,10 +10,13 @@ from motord.cli.common_options import AsJson, BenchFile
 from motord.cli.console import explain_first_run, fail, print_result
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from motord.config import ChannelConfig, Config
     from motord.hal.channel_source import ChannelSource
 
 LOOK_S = 0.02
+IN_USE = "in use: by a daemon that runs, or another program"
 Finding = dict[str, Any]
 
 
@@ -89,16 +92,39 @@ def _cannot_listen(endpoint: str) -> str:
         folder = Path(address).parent
         if not folder.is_dir():
             return f"no folder {folder}; make it first"
-        return "" if os.access(folder, os.W_OK) else f"{folder} may not be written"
+        if not os.access(folder, os.W_OK):
+            return f"{folder} may not be written"
+        return _socket_obstacle(Path(address))
     host, _, port = address.rpartition(":")
     family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
     try:
         socket.create_server((host.strip("[]"), int(port)), family=family).close()
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            return "in use: by a daemon that runs, or another program"
+            return IN_USE
         return error.strerror or str(error)
     return ""
+
+
+def _socket_obstacle(path: "Path") -> str:
+    """Return why no Unix socket can be made, "" if it can: one that nobody serves is replaced."""
+    import socket
+
+    if not path.exists() and not path.is_symlink():
+        return ""
+    if not path.is_socket():
+        return "there is something else, which is no socket; move it away"
+    with socket.socket(socket.AF_UNIX) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(str(path))
+        except (ConnectionRefusedError, FileNotFoundError):
+            return ""
+        except BlockingIOError:
+            pass  # somebody serves it, and has too much to do
+        except OSError as error:
+            return error.strerror or str(error)
+    return IN_USE
 
 
 def probe_recordings(bench: "Config") -> Finding:

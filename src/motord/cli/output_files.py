@@ -33,7 +33,7 @@ def check_output_files(written: Mapping[str, Path | None], read: Iterable[Path |
 def bench_files(config: Path | None) -> list[Path]:
     """Return a bench or motor file, and the files that it names; none if it is None."""
     from motord.config import ConfigError, read_toml
-    from motord.config.reading import named_files, resolve
+    from motord.config.named_files import named_files, resolve
 
     if config is None:
         return []

@@ -36,6 +36,9 @@ from motord.config.motor import back_emf_waves as back_emf_waves
 from motord.config.motor.accuracy import AccuracyConfig as AccuracyConfig
 from motord.config.motor.back_emf import BackEmfHarmonic as BackEmfHarmonic
 from motord.config.motor.back_emf import BackEmfTable as BackEmfTable
+from motord.config.named_files import keep as keep
+from motord.config.named_files import packaged as packaged
+from motord.config.named_files import resolve as resolve
 from motord.config.plans import AlignConfig as AlignConfig
 from motord.config.plans import CalibrateConfig as CalibrateConfig
 from motord.config.plans import DrivenConfig as DrivenConfig
@@ -49,9 +52,7 @@ from motord.config.plans.inertia import SpringConfig as SpringConfig
 from motord.config.reading import load as load
 from motord.config.reading import load_motor as load_motor
 from motord.config.reading import load_started as load_started
-from motord.config.reading import packaged as packaged
 from motord.config.reading import read_toml as read_toml
-from motord.config.reading import resolve as resolve
 from motord.config.reading import validate as validate
 from motord.config.sections import BenchConfig as BenchConfig
 from motord.config.sections import CalibrationConfig as CalibrationConfig

@@ -3,7 +3,6 @@
 import difflib
 from collections import Counter
 from collections.abc import Iterator
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -14,12 +13,8 @@ from motord.config.bench import Config
 from motord.config.complaints import Place, complaints, dotted, is_type, message, wrong_things
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
+from motord.config.named_files import as_kept, named_files, packaged, resolve
 from motord.untrusted import parse_toml, read_text
-
-
-def packaged(name: str) -> Path:
-    """Return the path of a data file that ships with motord."""
-    return Path(str(resources.files("motord") / "data" / name))
 
 
 def load(path: Path | None = None) -> Config:
@@ -46,14 +41,6 @@ def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
 
 
-def resolve(base: Path, file: Path) -> Path:
-    """Return `file` as seen from the folder of `base`; `package:NAME` is one that motord ships."""
-    name = str(file)
-    if name.startswith("package:"):
-        return packaged(name.removeprefix("package:"))
-    return file if file.is_absolute() else base.parent / file
-
-
 _Model = TypeVar("_Model", bound=Section)
 
 
@@ -67,11 +54,15 @@ def check_text(path: Path, text: str) -> Config:
 def load_started(path: Path, kept: Path) -> tuple[Config, str]:
     """Return the bench of a daemon that runs, and the text of its bench file. Raises ConfigError.
 
-    kept: the text as the daemon read it; the bench file at `path` may have been edited since. Where
-    there is none, no daemon having run, the bench file is read.
+    kept: the text as the daemon read it, beside copies of the files that it names
+    (`named_files.keep`); bench file and files may have been edited since. Where there are none, no
+    daemon having run, they are read themselves.
     """
-    text = read_toml(kept if kept.exists() else path)[0]
-    return check_text(path, text), text
+    text, data = read_toml(kept if kept.exists() else path)
+    _resolve_files(path, data)
+    for table, key, file in named_files(data):
+        table[key] = as_kept(Path(file), kept)
+    return validate(Config, path, text, data), text
 
 
 def check_table(model: type[_Model], name: str, content: dict[str, Any]) -> _Model:
@@ -94,31 +85,6 @@ def _load(path: Path, model: type[_Model]) -> _Model:
     text, data = read_toml(path)
     _resolve_files(path, data)
     return validate(model, path, text, data)
-
-
-_FILES = (
-    ("bench", "rig"),
-    ("bench", "faults"),
-    ("inverter", "can", "dbc"),
-    ("motor", "back_emf"),
-    *(("zenoh", "tls", name) for name in ("ca", "certificate", "key", "roles")),
-)
-"""Keys that name files, if they hold text."""
-
-
-def named_files(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str]]:
-    """Yield table, key and name of each file that the content of a bench file names."""
-    for *tables, key in _FILES:
-        table: Any = data
-        for name in tables:
-            table = table.get(name) if isinstance(table, dict) else None
-        if isinstance(table, dict) and isinstance(table.get(key), str):
-            yield table, key, table[key]
-    channels = data.get("channels")
-    for channel in channels if isinstance(channels, list) else ():
-        source = channel.get("source") if isinstance(channel, dict) else None
-        if isinstance(source, dict) and isinstance(source.get("dbc"), str):
-            yield source, "dbc", source["dbc"]
 
 
 def _resolve_files(path: Path, data: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motord.config import Config, load, packaged
-from motord.config.reading import named_files
+from motord.config.named_files import named_files
 from motord.deployment.files import DeployedFile, DeploymentError
 from motord.deployment.unit import STATE, system_unit, user_unit
 from motord.process.module_command import module_command

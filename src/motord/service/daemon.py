@@ -10,7 +10,6 @@ from pathlib import Path
 from types import FrameType
 
 from motord import config as config_file
-from motord.atomic_write import write_cached
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
 from motord.process.signal_handlers import handled
@@ -92,7 +91,7 @@ def run(
         RunDir(config.bench.name).hold() as run_dir,
         closing(Notifier.of_environment()) as notifier,
     ):
-        write_cached(run_dir.bench_file, toml)
+        config_file.keep(config_path, toml, run_dir.bench_file)
         daemon = build(
             config, toml, config_path, run_dir, state_dir or state_directory(),
             Clock.measure(), notifier,

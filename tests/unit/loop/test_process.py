@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from motord.config import Config, keep
 from motord.hal import registry
 from motord.hal.base import DeviceError
 from motord.loop import main as entry
@@ -173,6 +174,27 @@ def test_a_bench_file_edited_while_the_daemon_runs_changes_nothing_until_it_star
     bench.config_path.write_text(BENCH.replace("rate_Hz = 1000", "rate_Hz = 5000"))
     assert bench.run() == 0
     assert bench.status.rate_Hz == 1000
+
+
+def test_files_that_a_bench_file_names_are_those_that_the_daemon_read(
+    bench: LoopBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An edited rig or DBC changes no loop that is started again under the limits of the old."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text("before")
+    text = BENCH.replace("[bench]", '[bench]\nrig = "rig.toml"')
+    bench.config_path.write_text(text)
+    seen = []
+
+    def make_rig(config: Config) -> ScriptedRig:
+        seen.append(config.bench.rig.read_text() if config.bench.rig else "")
+        return bench.rig
+
+    monkeypatch.setattr(registry, "make_rig", make_rig)
+    keep(bench.config_path, text, bench.run_dir.bench_file)
+    rig.write_text("after")
+    assert bench.run() == 0
+    assert seen == ["before"]
 
 
 def test_second_loop_waits_then_gives_up(bench: LoopBench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -516,6 +516,31 @@ def test_check_says_whether_the_daemon_could_listen(tmp_path, monkeypatch):
     assert "zenoh.listen: tcp/127.0.0.1:99999: a port is a number from 1 to 65535" in said
 
 
+def test_check_says_whether_a_unix_socket_is_in_use(tmp_path, monkeypatch):
+    from motord.cli.check import probe_endpoints
+    from motord.config import load
+
+    monkeypatch.chdir(tmp_path)  # a path of a socket is short
+    place = tmp_path / "bench.sock"
+
+    def found():
+        bench = load()
+        listen = (f"unixsock-stream/{place}",)
+        zenoh = bench.zenoh.model_copy(update={"listen": listen})
+        return probe_endpoints(bench.model_copy(update={"zenoh": zenoh}))
+
+    assert found()["ok"]
+    with socket.socket(socket.AF_UNIX) as taken:
+        taken.bind("bench.sock")
+        taken.listen(1)
+        assert not found()["ok"]
+        assert found()["message"].endswith("in use: by a daemon that runs, or another program")
+    assert found()["ok"]  # what a dead daemon left
+    place.unlink()
+    place.write_text("")
+    assert "which is no socket; move it away" in found()["message"]
+
+
 def test_check_says_whether_recordings_can_be_written(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     folder = tmp_path / "runs"

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from motord.config import Config, ConfigError, load, packaged
+from motord.config import CanBusConfig, ChannelConfig, Config, ConfigError, load, packaged
+from motord.hal.channels.can import CanChannel, ListeningPort
 from motord.hal.inverter.phase_currents import CanInverter
 from motord.wire.can import dbc, reach
 
@@ -118,6 +119,23 @@ def test_a_drive_that_sends_as_often_as_its_dbc_states_is_not_stale(
         return
     with pytest.raises(ConfigError, match=says):
         check(timed(*times_s), path)
+
+
+@pytest.mark.parametrize(("cycle_ms", "fits"), [(0, True), (100, True), (101, False)])
+def test_a_channel_waits_for_as_long_as_its_dbc_states(
+    tmp_path: Path, cycle_ms: int, fits: bool
+) -> None:
+    """It is read every 0.1 s, and a frame may be lost."""
+    path, bus = with_cycles(tmp_path, InverterStatus=cycle_ms), CanBusConfig(channel="none")
+    source = {"driver": "can", "dbc": path, "signal": "InverterStatus.Temperature", "bus": bus}
+    times = {"rate_Hz": 10.0, "timeout_s": 0.3}
+    given = {"name": "t_C", "unit": "degC", "source": source, **times}
+    channel = ChannelConfig.model_validate(given)
+    if fits:
+        CanChannel(channel, ListeningPort(bus))
+        return
+    with pytest.raises(ConfigError, match=r"timeout_s = 0.3 would be over .* at least 0.302"):
+        CanChannel(channel, ListeningPort(bus))
 
 
 @pytest.mark.parametrize(("on", "off"), list(product((1, 2), (0, 3))))

@@ -13,6 +13,8 @@ from motord.hal.can.bus import open_bus
 from motord.hal.channel_source import RawSample
 from motord.wire.can.dbc import signal_codec
 
+_ROUNDING = 1e-9
+
 
 class ListeningPort:
     """The bus that several channels listen to, with the newest payload of each message."""
@@ -64,7 +66,7 @@ class CanChannel:
         if why := channel.beyond_reach(*self._codec.steps(source.signal)[:2]):
             raise ConfigError(f"{source.dbc}: {source.signal} could never trip at {why}")
         least_s = INTERVALS_MIN * self._codec.cycle_s + channel.period_s
-        if self._codec.cycle_s and channel.timeout_s < least_s:
+        if self._codec.cycle_s and channel.timeout_s < (1.0 - _ROUNDING) * least_s:
             raise ConfigError(
                 f"{source.dbc}: {source.signal} comes every {self._codec.cycle_s:g} s "
                 f"(GenMsgCycleTime) and is read every {channel.period_s:g} s, and one may be lost: "
