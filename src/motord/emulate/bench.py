@@ -26,7 +26,7 @@ from motord.wire.bridge.frames import Frame, Numbered
 from motord.wire.modbus.registers import DeviceStatus
 
 ADVANCE_MAX_NS = 500_000_000
-"""Most time that passes in one call; a longer stall of the host stops the rig's time meanwhile."""
+"""Most that the rig plays in one call; a longer stall of the host stops the rig's time meanwhile."""
 
 
 HEAT_S = 0.1
@@ -109,10 +109,16 @@ class EmulatedBench:
         self._arrivals.append((max(at_ns, self.now_ns), what))
 
     def advance(self, to_ns: int, answer: Callable[[Frame], object]) -> None:
-        """Let time pass up to `to_ns`; `answer` takes what the board replies meanwhile."""
-        if to_ns - self.now_ns > ADVANCE_MAX_NS:
-            self.skipped_ns += to_ns - ADVANCE_MAX_NS - self.now_ns
-            self.now_ns = to_ns - ADVANCE_MAX_NS
+        """Let time pass up to `to_ns`; `answer` takes what the board replies meanwhile.
+
+        Of a long time the rig plays the end, ADVANCE_MAX_NS; commands and timeouts of the rest take
+        effect all the same, each at its own time.
+        """
+        skipped_ns = to_ns - ADVANCE_MAX_NS - self.now_ns
+        if skipped_ns > 0:
+            self.skipped_ns += skipped_ns
+            self.paused_ns -= skipped_ns  # `_step` will count it
+            self._still_until_ns = max(self._still_until_ns, to_ns - ADVANCE_MAX_NS)
         self._arrivals.sort(key=lambda arrival: arrival[0])
         while True:
             first_ns = self._arrivals[0][0] if self._arrivals else to_ns

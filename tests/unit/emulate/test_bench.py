@@ -109,6 +109,31 @@ def test_a_stall_of_the_host_is_bounded(bench):
     bench.advance(ADVANCE_MAX_NS * 20, ignore)
     assert bench.now_ns == ADVANCE_MAX_NS * 20
     assert bench.skipped_ns == ADVANCE_MAX_NS * 19
+    assert (bench.played_ns, bench.paused_ns) == (ADVANCE_MAX_NS, 0)
+
+
+def test_what_came_in_time_holds_off_timeouts_however_long_the_stall_lasted(bench):
+    """A host that was silent for a while goes on, and the devices take note of it only later."""
+    operate(bench, 0, 30)
+    silent_ms, stall_ms = TIMEOUT_MS * 6 // 10, TIMEOUT_MS * 9 // 10
+    bench.advance((29 + silent_ms) * MS, ignore)
+    assert bench.inverter_status(bench.sense()) & InverterStatus.READY
+    end_ms = 29 + silent_ms + stall_ms
+    for ms in range(30 + silent_ms, end_ms):
+        bench.arrive(ms * MS, CurrentCommand(CURRENTS, True))
+        bench.arrive(ms * MS, beat(1))
+    bench.advance(end_ms * MS, ignore)
+    assert bench.skipped_ns > 0
+    assert (bench.inverter.timeouts, bench.board.heartbeat_drops) == (0, 0)
+    assert bench.inverter_status(bench.sense()) == InverterStatus.READY | InverterStatus.ENABLE_LINE
+
+
+def test_a_timeout_within_a_stall_is_as_long_ago_as_the_silence(bench):
+    operate(bench, 0, 30)
+    bench.arrive(31 * MS, CurrentCommand(CURRENTS, True))
+    bench.advance(29 * MS + 3 * TIMEOUT_MS * MS, ignore)
+    assert bench.inverter.timeouts == bench.board.heartbeat_drops == 1
+    assert bench.inverter.commanded_ns == 31 * MS
 
 
 def test_an_arrival_from_before_a_stall_takes_effect_now(bench):
