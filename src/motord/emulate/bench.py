@@ -26,7 +26,7 @@ from motord.wire.bridge.frames import Frame, Numbered
 from motord.wire.modbus.registers import DeviceStatus
 
 ADVANCE_MAX_NS = 500_000_000
-"""Most that the rig plays in one call; a longer stall of the host stops the rig's time meanwhile."""
+"""Most that the rig plays in one call; a longer stall of the host stops its time meanwhile."""
 
 
 HEAT_S = 0.1

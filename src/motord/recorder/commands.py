@@ -34,13 +34,20 @@ def handle(session: Session, line: bytes, now_s: float) -> None:
 def _carry_out(session: Session, command: Command, now_s: float) -> None:
     match command["do"]:
         case "start":
-            first_tick = command.get("first_tick")
             session.start(
                 Path(command["out"]),
                 command["metadata"],
                 now_s,
                 resume=bool(command.get("resume", False)),
-                first_tick=None if first_tick is None else int(first_tick),
+                first_tick=_first_tick(command),
+            )
+        case "finish":
+            session.finish(
+                Path(command["out"]),
+                command["metadata"],
+                str(command["reason"]),
+                now_s,
+                first_tick=_first_tick(command),
             )
         case "stop":
             session.stop(str(command.get("reason", "asked to")), now_s)
@@ -69,6 +76,11 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
             session.boxes.event(checked_event(_timed(command)))
         case unknown:
             raise ValueError(f"there is no command {unknown!r}")
+
+
+def _first_tick(command: Command) -> int | None:
+    first_tick = command.get("first_tick")
+    return None if first_tick is None else int(first_tick)
 
 
 def _timed(command: Command) -> dict[str, Any]:

@@ -79,6 +79,18 @@ class RecorderLink(PipedChild[RecorderReport]):
         where = {"out": str(stem), "resume": resume, "first_tick": first_tick}
         self.send({"do": "start", "metadata": metadata, **where})
 
+    def finish(
+        self,
+        stem: Path,
+        metadata: Mapping[str, object],
+        reason: str,
+        *,
+        first_tick: int | None = None,
+    ) -> None:
+        """Record what is missing of a recording that has ended, as `Session.finish` does."""
+        about = {"out": str(stem), "metadata": metadata, "first_tick": first_tick}
+        self.send({"do": "finish", "reason": reason, **about})
+
     def stop(self, reason: str) -> None:
         """End the recording."""
         self.send({"do": "stop", "reason": reason})

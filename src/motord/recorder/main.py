@@ -34,7 +34,9 @@ DRAIN_S = 0.05
 REPORT_S = 0.5
 """Time between two reports, if nothing happens."""
 
-REPORTED_AT_ONCE = ("recording", "file", "lost", "error", "obstacle", "blackboxes", "leftovers")
+REPORTED_AT_ONCE = (
+    "recording", "file", "lost", "closed", "error", "obstacle", "blackboxes", "leftovers",
+)  # fmt: skip
 """Fields of a report whose change is reported without delay."""
 
 READS_AT_ONCE = 64

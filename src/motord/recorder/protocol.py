@@ -35,9 +35,9 @@ class RecorderReport(Message):
 
     file: the newest file by its final name, path: by the name that it has now, with `.part` while
     it is not whole. obstacle: why nothing could be recorded now, though nothing is. lost: ticks
-    that were overwritten, or vanished with a file. blackboxes: path of each to "" once it is
-    written, else why it is not. leftovers: files that were not ended in order, and what became of
-    each.
+    that were overwritten, or vanished with a file. closed: the recording that was closed last, by
+    its path without number and suffix. blackboxes: path of each to "" once it is written, else why
+    it is not. leftovers: files that were not ended in order, and what became of each.
     """
 
     recording: bool
@@ -48,6 +48,7 @@ class RecorderReport(Message):
     ticks: Count = 0
     bytes: Count = 0
     lost: Count = 0
+    closed: Text = ""
     error: Text = ""
     blackboxes: Outcomes = {}
     leftovers: Outcomes = {}

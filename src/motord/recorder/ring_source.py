@@ -99,6 +99,7 @@ class RingSource:
         self._first_tick = first_tick
         self._mark = mark
         self._others = others
+        self._mark_read = False
         self._new_ring = False
         self._following = True
         self.problem = ""
@@ -155,10 +156,13 @@ class RingSource:
         if mark is None:
             fresh, missing = self._from_first(block)
             return RingPiece(fresh, lost + missing, new_ring=new_ring)
-        fresh, lost = after(block, mark)
+        fresh = block
+        if not self._mark_read or new_ring:
+            fresh, lost = after(block, mark)
         fresh = fresh[fresh["tick"] >= self._first_tick]
         if not len(fresh):
             self._mark = mark  # nothing new yet
+            self._mark_read |= places(block, mark).size > 0
             return RingPiece(fresh)
         self._first_tick = 0
         return RingPiece(fresh, lost, resumed=mark, new_ring=new_ring)
@@ -187,7 +191,8 @@ def after(block: Block, mark: Mark) -> tuple[Block, int]:
     same = places(block, mark)
     if same.size:
         return block[int(same[0]) + 1 :], 0
-    fresh = block[block["t_ns"] > mark.t_ns]
+    same_sample = (block["t_ns"] == mark.t_ns) & (block["tick"] > mark.tick)
+    fresh = block[(block["t_ns"] > mark.t_ns) | same_sample]
     if not len(fresh):
         return fresh, 0
     periods = int(fresh["tick"][0]) - mark.tick - 1

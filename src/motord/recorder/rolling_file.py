@@ -28,8 +28,8 @@ class RollingFile:
     """The recording `stem`: files NAME-000.mcap, NAME-001.mcap, ... in the folder of `stem`.
 
     `open` is true until it ends, by `close`, for want of space, or because a file could not be
-    written; `error` says why, if that was not requested. Raises RecordError if it cannot
-    begin. Times `now_s` are monotonic seconds.
+    written; `error` says why, if that was not requested; `closed` once its last file is whole.
+    Raises RecordError if it cannot begin. Times `now_s` are monotonic seconds.
     """
 
     def __init__(
@@ -53,13 +53,13 @@ class RollingFile:
             raise RecordError(f"{stem.parent}: {short}; nothing is recorded")
         self._writer = self._next_writer()
         self.open = True
-        self._closed = False
+        self.closed = False
 
     @property
     def path(self) -> Path:
         """The newest file by the name that it has now: with `.part` until it is whole."""
         final = Path(self.tally.file)
-        return final if self._closed else part_of(final)
+        return final if self.closed else part_of(final)
 
     def ticks(self, block: Block, lost: int = 0) -> None:
         """Write ticks, shape (n,), before which `lost` were lost; in a new file if one is due."""
@@ -120,7 +120,7 @@ class RollingFile:
     def close(self, reason: str) -> None:
         """End the recording and give its last file its name."""
         if self.write(lambda writer: writer.close({"reason": reason})):
-            self.open, self._closed = False, True
+            self.open, self.closed = False, True
         self._count_bytes()
 
     def _announce(self, piece: RingPiece, ended_by: str) -> None:

@@ -12,6 +12,7 @@ from motord.recorder.ring_source import Mark, RingPiece, RingSource, last_mark, 
 from motord.recorder.rolling_file import RollingFile
 from motord.recording import storage
 from motord.recording.errors import RecordError
+from motord.recording.file_names import file_name, numbers, part_of
 from motord.recording.writer import RunWriter
 
 BACKLOG_BYTES = 64 << 20
@@ -43,7 +44,8 @@ class Session:
     disk ended is begun again in a new file once that is possible; the ticks between, and those of a
     file that has vanished, come from the ring or are counted as lost. `boxes` are the black boxes,
     with a thread of their own; `metadata` is that of the newest recording, `error` why the newest
-    command or recording failed. Nothing here reads a clock.
+    command or recording failed; `closed` the stem of the recording that was closed last, as "" in
+    the beginning. Nothing here reads a clock.
     """
 
     def __init__(self, ring: Path, settings: RecordingConfig) -> None:
@@ -64,6 +66,7 @@ class Session:
         self._leftovers: dict[str, str] = {}
         self.boxes = BlackBoxWriter(ring, settings)
         self.metadata: Mapping[str, object] = {}
+        self.closed = ""
 
     @property
     def over(self) -> bool:
@@ -193,6 +196,28 @@ class Session:
         """Wait until the files hold what they have been given."""
         self._disk.settle()
 
+    def finish(
+        self,
+        stem: Path,
+        metadata: Mapping[str, object],
+        reason: str,
+        now_s: float,
+        *,
+        first_tick: int | None = None,
+    ) -> None:
+        """Record what the ring has of a recording that ended after its recorder had died.
+
+        Nothing, if that one closed it before. Raises RecordError as `start` does.
+        """
+        files = numbers(stem)
+        if not files or part_of(file_name(stem, files[-1])).exists():
+            try:
+                self.start(stem, metadata, now_s, resume=True, first_tick=first_tick)
+            finally:
+                self.stop(reason, now_s)
+        else:
+            self.closed = str(stem)
+
     def stop(self, reason: str, now_s: float) -> None:
         """End the recording and stop reading the ring."""
         self.close(reason, now_s)
@@ -201,8 +226,12 @@ class Session:
     def close(self, reason: str, now_s: float) -> None:
         """End the recording, if there is one, with all ticks that have come."""
         recording, self._target = self._recording, None
-        if recording is None or not recording.open:
-            return
+        if recording is not None and recording.open:
+            self._close(recording, reason, now_s)
+        if recording is not None and recording.closed:
+            self.closed = str(recording.stem)
+
+    def _close(self, recording: RollingFile, reason: str, now_s: float) -> None:
         if self._disk.full:
             self.settle()
         self.step(now_s)
@@ -227,6 +256,7 @@ class Session:
             "recording": going_on,
             **tally,
             **({} if going_on or not self._obstacle else {"obstacle": self._obstacle[:TEXT_MAX]}),
+            **({"closed": self.closed} if self.closed else {}),
             "error": (self.error or (recording.error if recording else "") or problem)[:TEXT_MAX],
             **({"leftovers": dict(self._leftovers)} if self._leftovers else {}),
             **({"blackboxes": dict(self.boxes.outcomes)} if self.boxes.outcomes else {}),

@@ -120,7 +120,7 @@ def test_ticks_from_the_start_on_are_recorded_once(bench):
     assert report == {
         "recording": False, "file": str(bench.files()[0]), "path": str(bench.files()[0]),
         "files": 1, "ticks": 530,
-        "bytes": bench.files()[0].stat().st_size, "lost": 0, "error": "",
+        "bytes": bench.files()[0].stat().st_size, "lost": 0, "closed": str(bench.stem), "error": "",
     }  # fmt: skip
     block = np.concatenate(list(run.blocks()))
     expected = tick_block(530, 20)
@@ -372,6 +372,81 @@ def test_the_same_sample_in_two_ticks_is_no_reason_to_drop_one(bench):
     bench.start(resume=True)
     bench.stop()
     assert bench.recorded() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("overwritten", [False, True])
+def test_what_comes_after_a_file_that_has_all_is_all_recorded(bench, overwritten):
+    """Even ticks that saw the sample of the last one in the file again."""
+    block = tick_block(CAPACITY + 10)
+    block["missed"], block["t_ns"][:4] = 0, START_NS
+    bench.start()
+    _publish(bench, block[:2])
+    bench.step(1.1)
+    bench.session = bench.new_session()
+    if overwritten:  # by the oldest that the ring still has
+        _publish(bench, block[2 : CAPACITY + 1])
+    bench.start(resume=True)
+    bench.step()
+    last = CAPACITY + 10 if overwritten else 9
+    _publish(bench, block[CAPACITY + 1 if overwritten else 2 : last])
+    bench.stop()
+    assert bench.recorded() == list(range(last))
+    assert bench.report()["lost"] == 0
+
+
+def _publish(bench, block):
+    for row in block:
+        bench.ring.slot()[0] = row
+        bench.ring.publish()
+
+
+# --- what a recorder that died left of a recording that has ended
+
+
+def test_a_recording_that_ended_without_its_recorder_is_finished_by_the_next(bench):
+    bench.start()
+    bench.loop(100)
+    bench.step(1.1)
+    bench.loop(60)
+    bench.session = bench.new_session()
+    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done")
+    bench.loop(10)
+    bench.step()
+    assert bench.recorded() == list(range(160))
+    assert [f.name for f in bench.files()] == ["day-000.mcap.part", "day-001.mcap"]
+    assert open_run(bench.files()[1]).end["reason"] == "done"
+    report = bench.report()
+    assert (report["recording"], report["closed"]) == (False, str(bench.stem))
+
+
+def test_one_that_was_closed_by_its_recorder_is_left_as_it_is(bench):
+    bench.start()
+    bench.loop(100)
+    bench.stop()
+    bench.session = bench.new_session()
+    bench.loop(60)
+    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done", first_tick=0)
+    assert bench.recorded() == list(range(100))
+    assert bench.report()["closed"] == str(bench.stem)
+    assert [f.name for f in bench.files()] == ["day-000.mcap"]
+
+
+def test_one_of_which_there_is_no_file_begins_with_its_first_tick(bench):
+    bench.loop(100)
+    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done", first_tick=60)
+    assert bench.recorded() == list(range(60, 100))
+
+
+def test_one_that_cannot_be_finished_is_reported_and_not_tried_for_ever(bench):
+    bench.loop(10)
+    FreeSpace.bytes = 0
+    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done", first_tick=0)
+    assert "nothing is recorded" in bench.report()["error"]
+    FreeSpace.bytes = PLENTY
+    bench.loop(10)
+    bench.step(60.0)
+    assert bench.files() == []
+    assert "closed" not in bench.report()
 
 
 def test_a_mark_that_is_newer_than_the_ring_waits(bench):

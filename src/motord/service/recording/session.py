@@ -1,6 +1,7 @@
 """The recorder process as the supervisor sees it, and the recording that it has to make.
 
-A recorder that was started again gets the recording of its predecessor and resumes it.
+A recorder that was started again gets the recording of its predecessor and resumes it; one that
+ended meanwhile, or whose end that one did not confirm, it finishes.
 """
 
 import time
@@ -25,6 +26,10 @@ EVENTS_BEFORE_S = 10.0
 """Events of this time before a recording go into it."""
 CLOSE_S = 2.0
 """Time for a recorder to close its file before it is ended."""
+UP_S = 8.0
+"""Time for the successor of one that died to be up then, if there is something to close."""
+ENDED_MAX = 4
+"""Recordings that are remembered until a recorder confirms that they are closed."""
 _POLL_S = 0.01
 NO_REPORT = RecorderReport(recording=False)
 
@@ -36,6 +41,14 @@ class RecordingTask:
     stem: Path
     metadata: Mapping[str, Any]
     first_tick: int | None = None
+
+
+@dataclass(frozen=True)
+class EndedRecording:
+    """A recording that has ended, for the reason `why`, and that may not be closed yet."""
+
+    task: RecordingTask
+    why: str
 
 
 class RecorderSession:
@@ -56,6 +69,7 @@ class RecorderSession:
         self._faults = ChildFaults(RECORDER, children, events)
         self.link: RecorderLink | None = None
         self.task: RecordingTask | None = None
+        self._ended: deque[EndedRecording] = deque(maxlen=ENDED_MAX)
         self.report = NO_REPORT
         self.reported_ns = 0
         self.error = ""
@@ -88,6 +102,9 @@ class RecorderSession:
         self.link, self.report = None, NO_REPORT
         if process is not None:
             self.link, self._dropped = RecorderLink(process), 0
+            for ended in self._ended:
+                task, first_tick = ended.task, ended.task.first_tick
+                self.link.finish(task.stem, task.metadata, ended.why, first_tick=first_tick)
             self._send_task(resume=True)
         for follow in self.on_process:
             follow(self.link)
@@ -107,14 +124,20 @@ class RecorderSession:
 
     def begin(self, task: RecordingTask) -> None:
         """Begin a recording; the one under way ends."""
+        if self.task is not None:
+            why = f"the recording {task.stem.name} began"
+            self._ended.append(EndedRecording(self.task, why))
         self.task = task
         self._send_task(resume=False)
 
     def end(self, why: str) -> None:
         """End the recording under way."""
-        if self.link is not None and self.task is not None:
-            self.link.stop(why)
+        if self.task is None:
+            return
+        self._ended.append(EndedRecording(self.task, why))
         self.task = None
+        if self.link is not None:
+            self.link.stop(why)
 
     def event(self, event: Event) -> None:
         """Record an event, now or once a recording begins."""
@@ -135,25 +158,42 @@ class RecorderSession:
             self._send_reading(self.link, t_ns, channel, content)
 
     def stop(self) -> None:
-        """End the process, once it has closed its file or `CLOSE_S` is over."""
-        if self.link is not None:
-            self._await_closed(self.link)
+        """End the process, once it has closed its files or `CLOSE_S` is over.
+
+        One that has died is started again, for `UP_S`, if it had not closed them.
+        """
+        self._await_closed()
         self._children.stop(RECORDER)
+        for ended in self._ended:
+            what = f"{ended.task.stem.name} was not closed: its last ticks may be missing"
+            self._events.emit("recording", what)
         if self.link is not None:
             self.link.close()
             self.link = None
 
-    def _await_closed(self, link: RecorderLink) -> None:
-        process, end_s = self._children.process(RECORDER), time.monotonic() + CLOSE_S
-        while self.report.recording and process is not None and process.poll() is None:
-            if time.monotonic() >= end_s:
+    def _await_closed(self) -> None:
+        """Wait until all is closed: for a recorder `CLOSE_S`, until there is one `UP_S`."""
+        up_end_s, close_end_s = time.monotonic() + UP_S, None
+        while self._ended:
+            now_s = time.monotonic()
+            if self.up and close_end_s is None:
+                close_end_s = now_s + CLOSE_S
+            if now_s >= (up_end_s if close_end_s is None else close_end_s):
                 return
             time.sleep(_POLL_S)
-            self._take_reports(link, time.monotonic_ns())
+            for end in self._children.poll(time.monotonic_ns()):
+                self._events.emit("process", f"{end.process.name} ended: {end.how}")
+            link = self.link
+            self.follow_process()
+            if self.link is not link:
+                close_end_s = None
+            if self.link is not None:
+                self._take_reports(self.link, time.monotonic_ns())
 
     def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
         for report in link.reports(now_ns):
             self.report, self.reported_ns = report, now_ns
+            self._forget_closed(report)
             self.on_report(report)
             if report.error and report.error != self.error:
                 self._events.emit("recording", f"the recorder says: {report.error}")
@@ -162,6 +202,13 @@ class RecorderSession:
                 if self._leftovers.get(path) != outcome:
                     self._events.emit("recording", f"{path}: {outcome}", path=path)
             self._leftovers = dict(report.leftovers)
+
+    def _forget_closed(self, report: RecorderReport) -> None:
+        """Forget the recording that was closed last, and those that ended before it."""
+        closed = [str(ended.task.stem) for ended in self._ended]
+        if report.closed in closed:
+            for _ in range(closed.index(report.closed) + 1):
+                self._ended.popleft()
 
     def _send_task(self, *, resume: bool) -> None:
         link, task = self.link, self.task

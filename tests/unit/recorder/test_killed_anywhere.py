@@ -1,0 +1,140 @@
+"""No tick of a powered bench is lost, or in two files, wherever the recorder is killed."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motord.schema import State
+from tests.unit.recorder.lives import MARGIN_STEPS, STEP_TICKS, Bench
+
+pytestmark = pytest.mark.slow
+
+SOON, LATE = 1, 2 * MARGIN_STEPS
+"""When a killed recorder has a successor: at once, or when what it recorded has ended."""
+PLAN = SimpleNamespace(name="verify", settings={}, points=())
+VIEW = SimpleNamespace(
+    started_by="anna", run_id="1", continues="", serial="", plan="verify", state="done"
+)
+
+
+def by_hand(bench: Bench) -> None:
+    """Three times powered: the second follows what is recorded of the first, the third is late."""
+    bench.step(2)
+    bench.enabled(5)
+    bench.step(MARGIN_STEPS + 2)
+    bench.enabled(3)
+    bench.step(3 * MARGIN_STEPS)
+    bench.enabled(3)
+
+
+def with_a_plan(bench: Bench) -> None:
+    """Manual operation, a plan in the midst of it, manual operation."""
+    bench.step(2)
+    bench.enabled(3)
+    bench.control.plan_started(PLAN, VIEW, "")  # type: ignore[arg-type]
+    bench.enabled(4)
+    bench.state = State.ENABLED
+    bench.control.plan_over(VIEW)  # type: ignore[arg-type]
+    bench.enabled(3)
+
+
+Operate = Callable[[Bench], None]
+OPERATIONS = pytest.mark.parametrize("operate", [by_hand, with_a_plan])
+AWAY = pytest.mark.parametrize("away_steps", [SOON, LATE], ids=["soon", "late"])
+
+
+@pytest.fixture
+def make(tmp_path_factory) -> Iterator[Callable[..., Bench]]:
+    """Return what makes a bench, one at a time."""
+    with pytest.MonkeyPatch.context() as patch, ExitStack() as opened:
+
+        def make(away_steps: int, kill_at: int | None = None) -> Bench:
+            opened.close()
+            patch.undo()
+            bench = Bench(tmp_path_factory.mktemp("bench"), patch, away_steps)
+            bench.kill_at = kill_at
+            opened.callback(bench.close)
+            return bench
+
+        yield make
+
+
+def check(bench: Bench, where: str) -> None:
+    """Every tick from shortly before the bench was powered until shortly after it, once."""
+    recorded, ticks = bench.recorded(), bench.ticks
+    numbers = np.concatenate([block["tick"] for block in recorded.values()])
+    assert len(np.unique(numbers)) == len(numbers), where
+    powered = ticks["tick"][ticks["state"] == State.ENABLED].astype(int)
+    wanted = powered[:, None] - np.arange(MARGIN_STEPS * STEP_TICKS + 1)
+    missing = np.setdiff1d(np.intersect1d(ticks["tick"], wanted), numbers)
+    assert not missing.size, (where, missing)
+    for name, block in recorded.items():
+        if not len(block):
+            continue
+        first, last = np.searchsorted(ticks["tick"], block["tick"][[0, -1]])
+        assert np.array_equal(block["tick"], ticks["tick"][first : last + 1]), (where, name)
+
+
+def let_it_end(bench: Bench) -> None:
+    """Go on until the recorder, or its successor, has nothing left to do."""
+    bench.step(2 * LATE)
+    bench.kill_at = bench.disk.fatal = None
+    bench.end()
+
+
+@OPERATIONS
+def test_without_a_kill_all_is_recorded_and_closed(make, operate: Operate):
+    bench = make(SOON)
+    operate(bench)
+    let_it_end(bench)
+    check(bench, "no kill")
+    assert not list(bench.settings.directory.glob("*.part"))
+    assert not bench.events.recent()
+
+
+@OPERATIONS
+@AWAY
+def test_a_kill_at_any_call_of_the_system(make, operate: Operate, away_steps: int):
+    bench = make(away_steps)
+    operate(bench)
+    let_it_end(bench)
+    calls = bench.disk.calls
+    assert calls > 30
+    for call in range(1, calls):
+        bench = make(away_steps)
+        bench.disk.fatal, bench.disk.part = call, call % 3 / 2
+        operate(bench)
+        let_it_end(bench)
+        check(bench, f"call {call}")
+
+
+@OPERATIONS
+@AWAY
+def test_a_kill_between_any_two_steps(make, operate: Operate, away_steps: int):
+    bench = make(away_steps)
+    operate(bench)
+    for step in range(1, bench.steps + 1):
+        bench = make(away_steps, step)
+        operate(bench)
+        let_it_end(bench)
+        assert bench.kills == 1
+        check(bench, f"step {step}")
+
+
+@OPERATIONS
+@AWAY
+def test_a_kill_right_before_the_daemon_ends(make, operate: Operate, away_steps: int):
+    """What is missing is recorded before the ring goes with the daemon."""
+    bench = make(away_steps)
+    operate(bench)
+    steps = bench.steps
+    for since in range(away_steps + 1):
+        bench = make(away_steps, steps - since)
+        operate(bench)
+        bench.end()
+        assert bench.kills == 1
+        check(bench, f"{since} steps before")
+        assert not bench.events.recent()
