@@ -105,7 +105,8 @@ def test_what_a_recorder_that_died_has_lost_of_a_plan_is_taken_again(tmp_path):
             followed(client, lease.token, lambda view: view.points_done == 1)
             os.kill(client.state().processes["recorder"].pid, signal.SIGKILL)
             end = followed(client, lease.token, lambda view: view.over)
-            assert (end.state, end.points_done) == ("done", 4)
+            assert (end.state, end.points_done, end.recorded) == ("failed", 4, False)
+            assert "the recorder died meanwhile" in end.message
             answer = client.rpc("plan/resume", token=lease.token)
             if answer["state"] != "done":  # something was lost
                 followed(client, lease.token, lambda view: view.over)

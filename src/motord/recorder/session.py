@@ -228,7 +228,7 @@ class Session:
         recording, self._target = self._recording, None
         if recording is not None and recording.open:
             self._close(recording, reason, now_s)
-        if recording is not None and recording.closed:
+        if recording is not None and recording.closed and not recording.error:
             self.closed = str(recording.stem)
 
     def _close(self, recording: RollingFile, reason: str, now_s: float) -> None:

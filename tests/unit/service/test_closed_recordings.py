@@ -38,6 +38,7 @@ class Closing:
         self.recorder.link = Link()
         self.limit_s = bench.loop.ring_s / 2
         self.file = self.control.plan_started(PLAN, VIEW, "")
+        self.stem = self.file.removesuffix("-000.mcap")
         self.at(0.0, recording=True, file=self.file)
 
     def at(self, now_s, **report):
@@ -49,7 +50,6 @@ class Closing:
 
     def ended(self):
         self.control.plan_closing(VIEW)
-        self.at(1.0)
         return self
 
 
@@ -57,13 +57,16 @@ def test_it_is_known_when_the_file_is_closed(tmp_path):
     closing = Closing(tmp_path).ended()
     assert closing.at(1.0) is None
     assert closing.at(2.0, recording=True, file=closing.file) is None  # sent before it was told
-    assert closing.at(3.0, recording=False, file=closing.file) == ""
+    assert closing.at(3.0, recording=False, file=closing.file, closed=closing.stem) == ""
 
 
-def test_another_recording_that_has_begun_is_its_end_too(tmp_path):
+def test_another_recording_that_has_begun_says_nothing_of_it(tmp_path):
     closing = Closing(tmp_path).ended()
     other = str(tmp_path / "other-000.mcap")
-    assert closing.at(2.0, recording=True, file=other, error="of the other") == ""
+    report = {"recording": True, "file": other, "error": "of the other"}
+    assert closing.at(2.0, **report) is None
+    assert closing.at(3.0, **report, closed=closing.stem) == ""
+    assert closing.at(4.0, **report, closed="a later one") == ""
 
 
 @pytest.mark.parametrize("how", ["error", "leftovers"])
@@ -81,34 +84,49 @@ def test_a_recording_that_had_ended_before_is_said_at_once(tmp_path):
     assert closing.ended().at(1.0) == FULL
 
 
-def test_a_recorder_that_has_died_has_a_successor_that_goes_on(tmp_path):
-    closing = Closing(tmp_path)
+def test_a_recorder_that_has_died_has_a_successor_that_closes_it(tmp_path):
+    closing = Closing(tmp_path).ended()
     closing.recorder.report = NO_REPORT
-    assert closing.ended().at(1.0) is None
-    assert closing.recorder.task is not None
-    assert closing.at(2.0, recording=True, file=closing.file) is None
-    assert closing.recorder.task is None
-    assert closing.at(3.0, recording=False, file=closing.file) == ""
+    late_s = closing.limit_s
+    assert closing.at(late_s) is None
+    closing.recorder._pid = 2
+    assert closing.at(late_s, recording=False) is None
+    assert closing.at(late_s + 1.0) is None
+    assert closing.at(late_s + 2.0, recording=False, closed=closing.stem) == ""
+
+
+def test_a_successor_that_does_not_close_it_either_is_waited_for_as_long(tmp_path):
+    closing = Closing(tmp_path).ended()
+    closing.recorder.report = NO_REPORT
+    assert closing.at(closing.limit_s) is None
+    closing.recorder._pid = 2
+    assert closing.at(closing.limit_s, recording=True, file=closing.file) is None
+    assert closing.at(2 * closing.limit_s) is None
+    assert "does the disk answer?" in closing.at(2 * closing.limit_s + 0.1)
 
 
 def test_a_recorder_without_a_successor_has_recorded_nothing(tmp_path):
     closing = Closing(tmp_path)
     closing.recorder.report = NO_REPORT
-    assert closing.ended().at(closing.limit_s) is None
+    closing.ended()
+    assert closing.at(closing.limit_s) is None
     assert closing.at(closing.limit_s + 0.1) == "the recorder does not record"
+
+
+def test_what_is_not_closed_when_the_daemon_ends_is_not(tmp_path):
+    closing = Closing(tmp_path).ended()
+    closing.recorder.stop = lambda: None
+    told = []
+    closing.control.on_closing = lambda: told.append(closing.control.unrecorded())
+    closing.control.stop()
+    assert told == ["not closed before the daemon ended"]
 
 
 def test_a_disk_that_does_not_answer_is_no_recording(tmp_path):
     closing = Closing(tmp_path).ended()
-    assert closing.at(closing.limit_s + 1.0) is None
-    assert "does the disk answer?" in closing.at(closing.limit_s + 1.1)
+    assert closing.at(closing.limit_s) is None
+    assert "does the disk answer?" in closing.at(closing.limit_s + 0.1)
 
 
 def test_nothing_is_asked_of_a_recording_that_is_not_required(tmp_path):
     assert Closing(tmp_path, required=False).ended().at(1.0) == ""
-
-
-def test_a_recorder_that_dies_while_it_closes_the_file_has_not_closed_it(tmp_path):
-    closing = Closing(tmp_path).ended()
-    closing.recorder.link = Link()  # to its successor, which was told to record nothing
-    assert closing.at(2.0, recording=False) == "the recorder died while it closed the file"

@@ -13,7 +13,7 @@ from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.recording.file_names import part_of
 from motord.recording.writer import RunWriter
-from motord.schema import Compensate
+from motord.schema import Compensate, Request
 from motord.service.build import show_interrupted_plan
 from motord.service.plans import resume
 from motord.service.plans.journal import JournalSegment
@@ -396,10 +396,14 @@ def test_a_plan_during_which_a_recorder_died_is_looked_at_again(days):
     until(service, token, lambda: service.sink.points)
     service.resumption.recorder(None)
     service.resumption.recorder(object())
-    assert run_to_end(service, token).state == "done"
-    assert "the recorder died meanwhile" in service.messages()[-1]
+    view = run_to_end(service, token)
+    assert (view.state, view.recorded) == ("failed", False)
+    assert view.message.startswith("the recorder died meanwhile")
+    assert f"plan: calibrate failed: {view.message}" in service.messages()
     log = service.journal.log
-    assert (log.segments[-1].sure, log.state) == (False, "failed")
+    assert (log.segments[-1].sure, log.state, log.segments[-1].message) == (
+        *(False, "failed", view.message),
+    )
     service.journal.settle()
     again = days.daemon()
     assert again.journal.log == log
@@ -467,12 +471,68 @@ def test_a_plan_that_is_aborted_while_it_is_not_recorded_is_taken_again(days):
     token = service.acquire()
     start(service, token)
     until(service, token, lambda: service.sink.points)
-    service.sink.plan_recorded = False  # the disk is full, for less than half of the ring
+    service.sink.missing = "no space left"  # for less than half of the ring
     service.ask("plan/abort", token=token)
-    assert run_to_end(service, token).state == "aborted"
-    service.sink.plan_recorded = True
+    view = run_to_end(service, token)
+    assert (view.state, view.recorded) == ("aborted", False)
+    assert "anna; not recorded in full: no space left; motord plan resume" in view.message
+    service.sink.missing = ""
     [segment] = service.journal.log.segments
     assert (segment.sure, segment.written) == (False, False)
     service.ask("plan/resume", token=token)
     run_to_end(service, token)
     assert [p["index"] for p in service.sink.points] == [0, 0, 1, 2]
+
+
+ENDS = {
+    "stop": ("aborted", lambda service, token: service.ask("stop", by="ben")),
+    "abort": ("aborted", lambda service, token: service.ask("plan/abort", token=token)),
+    "loop": ("failed", lambda service, token: service.bench.loop_down("the loop ended: killed")),
+    "off": ("aborted", lambda service, token: service.bench.setpoint.request(Request.STOP)),
+    "error": ("failed", lambda service, token: service.bench.fault_stop("here", ValueError())),
+    "done": ("done", lambda service, token: run_until_closing(service, token)),
+}  # fmt: skip
+"""How plans end: the state that comes of it, and what brings it about."""
+
+
+def run_until_closing(service, token):
+    until(service, token, lambda: service.bench.plans.view.step == "closing the recording")
+
+
+@pytest.mark.parametrize("found", ["", "no space left", "died"])
+@pytest.mark.parametrize("how", ENDS)
+def test_however_a_plan_ends_its_view_and_its_journal_agree(days, how, found):
+    """It ends when the recorder has said what became of the file, and all say the same of it."""
+    service = days.daemon(safe=True)
+    token = service.acquire()
+    service.sink.missing = None
+    start(service, token)
+    until(service, token, lambda: service.sink.points)
+    state, end = ENDS[how]
+    end(service, token)
+    run_until_closing(service, token)
+    service.run_s(0.2, token)
+    view, plans = service.bench.plans.view, service.bench.plans
+    assert (view.state, view.recorded, plans.active) == ("ending", True, True)
+    assert service.journal.log.state == ""
+    torque_Nm = service.bench.setpoint.torque_Nm
+    plans.pause()
+    plans.resume()
+    plans.abort("late")
+    plans.end("late")
+    assert (plans.view, service.bench.setpoint.torque_Nm, torque_Nm) == (view, 0.0, 0.0)
+    if found == "died":
+        service.resumption.recorder(None)
+    service.sink.missing = "" if found == "died" else found
+    service.sink.on_closing()
+    view, [segment] = plans.view, service.journal.log.segments
+    assert not plans.active
+    assert view.state == ("failed" if found and state == "done" else state)
+    assert (segment.state, segment.message) == (view.state, view.message)
+    assert view.recorded is (not found)
+    assert (segment.sure, segment.written) == (not found, found != "no space left")
+    assert "late" not in view.message
+    assert ("motord plan resume" in view.message) is bool(found)
+    service.journal.settle()
+    again = days.daemon().bench.plans.view
+    assert (again.state if again else "done") == view.state

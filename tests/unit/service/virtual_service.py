@@ -34,7 +34,6 @@ class RecordedSink:
     def __init__(self):
         self.started, self.points, self.progress, self.over = [], [], [], []
         self.missing = ""
-        self.plan_recorded = True
 
     def plan_started(self, plan, view, notes):
         self.started.append((plan, view, notes))

@@ -87,6 +87,7 @@ class Resumption:
         self._unix_ns = unix_ns
         self._journal_error = ""
         self._under_way = False
+        self._sure = True  # no recorder has died over the plan
         self._resumable = True
         self._parts = bench_parts(config)  # a large back-EMF table takes a while
 
@@ -104,7 +105,8 @@ class Resumption:
         One that is not resumable leaves nothing in the journal, neither of itself nor of another.
         """
         path = self._recording.plan_started(plan, view, notes)
-        self._resumable = resumable
+        self._resumable, self._sure = resumable, True
+        self._under_way = True
         if not resumable:
             self._journal.forget()
             return path
@@ -125,7 +127,6 @@ class Resumption:
                 t_ns=self._unix_ns(),
             )
             self._journal.begin(note, path)
-        self._under_way = True
         return path
 
     def plan_checked(self, view: PlanView, found: str) -> None:
@@ -148,17 +149,25 @@ class Resumption:
             )
         self._journal_error = error
 
+    def follow_closing(self, look: Callable[[], None]) -> None:
+        """Have `look` called in every step while a recording closes, with ticks or without."""
+        self._recording.on_closing = look
+
     def plan_closing(self, view: PlanView) -> None:
-        """Everything of the plan has been done: its recording ends."""
+        """The plan ends, with the state and message of `view`: its recording is closed."""
         self._recording.plan_progress(view)
         self._recording.plan_closing(view)
 
     def unrecorded(self) -> str | None:
-        """Return why a plan that is closing is not recorded in full, "" if it is, None: not yet."""
+        """Return that, and why, a plan that is closing is not recorded in full, or may not be.
+
+        "" if it is, None: not known yet.
+        """
         why = self._recording.unrecorded()
         if why:
             self.points_missing()
-        return why
+            return f"not recorded in full: {why}"
+        return UNSURE if why == "" and not self._sure else why
 
     def points_missing(self) -> None:
         """Note that points may be missing in the recording: the journal does not count."""
@@ -166,24 +175,20 @@ class Resumption:
             self._journal.recorder_died(self._unix_ns(), unrecorded=True)
 
     def plan_over(self, view: PlanView) -> None:
-        """The plan has ended."""
-        if view.state != "done" and not self._recording.plan_recorded:
-            self.points_missing()
+        """The plan has ended as `view` says."""
         self._recording.plan_over(view)
-        if not self._resumable:
-            return
-        log = self._journal.log
-        state, message = str(view.state), view.message
         self._under_way = False
-        if state == "done" and log is not None and not log.segments[-1].sure:
-            state, message = "failed", UNSURE
-            self._events.emit("journal", f"{view.plan}: {UNSURE}; motord plan resume looks for it")
-        self._journal.end(state, message, self._unix_ns())
+        if not view.recorded:
+            self._events.emit("plan", f"{view.plan} {view.state}: {view.message}")
+        if self._resumable:
+            self._journal.end(str(view.state), view.message, self._unix_ns())
 
     def recorder(self, link: RecorderLink | None) -> None:
         """A recorder was started, or has ended: in the midst of a plan, one has died."""
         if link is None and self._under_way:
-            self._journal.recorder_died(self._unix_ns())
+            self._sure = False
+            if self._resumable:
+                self._journal.recorder_died(self._unix_ns())
 
     def summary(self) -> str:
         """Return what was interrupted and how it can go on, in one line; "" if nothing can."""

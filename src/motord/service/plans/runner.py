@@ -2,7 +2,7 @@
 
 A detached plan is its own commander: while it runs and nobody holds the lease, the lease shows as
 held by the plan, and losing a lease does not end it. Any other plan ends with the lease of whoever
-is in command.
+is in command. However a plan ends, it is over once its recording is closed, or is known not to be.
 """
 
 from collections.abc import Callable
@@ -67,7 +67,8 @@ class PlanRunner:
         self._points_before = 0
         self._waiting: WaitingPlan | None = None
         self._under_way: int | None = None
-        self._closing = False  # all is done, and the recording is being closed
+        self._ended: dict[str, Any] | None = None  # how, while its recording is being closed
+        journal.follow_closing(self.conclude)
         self.estimator: EstimatorLink | None = None
         self.view: PlanView | None = None
         """Progress of the plan under way or of the last one."""
@@ -126,7 +127,7 @@ class PlanRunner:
     def _begin(self, plan: Plan, view: PlanView, notes: str, points: MeshView) -> PlanView:
         """Begin a plan, or the check before it; `view` is that of the plan."""
         self._executor, self._enabled, self._points_passed_on = Executor(plan), None, 0
-        self._closing = False
+        self._ended = None
         self.mesh = points
         if self.estimator is not None:
             self.estimator.begin(plan)
@@ -141,6 +142,9 @@ class PlanRunner:
         executor = self._executor
         if executor is None or not self.active:
             return
+        if self._ended is not None:
+            self.conclude()
+            return
         if self.estimator is not None and self.estimator.precision is not None:
             seen = replace(seen, precision=self.estimator.precision)
         self._apply(executor.advance(seen))
@@ -150,65 +154,75 @@ class PlanRunner:
             self._journal.plan_checked(waiting.view, executor.message)
             self._begin(waiting.plan, waiting.view, waiting.notes, waiting.mesh)
             return
-        progress = executor.progress()
-        if executor.state is PlanState.DONE:
-            recorded = self._once_recorded(progress)
-            if recorded is None:
-                return
-            progress = recorded
-        self._show(progress)
         if executor.finished:
-            self._finish()
+            self._close(executor.progress())
+        else:
+            self._show(executor.progress())
 
-    def _once_recorded(self, progress: dict[str, Any]) -> dict[str, Any] | None:
-        """Return the progress of a plan that is done once its recording is closed, None before.
-
-        It has failed if it is not recorded in full.
-        """
-        if not self._closing and self.view is not None:
-            self._closing = True
+    def _close(self, progress: dict[str, Any]) -> None:
+        """End the recording of a plan that ends with `progress`."""
+        self._ended = progress
+        if self.estimator is not None:
+            self.estimator.end()
+        self._setpoint.rest()
+        self._setpoint.compensate = self._compensate_before
+        if self.view is not None:
             self._journal.plan_closing(self._with(self.view, progress))
             step = {"state": PlanState.ENDING.value, "step": "closing the recording"}
             self.view = self._with(self.view, {**progress, **step})
-        why = self._journal.unrecorded()
-        if why is None:
-            return None
-        if not why:
-            return progress
-        message = f"not recorded in full: {why}; {RETAKE}"
-        return {**progress, "state": "failed", "message": message, "recorded": False}
+        self.conclude()
+
+    def conclude(self) -> None:
+        """End a plan whose recording is closed, or is known not to be.
+
+        One that was done has failed if it is not recorded in full.
+        """
+        why = self._journal.unrecorded() if self._ended is not None else None
+        if self._ended is None or why is None:
+            return
+        progress, self._ended = self._ended, None
+        if why and self.view is not None:
+            said = [progress["message"]] if progress["message"] else []
+            if self.view.recorded:  # else that is what it was ended for
+                said.append(f"{why}; {RETAKE}")
+            state = "failed" if progress["state"] == "done" else progress["state"]
+            message = "; ".join(said)
+            progress = {**progress, "state": state, "message": message, "recorded": False}
+        self._show(progress)
+        self._finish()
 
     def unrecorded(self, why: str) -> None:
         """Abort a plan whose points are not recorded."""
-        if self.active and self.view is not None and not self._closing:
+        if self.active and self.view is not None and self._ended is None:
             self._journal.points_missing()
             self.view = self.view.model_copy(update={"recorded": False})
             self.abort(why)
 
     def pause(self) -> None:
         """Ramp to zero and wait."""
-        if self._executor is not None:
+        if self._executor is not None and self._ended is None:
             self._executor.pause()
             self._show(self._executor.progress())
 
     def resume(self) -> None:
         """Go on after a pause."""
-        if self._executor is not None:
+        if self._executor is not None and self._ended is None:
             self._executor.resume()
             self._show(self._executor.progress())
 
     def abort(self, why: str) -> None:
         """Ramp down, disable, end."""
-        if self._executor is not None and self.active and not self._executor.over:
-            self._executor.abort(why)
-            self._show(self._executor.progress())
+        executor = self._executor
+        if executor is None or not self.active or self._ended is not None or executor.over:
+            return
+        executor.abort(why)
+        self._show(executor.progress())
 
     def end(self, why: str, state: Literal["aborted", "failed"] = "failed") -> None:
         """End at once: the bench is stopped, or no longer there for the plan to ramp down."""
-        if self._executor is None or not self.active:
+        if self._executor is None or not self.active or self._ended is not None:
             return
-        self._show({**self._executor.progress(), "state": state, "message": why, "eta_s": 0.0})
-        self._finish()
+        self._close({**self._executor.progress(), "state": state, "message": why, "eta_s": 0.0})
 
     def _pass_on_points(self, executor: Executor) -> None:
         new = [self._measured(point) for point in executor.points[self._points_passed_on :]]
@@ -263,10 +277,6 @@ class PlanRunner:
 
     def _finish(self) -> None:
         self.active = False
-        if self.estimator is not None:
-            self.estimator.end()
-        self._setpoint.rest()
-        self._setpoint.compensate = self._compensate_before
         if self.mesh is not None:
             self.mesh, self._under_way = mesh.with_under_way(self.mesh, None), None
         if self.view is not None:

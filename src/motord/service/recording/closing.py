@@ -1,58 +1,64 @@
 """Whether the recording of a plan that is over is on the disk, as the recorder says."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-from motord.recorder.launch import RecorderLink
 from motord.service.recording.session import RecorderSession
 
 
 class ClosingRecording:
-    """The recording under way, which `end` ends once the recorder makes it.
+    """The recording `stem`, which has ended and is being closed.
 
-    A recorder that died has a successor that makes it from the ring: for that, and for closing the
-    file, there is `limit_s` each. Times `now_ns` are monotonic.
+    By the recorder, or by the successor of one that died: for that, and for a successor to come,
+    there is `limit_s` each. `failed`: why it was not recorded when it ended, "" if it was. Times
+    `now_ns` are monotonic.
     """
 
     def __init__(
-        self, recorder: RecorderSession, limit_s: float, now_ns: int, end: Callable[[], None]
+        self, recorder: RecorderSession, stem: Path, failed: str, limit_s: float, now_ns: int
     ) -> None:
         self._recorder = recorder
-        self._name = recorder.task.stem.name if recorder.task is not None else ""
+        self._stem = stem
+        self._outcome: str | None = failed or None
         self._limit_s = limit_s
-        self._since_ns = now_ns
-        self._end: Callable[[], None] | None = end
-        self._failed = ""
-        self._closer: RecorderLink | None = None
+        self._since_ns = self._begun_ns = now_ns
+        self._pid = recorder.pid
 
-    def unrecorded(self, now_ns: int) -> str | None:
-        """Return what is wrong with the recording: "" for nothing, None until it is known."""
-        late = (now_ns - self._since_ns) / 1e9 > self._limit_s
-        if self._end is not None:
-            recorder = self._recorder
-            if not (recorder.recording_task or recorder.error or late):
-                return None
-            if not recorder.recording_task:
-                self._failed = recorder.error or "the recorder does not record"
-            self._closer = recorder.link
-            self._end()
-            self._end, self._since_ns, late = None, now_ns, False
-        if self._failed:
-            return self._failed
-        outcome = self._outcome()
-        if outcome is None and late:
-            return f"not closed within {self._limit_s:g} s: does the disk answer?"
-        return outcome
+    def unrecorded(self, now_ns: int, *, last: bool = False) -> str | None:
+        """Return what is wrong with the recording: "" for nothing, None until it is known.
 
-    def _outcome(self) -> str | None:
-        report = self._recorder.report
-        for path, outcome in report.leftovers.items():
-            if Path(path).name.startswith(self._name):
-                return outcome
-        if self._recorder.link is not self._closer:
-            return "the recorder died while it closed the file"
-        if not self._recorder.up or self._recorder.reported_ns <= self._since_ns:
-            return None
-        if not Path(report.file).name.startswith(self._name):
+        last: there is no more to come of the recorder.
+        """
+        if self._outcome is None:
+            self._outcome = self._reported()
+        if self._outcome is None and (last or self._late(now_ns)):
+            self._outcome = self._not_closed(last=last)
+        return self._outcome
+
+    def _reported(self) -> str | None:
+        """Return what the recorder says of it, None if it does not."""
+        report, name = self._recorder.report, self._stem.name
+        if report.closed == str(self._stem):
             return ""
-        return None if report.recording else report.error
+        for path, outcome in report.leftovers.items():
+            if Path(path).name.startswith(name):
+                return outcome
+        if self._recorder.reported_ns <= self._since_ns or report.recording:
+            return None
+        return (report.error or None) if Path(report.file).name.startswith(name) else None
+
+    def _late(self, now_ns: int) -> bool:
+        """Return whether it takes too long; a successor that has come has all of the time again."""
+        recorder = self._recorder
+        if recorder.up and recorder.pid != self._pid:
+            self._pid, self._since_ns = recorder.pid, now_ns
+        return (
+            now_ns - self._since_ns > self._limit_s * 1e9
+            or now_ns - self._begun_ns > 2 * self._limit_s * 1e9
+        )
+
+    def _not_closed(self, *, last: bool) -> str:
+        if last:
+            return "not closed before the daemon ended"
+        if not self._recorder.up:
+            return "the recorder does not record"
+        return f"not closed within {self._limit_s:g} s: does the disk answer?"

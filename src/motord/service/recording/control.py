@@ -10,7 +10,6 @@ ring reaches. A plan whose ticks have been in the ring alone for too long is end
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +44,7 @@ class RecordingControl:
     The loop counts its timing in the file `timing`. `calibration_*` and `realtime` go into the
     metadata of the next recording; `driven` says whether the external drive turns the bench;
     `state` is recorded whenever it changes; `on_plan_unrecorded` is called with the reason when a
-    plan has to end.
+    plan has to end, `on_closing` in every step while the recording of one that is over closes.
     """
 
     def __init__(
@@ -79,6 +78,7 @@ class RecordingControl:
         self._calibration_id, self._realtime = calibration_id, realtime
         self._calibration_findings = calibration_findings
         self._driven, self._on_plan_unrecorded = driven, on_plan_unrecorded
+        self.on_closing: Callable[[], None] = lambda: None
 
     def loop_down(self) -> None:
         """Begin nothing new; what remains of the loop's ticks goes into the file under way."""
@@ -118,11 +118,16 @@ class RecordingControl:
             self._timing.step(self._unix_ns())
         self._log_state(now_ns)
         self.recorder.step(now_ns)
+        if self._closing is not None:
+            self.on_closing()
 
     def stop(self) -> None:
         """End the recorder; it takes what the loop has still written and closes its file."""
         self.end("the daemon shut down")
         self.recorder.stop()
+        if self._closing is not None:
+            self._closing.unrecorded(self._now_ns, last=True)
+            self.on_closing()
 
     def view(self) -> RecordingView:
         """Return what is recorded now."""
@@ -197,19 +202,14 @@ class RecordingControl:
         else:
             self.end(f"plan {view.plan} {view.state}")
 
-    @property
-    def plan_recorded(self) -> bool:
-        """Whether the plan under way is being recorded, as far as the recorder has said."""
-        return self.recorder.recording_task and not self.recorder.error
-
     def plan_closing(self, view: PlanView) -> None:
-        """End the recording of a plan that is done; `unrecorded` says what becomes of it."""
-        if not self._config.recording.required:
-            self.plan_over(view)
-            return
-        end = partial(self.plan_over, view)
-        limit_s = self._unrecorded_max_s
-        self._closing = ClosingRecording(self.recorder, limit_s, self._now_ns, end)
+        """End the recording of a plan, however it ends; `unrecorded` says what becomes of it."""
+        recorder, task = self.recorder, self.recorder.task
+        if self._plan and task is not None and self._config.recording.required:
+            failed = "" if recorder.recording_task else recorder.error
+            limit_s = self._unrecorded_max_s
+            self._closing = ClosingRecording(recorder, task.stem, failed, limit_s, self._now_ns)
+        self.plan_over(view)
 
     def unrecorded(self) -> str | None:
         """Return what is wrong with a recording that closes, "" for nothing; None: not known."""
@@ -249,7 +249,7 @@ class RecordingControl:
 
     def _check_plan(self, now_ns: int) -> None:
         """End a plan while the ring still has what was not recorded of it."""
-        if not self._plan or self._closing is not None or not self._config.recording.required:
+        if not self._plan or not self._config.recording.required:
             return
         if self.recorder.recording_task:
             self._recorded_ns = max(self._recorded_ns, self.recorder.reported_ns)

@@ -78,6 +78,11 @@ class RecorderSession:
         self.on_report: Callable[[RecorderReport], None] = lambda report: None
 
     @property
+    def pid(self) -> int | None:
+        """Number of the recorder's process, None if there is none."""
+        return self._pid
+
+    @property
     def up(self) -> bool:
         """True once the recorder has reported."""
         return self.link is not None and self.report is not NO_REPORT
