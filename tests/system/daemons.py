@@ -17,6 +17,7 @@ import psutil
 
 from motord import config
 from motord.client import ClientError, connect
+from motord.recording.file_names import stem_of, whole_of
 from motord.recording.reader import open_run
 from tests.support import again, stalls
 from tests.support.ports import free_port
@@ -202,6 +203,15 @@ class Daemon(Program):
         """Return the recordings, also those that were cut off, the oldest first."""
         files = sorted((self.folder / "runs").glob("*.mcap*"), key=lambda p: p.name)
         return [open_run(path) for path in files]
+
+    def last_recording(self):
+        """Return all files of the newest recording, the oldest first.
+
+        A bench that was off for more than 4 s has several: of the time between there is none.
+        """
+        runs = self.runs()
+        stems = [stem_of(whole_of(run.path)) for run in runs]
+        return [run for run, stem in zip(runs, stems, strict=True) if stem == stems[-1]]
 
 
 @contextmanager

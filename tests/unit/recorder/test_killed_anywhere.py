@@ -95,6 +95,20 @@ def test_without_a_kill_all_is_recorded_and_closed(make, operate: Operate):
     assert not bench.events.recent()
 
 
+@pytest.mark.parametrize("pause_steps", [MARGIN_STEPS, 2 * MARGIN_STEPS + 2])
+def test_ticks_between_two_recordings_are_not_recorded_and_none_is_missed(make, pause_steps: int):
+    """So recordings that do not follow each other say nothing of what the loop missed."""
+    bench = make(SOON)
+    for _ in range(2):
+        bench.enabled(3)
+        bench.step(pause_steps)
+    bench.end()
+    first, second = bench.recorded().values()
+    gap = int(second["tick"][0]) - int(first["tick"][-1]) - 1
+    missed = int(second["missed"][0]) - int(first["missed"][-1])
+    assert (gap > missed) is (pause_steps > MARGIN_STEPS)
+
+
 @OPERATIONS
 @AWAY
 def test_a_kill_at_any_call_of_the_system(make, operate: Operate, away_steps: int):
