@@ -144,7 +144,9 @@ class Recorder:
         self._gone()
 
     def kill(self) -> None:
+        """Kill it, while the disk is dead for it: no thread of it goes on afterwards."""
         self._code = -9
+        self._session._disk._pool.shutdown()
         self._gone()
 
     def release(self) -> None:
