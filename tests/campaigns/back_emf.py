@@ -67,7 +67,7 @@ def campaign(motor: Motor, count: int) -> bool:
     z = np.concatenate([row[2] for row in rows])
     covered = 100 * float((np.abs(z) < 1.96).mean())
     delays = [found.delay_s for found, _ in runs if found.delay_s is not None]
-    mean_us = 1e6 * float(np.mean([delay for delay, _ in delays]))
+    mean_us = 1e6 * float(np.mean([delay.age_s for delay in delays]))
     print(
         f"{motor.name}: lines within {line:.3f} % of the fundamental, table within {table:.3f} %, "
         f"95 % intervals hold {covered:.1f} %, age {mean_us:.1f} us on average"

@@ -7,6 +7,10 @@ each, from how the n speeds differ (DerSimonian and Laird 1986):
     tau^2 = max(Q - (n - 1), 0) / (sum w - sum w^2 / sum w),    Q = sum_s w_s (y_s - y)^2,
 
 with n - 1 degrees of freedom, for the phase one less where the age of the voltages is fitted.
+Where the age of the voltages is fitted, what the phase differs by goes into the age, too: of
+weights w_s and velocities v_s it has a variance of tau^2 sum w^2 (v - v)^2 / (sum w (v - v)^2)^2,
+for equal weights tau^2 / sum (v - v)^2, tau being that of the angle.
+
 Phases share it: their mean does not make it smaller. Degrees of freedom of the sum with the turns'
 part are Welch-Satterthwaite's; the whole scatter between speeds counts in them with its few degrees
 of freedom, also where it is no more than turns explain: of few speeds it may be small by chance.
@@ -14,6 +18,7 @@ of freedom, also where it is no more than turns explain: of few speeds it may be
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,12 +31,21 @@ OWN_COMPONENTS = 4
 """What phases may differ by from their mean at a speed: two phases, amplitude and phase each."""
 
 
+class Delay(NamedTuple):
+    """By how much the voltages are older than recorded, its standard error, degrees of freedom."""
+
+    age_s: float
+    stderr_s: float
+    freedom: float
+
+
 @dataclass(frozen=True)
 class Average:
     """Lines (m, 3), and standard errors of amplitude, and of phase times amplitude (m, 3) each.
 
     mean_stderr (m, 2): those of the mean of the phases; freedom (m, 2): their degrees of freedom;
-    phase_freedom (m, 3): of the amplitudes of the phases.
+    phase_freedom (m, 3): of the amplitudes of the phases. between (m,): variance of the line across
+    between speeds, tau^2, phase_scatter (m,): what of the scatter the turns explain, 1 at most.
     """
 
     line: np.ndarray
@@ -40,6 +54,8 @@ class Average:
     mean_stderr: np.ndarray
     freedom: np.ndarray
     phase_freedom: np.ndarray
+    between: np.ndarray
+    phase_scatter: np.ndarray
 
 
 def average(
@@ -64,21 +80,50 @@ def average(
     free = np.array([speeds - 1, speeds - 1 - age_fitted])
     parts = (common.real, common.imag)
     scatter = [_between(part, within, n) for part, n in zip(parts, free, strict=True)]
-    between, seen = (np.stack(each) for each in zip(*scatter, strict=True))  # (2, m) each
+    between, explained = (np.stack(each) for each in zip(*scatter, strict=True))  # (2, m) each
     mean, share = _mean(line, variance + between.max(axis=0)[:, None])
     turns = (share**2 * variance).sum(axis=0)
     own = (np.abs(apart - common[..., None]) ** 2 / variance).sum(axis=(0, 2))
     own_freedom = max(OWN_COMPONENTS * (speeds - 1), 1)
     more = turns * (np.maximum(own / own_freedom, 1.0)[:, None] - 1)
     shared = between[:, :, None] * (share**2).sum(axis=0)  # (2, m, 3)
-    seen = seen[:, :, None] * turns.sum(axis=1, keepdims=True) / 9
+    seen = explained[:, :, None] * turns.sum(axis=1, keepdims=True) / 9
     own_parts = [(turns, turns_freedom), (more, own_freedom)]
     of_mean = [(part.sum(axis=1) / 9, n) for part, n in own_parts]
     sums = [_sum(of_mean, shared[n].mean(axis=1), seen[n, :, 0], float(free[n])) for n in range(2)]
     variances, freedom = (np.stack(each, axis=1) for each in zip(*sums, strict=True))
     amplitude, phase_freedom = _sum(own_parts, shared[0], seen[0], float(free[0]))
     across = np.sqrt(turns + more + shared[1])
-    return Average(mean, np.sqrt(amplitude), across, np.sqrt(variances), freedom, phase_freedom)
+    return Average(
+        mean, np.sqrt(amplitude), across, np.sqrt(variances), freedom, phase_freedom,
+        between[1], explained[1],
+    )  # fmt: skip
+
+
+def delay_with_scatter(
+    delay: Delay,
+    angle_variance: float,
+    explained: float,
+    velocity_rad_s: np.ndarray,
+    weight: np.ndarray,
+) -> Delay:
+    """Return the age with the variance that the scatter between speeds (s,) gives it.
+
+    angle_variance: tau^2 of the rotor's angle (rad^2); explained: what of the scatter the turns
+    explain; weight (s,): of each speed in the fit of the age.
+    """
+    share = weight / weight.sum()
+    apart = velocity_rad_s - share @ velocity_rad_s
+    square = float((share * apart**2).sum())
+    between = angle_variance * float((share**2 * apart**2).sum()) / square**2
+    of_turns = delay.stderr_s**2
+    variance, freedom = _sum(
+        [(np.array(of_turns), delay.freedom)],
+        np.array(between),
+        np.array(explained * of_turns),
+        float(velocity_rad_s.size - 2),
+    )
+    return Delay(delay.age_s, float(np.sqrt(variance)), float(freedom))
 
 
 def _sum(

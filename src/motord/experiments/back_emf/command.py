@@ -12,7 +12,6 @@ from motord.experiments.driven_recordings import driven_points
 from motord.experiments.magnet_temperature import referred
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
 from motord.report.text import TextTable
 
 
@@ -32,10 +31,8 @@ def estimate(recordings: Recordings) -> MeasuredBackEmf:
 def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
     from motord.experiments.back_emf.report import HEADER, rows
 
-    t = found.coverage_factor
     yield TextTable(f"back-EMF, {found.motor.name}, mean of the phases", HEADER, rows(found))
-    if found.delay_s is not None:
-        age_us = plus_minus(1e6 * found.delay_s[0], 1e6 * t * found.delay_s[1])
+    if age_us := found.delay_us:
         yield f"- voltages: {age_us} us older than the recording says (accounted for)"
     for line in left_out_lines(found.left_out):
         yield f"- {line}"

@@ -15,7 +15,7 @@ from math import isnan
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.back_emf.between_speeds import average
+from motord.experiments.back_emf.between_speeds import Average, Delay, average, delay_with_scatter
 from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.back_emf.voltages import (
@@ -176,16 +176,21 @@ def _encoder_variance(driven: Driven, order: np.ndarray, pole_pairs: int) -> np.
 def _result(
     fits: list[list[ClusterFit]],
     order: np.ndarray,
-    delay: tuple[float, float] | None,
+    turns_delay: tuple[float, float] | None,
     driven: list[Driven],
     motor: MotorConfig,
 ) -> MeasuredBackEmf:
     encoder = np.array([_encoder_variance(one, order, motor.pole_pairs) for one in driven])
     turns = tuple(len(one.turns) for one in driven)
-    mean = average(fits, encoder, max(sum(turns) - len(turns), 1), age_fitted=delay is not None)
+    free = max(sum(turns) - len(turns), 1)
+    mean = average(fits, encoder, free, age_fitted=turns_delay is not None)
+    fundamental = int(np.flatnonzero(order == motor.pole_pairs)[0])
+    delay = (
+        _delay(Delay(*turns_delay, free), mean, fundamental, driven, motor) if turns_delay else None
+    )
     line, stderr = mean.line, mean.stderr
     speed_rad_s = 2 * np.pi * float(np.mean([one.speed_Hz for one in driven]))
-    turned = order * (delay[1] * speed_rad_s if delay else 0.0)
+    turned = order * (delay.stderr_s * speed_rad_s if delay else 0.0)
     electrical = order % motor.pole_pairs == 0
     limit = np.where(electrical, STANDS_OUT, OTHER_STANDS_OUT)
     kept = (np.abs(line) > limit[:, None] * stderr).any(axis=1)
@@ -206,4 +211,23 @@ def _result(
         noise_V=np.mean([[fit.noise for fit in point] for point in fits], axis=0),
         speeds_Hz=tuple(one.speed_Hz for one in driven),
         turns=turns,
+    )
+
+
+def _delay(
+    of_turns: Delay, mean: Average, fundamental: int, driven: list[Driven], motor: MotorConfig
+) -> Delay:
+    """Return the age with what the fundamental's phase differs by from speed to speed.
+
+    fundamental: its place among the orders.
+    """
+    velocity_rad_s = 2 * np.pi * np.array([one.direction * one.speed_Hz for one in driven])
+    samples = np.array([one.turns[-1][1] - one.turns[0][0] for one in driven])
+    arm = motor.pole_pairs * float(np.abs(mean.line[fundamental]).mean())
+    return delay_with_scatter(
+        of_turns,
+        float(mean.between[fundamental]) / max(arm, 1e-300) ** 2,
+        float(mean.phase_scatter[fundamental]),
+        velocity_rad_s,
+        samples * velocity_rad_s**2,
     )

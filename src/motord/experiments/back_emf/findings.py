@@ -93,7 +93,15 @@ def _age(found: MeasuredBackEmf) -> Iterator[Finding]:
             f"drive at speeds {SPEED_RATIO} times apart or more",
         )  # fmt: skip
         return
-    delay_s, stderr_s = found.delay_s
+    if len(found.speeds_Hz) == 2:
+        yield Finding(
+            "phase-drift-not-seen", 2, 3, "speeds", "warning",
+            "with two speeds the age of the voltages takes up whatever their phase differs by from "
+            "one to the other: where it drifts (an encoder that slips, a reference that changes), "
+            "age and phases are off by more than their intervals; amplitudes are not concerned",
+            "drive at three speeds or more",
+        )  # fmt: skip
+    delay_s, stderr_s, _ = found.delay_s
     if abs(delay_s) > DELAY_MAX_S + 4 * stderr_s:
         yield Finding(
             "age-of-voltages", 1e3 * abs(delay_s), 1e3 * DELAY_MAX_S, "ms", "warning",

@@ -33,8 +33,7 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
     page.table(HEADER, rows(found), numbers=True)
     apart = np.abs(measured - configured).max() / found.fundamental
     items = [f"Largest difference from the bench file: {100 * apart:.2f} % of the fundamental."]
-    if found.delay_s is not None:
-        age_us = plus_minus(1e6 * found.delay_s[0], 1e6 * found.coverage_factor * found.delay_s[1])
+    if age_us := found.delay_us:
         items.append(
             f"The voltages are {age_us} \u00b5s older than the recording says (accounted for)."
         )

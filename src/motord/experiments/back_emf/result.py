@@ -6,11 +6,12 @@ from typing import ClassVar
 import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
+from motord.experiments.back_emf.between_speeds import Delay
 from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.left_out import LeftOut
-from motord.intervals import coverage_factor
+from motord.intervals import coverage_factor, plus_minus
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class MeasuredBackEmf:
     the amplitude; mean_stderr (n, 2): both of the mean of the phases, without the error of the age,
     turned_stderr_rad (n,); freedom (n, 2): their degrees of freedom; phase_freedom (n, 3): those of
     the phases' amplitudes; kept (n,): part of the table, the others are noise. offset_V (3,);
-    delay_s: by how much the voltages are older than the recording says, and its standard error,
-    None where the speeds are too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each
+    delay_s: by how much the voltages are older than the recording says, None where the speeds are
+    too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each
     segment.
     left_out: what of the points was not used; referred: where k was referred to one temperature of
     the magnets; findings: what is questionable.
@@ -52,8 +53,8 @@ class MeasuredBackEmf:
 
     JSON: ClassVar = (
         "speeds_Hz", "turns", "harmonics", "phases", "offset_V", "noise_V",
-        "delay_s=fitted_delay_s", "delay_stderr_s", "left_out", "degrees_of_freedom",
-        "k_V_s_per_rad=rounded_table",
+        "delay_s=fitted_delay_s", "delay_stderr_s", "delay_degrees_of_freedom", "left_out",
+        "degrees_of_freedom", "k_V_s_per_rad=rounded_table",
     )  # fmt: skip
 
     motor: MotorConfig
@@ -67,7 +68,7 @@ class MeasuredBackEmf:
     phase_freedom: np.ndarray
     kept: np.ndarray
     offset_V: np.ndarray
-    delay_s: tuple[float, float] | None
+    delay_s: Delay | None
     noise_V: np.ndarray
     speeds_Hz: tuple[float, ...]
     turns: tuple[int, ...]
@@ -84,22 +85,30 @@ class MeasuredBackEmf:
     @property
     def fitted_delay_s(self) -> float | None:
         """Age of the voltages beyond the recorded."""
-        return self.delay_s[0] if self.delay_s else None
+        return self.delay_s.age_s if self.delay_s else None
 
     @property
     def delay_stderr_s(self) -> float | None:
         """Standard error of that age."""
-        return self.delay_s[1] if self.delay_s else None
+        return self.delay_s.stderr_s if self.delay_s else None
+
+    @property
+    def delay_degrees_of_freedom(self) -> float | None:
+        """Degrees of freedom of that standard error."""
+        return self.delay_s.freedom if self.delay_s else None
+
+    @property
+    def delay_us(self) -> str:
+        """That age with half of its 95 % interval, as text; "" where it was not fitted."""
+        if self.delay_s is None:
+            return ""
+        half_s = coverage_factor(self.delay_s.freedom) * self.delay_s.stderr_s
+        return plus_minus(1e6 * self.delay_s.age_s, 1e6 * half_s)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Of what the turns show, such as the error of the age: turns of each point but one."""
+        """Of what the turns show: turns of each point but one."""
         return max(sum(self.turns) - len(self.turns), 1)
-
-    @property
-    def coverage_factor(self) -> float:
-        """Half of a 95 % interval in such standard errors."""
-        return coverage_factor(self.degrees_of_freedom)
 
     @property
     def rounded_table(self) -> np.ndarray:
@@ -138,10 +147,14 @@ class MeasuredBackEmf:
             amplitude_V_s_per_rad=float(np.abs(line)),
             phase_rad=float(np.angle(1j * line * np.exp(-1j * turned))),
             stderr_V_s_per_rad=stderr,
-            degrees_of_freedom=float(self.freedom[place].min()),
+            degrees_of_freedom=float(min(self.freedom[place].min(), self._delay_freedom)),
             phase_stderr_rad=min(phase_stderr_rad, np.pi),
             in_table=bool(self.kept[place]),
         )
+
+    @property
+    def _delay_freedom(self) -> float:
+        return self.delay_s.freedom if self.delay_s else np.inf
 
     @property
     def phases(self) -> dict[str, list[PhaseHarmonic]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motord.config import AccuracyConfig
-from motord.experiments.back_emf.between_speeds import average
+from motord.experiments.back_emf.between_speeds import Delay, average, delay_with_scatter
 from motord.experiments.back_emf.estimate import measure
 from motord.experiments.magnet_temperature import UNKNOWN
 from motord.identification import IdentifyError
@@ -246,3 +246,65 @@ def test_back_emf_is_that_of_the_reference_temperature(points: list[PointData]) 
     assert [one.reason for one in some.left_out][-1] == UNKNOWN
     with pytest.raises(IdentifyError, match="not known in any of the runs: repair its channel"):
         measure([replace(one, back_emf_factor=np.nan) for one in points], motor)
+
+
+@pytest.mark.parametrize(("speeds", "drift"), [(3, 0.02), (6, 0.02), (6, 3e-4), (6, 0.0)])
+def test_a_phase_that_drifts_is_in_the_interval_of_the_age(speeds: int, drift: float) -> None:
+    """400 trials: lines whose phase is another at each speed (rad), an age fitted through them."""
+    rng = np.random.default_rng(speeds)
+    turns_stderr, order, trials = 1e-4, 8, 400
+    velocity_rad_s = 2 * np.pi * np.linspace(0.5, 1.0, speeds)
+    weight = velocity_rad_s**2
+    apart = velocity_rad_s - weight @ velocity_rad_s / weight.sum()
+    held_age, held_phase, half = [], [], []
+    for _ in range(trials):
+        angle = drift * rng.standard_normal(speeds)
+        error = turns_stderr / velocity_rad_s[:, None] * rng.standard_normal((speeds, 3))
+        lines = np.exp(1j * (angle[:, None] + error))
+        shift = (weight * apart) @ np.angle(lines).mean(axis=1) / (weight @ apart**2)
+        lines = lines * np.exp(-1j * shift * velocity_rad_s)[:, None]
+        fits = [
+            [
+                ClusterFit(
+                    np.array([k.real, -k.imag, 0.0]), (turns_stderr / v) ** 2 * np.eye(3),
+                    np.zeros(8), 0,
+                )
+                for k in phases
+            ]
+            for phases, v in zip(lines, velocity_rad_s, strict=True)
+        ]  # fmt: skip
+        found = average(fits, np.zeros((speeds, 1)), 40, age_fitted=True)
+        of_turns_s = turns_stderr / order / np.sqrt(3 * (apart**2 * weight).sum())
+        tau2 = float(found.between[0]) / order**2
+        delay = delay_with_scatter(
+            Delay(shift / order, of_turns_s, 40),
+            tau2,
+            found.phase_scatter[0],
+            velocity_rad_s,
+            weight,
+        )
+        half.append(coverage_factor(delay.freedom) * delay.stderr_s)
+        held_age.append(abs(delay.age_s) < half[-1])
+        stderr = np.hypot(found.mean_stderr[0, 1], order * delay.stderr_s * velocity_rad_s.mean())
+        factor = coverage_factor(min(found.freedom[0, 1], delay.freedom))
+        held_phase.append(abs(np.angle(found.line[0].mean())) < factor * stderr)
+    assert np.mean(held_age) >= 0.95 - 0.022  # two standard errors of the trials
+    assert np.mean(held_phase) >= 0.95 - 0.022
+    if not drift:
+        assert np.median(half) < 2 * 1.96 * of_turns_s
+    if drift == 0.02:
+        assert np.median(half) > 10 * 1.96 * of_turns_s  # all that was stated before
+
+
+def test_two_speeds_do_not_show_a_phase_that_drifts(points: list[PointData]) -> None:
+    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    found = measure(points, motor)
+    assert "phase-drift-not-seen" in {one.name for one in found.findings}
+    assert found.delay_s is not None
+    again = replace(points[0], ticks=points[0].ticks.copy())
+    again.ticks["encoder_count"] = (again.ticks["encoder_count"] + 3) % motor.counts
+    drifted = measure([*points, again], motor)
+    assert "phase-drift-not-seen" not in {one.name for one in drifted.findings}
+    assert drifted.delay_s is not None
+    assert drifted.delay_s.stderr_s > 3 * found.delay_s.stderr_s
+    assert drifted.delay_s.freedom < 3 < found.delay_s.freedom
