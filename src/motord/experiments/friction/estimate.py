@@ -5,6 +5,7 @@ The Stribeck speed w_s is searched, and the part is kept if it stands out among 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
@@ -61,6 +62,64 @@ def measure(coasts: Sequence[CoastDown], motor: MotorConfig, inertia: Inertia) -
     return Friction(inertia, found, findings(found, motor, inertia))
 
 
+@dataclass(frozen=True)
+class _StatedFit:
+    """The fit of a direction, with half of the 95 % interval of each coefficient, over the inertia.
+
+    at_rad_s: w_s of its Stribeck part, 0 for none; quantile: of Student's t, 97.5 %. stated (p,):
+    halves as the coast-downs differ; half (p,): with what the model lacks.
+    """
+
+    group: CoastDownFit
+    fit: ClusterFit
+    lack: WindageFit
+    at_rad_s: float
+    quantile: float
+    stated: np.ndarray
+    half: np.ndarray
+
+    @classmethod
+    def of(cls, group: CoastDownFit, speeds: Sequence[np.ndarray], at_rad_s: float) -> "_StatedFit":
+        """Fit with a Stribeck part of w_s `at_rad_s`, if that is not 0 and windage is no better."""
+        fit, scale = group.fit, 0.0
+        if at_rad_s:
+            scale = float(group.with_stribeck(speeds, at_rad_s).solution[-1])
+            if windage_instead(group, speeds, at_rad_s, scale):
+                at_rad_s, scale = 0.0, 0.0
+        if at_rad_s:
+            fit = group.with_stribeck(speeds, at_rad_s, scale)
+        lack = lack_of_fit(group, speeds, at_rad_s, scale)
+        quantile = _quantile(group, 0.975)
+        stated = quantile * np.sqrt(np.diag(fit.covariance))
+        half = lack.widened(stated, np.eye(stated.size))
+        return cls(group, fit, lack, at_rad_s, quantile, stated, half)
+
+    def part(self, number: int, inertia: Inertia) -> tuple[float, float, float]:
+        """Return a coefficient as torque, half of its interval, combined standard uncertainty."""
+        half, of_inertia, j = float(self.half[number]), inertia.relative_uncertainty, inertia.kg_m2
+        value = float(self.fit.solution[number])
+        whole = hypot(half, coverage_factor() * of_inertia * value)
+        return j * value, j * whole, j * hypot(half / self.quantile, of_inertia * value)
+
+    def stribeck(self, inertia: Inertia) -> Stribeck | None:
+        """Return the Stribeck part, None if it has none."""
+        if not self.at_rad_s:
+            return None
+        value, half, stderr = self.part(-2, inertia)
+        of_speed = float(self.half[-1])
+        return Stribeck(
+            *_interval(value, half), *_interval(self.at_rad_s, of_speed),
+            stderr, of_speed / self.quantile,
+        )  # fmt: skip
+
+    def cogging(self, inertia: Inertia) -> tuple[CoggingLine, ...]:
+        """Return the orders that are fitted along."""
+        orders = self.group.orders
+        parts = inertia.kg_m2 * self.fit.solution[2 : 2 + 2 * orders.size].reshape(-1, 2)
+        lines = zip(orders, np.hypot(*parts.T), strict=True)
+        return tuple(CoggingLine(int(order), float(line)) for order, line in lines)
+
+
 def _direction(
     coasts: tuple[CoastDown, ...], motor: MotorConfig, inertia: Inertia
 ) -> DirectionalFriction:
@@ -72,51 +131,29 @@ def _direction(
             "stop_speed_Hz"
         )
     at_rad_s, limit = _search_stribeck(group, speeds, low, high)
-    fit, scale, stribeck = group.fit, 0.0, None
-    if at_rad_s:
-        scale = float(group.with_stribeck(speeds, at_rad_s).solution[-1])
-        if windage_instead(group, speeds, at_rad_s, scale):
-            at_rad_s, scale = 0.0, 0.0
-    if at_rad_s:
-        fit = group.with_stribeck(speeds, at_rad_s, scale)
-    lack = lack_of_fit(group, speeds, at_rad_s, scale)
-    quantile = _quantile(group, 0.975)
-    value = fit.solution * inertia.kg_m2
-    stated = quantile * np.sqrt(np.diag(fit.covariance)) * inertia.kg_m2
-    half = lack.widened(stated, np.eye(value.size), inertia.kg_m2)
-    of_inertia = inertia.relative_uncertainty * value
-    whole = np.hypot(half, coverage_factor() * of_inertia)
-    combined = np.hypot(half / quantile, of_inertia)
-    if at_rad_s:
-        stribeck = Stribeck(
-            *_interval(float(value[-2]), float(whole[-2])),
-            *_interval(at_rad_s, float(half[-1] / inertia.kg_m2)),
-            float(combined[-2]),
-            float(half[-1] / quantile / inertia.kg_m2),
-        )
-    lines = np.hypot(*value[2 : 2 + 2 * group.orders.size].reshape(-1, 2).T)
-    coulomb, viscous = (_interval(float(value[i]), float(whole[i])) for i in (0, 1))
+    found = _StatedFit.of(group, speeds, at_rad_s)
+    (coulomb, coulomb_half, coulomb_stderr), (viscous, viscous_half, viscous_stderr) = (
+        found.part(number, inertia) for number in (0, 1)
+    )
+    stribeck = found.stribeck(inertia)
     return DirectionalFriction(
         "forwards" if coasts[0].direction > 0 else "backwards",
         len(coasts),
         low,
         high,
-        *coulomb,
-        float(half[0]),
-        *viscous,
-        float(half[1]),
+        *_interval(coulomb, coulomb_half),
+        float(inertia.kg_m2 * found.half[0]),
+        *_interval(viscous, viscous_half),
+        float(inertia.kg_m2 * found.half[1]),
         stribeck=stribeck,
         stribeck_limit_Nm=None if stribeck else limit * inertia.kg_m2,
-        cogging=tuple(
-            CoggingLine(int(order), float(line))
-            for order, line in zip(group.orders, lines, strict=True)
-        ),
-        windage=_windage(lack, stated, bool(at_rad_s), high, inertia),
-        residual_rad=float(np.sqrt(np.mean(fit.rest**2))),
-        curve=_curve(fit, lack, at_rad_s, (low, high), quantile, inertia, coasts[0].direction),
-        fits=_coast_fits(group, fit, speeds),
-        coulomb_stderr_Nm=float(combined[0]),
-        viscous_stderr_Nm_s_per_rad=float(combined[1]),
+        cogging=found.cogging(inertia),
+        windage=_windage(found, high, inertia),
+        residual_rad=float(np.sqrt(np.mean(found.fit.rest**2))),
+        curve=_curve(found, (low, high), inertia, coasts[0].direction),
+        fits=_coast_fits(group, found.fit, speeds),
+        coulomb_stderr_Nm=coulomb_stderr,
+        viscous_stderr_Nm_s_per_rad=viscous_stderr,
     )
 
 
@@ -146,16 +183,11 @@ def _interval(value: float, half: float) -> tuple[float, float, float]:
     return value, value - half, value + half
 
 
-def _windage(
-    lack: WindageFit, stated_Nm: np.ndarray, stribeck: bool, high_rad_s: float, inertia: Inertia
-) -> Windage:
-    """Return the part of the square of the speed; stated_Nm (p,): halves of intervals without.
-
-    stribeck: the last two of them are of a Stribeck part.
-    """
-    top, j = inertia.kg_m2 * high_rad_s**2, inertia.kg_m2
-    parts = [0, 1, *((-2, -1) if stribeck else ())]
-    change, half = lack.changes(np.eye(stated_Nm.size)[parts])
+def _windage(found: _StatedFit, high_rad_s: float, inertia: Inertia) -> Windage:
+    """Return the part of the square of the speed, at the highest speed."""
+    lack, top, j = found.lack, inertia.kg_m2 * high_rad_s**2, inertia.kg_m2
+    parts = [0, 1, *((-2, -1) if found.at_rad_s else ())]
+    change, half = lack.changes(np.eye(found.stated.size)[parts])
     return Windage(
         torque_Nm=top * lack.coefficient,
         half_Nm=top * lack.half,
@@ -163,37 +195,37 @@ def _windage(
         coulomb_change_Nm=j * float(change[0]),
         coulomb_half_Nm=j * float(half[0]),
         viscous_change_Nm_s_per_rad=j * float(change[1]),
-        beyond=bool((j * np.abs(change) > SERIOUS_BIAS * stated_Nm[parts]).any()),
+        beyond=bool((np.abs(change) > SERIOUS_BIAS * found.stated[parts]).any()),
     )
 
 
 def _curve(
-    fit: ClusterFit,
-    lack: WindageFit,
-    at_rad_s: float,
-    seen_rad_s: tuple[float, float],
-    quantile: float,
-    inertia: Inertia,
-    sign: int,
+    found: _StatedFit, seen_rad_s: tuple[float, float], inertia: Inertia, sign: int
 ) -> tuple[CurvePoint, ...]:
-    """Return the friction torque over the speeds that were seen, with its interval."""
-    points, j = [], inertia.kg_m2
-    for speed_rad_s in np.linspace(*seen_rad_s, CURVE_POINTS):
-        weights = np.zeros(fit.solution.size)
-        weights[:2] = 1.0, speed_rad_s
-        if at_rad_s:
-            ratio = (speed_rad_s / at_rad_s) ** 2
-            weights[-2:] = np.exp(-ratio) * np.array([1.0, fit.solution[-2] * 2 * ratio / at_rad_s])
-        seen = fit.solution.copy()
-        if at_rad_s:
-            seen[-1] = 0.0  # a change of w_s, of which there is none at the best
-        value = float(weights @ seen)
-        half = quantile * float(np.sqrt(weights @ fit.covariance @ weights))
-        half = float(lack.widened(half, weights, direct=speed_rad_s**2))
-        half = hypot(half, coverage_factor() * inertia.relative_uncertainty * value)
-        low, high = sorted((sign * (value - half), sign * (value + half)))
-        points.append(CurvePoint(sign * float(speed_rad_s), sign * value * j, low * j, high * j))
-    return tuple(points)
+    """Return the friction torque over the speeds that were seen, with interval and uncertainty."""
+    return tuple(
+        _curve_point(found, float(speed_rad_s), inertia, sign)
+        for speed_rad_s in np.linspace(*seen_rad_s, CURVE_POINTS)
+    )
+
+
+def _curve_point(found: _StatedFit, speed_rad_s: float, inertia: Inertia, sign: int) -> CurvePoint:
+    fit, at_rad_s, j = found.fit, found.at_rad_s, inertia.kg_m2
+    weights = np.zeros(fit.solution.size)
+    weights[:2] = 1.0, speed_rad_s
+    seen = fit.solution.copy()
+    if at_rad_s:
+        ratio = (speed_rad_s / at_rad_s) ** 2
+        weights[-2:] = np.exp(-ratio) * np.array([1.0, fit.solution[-2] * 2 * ratio / at_rad_s])
+        seen[-1] = 0.0  # a change of w_s, of which there is none at the best
+    value = float(weights @ seen)
+    half = found.quantile * float(np.sqrt(weights @ fit.covariance @ weights))
+    half = float(found.lack.widened(half, weights, direct=speed_rad_s**2))
+    of_inertia = inertia.relative_uncertainty * value
+    whole = hypot(half, coverage_factor() * of_inertia)
+    low, high = sorted((sign * (value - whole), sign * (value + whole)))
+    stderr = hypot(half / found.quantile, of_inertia)
+    return CurvePoint(sign * speed_rad_s, sign * value * j, low * j, high * j, stderr * j)
 
 
 def _coast_fits(

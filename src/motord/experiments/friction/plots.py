@@ -5,6 +5,7 @@ from math import sqrt
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from motord.experiments.friction.result import CoastFit, DirectionalFriction
 from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, figure
@@ -19,12 +20,12 @@ LINE_SAMPLES = 4
 
 
 def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
-    """Return friction torque over speed with its band, and the band's half width."""
+    """Return friction torque over speed with its band, the band's half and the uncertainty."""
     with figure(3.6) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.6, 1.0])
         for one in directions:
             colour = COLOURS[one.direction]
-            speed, value, low, high = _curve(one)
+            speed, value, low, high, stderr = _curve(one)
             left.fill_between(speed, low, high, color=colour, alpha=0.25, linewidth=0)
             left.plot(speed, value, color=colour, label=one.direction)
             coulomb_mNm = 1e3 * np.sign(value[0]) * one.coulomb_Nm
@@ -33,6 +34,7 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
                 color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)),
             )  # fmt: skip
             right.plot(np.abs(speed), (high - low) / 2, color=colour)
+            right.plot(np.abs(speed), stderr, color=colour, linestyle="dashed")
         for axis in (left.axhline, left.axvline):
             axis(0, color=SOFT, linewidth=0.8, zorder=0)
         left.set(xlabel="speed (rad/s)", ylabel="friction torque (mNm)")
@@ -40,9 +42,14 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
             xlim=(0, None),
             ylim=(0, None),
             xlabel="speed, either way (rad/s)",
-            ylabel="half of the 95 % interval (mNm)",
+            ylabel="uncertainty (mNm)",
         )
-        picture.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+        handles, _ = left.get_legend_handles_labels()
+        handles += [
+            Line2D([], [], color=INK, label="half of the 95 % interval"),
+            Line2D([], [], color=INK, linestyle="dashed", label="standard uncertainty"),
+        ]
+        picture.legend(handles=handles, loc="outside upper left", ncols=4)
         return picture
 
 
@@ -89,9 +96,9 @@ def residuals(directions: Sequence[DirectionalFriction], rounding_rad: float) ->
 
 
 def _curve(one: DirectionalFriction) -> tuple[np.ndarray, ...]:
-    """Return speeds (rad/s), torques and both limits (mNm)."""
-    points = [(p.speed_rad_s, p.torque_Nm, p.low_Nm, p.high_Nm) for p in one.curve]
-    return tuple(np.array(points).T * np.array([[1.0], [1e3], [1e3], [1e3]]))
+    """Return speeds (rad/s), torques, both limits and standard uncertainties (mNm)."""
+    points = [(p.speed_rad_s, p.torque_Nm, p.low_Nm, p.high_Nm, p.stderr_Nm) for p in one.curve]
+    return tuple(np.array(points, float).T * np.array([[1.0], [1e3], [1e3], [1e3], [1e3]]))
 
 
 def _rms(fits: Sequence[CoastFit]) -> tuple[np.ndarray, np.ndarray]:

@@ -3,9 +3,17 @@
 from math import pi, sqrt
 
 from motord.experiments.friction.plots import coast_downs, friction_over_speed, residuals
-from motord.experiments.friction.result import Friction
+from motord.experiments.friction.result import CurvePoint, Friction
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.html import Page
+
+CURVE_HEADER = (
+    "speed (rad/s)",
+    "torque (mNm)",
+    "standard uncertainty (mNm)",
+    "half of the 95 % interval (mNm)",
+)
 
 
 def report(found: Friction, recordings: Recordings) -> Page:
@@ -23,7 +31,8 @@ def fill(page: Page, found: Friction, counts: int) -> None:
         friction_over_speed(found.directions),
         "Friction torque (mNm) over speed in both directions of turning, from the coast-downs "
         "with their 95 % interval (shaded), over the speeds that were seen. Dashed: Coulomb "
-        "friction alone.",
+        "friction alone. Right: half of that interval, and dashed the combined standard "
+        "uncertainty, which is in the table of the points.",
     )
     page.table(
         ["95 % intervals", *(one.direction for one in found.directions)],
@@ -31,6 +40,17 @@ def fill(page: Page, found: Friction, counts: int) -> None:
         numbers=True,
     )
     page.points(found.notes)
+    page.subheading("Points of the curve")
+    page.table(
+        [
+            "speed (rad/s)",
+            "torque (mNm)",
+            "standard uncertainty (mNm)",
+            "half of the 95 % interval (mNm)",
+        ],
+        [_curve_row(point) for point in found.curve],
+        numbers=True,
+    )
     page.heading("Coast-downs")
     page.picture(
         coast_downs(found.directions),
@@ -50,6 +70,14 @@ def fill(page: Page, found: Friction, counts: int) -> None:
         _cogging_rows(found),
         numbers=True,
     )
+
+
+def _curve_row(point: CurvePoint) -> list[str]:
+    torque, low, high = (1e3 * value for value in (point.torque_Nm, point.low_Nm, point.high_Nm))
+    half = max(high - torque, torque - low)
+    number, _, width = plus_minus(torque, half).partition(" +- ")
+    stderr = "" if point.stderr_Nm is None else f"{1e3 * point.stderr_Nm:.2g}"
+    return [f"{point.speed_rad_s:.4g}", number, stderr, width]
 
 
 def _cogging_rows(found: Friction) -> list[list[str]]:

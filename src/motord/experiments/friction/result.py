@@ -22,12 +22,16 @@ class Inertia:
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """Friction torque at a speed, both positive forwards, with its 95 % interval."""
+    """Friction torque at a speed, both positive forwards, with its 95 % interval.
+
+    stderr_Nm: combined standard uncertainty, the inertia's in it; None in files from before.
+    """
 
     speed_rad_s: float
     torque_Nm: float
     low_Nm: float
     high_Nm: float
+    stderr_Nm: float | None = None
 
 
 @dataclass(frozen=True)

@@ -117,6 +117,37 @@ def test_friction_that_differs_between_coast_downs_is_no_windage() -> None:
         assert "no torque with the square of the speed" in " ".join(found.notes)
 
 
+@pytest.mark.parametrize("relative_uncertainty", [0.0, 0.02])
+@pytest.mark.parametrize("rotor", [Rotor(cogging=()), STRIBECK], ids=["plain", "stribeck"])
+def test_each_point_of_the_curve_has_its_standard_uncertainty(
+    rotor: Rotor, relative_uncertainty: float
+) -> None:
+    inertia = replace(INERTIA, relative_uncertainty=relative_uncertainty)
+    coasts = coast_downs(np.random.default_rng(7), rotor, 6, start_rad_s=8.0, stop_rad_s=0.6)
+    (one,) = friction(coasts, inertia=inertia).directions
+    assert (one.stribeck is not None) == (rotor is STRIBECK)
+    t, k = coverage_factor(5), coverage_factor()
+    for point in one.curve:
+        of_inertia = relative_uncertainty * point.torque_Nm
+        of_fit = np.sqrt(point.stderr_Nm**2 - of_inertia**2)
+        half = (point.high_Nm - point.low_Nm) / 2
+        assert half == pytest.approx(np.hypot(t * of_fit, k * of_inertia), rel=1e-6)
+    assert encode(one.curve[0])["stderr_Nm"] == one.curve[0].stderr_Nm
+
+
+def test_the_curve_holds_the_truth_as_often_as_it_says() -> None:
+    """60 trials of 8 coast-downs whose Coulomb friction differs by 1 %; 25 points each."""
+    rng, held = np.random.default_rng(17), []
+    for _ in range(60):
+        own = [replace(Rotor(cogging=()), coulomb_Nm=0.03 * rng.normal(1, 0.01)) for _ in range(8)]
+        (one,) = friction([c for rotor in own for c in coast_downs(rng, rotor, 1)]).directions
+        t = coverage_factor(7)
+        held.append(
+            [abs(p.torque_Nm - 0.03 - 0.002 * p.speed_rad_s) < t * p.stderr_Nm for p in one.curve]
+        )
+    assert 0.89 <= np.mean(held) <= 1.0  # of 60 trials, two standard errors
+
+
 def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None:
     rng = np.random.default_rng(4)
     other = replace(Rotor(), coulomb_Nm=0.04)
@@ -184,7 +215,9 @@ def test_the_json_has_units_and_no_samples() -> None:
         "directions", "curve", "residual_rad", "findings", "notes",
     ]  # fmt: skip
     assert "fits" not in content["directions"][0]
-    assert set(content["curve"][0]) == {"speed_rad_s", "torque_Nm", "low_Nm", "high_Nm"}
+    assert set(content["curve"][0]) == {
+        "speed_rad_s", "torque_Nm", "low_Nm", "high_Nm", "stderr_Nm",
+    }  # fmt: skip
 
 
 def test_a_small_motor_has_the_digits_of_its_intervals() -> None:
