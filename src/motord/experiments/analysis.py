@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from motord.experiments.damaged_recordings import show_damage
 from motord.findings import Finding
 
 if TYPE_CHECKING:
@@ -110,9 +111,10 @@ class Analysis(Generic[Result]):
         }
 
     def page(self, result: Result, recordings: "Recordings") -> "Page":
-        """Return the result's page, with its findings."""
+        """Return the result's page, with its findings, and what is missing of its recordings."""
         report = self.report or resolve_name(f"{self._report_module}:report")
         page: Page = report(result, recordings)
+        show_damage(page, recordings.runs)
         page.findings(findings_of(result))
         return page
 

@@ -40,6 +40,8 @@ th{font-weight:600}
  padding:.5rem .9rem;margin:.75rem 0;max-width:46rem;break-inside:avoid}
 .finding.warning{border-left-color:var(--warning)}.finding.serious{border-left-color:var(--serious)}
 .finding span{color:var(--soft);font-size:.88rem}.finding p{margin:.2rem 0}
+.missing{border:2px solid var(--serious);border-left-width:.4rem}.missing b{color:var(--serious);
+ font-size:1.1rem}
 ul{margin:.5rem 0;padding-left:1.2rem;max-width:46rem}
 @media print{body{font-size:11px}main{max-width:none;padding:0}h2{break-after:avoid}}
 """
@@ -95,11 +97,20 @@ class Page:
         self._title = title
         self._style = style
         self._parts = [f"<h1>{escape(title)}</h1>"]
+        self._missing: list[str] = []
         self._findings: list[str] = []
         self._pictures = 0
         if lead:
             self._parts.append(f'<p class="lead">{escape(lead)}</p>')
         self._head = len(self._parts)
+
+    def missing(self, name: str, lines: Sequence[str], action: str) -> None:
+        """Show, beneath the title and before all findings, what the page's data lack."""
+        items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+        self._missing.append(
+            f'<div class="finding serious missing"><b>{escape(name)}</b><ul>{items}</ul>'
+            f"<p><em>{escape(_sentence(action))}</em></p></div>"
+        )
 
     def findings(self, findings: Sequence[Finding]) -> None:
         """Show, beneath the title, where the data depart from the model; the serious first."""
@@ -160,11 +171,12 @@ class Page:
         """Return the whole page."""
         light, dark = _variables(dark=False), _variables(dark=True)
         style = f"{light}@media screen and (prefers-color-scheme:dark){{{dark}}}{_CSS}{self._style}"
+        head, rest = self._parts[: self._head], self._parts[self._head :]
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width,initial-scale=1">'
             f"<title>{escape(self._title)}</title><style>{style}</style></head>\n<body><main>\n"
-            + "\n".join([*self._parts[: self._head], *self._findings, *self._parts[self._head :]])
+            + "\n".join([*head, *self._missing, *self._findings, *rest])
             + "\n</main></body></html>\n"
         )
 

@@ -68,6 +68,20 @@ def test_a_recording_that_is_cut_is_analysed_and_said_to_be(cut, tmp_path):
         assert "cut off" in damage[str(cut)]
 
 
+def test_the_page_says_first_that_a_recording_is_cut(whole, cut, tmp_path):
+    page = tmp_path / "page.html"
+    analyse(cut, "--report", page)
+    title, box, rest = page.read_text().partition('<div class="finding serious missing">')
+    assert box
+    assert title.endswith("</p>\n")  # beneath the title
+    assert "The recording is damaged or cut: " in rest
+    assert "cut.mcap: " in rest
+    assert "cut off" in rest
+    assert rest.index("cut off") < rest.index("<figure>")
+    analyse(whole, "--report", page)
+    assert "damaged or cut" not in page.read_text()
+
+
 def test_an_error_says_first_that_the_recording_is_damaged(riddled):
     [line] = analyse(riddled, code=1).stderr.splitlines()
     assert line.startswith(f"motord: {riddled}: damaged, ")
