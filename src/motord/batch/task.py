@@ -48,7 +48,7 @@ class Outcome:
     """What came of a recording: a result, or a failure, which says why there is none.
 
     sha256: of the recording, where it was read; to_store: the result's file; settings: as they are
-    in there; missing: what the recording lacks, in words; lasting: it would fail again.
+    in there; missing: text of what the recording lacks; lasting: it would fail again.
     """
 
     sha256: str = ""

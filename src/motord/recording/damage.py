@@ -46,7 +46,7 @@ class Loss:
 
     @property
     def missing(self) -> str:
-        """Which messages are missing, in words."""
+        """Which messages are missing, as a clause."""
         if not self.messages:
             return "no messages are missing"
         if self.from_ns is None and self.to_ns is None:
@@ -76,7 +76,7 @@ class Damage:
         return times[0] if times else None
 
     def lines(self, most: int = LINES_MAX) -> list[str]:
-        """Return it in words, a line for each stretch of time, in order; `most` and how many more.
+        """Return a line of text for each stretch of time, in order; `most` and how many more.
 
         What is lost of one stretch, as several topics may be, is one line.
         """

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class UsedRecording:
-    """A recording; start: UTC, "" if it does not say; damage: what is missing of it, in words.
+    """A recording; start: UTC, "" if it does not say; damage: text of what is missing of it.
 
     calibration: id of the one that was applied, "" if none was.
     """

@@ -66,7 +66,7 @@ class CalibrationCheck:
     """The test of calibration `calibration` (its id) by whole turns of several points.
 
     misfit: see `LineFit`; needed_percent: RMS ripple at rated torque (% of it) that a change must
-    not add unseen; unseen: what could not be tested, in words; ripple_unseen: whether any of it
+    not add unseen; unseen: text of what could not be tested; ripple_unseen: whether any of it
     makes ripple; more_findings: of the recording.
     """
 
@@ -149,7 +149,7 @@ class CalibrationCheck:
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
+        """The verdict as text."""
         if self.verdict == "drifted":
             what = "; ".join(
                 f"{one.meaning} by {one.value:+.3g} {one.unit} (limit {one.limit:.2g})"
@@ -165,7 +165,7 @@ class CalibrationCheck:
 
     @property
     def power(self) -> str:
-        """What is found, in words: of each kind the change that has to be largest."""
+        """What is found, as text: of each kind the change that has to be largest."""
         parts = []
         for kind, what in (
             ("gain", "a phase's gain"),

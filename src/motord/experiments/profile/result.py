@@ -96,7 +96,7 @@ class ProfileTracking:
     """A profile that was played once or more.
 
     torque_uncertainty: standard uncertainty of the torque's scale, in parts (Type B), None if it
-    is not known; torque_source: where the torque is from, in words; signal_findings: of signals
+    is not known; torque_source: text of where the torque is from; signal_findings: of signals
     and of points without a good take.
     """
 

@@ -1,14 +1,15 @@
 """What is questionable about an efficiency map, each with its meaning and what to do."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from math import pi, sqrt
 
 from motord.config import AccuracyConfig
 from motord.experiments.signal_findings import mean_torque_scale
 from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.result import OperatingPower
-from motord.experiments.torque_speed.uncertainty import freedom_of
-from motord.findings import Finding, listed
+from motord.experiments.torque_speed.uncertainty import freedom_of_blocks
+from motord.findings import Finding, Severity, listed
 from motord.intervals import t_quantile
 
 SURE = 0.995
@@ -45,9 +46,14 @@ def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Findin
         *_negative(points),
         *_in_step(points),
         *_between_ticks(points, subject),
-        *_drifting(points),
-        *_slow(points),
-        *_rippling(points),
+        *DRIFTING.of(_drifts(points)),
+        *SLOW.of(
+            (one.sampling_W, SAMPLING_PART * _electrical_stderr_W(one), one) for one in points
+        ),
+        *RIPPLING.of(
+            (one.bus_ripple_W, RIPPLE_PART * sqrt(3) * _electrical_stderr_W(one), one)
+            for one in points
+        ),
         *_assumed(subject.accuracy),
     )
 
@@ -102,53 +108,57 @@ def _between_ticks(points: Sequence[OperatingPower], subject: Subject) -> Iterat
         )  # fmt: skip
 
 
-def _drifting(points: Sequence[OperatingPower]) -> Iterator[Finding]:
-    moving = [
-        (abs(one.loss_drift_W), DRIFT_PART * abs(one.loss.value or 0.0), one)
-        for one in points
-        if abs(one.loss_drift_W)
-        > t_quantile(SURE, freedom_of(one.blocks)) * one.loss_drift_stderr_W
-    ]
-    moving = [each for each in moving if each[0] > each[1]]
-    if moving:
-        worst, limit, _ = max(moving, key=lambda each: each[0] - each[1])
-        yield Finding(
-            "losses-drift", worst, limit, "W", "warning",
-            f"{_labels([one for *_, one in moving])}: the losses change within the capture: motor "
-            "and inverter are not at a steady temperature, the figures are those of the means",
-            "raise settle_s, or run the motor warm before the plan",
-        )  # fmt: skip
+@dataclass(frozen=True)
+class _Excess:
+    """A finding where a power is beyond its limit, of the point where it is by most."""
+
+    name: str
+    severity: Severity
+    meaning: str
+    action: str
+
+    def of(self, sizes: Iterable[tuple[float, float, OperatingPower]]) -> Iterator[Finding]:
+        """Yield it for sizes and limits (W) of points, if one is beyond."""
+        beyond = [each for each in sizes if each[0] > each[1]]
+        if beyond:
+            worst_W, limit_W, _ = max(beyond, key=lambda each: each[0] - each[1])
+            labels = _labels([one for *_, one in beyond])
+            yield Finding(
+                self.name, worst_W, limit_W, "W", self.severity, f"{labels}: {self.meaning}",
+                self.action,
+            )  # fmt: skip
 
 
-def _slow(points: Sequence[OperatingPower]) -> Iterator[Finding]:
-    slow = [(one.sampling_W, SAMPLING_PART * (one.electrical.stderr or 0.0), one) for one in points]
-    slow = [each for each in slow if each[0] > each[1]]
-    if slow:
-        worst, limit, _ = max(slow, key=lambda each: each[0] - each[1])
-        yield Finding(
-            "slow-readings", worst, limit, "W", "note",
-            f"{_labels([one for *_, one in slow])}: that the power is read slowly makes most of "
-            "its uncertainty; it is in the intervals",
-            "raise rate_Hz of the channel, or turns; choose speeds that are not in step with it",
-        )  # fmt: skip
+DRIFTING = _Excess(
+    "losses-drift", "warning",
+    "the losses change within the capture: motor and inverter are not at a steady temperature, the "
+    "figures are those of the means",
+    "raise settle_s, or run the motor warm before the plan",
+)  # fmt: skip
+SLOW = _Excess(
+    "slow-readings", "note",
+    "that the power is read slowly makes most of its uncertainty; it is in the intervals",
+    "raise rate_Hz of the channel, or turns; choose speeds that are not in step with it",
+)  # fmt: skip
+RIPPLING = _Excess(
+    "bus-voltage-ripple", "warning",
+    "the bus voltage ripples between readings of the mean current; one that ripples along makes "
+    "another mean power, by up to this much if its ripple (RMS) is at most its mean: that is in "
+    "the intervals, more is not",
+    "read the power with an analyser, or the current as instants; keep the bus steadier",
+)  # fmt: skip
 
 
-def _rippling(points: Sequence[OperatingPower]) -> Iterator[Finding]:
-    """Yield a finding where the bus voltage ripples between readings of the current."""
-    rippling = [
-        (one.bus_ripple_W, RIPPLE_PART * sqrt(3) * (one.electrical.stderr or 0.0), one)
-        for one in points
-    ]
-    rippling = [each for each in rippling if each[0] > each[1]]
-    if rippling:
-        worst, limit, _ = max(rippling, key=lambda each: each[0] - each[1])
-        yield Finding(
-            "bus-voltage-ripple", worst, limit, "W", "warning",
-            f"{_labels([one for *_, one in rippling])}: the bus voltage ripples between readings "
-            "of the mean current; one that ripples along makes another mean power, by up to this "
-            "much if its ripple (RMS) is at most its mean: that is in the intervals, more is not",
-            "read the power with an analyser, or the current as instants; keep the bus steadier",
-        )  # fmt: skip
+def _drifts(points: Sequence[OperatingPower]) -> Iterator[tuple[float, float, OperatingPower]]:
+    """Yield drifts of the losses that chance does not make, and what they may be."""
+    for one in points:
+        drift_W = abs(one.loss_drift_W)
+        if drift_W > t_quantile(SURE, freedom_of_blocks(one.blocks)) * one.loss_drift_stderr_W:
+            yield drift_W, DRIFT_PART * abs(one.loss.value or 0.0), one
+
+
+def _electrical_stderr_W(one: OperatingPower) -> float:
+    return one.electrical.stderr or 0.0
 
 
 def _assumed(accuracy: AccuracyConfig) -> Iterator[Finding]:

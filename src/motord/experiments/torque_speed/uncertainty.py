@@ -61,7 +61,7 @@ def scatter_of(values: np.ndarray) -> Scatter:
     )
 
 
-def freedom_of(blocks: int) -> int:
+def freedom_of_blocks(blocks: int) -> int:
     """Return the degrees of freedom of the scatter of so many blocks, LEAST_BLOCKS or more."""
     return min(max(LEAST_FREEDOM, int(0.4 * blocks ** (2 / 3))), blocks - 2)
 
@@ -70,7 +70,7 @@ def freedom_of(blocks: int) -> int:
 def _slow_courses(number: int) -> np.ndarray:
     """Return a straight line and slow cosines (1 + b, number), orthonormal, of no mean."""
     place = (np.arange(number) + 0.5) / number
-    cosines = np.cos(np.pi * np.outer(place, np.arange(2, freedom_of(number) + 2)))
+    cosines = np.cos(np.pi * np.outer(place, np.arange(2, freedom_of_blocks(number) + 2)))
     courses = np.column_stack([np.ones(number), place, cosines])
     return np.asarray(np.linalg.qr(courses)[0].T[1:])
 

@@ -16,7 +16,7 @@ from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.experiments.torque_speed.uncertainty import (
     ErrorSum,
     Scatter,
-    freedom_of,
+    freedom_of_blocks,
     sampling_error_W,
     scatter_of,
 )
@@ -63,7 +63,7 @@ def test_powers_and_efficiency_of_a_motor(means: bool) -> None:
     assert one.speed_mean_Hz == pytest.approx(4.0, rel=1e-4)
     for each in (one.mechanical, one.electrical, one.loss, one.efficiency):
         assert each.low < each.value < each.high
-        fewest = coverage_factor(freedom_of(one.blocks))
+        fewest = coverage_factor(freedom_of_blocks(one.blocks))
         assert 1.5 * each.stderr < each.high - each.value < fewest * each.stderr
 
 
@@ -176,7 +176,7 @@ def test_student_s_t_of_few_blocks_holds_their_mean(number: int) -> None:
     for values in rng.standard_normal((2000, number)):
         found = scatter_of(values)
         held.append(abs(values.mean()) < coverage_factor(found.freedom) * found.stderr)
-    assert found.freedom == freedom_of(number)
+    assert found.freedom == freedom_of_blocks(number)
     assert 0.935 < np.mean(held) < 0.965
 
 
