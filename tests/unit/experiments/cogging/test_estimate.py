@@ -1,6 +1,7 @@
 """Cogging torque of driven rotors against the truth, over motors, encoders and sensors."""
 
 from dataclasses import replace
+from itertools import product
 from math import lcm
 
 import numpy as np
@@ -99,10 +100,14 @@ def test_an_order_that_nothing_explains_is_reported_and_not_part_of_the_torque()
 
 
 @pytest.mark.parametrize(
-    ("off_deg", "severity"), [(0.0, None), (0.1, "note"), (0.3, "serious"), (0.5, "serious")]
-)
+    ("off_deg", "both", "severity"),
+    [
+        (0.0, False, None), (0.1, False, "note"), (0.1, True, "serious"), (0.3, False, "serious"),
+        (0.5, False, "serious"),
+    ],
+)  # fmt: skip
 def test_what_an_eccentric_encoder_takes_off_the_orders_is_in_the_interval(
-    off_deg: float, severity: str | None
+    off_deg: float, both: bool, severity: str | None
 ) -> None:
     cogging = {48: (0.06, 0.4), 16: (0.02, 1.0)}
     bench = synthetic.Bench(
@@ -110,8 +115,9 @@ def test_what_an_eccentric_encoder_takes_off_the_orders_is_in_the_interval(
     )
     counts = bench.motor.counts
     points = []
-    for point in driven(bench, 0.53, 0.87):
-        ticks = point.ticks.copy()
+    for point, step in product(driven(bench, 0.53, 0.87), (1, -1) if both else (1,)):
+        ticks = point.ticks[::step].copy()
+        ticks["t_ns"] = point.ticks["t_ns"]
         angle_rad = ticks["encoder_count"] * (2 * np.pi / counts)
         bent_rad = np.radians(off_deg) * np.sin(angle_rad + 0.7)
         moved = np.rint(ticks["encoder_count"] + bent_rad * counts / (2 * np.pi))
