@@ -12,7 +12,7 @@ import pytest
 
 from motord.batch import dask_pool
 from motord.batch.dask_pool import DaskPool
-from motord.batch.dispatch import WorkerDiedError
+from motord.batch.error import WorkerDiedError
 
 pytestmark = [
     pytest.mark.system,

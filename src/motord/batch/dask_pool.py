@@ -12,8 +12,7 @@ from multiprocessing import resource_tracker
 from types import TracebackType
 from typing import Any, TypeVar
 
-from motord.batch.dispatch import WorkerDiedError
-from motord.batch.error import BatchError, distributed
+from motord.batch.error import BatchError, WorkerDiedError, distributed
 from motord.batch.fork_server import METHOD, keep_modules, start_fork_server
 from motord.process.one_thread import ONE_THREAD
 
@@ -103,7 +102,10 @@ class DaskPool:
         self._stack.close()
 
     def begin(self) -> None:
-        """Begin to start or connect to workers, in a thread; errors are raised by `window`."""
+        """Begin to start or connect to workers, in a thread; errors are raised by `window`.
+
+        Without it they start with `window`.
+        """
         if self._starting is None:
             self._starting = self._starter.submit(self._start)
 
@@ -131,7 +133,10 @@ class DaskPool:
             ) from error
 
     def window(self) -> int:
-        """Return how many chunks may be under way. Raises BatchError if there are no workers."""
+        """Return how many chunks may be under way, so that no worker waits; 1 at least.
+
+        Raises BatchError if there are no workers, and will not be.
+        """
         if self._client is None:
             self.begin()
         if self._starting is not None:

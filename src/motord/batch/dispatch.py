@@ -12,7 +12,12 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from motord.batch.error import WorkerDiedError
+
+if TYPE_CHECKING:
+    from motord.batch.dask_pool import DaskPool
 
 POLL_S = 1.0
 """How often the workers are looked after while no chunk ends."""
@@ -24,39 +29,12 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-class WorkerDiedError(Exception):
-    """The workers that had a chunk died, as many in turn as the scheduler allows."""
-
-
 @dataclass(frozen=True)
 class ChunkResult(Generic[Result]):
     """The results of the jobs of a chunk, in their order, and how long a worker took for them."""
 
     results: Sequence[Result]
     taken_s: float
-
-
-class WorkerPool(Protocol):
-    """What chunks are submitted to."""
-
-    def begin(self) -> None:
-        """Begin to start workers, which takes a while; without it they start with `window`."""
-        ...
-
-    def submit(self, function: Callable[..., Result], *arguments: object) -> "Future[Result]":
-        """Begin a chunk. Raises BatchError."""
-        ...
-
-    def result(self, future: "Future[Result]") -> Result:
-        """Return the result of a chunk that ended. Raises WorkerDiedError, BatchError."""
-        ...
-
-    def window(self) -> int:
-        """Return how many chunks may be under way, so that no worker waits; 1 at least.
-
-        Raises BatchError if there are no workers, and will not be.
-        """
-        ...
 
 
 class _Chunks(Generic[Job]):
@@ -79,7 +57,7 @@ class _Chunks(Generic[Job]):
 
 
 def carry_out(
-    pool: WorkerPool,
+    pool: "DaskPool",
     jobs: Sequence[Job],
     begin: Callable[[Sequence[Job]], "Future[ChunkResult[Result]]"],
 ) -> Iterator[tuple[Job, Result | None]]:
@@ -108,7 +86,7 @@ def carry_out(
 
 
 def _completed(
-    pool: WorkerPool,
+    pool: "DaskPool",
     chunks: _Chunks[Job],
     begin: Callable[[Sequence[Job]], "Future[ChunkResult[Result]]"],
 ) -> Iterator[tuple[list[Job], "Future[ChunkResult[Result]]"]]:

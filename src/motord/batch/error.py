@@ -1,10 +1,14 @@
-"""The error of this package, and the package that it needs."""
+"""The errors of this package, and the package that it needs."""
 
 from types import ModuleType
 
 
 class BatchError(Exception):
     """Many recordings cannot be analysed, or no further; the message says why and what to do."""
+
+
+class WorkerDiedError(Exception):
+    """The workers that had a chunk died, as many in turn as the scheduler allows."""
 
 
 def distributed() -> ModuleType:

@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from motord.batch.dispatch import ChunkResult, WorkerPool, carry_out
+from motord.batch.dask_pool import DaskPool
+from motord.batch.dispatch import ChunkResult, carry_out
 from motord.batch.error import BatchError
 from motord.batch.file_hashes import FileHashes
 from motord.batch.hashing import hash_files
@@ -46,7 +47,7 @@ class BatchLine:
 
 
 def analyse_each(
-    paths: Sequence[Path], task: BatchTask, pool: WorkerPool, progress: BatchProgress
+    paths: Sequence[Path], task: BatchTask, pool: DaskPool, progress: BatchProgress
 ) -> Iterator[BatchLine]:
     """Yield the result of each recording, as it is done; nothing is kept. Raises BatchError."""
     for path, outcome in _analysed(paths, task, pool, progress):
@@ -57,7 +58,7 @@ def analyse_each(
 def analyse_into_store(
     paths: Sequence[Path],
     task: BatchTask,
-    pool: WorkerPool,
+    pool: DaskPool,
     ledger: Ledger,
     progress: BatchProgress,
     *,
@@ -102,7 +103,7 @@ def analyse_into_store(
 
 
 def _analysed(
-    paths: Sequence[Path], task: BatchTask, pool: WorkerPool, progress: BatchProgress
+    paths: Sequence[Path], task: BatchTask, pool: DaskPool, progress: BatchProgress
 ) -> Iterator[tuple[Path, Outcome]]:
     def begin(chunk: Sequence[Path]) -> "Future[ChunkResult[Outcome]]":
         return pool.submit(analyse_recordings, task, [path.absolute() for path in chunk])

@@ -2,7 +2,8 @@
 
 from concurrent.futures import Future
 
-from motord.batch.dispatch import ChunkResult, WorkerDiedError
+from motord.batch.dispatch import ChunkResult
+from motord.batch.error import WorkerDiedError
 
 
 class InlinePool:

@@ -7,8 +7,7 @@ from distributed import KilledWorker
 
 from motord.batch import dask_pool
 from motord.batch.dask_pool import DaskPool
-from motord.batch.dispatch import WorkerDiedError
-from motord.batch.error import BatchError
+from motord.batch.error import BatchError, WorkerDiedError
 
 ADDRESS = "tcp://there:8786"
 

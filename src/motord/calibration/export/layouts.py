@@ -1,42 +1,19 @@
 """What a drive keeps of a wave over a turn: a table that it interpolates, or some harmonics.
 
-A layout has `fit`, which gives what comes nearest to a wave in the mean square; what it gives has
+A layout has `fit`, which gives what comes nearest to a wave in the mean square over a turn of the
+drive's angle, `keeps`, which of the orders 0 to n // 2 of a wave (n,) are stored, and `resolution`,
+the number of angles in a turn between which what is read has no steps or corners. What it gives has
 `read`, which is the drive's own arithmetic.
 """
 
 from dataclasses import dataclass
 from math import radians, tau
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
 Interpolation = Literal["linear", "hold"]
 """Between two entries; or an entry until the next one begins."""
-
-
-class Stored(Protocol):
-    """What a drive has stored."""
-
-    def read(self, turns: np.ndarray) -> np.ndarray:
-        """Return what the drive reads at its own angles (n,), turns from 0 to 1."""
-
-
-class DriveLayout(Protocol):
-    """What a drive can store."""
-
-    def fit(self, wave: np.ndarray) -> Stored:
-        """Return what comes nearest to a wave (n,) over a turn of the drive's angle."""
-
-    def keeps(self, wave: np.ndarray) -> np.ndarray:
-        """Return which of the orders 0 to n // 2 of a wave (n,) are stored."""
-
-    @property
-    def resolution(self) -> int:
-        """Number of angles in a turn between which what is read has no steps or corners."""
-
-    @property
-    def to_text(self) -> str:
-        """What it is, as text."""
 
 
 @dataclass(frozen=True)
@@ -166,3 +143,7 @@ class HarmonicLayout:
         phases_deg = np.rad2deg(np.angle(1j * spectrum[orders]) % tau).astype(np.float32)
         found = zip(orders, np.abs(spectrum[orders]).astype(np.float32), phases_deg, strict=True)
         return StoredTerms(tuple(Term(int(n), float(r), float(phi)) for n, r, phi in found))
+
+
+Stored = StoredTable | StoredTerms
+DriveLayout = TableLayout | HarmonicLayout

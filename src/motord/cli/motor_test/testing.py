@@ -11,7 +11,6 @@ from motord.cli.console import explanation, phase_bars, remark
 from motord.cli.results.store_options import AnalysisStorage
 
 if TYPE_CHECKING:
-    from motord.api.replies import PlanProgress
     from motord.client import Client, Commander
     from motord.experiments.subject import Recordings
     from motord.verdict.certificate import Certificate
@@ -23,13 +22,9 @@ if TYPE_CHECKING:
 class MotorTestError(Exception):
     """A test that came to no verdict; the message says why. interrupted: by the operator."""
 
-    interrupted = False
-
-
-class MotorTestInterruptedError(MotorTestError):
-    """A test that its operator broke off."""
-
-    interrupted = True
+    def __init__(self, why: str, *, interrupted: bool = False) -> None:
+        super().__init__(why)
+        self.interrupted = interrupted
 
 
 @dataclass(frozen=True)
@@ -135,37 +130,37 @@ class MotorTests:
             for plan in kind.plan:
                 client.dry_run(plan.name, plan.settings)
             with in_command(client, force=self.force) as session:
-                interrupt = _Interrupt(session.commander)
+                abort = _Abort(session.commander)
                 for plan in kind.plan:
                     if not self.silent:
                         remark(f"{plan.name}, {len(found) + 1} of {len(kind.plan)}")
                     run = session.commander.run_plan(
                         plan.name, plan.settings, notes=note_of(kind.motor, serial), serial=serial
                     )
-                    view = follow(run, interrupt, quiet=self.silent)
+                    view = follow(run, abort, quiet=self.silent)
                     if view.state != "done":
                         why = f"{plan.name} {view.state}: {view.message}; nothing was decided"
-                        raise (MotorTestInterruptedError if interrupt.came else MotorTestError)(why)
+                        raise MotorTestError(why, interrupted=abort.asked)
                     found.append(closed_recording(view))
         return found
 
 
 @dataclass
-class _Interrupt:
+class _Abort:
     """Aborts a plan when the operator interrupts its command, and knows that it came to that."""
 
     commander: "Commander"
-    came: bool = False
+    asked: bool = False
 
-    def abort_plan(self) -> "PlanProgress":
-        """Ramp down, disable, end the plan. Raises MotorTestInterruptedError."""
+    def __call__(self) -> None:
+        """Ramp down, disable, end the plan. Raises MotorTestError."""
         from motord.client import ClientError
 
-        self.came = True
+        self.asked = True
         try:
-            return self.commander.abort_plan()
+            self.commander.abort_plan()
         except ClientError as error:
-            raise MotorTestInterruptedError(f"interrupted; {error}") from error
+            raise MotorTestError(f"interrupted; {error}", interrupted=True) from error
 
 
 def _store(storages: Mapping[str, AnalysisStorage], results: "Sequence[AnalysedRecordings]") -> str:

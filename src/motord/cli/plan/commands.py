@@ -3,10 +3,11 @@
 import json
 import shlex
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from operator import methodcaller
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -115,7 +116,7 @@ def start(
 
 
 def _follow_to_end(client: "Client", run: "PlanRun", commander: "Commander", as_json: bool) -> None:
-    view = follow(run, commander, quiet=as_json)
+    view = follow(run, commander.abort_plan, quiet=as_json)
     how = "recorded" if view.recorded else "not recorded in full"
     recording = f", {how} in {view.recording}" if view.recording else ""
     end = f"{view.plan}: {view.points_done} of {view.points} points{recording}"
@@ -167,15 +168,8 @@ def _then(client: "Client", view: "PlanView") -> str:
     return f"\nnext: motord analyse {view.plan} {runs}{known}"
 
 
-class AbortsPlan(Protocol):
-    """What aborts the plan under way: a commander, or what has one."""
-
-    def abort_plan(self) -> "PlanProgress":
-        """Ramp down, disable, end the plan."""
-
-
-def follow(run: "PlanRun", commander: AbortsPlan, *, quiet: bool) -> "PlanView":
-    """Show progress until the plan is over, well or not; the first Ctrl-C aborts it."""
+def follow(run: "PlanRun", abort: Callable[[], object], *, quiet: bool) -> "PlanView":
+    """Show progress until the plan is over, well or not; the first Ctrl-C calls `abort`."""
     from motord.client import PlanEndedError
 
     with progress_bar(*PLAN_COLUMNS, silent=quiet) as bar:
@@ -187,7 +181,7 @@ def follow(run: "PlanRun", commander: AbortsPlan, *, quiet: bool) -> "PlanView":
                         bar.update(task, completed=view.fraction, description=_step(view))
                 return view
             except KeyboardInterrupt:
-                commander.abort_plan()
+                abort()
 
 
 def closed_recording(view: "PlanView") -> Path:

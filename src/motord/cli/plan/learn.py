@@ -101,7 +101,8 @@ def _pass(
     from motord.experiments.subject import Subject
     from motord.recording.reader import open_run
 
-    view = follow(commander.run_plan("learn", settings), commander, quiet=quiet)
+    run_once = commander.run_plan("learn", settings)
+    view = follow(run_once, commander.abort_plan, quiet=quiet)
     if view.state != "done":
         fail(f"learn {view.state}: {view.message}; calibration {calibration.id} is in force")
     run = open_run(closed_recording(view))

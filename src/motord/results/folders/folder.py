@@ -3,30 +3,17 @@
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 from urllib.parse import unquote, urlsplit
 
 from motord.atomic_write import write_whole
 from motord.results.error import ResultsError
 
+if TYPE_CHECKING:
+    from motord.results.folders.remote_folder import RemoteFolder
 
-class ResultsFolder(Protocol):
-    """Files by their names; what cannot be done raises OSError, whose strerror says why."""
-
-    def make(self) -> None:
-        """Make it if what it is in is there, and make sure that files can be written."""
-
-    def names(self) -> list[str]:
-        """Return the names in it. Raises FileNotFoundError if it is not there."""
-
-    def read(self, names: Sequence[str]) -> Iterator[bytes | OSError]:
-        """Yield content, or why it cannot be read, of each file."""
-
-    def write(self, name: str, data: bytes) -> None:
-        """Write a file, whole or not at all."""
-
-    def path_of(self, name: str) -> Path | str:
-        """Return what a file is called."""
+ResultsFolder: TypeAlias = "LocalFolder | RemoteFolder"
+"""Files by their names; what cannot be done raises OSError, whose strerror says why."""
 
 
 class LocalFolder:
@@ -39,14 +26,14 @@ class LocalFolder:
         return str(self.path)
 
     def make(self) -> None:
-        """Make the folder if its parent is there."""
+        """Make the folder if its parent is there, and make sure that files can be written."""
         self.path.mkdir(exist_ok=True)
         probe = self.path / f".{id(self)}.probe"
         probe.touch()
         probe.unlink()
 
     def names(self) -> list[str]:
-        """Return the names in it."""
+        """Return the names in it. Raises FileNotFoundError if it is not there."""
         with os.scandir(self.path) as entries:
             return [entry.name for entry in entries]
 

@@ -1,11 +1,11 @@
 """What the screen asks, drawn over its lower lines; keys come one after the other, none is lost.
 
-Escape never gets here: it stops the bench, and closes the dialog.
+`press` returns what is to be done once the dialog is over, None before; `stops` are keys that stop
+the bench. So does Escape, which never gets here, and closes the dialog.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from rich.text import Text
 
@@ -14,20 +14,6 @@ from motord.cli.bench.watch import keys
 STOP_LETTERS = frozenset({"s", "S", "space"})
 NUMBER_LENGTH = 16
 NOTE_LENGTH = 1000
-
-
-class Dialog(Protocol):
-    """A dialog: `stops` are the keys that stop the bench besides Escape."""
-
-    stops: frozenset[str]
-
-    def lines(self) -> list[Text]:
-        """Return what is drawn."""
-        ...
-
-    def press(self, key: str, character: str | None) -> Callable[[], object] | None:
-        """Take a key; return what is to be done once the dialog is over, None before."""
-        ...
 
 
 def _nothing() -> None:
@@ -103,3 +89,6 @@ class Help:
     def press(self, key: str, character: str | None) -> Callable[[], object] | None:
         """Close."""
         return _nothing
+
+
+Dialog = Confirmation | Entry | Help
