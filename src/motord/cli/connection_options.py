@@ -6,8 +6,7 @@ A command has one argument `connection`; `with_connection` makes the options of 
 import functools
 import inspect
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -61,12 +60,6 @@ class Connection:
         """The endpoints of a command that takes several, by commas."""
         found = [one.strip() for one in self.endpoint.split(",")]
         return [one for one in found if one] or [self.endpoint]
-
-    @contextmanager
-    def open(self) -> "Iterator[Client]":
-        """Connect to the daemon for as long as the block runs. Raises ClientError."""
-        with self.connect() as client:
-            yield client
 
     def connect(self) -> "Client":
         """Connect to the daemon. Raises ClientError."""

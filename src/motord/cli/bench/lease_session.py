@@ -129,7 +129,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Ask something that needs the lease and nothing else; print the answer, JSON or `text`."""
-    with connection.open() as client, in_command(client, force=force) as session:
+    with connection.connect() as client, in_command(client, force=force) as session:
         answer = ask(session.commander)
         print_answer(answer.content(), text(answer), as_json)
 

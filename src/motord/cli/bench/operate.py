@@ -32,7 +32,7 @@ def enable(
     While it runs, `motord set` in another terminal sets torque and speed. When it ends, the bench
     ramps down and is disabled.
     """
-    with connection.open() as client, in_command(client, force=force) as session:
+    with connection.connect() as client, in_command(client, force=force) as session:
         answer = session.commander.enable()
         print_answer(answer.content(), answer.state, as_json)
         if session.lease is not None:
@@ -51,7 +51,7 @@ def disable(
 
 def stop(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Zero current now and OFF, whoever is in command."""
-    with connection.open() as client:
+    with connection.connect() as client:
         answer = client.stop()
         print_answer(answer.content(), answer.state, as_json)
 
@@ -68,7 +68,7 @@ def note(
     as_json: AsJson = False,
 ) -> None:
     """Put a remark with its time into events and recording; needs no lease."""
-    with connection.open() as client:
+    with connection.connect() as client:
         answer = client.note(" ".join(text))
     where = answer.recording or "the events alone: nothing is being recorded"
     print_answer(answer.content(), f"noted in {where}", as_json)
@@ -114,7 +114,7 @@ def set_(
     asked = {key for key, value in given.items() if value is not None}
     if not asked:
         raise typer.BadParameter("nothing to set: give at least one of the options above")
-    with connection.open() as client, in_command(client, force=force) as session:
+    with connection.connect() as client, in_command(client, force=force) as session:
         answer = session.commander.set(**given, enable=enable_first)
         print_answer(answer.content(), set_text(answer), as_json)
         begun_s = time.monotonic()

@@ -28,7 +28,7 @@ def status(
     if all_benches:
         status_of_all(connection, as_json=as_json)
         return
-    with connection.open() as client:
+    with connection.connect() as client:
         state = client.state()
         if as_json:
             typer.echo(state.model_dump_json(indent=2))
@@ -47,7 +47,7 @@ def events(
         events_of_all(connection, as_json=as_json)
         return
     with (
-        connection.open() as client,
+        connection.connect() as client,
         client.subscribe_events() as coming,
         suppress(KeyboardInterrupt),
     ):

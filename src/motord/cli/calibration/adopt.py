@@ -39,7 +39,7 @@ def adopt(
     from motord.calibration import CalibrationError, load
     from motord.cli.bench.lease_session import in_command
 
-    with connection.open() as client:
+    with connection.connect() as client:
         state = client.state()
         if state.tracking is None:
             fail(TRACKING_OFF if state.calibration is not None else NOT_IN_FORCE)

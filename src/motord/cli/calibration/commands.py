@@ -44,7 +44,7 @@ def show(
     if calibration_id is not None:
         if file is not None:
             raise typer.BadParameter("give a file or --id")
-        with connection.open() as client:
+        with connection.connect() as client:
             kept = client.rpc("calibration/show", id=calibration_id)
         print_result(kept, "\n".join(_lines(kept, kept["age"])), as_json)
         return
@@ -52,7 +52,7 @@ def show(
     if file is not None:
         calibration = load(file)
     else:
-        with connection.open() as client:
+        with connection.connect() as client:
             calibration = load_in_force(
                 client, "no calibration is in force; name a file, or install one"
             )
@@ -85,7 +85,7 @@ def list_(
 
 def _kept(connection: Connection) -> list[dict[str, Any]]:
     """Return the calibrations that the daemon keeps, the newest first."""
-    with connection.open() as client:
+    with connection.connect() as client:
         found = client.rpc("calibration/list")["calibrations"]
     return [
         {
@@ -146,7 +146,7 @@ def install(
     from motord.cli.bench.lease_session import in_command
 
     calibration = load(file)
-    with connection.open() as client, in_command(client, force=force) as session:
+    with connection.connect() as client, in_command(client, force=force) as session:
         answer = session.commander.install_calibration(calibration, accept=accept or ())
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 

@@ -102,7 +102,7 @@ def _calibration(file: Path | None, connection: Connection) -> "Calibration":
 
     if file is not None:
         return load(file)
-    with connection.open() as client:
+    with connection.connect() as client:
         return load_in_force(client, "no calibration is in force; name a file, or install one")
 
 

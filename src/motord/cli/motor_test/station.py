@@ -146,7 +146,7 @@ class _Station:
 
         end_s = time.monotonic() + REST_S
         try:
-            with self._tests.connection.open() as client:
+            with self._tests.connection.connect() as client:
                 while (state := client.state()).state == "ENABLED":
                     if time.monotonic() > end_s:
                         return f"bench {client.bench} is ENABLED, by {state.lease.holder}"

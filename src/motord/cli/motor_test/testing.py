@@ -125,7 +125,7 @@ class MotorTests:
                 "the motor type has no [[plan]] to run; name recordings with --recordings"
             )
         found: list[Path] = []
-        with self.connection.open() as client:
+        with self.connection.connect() as client:
             _check_bench(client, kind, serial)
             for plan in kind.plan:
                 client.dry_run(plan.name, plan.settings)

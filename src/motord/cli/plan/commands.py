@@ -43,7 +43,7 @@ app = group("Experiments: list, start, steer.")
 @app.command("list")
 def list_(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the plans and the settings that they start with."""
-    with connection.open() as client:
+    with connection.connect() as client:
         plans = client.plans()
         answer = {"plans": [plan.content() for plan in plans]}
         print_answer(answer, "\n".join(_plan_lines(plans)), as_json)
@@ -97,7 +97,7 @@ def start(
     as_json: AsJson = False,
 ) -> None:
     """Start a plan and follow it; Ctrl-C aborts it, ramping down."""
-    with connection.open() as client:
+    with connection.connect() as client:
         asked = settings_of(client, name, settings or [])
         if dry_run:
             would = client.dry_run(name, asked, check=check).content()
@@ -210,7 +210,7 @@ def _step(view: "PlanView") -> str:
 @app.command()
 def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the progress of the plan under way, or how the last one ended."""
-    with connection.open() as client:
+    with connection.connect() as client:
         view = client.plan()
         if view is None:
             print_answer(None, "no plan has run since the daemon started", as_json)
@@ -237,7 +237,7 @@ def resume(
 
     A plan that failed or was aborted can be resumed as well.
     """
-    with connection.open() as client:
+    with connection.connect() as client:
         view = client.plan()
         under_way = view is not None and not view.over
         with in_command(client, force=force) as session:

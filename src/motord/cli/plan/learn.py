@@ -52,7 +52,7 @@ def learn(
     from motord.experiments.ilc.estimate import Learning
 
     learning = Learning(gain=gain, highest_order=highest_order)
-    with connection.open() as client, in_command(client, force=force) as session:
+    with connection.connect() as client, in_command(client, force=force) as session:
         calibration = load_in_force(
             client, "no calibration is in force; learning goes on from one: install one first"
         )

@@ -105,7 +105,7 @@ def add(
         "retries": 1 if retries is None else retries, "wait": [{**one, **limit} for one in wait],
     }  # fmt: skip
     plans = [_checked(plan)] if file is None else _plans_in(file)
-    with connection.open() as client, in_command(client, force=force) as session:
+    with connection.connect() as client, in_command(client, force=force) as session:
         if name is not None:
             chosen = settings_of(client, name, settings or [])
             plans = [plans[0].model_copy(update={"settings": chosen})]
@@ -149,7 +149,7 @@ def _added(answer: "QueueContent") -> str:
 @app.command("list")
 def list_(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the queue, and how its last runs ended."""
-    with connection.open() as client:
+    with connection.connect() as client:
         answer = client.queue()
         print_answer(answer.content(), _text(answer), as_json)
 
@@ -189,7 +189,7 @@ def start(
     as_json: AsJson = False,
 ) -> None:
     """Run the queue, or go on after a pause, and follow it; Ctrl-C aborts the plan under way."""
-    with connection.open() as client, in_command(client, force=force) as session:
+    with connection.connect() as client, in_command(client, force=force) as session:
         answer = session.commander.start_queue(detach=detach)
         if detach:
             print_answer(answer.content(), in_short(answer.queue), as_json)

@@ -43,7 +43,7 @@ def foxglove(
             raise
         fail(EXTRA)
 
-    with connection.open() as client:
+    with connection.connect() as client:
         bench = client.bench
     server = FoxgloveServer(f"motord {bench}", port)
     topics = [topic.name for topic in SERVED]

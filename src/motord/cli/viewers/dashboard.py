@@ -46,7 +46,7 @@ def dashboard(
     if all_benches:
         _serve_overview(port, connection, browser=browser, as_json=as_json)
         return
-    with connection.open() as client:
+    with connection.connect() as client:
         tokens = server.tokens_for(client)
         with server.listen(port) as listener:
             urls = server.urls(listener, tokens)

@@ -44,6 +44,6 @@ def bench(monkeypatch):
         yield SimpleNamespace(commander=asked)
         asked.calls.append("lease released")
 
-    monkeypatch.setattr(Connection, "open", opened)
+    monkeypatch.setattr(Connection, "connect", opened)
     monkeypatch.setattr("motord.cli.bench.lease_session.in_command", in_command)
     return client

@@ -162,7 +162,7 @@ def test_lines_that_are_no_serial_number_are_refused_in_a_line_each(monkeypatch,
 
 
 def test_a_daemon_that_fails_costs_one_test(monkeypatch, bench, analysed):
-    open_ = Connection.open
+    open_ = Connection.connect
     tries = iter(range(100))
 
     @contextmanager
@@ -172,7 +172,7 @@ def test_a_daemon_that_fails_costs_one_test(monkeypatch, bench, analysed):
         with open_(connection) as client:
             yield client
 
-    monkeypatch.setattr(Connection, "open", failing)
+    monkeypatch.setattr(Connection, "connect", failing)
     code, out, err = through_a_pipe(monkeypatch, b"1\n2\n")
     assert code == 1
     assert {"ERROR  1", "PASS  2", "ERROR  the motor may be powered"} <= {x.strip() for x in out}

@@ -90,7 +90,7 @@ def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Daemon:
     def in_command(client: Any, *, force: bool) -> Any:
         yield SimpleNamespace(commander=played)
 
-    monkeypatch.setattr(module.Connection, "open", given)
+    monkeypatch.setattr(module.Connection, "connect", given)
     monkeypatch.setattr(module, "in_command", in_command)
     monkeypatch.setattr(module, "follow", played.follow)
     monkeypatch.setattr(module, "settings_of", lambda *_: {})

@@ -50,7 +50,7 @@ def watch(
     if all_benches:
         watch_all(connection, for_s, as_json=as_json)
         return
-    with connection.open() as client, suppress(KeyboardInterrupt):
+    with connection.connect() as client, suppress(KeyboardInterrupt):
         if as_json:
             _each_state(client, for_s, lambda state: print_line(state.model_dump_json()))
         elif plain or not _has_screen():
