@@ -1,5 +1,6 @@
 """What a results store cannot do, and the packages that it needs."""
 
+from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
@@ -10,12 +11,7 @@ class ResultsError(Exception):
 
 def parquet() -> ModuleType:
     """Return pyarrow.parquet. Raises ResultsError where it is not installed."""
-    try:
-        from pyarrow import parquet
-    except ImportError as error:
-        raise _missing("pyarrow") from error
-    found: ModuleType = parquet
-    return found
+    return _loaded("pyarrow.parquet")
 
 
 def require_parquet() -> None:
@@ -26,26 +22,20 @@ def require_parquet() -> None:
 
 def duckdb() -> ModuleType:
     """Return duckdb. Raises ResultsError where it is not installed."""
-    try:
-        import duckdb
-    except ImportError as error:
-        raise _missing("duckdb") from error
-    return duckdb
+    return _loaded("duckdb")
 
 
 def fsspec() -> ModuleType:
     """Return fsspec. Raises ResultsError where it is not installed."""
+    return _loaded("fsspec", "a results store at a URL", "remote")
+
+
+def _loaded(name: str, what: str = "the results store", extra: str = "results") -> ModuleType:
     try:
-        import fsspec
+        return import_module(name)
     except ImportError as error:
-        raise ResultsError(
-            "a results store at a URL needs the package fsspec: pip install 'motord[remote]'"
-        ) from error
-    found: ModuleType = fsspec
-    return found
+        raise _missing(name.partition(".")[0], what, extra) from error
 
 
-def _missing(package: str) -> ResultsError:
-    return ResultsError(
-        f"the results store needs the package {package}: pip install 'motord[results]'"
-    )
+def _missing(package: str, what: str = "the results store", extra: str = "results") -> ResultsError:
+    return ResultsError(f"{what} needs the package {package}: pip install 'motord[{extra}]'")
