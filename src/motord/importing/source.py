@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,6 +85,43 @@ class RowSource(ABC):
     @abstractmethod
     def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows, at most about BLOCK_ROWS at once; rows without cells are noted."""
+
+
+class ChannelSource(RowSource):
+    """A file of channels in groups, each with `name` and `group_name`, and a number of rows.
+
+    _group: where channels named without their group are looked for, None: in all.
+    """
+
+    _group: str | None
+    _channels: Sequence[Any]
+    _rows: int
+
+    def places(self, name: str) -> list[int]:
+        """Return the index of each channel that is Group/Channel, or has that name in its group."""
+        return super().places(name) or [
+            index
+            for index, channel in enumerate(self._channels)
+            if channel.name == name and self._group in (None, channel.group_name)
+        ]
+
+    def holds_whole_numbers(self, index: int) -> bool:
+        """Return whether a channel holds whole numbers."""
+        return self._dtype(index).kind in "iu"
+
+    def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
+        """Yield all rows."""
+        for start in range(0, self._rows, BLOCK_ROWS):
+            count = min(BLOCK_ROWS, self._rows - start)
+            columns = tuple(self._read(w, start, count) for w in wanted)
+            line = np.arange(start + 1, start + count + 1)
+            yield RawBlock(columns, line, (start + count) / self._rows)
+
+    @abstractmethod
+    def _dtype(self, index: int) -> "np.dtype[Any]": ...
+
+    @abstractmethod
+    def _read(self, wanted: WantedColumn, start: int, count: int) -> np.ndarray: ...
 
 
 @contextmanager

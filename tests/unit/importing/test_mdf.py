@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from asammdf import MDF, Signal
 
+from motord.importing import source as sources
 from motord.importing.binary import mdf
 from motord.recording.errors import RecordError
 from motord.recording.export import export
@@ -45,7 +46,7 @@ def write_mdf(path: Path, *groups: tuple[str, dict[str, Any]], compression: int 
 def test_the_times_of_the_group_count_from_the_start_of_the_file(
     tmp_path: Path, block_rows: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mdf, "BLOCK_ROWS", block_rows)
+    monkeypatch.setattr(sources, "BLOCK_ROWS", block_rows)
     columns = turning()
     columns["Iq"] = columns["Iq"].astype(np.float32)
     source = write_mdf(tmp_path / "a.mf4", ("Bench", columns))
@@ -108,6 +109,7 @@ def test_of_values_with_texts_the_numbers_count(tmp_path: Path) -> None:
 def test_our_own_export_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mdf_export, "GROUP_ROWS", 700)
     monkeypatch.setattr(mdf, "BLOCK_ROWS", 900)
+    monkeypatch.setattr(sources, "BLOCK_ROWS", 900)
     source = write_mdf(tmp_path / "a.mf4", ("Bench", turning()))
     _, run = imported(tmp_path, source, TIMED + "[constants]\ntorque_set_Nm = 1.5\n")
     export(run, tmp_path / "own.mf4")

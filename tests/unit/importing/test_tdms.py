@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
+from motord.importing import source as sources
 from motord.importing.binary import tdms
 from motord.recording.errors import RecordError
 from tests.unit.importing.tables import MAP, START_NS, imported, turning
@@ -47,7 +48,7 @@ def test_waveforms_bring_their_clock(
     tmp_path: Path, pieces: int, piece_rows: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tdms, "PIECE", piece_rows)
-    monkeypatch.setattr(tdms, "BLOCK_ROWS", 1000)
+    monkeypatch.setattr(sources, "BLOCK_ROWS", 1000)
     columns = turning()
     source = write_tdms(
         tmp_path / "a.tdms",

@@ -16,12 +16,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from motord.importing.mapping import MdfMap
-from motord.importing.problems import Problems
 from motord.importing.source import (
     BLOCK_ROWS,
     MISSING_NS,
-    RawBlock,
-    RowSource,
+    ChannelSource,
     WantedColumn,
     readable,
     readable_as,
@@ -44,7 +42,7 @@ class _Channel:
     is_master: bool
 
 
-class MdfSource(RowSource):
+class MdfSource(ChannelSource):
     """An MDF file, open as long as `opened`.
 
     Raises RecordError for a file that is not MDF, and where asammdf is not installed.
@@ -67,21 +65,9 @@ class MdfSource(RowSource):
         self._raw: set[int] = set()  # whose values have texts, by a table in the file
         self.names = tuple(f"{c.group_name}/{c.name}" for c in self._channels)
 
-    def places(self, name: str) -> list[int]:
-        """Return the index of each channel that is Group/Channel, or has that name in its group."""
-        return super().places(name) or [
-            index
-            for index, channel in enumerate(self._channels)
-            if channel.name == name and self._group in (None, channel.group_name)
-        ]
-
     def holds_dates(self, index: int) -> bool:
         """Return whether a channel is the time of its group, whose start the file states."""
         return self._channels[index].is_master
-
-    def holds_whole_numbers(self, index: int) -> bool:
-        """Return whether a channel holds whole numbers."""
-        return self._dtype(index).kind in "iu"
 
     def fix_rows(self, columns: Sequence[int]) -> None:
         """Let rows be the records of the channels' group. Raises RecordError if they differ."""
@@ -94,14 +80,6 @@ class MdfSource(RowSource):
                     f"{self.path}: {self.names[columns[0]]} and {self.names[index]} were sampled "
                     "at different times: they do not make rows; resample them first"
                 )
-
-    def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
-        """Yield all rows."""
-        for start in range(0, self._rows, BLOCK_ROWS):
-            count = min(BLOCK_ROWS, self._rows - start)
-            columns = tuple(self._read(w, start, count) for w in wanted)
-            line = np.arange(start + 1, start + count + 1)
-            yield RawBlock(columns, line, (start + count) / self._rows)
 
     def _same_times(self, group: int, other: int) -> bool:
         if self._records[group] != self._records[other]:

@@ -6,7 +6,7 @@ memory is a piece of one channel at a time (all of it only where LabVIEW wrote i
 
 import logging
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -14,12 +14,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from motord.importing.mapping import TdmsMap
-from motord.importing.problems import Problems
 from motord.importing.source import (
-    BLOCK_ROWS,
-    RawBlock,
+    ChannelSource,
     RowClock,
-    RowSource,
     WantedColumn,
     readable,
     readable_as,
@@ -38,7 +35,7 @@ WARNING_LENGTH = 120
 INCREMENT, START = "wf_increment", "wf_start_time"
 
 
-class TdmsSource(RowSource):
+class TdmsSource(ChannelSource):
     """A TDMS file, open with its scratch files, in the folder `scratch`, as long as `opened`.
 
     Raises RecordError for a file that is not TDMS, and where npTDMS is not installed.
@@ -64,14 +61,6 @@ class TdmsSource(RowSource):
         self._rows = min(self._lengths, default=0)
         self.names = tuple(f"{c.group_name}/{c.name}" for c in self._channels)
 
-    def places(self, name: str) -> list[int]:
-        """Return the index of each channel that is Group/Channel, or has that name in its group."""
-        return super().places(name) or [
-            index
-            for index, channel in enumerate(self._channels)
-            if channel.name == name and self._group in (None, channel.group_name)
-        ]
-
     def row_clock(self, columns: Sequence[int]) -> RowClock | None:
         """Return the clock of the waveforms among the channels. Raises RecordError if they differ.
 
@@ -96,10 +85,6 @@ class TdmsSource(RowSource):
         """Return whether a channel holds timestamps."""
         return self._dtype(index).kind == "M"
 
-    def holds_whole_numbers(self, index: int) -> bool:
-        """Return whether a channel holds whole numbers."""
-        return self._dtype(index).kind in "iu"
-
     def fix_rows(self, columns: Sequence[int]) -> None:
         """Let rows end where the shortest of these channels ends."""
         lengths = [self._lengths[index] for index in columns]
@@ -109,17 +94,6 @@ class TdmsSource(RowSource):
                 f"the channels have {self._rows} to {max(lengths)} values: {self._rows} rows"
             )
 
-    def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
-        """Yield all rows."""
-        rows = self._rows
-        for w in wanted:
-            self._spool(w)
-        for start in range(0, rows, BLOCK_ROWS):
-            count = min(BLOCK_ROWS, rows - start)
-            columns = tuple(self._read(w, start, count) for w in wanted)
-            line = np.arange(start + 1, start + count + 1)
-            yield RawBlock(columns, line, (start + count) / rows)
-
     def _dtype(self, index: int) -> "np.dtype[Any]":
         with readable_as(self.path, "a TDMS"):
             dtype: np.dtype[Any] = np.dtype(self._channels[index].dtype)
@@ -127,15 +101,12 @@ class TdmsSource(RowSource):
             raise RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
         return dtype
 
-    def _spool(self, wanted: WantedColumn) -> None:
-        """Copy a channel into a scratch file, once."""
-        if wanted.index in self._spools:
-            return
+    def _spool(self, wanted: WantedColumn) -> BinaryIO:
+        """Copy a channel into a scratch file and return it."""
         dtype, channel = self._dtype(wanted.index), self._channels[wanted.index]
         as_ns = dtype.kind == "M" or (wanted.as_time and dtype.kind in "iu")
         scratch = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - closed by `opened`
         spool = self._opened.enter_context(scratch)
-        self._spools[wanted.index] = spool
         length = self._lengths[wanted.index]
         piece = max(PIECE, -(-length // PIECES))
         for start in range(0, length, piece):
@@ -144,9 +115,11 @@ class TdmsSource(RowSource):
             if dtype.kind == "M":
                 values = values.astype("M8[ns]")
             np.ascontiguousarray(values.astype("i8" if as_ns else "f8")).tofile(spool)
+        return spool
 
     def _read(self, wanted: WantedColumn, start: int, count: int) -> np.ndarray:
-        spool = self._spools[wanted.index]
+        if (spool := self._spools.get(wanted.index)) is None:
+            spool = self._spools[wanted.index] = self._spool(wanted)
         spool.seek(8 * start)
         return np.fromfile(spool, "i8" if wanted.as_time else "f8", count)
 
