@@ -14,7 +14,7 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.cli.batch_analysis import Rehash, Retry, Scheduler, Workers, analyse_batch, of_each
-from motord.cli.common_options import ResultAsJson
+from motord.cli.common_options import ResultAsJson, bench_file
 from motord.cli.console import (
     CommandGroup,
     group,
@@ -40,11 +40,8 @@ Report = Annotated[
 ]
 BenchFile = Annotated[
     Path | None,
-    typer.Option(
-        "--config", "-c", metavar="FILE",
-        help="Bench file or motor file; without it, what the recordings say of themselves.",
-    ),
-]  # fmt: skip
+    bench_file("Bench file or motor file; without it, what the recordings say of themselves."),
+]
 
 RUNS = "Recordings, .mcap, analysed together; each by itself with --workers, a folder or a pattern."
 

@@ -7,14 +7,13 @@ from typing import Annotated
 
 import typer
 
+from motord.cli.common_options import bench_file
 from motord.cli.connection_options import print_answer
 from motord.process.signal_handlers import handled
 
 
 def emulate(
-    config: Annotated[
-        Path, typer.Option("--config", "-c", metavar="FILE", help="The bench whose devices to be.")
-    ],
+    config: Annotated[Path, bench_file("The bench whose devices to be.")],
     truth: Annotated[
         Path | None,
         typer.Option(metavar="FILE.mcap", help="Record what the rig truly does."),

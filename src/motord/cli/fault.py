@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, bench_file
 from motord.cli.console import fail, group, print_result
 from motord.cli.plan.settings import value_of
 
@@ -18,10 +18,7 @@ def inject(
     parameters: Annotated[
         list[str] | None, typer.Argument(metavar="[NAME=VALUE]...", help="Its parameters.")
     ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", "-c", metavar="FILE", help="The bench that is emulated."),
-    ] = None,
+    config: Annotated[Path | None, bench_file("The bench that is emulated.")] = None,
     for_s: Annotated[
         float | None, typer.Option("--for-s", min=0, help="How long; else as its kind does.")
     ] = None,

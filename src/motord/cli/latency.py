@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.analysis_command import print_text
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, bench_file
 from motord.cli.console import fail, print_json, progress_bar
 from motord.cli.output_files import bench_files, check_output_files
 
@@ -20,10 +20,7 @@ DEFAULT_S, DEFAULT_COMPARE_S = 10.0, 60.0
 
 
 def latency(
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", "-c", metavar="FILE", help="Take [loop] from this bench."),
-    ] = None,
+    config: Annotated[Path | None, bench_file("Take [loop] from this bench.")] = None,
     rate_Hz: Annotated[
         int | None,
         typer.Option("--rate-Hz", min=100, max=20_000, help="Loop rate, if not that of the bench."),

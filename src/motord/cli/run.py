@@ -1,11 +1,9 @@
 """`motord run`: the daemon, in the foreground."""
 
 import os
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from motord.cli.common_options import BenchFile
+from motord.cli.common_options import BenchFile, ReadyAsJson
 from motord.cli.connection_options import print_answer
 from motord.cli.console import explain_first_run
 
@@ -15,9 +13,7 @@ if TYPE_CHECKING:
 
 def run(
     config: BenchFile = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one line of JSON when ready.")
-    ] = False,
+    as_json: ReadyAsJson = False,
 ) -> None:
     """Run a bench until SIGTERM or Ctrl-C; it starts OFF and ends ramped down and disabled."""
     from motord.config import packaged

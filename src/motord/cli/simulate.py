@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.common_options import PlanSettings, ResultAsJson
+from motord.cli.common_options import PlanSettings, ResultAsJson, bench_file
 from motord.cli.console import explain_first_run, fail, print_result, progress_bar
 
 if TYPE_CHECKING:
@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 def simulate(
     name: Annotated[str, typer.Argument(help="The plan, such as calibrate or cogging.")],
     config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config",
-            "-c",
-            metavar="FILE",
-            help="Bench file; its rig is simulated whatever drivers it names.",
-        ),
+        Path | None, bench_file("Bench file; its rig is simulated whatever drivers it names.")
     ] = None,
     output: Annotated[
         Path | None,

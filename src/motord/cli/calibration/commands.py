@@ -9,7 +9,7 @@ import typer
 from motord.cli.bench.tracking import lines
 from motord.cli.calibration.adopt import adopt
 from motord.cli.calibration.export import export
-from motord.cli.calibration.in_force import load_in_force
+from motord.cli.calibration.in_force import CalibrationFile, load_in_force
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
@@ -21,10 +21,7 @@ app.command()(export)
 
 @app.command()
 def show(
-    file: Annotated[
-        Path | None,
-        typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
-    ] = None,
+    file: CalibrationFile = None,
     calibration_id: Annotated[
         str | None,
         typer.Option("--id", metavar="ID", help="Ask the daemon for one that it keeps."),
@@ -53,9 +50,7 @@ def show(
         calibration = load(file)
     else:
         with connection.connect() as client:
-            calibration = load_in_force(
-                client, "no calibration is in force; name a file, or install one"
-            )
+            calibration = load_in_force(client)
             state = client.state()
             if state.tracking is not None:
                 seen = lines(state.tracking, state.t_ns)

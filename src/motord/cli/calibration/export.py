@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.calibration.in_force import load_in_force
-from motord.cli.common_options import AsJson
+from motord.cli.calibration.in_force import CalibrationFile, load_in_force
+from motord.cli.common_options import AsJson, Overwrite, bench_file
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_json, remark
 from motord.cli.output_files import bench_files, check_output_files
@@ -23,19 +23,13 @@ def export(
     format_: Annotated[
         str, typer.Option("--format", metavar="NAME", help=f"One of {', '.join(NAMES)}.")
     ],
-    file: Annotated[
-        Path | None,
-        typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
-    ] = None,
+    file: CalibrationFile = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Write it there; default: print it."),
     ] = None,
     config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The bench: its back-EMF makes amperes of Nm."
-        ),
+        Path | None, bench_file("The bench: its back-EMF makes amperes of Nm.")
     ] = None,
     torque_constant: Annotated[
         float | None,
@@ -57,9 +51,7 @@ def export(
     bits: Annotated[
         int | None, typer.Option(metavar="N", min=4, max=16, help="Bits (c-header): 16.")
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Write over a file that is there.")
-    ] = False,
+    force: Overwrite = False,
     connection: Connection = DEFAULT,
     as_json: AsJson = False,
 ) -> None:
@@ -103,7 +95,7 @@ def _calibration(file: Path | None, connection: Connection) -> "Calibration":
     if file is not None:
         return load(file)
     with connection.connect() as client:
-        return load_in_force(client, "no calibration is in force; name a file, or install one")
+        return load_in_force(client)
 
 
 def _constant(

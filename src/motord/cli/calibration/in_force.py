@@ -1,7 +1,9 @@
 """The calibration that the daemon applies, as a file on this machine."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from motord.cli.console import fail
 
@@ -10,7 +12,15 @@ if TYPE_CHECKING:
     from motord.client import Client
 
 
-def load_in_force(client: "Client", missing: str) -> "Calibration":
+CalibrationFile = Annotated[
+    Path | None,
+    typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
+]
+
+
+def load_in_force(
+    client: "Client", missing: str = "no calibration is in force; name a file, or install one"
+) -> "Calibration":
     """Return the calibration that the daemon applies; fail with `missing` if there is none."""
     from motord.calibration import load
 

@@ -13,7 +13,7 @@ import typer
 
 from motord.cli.bench import wording
 from motord.cli.bench.lease_session import command, in_command
-from motord.cli.common_options import AsJson, PlanSettings
+from motord.cli.common_options import AsJson, Detach, Notes, PlanSettings, Serial
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, progress_bar
 from motord.cli.plan.preflight import LIMIT_S, as_dict, forecast_text, predict, warning
@@ -32,10 +32,6 @@ CLOSED_S = 15.0
 
 PLAN_COLUMNS = ("bar", "{task.percentage:3.0f} %", "elapsed", "{task.description}")
 """Progress of a plan, or of the queue."""
-
-Detach = Annotated[
-    bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
-]
 
 app = group("Experiments: list, start, steer.")
 
@@ -76,14 +72,8 @@ def start(
         typer.Option("--limit-s", min=0.0, help="With --dry-run: simulate no longer than that."),
     ] = LIMIT_S,
     detach: Detach = False,
-    notes: Annotated[str, typer.Option(help="For the recording.")] = "",
-    serial: Annotated[
-        str,
-        typer.Option(
-            metavar="S",
-            help="The motor's serial number, for the recording, where the bench file names none.",
-        ),
-    ] = "",
+    notes: Notes = "",
+    serial: Serial = None,
     check: Annotated[
         bool,
         typer.Option(
@@ -104,14 +94,13 @@ def start(
             _forecast(client, {**would, "plan": name}, asked, limit_s, as_json)
             return
         with in_command(client, force=force) as session:
+            about: dict[str, Any] = {"notes": notes, "serial": serial or "", "check": check}
             if detach:
-                outline = session.commander.start_plan(
-                    name, asked, detach=True, notes=notes, serial=serial, check=check
-                )
+                outline = session.commander.start_plan(name, asked, detach=True, **about)
                 text = f"{name} started, about {outline.estimate_s:.0f} s"
                 print_answer(outline.content(), text, as_json)
                 return
-            run = session.commander.run_plan(name, asked, notes=notes, serial=serial, check=check)
+            run = session.commander.run_plan(name, asked, **about)
             _follow_to_end(client, run, session.commander, as_json)
 
 

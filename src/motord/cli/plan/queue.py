@@ -11,7 +11,7 @@ import typer
 from motord.cli.bench.lease_session import command, in_command
 from motord.cli.bench.wording import clock, duration
 from motord.cli.bench.wording import queue as in_short
-from motord.cli.common_options import AsJson, PlanSettings
+from motord.cli.common_options import AsJson, Detach, Notes, PlanSettings, Serial
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group
 from motord.cli.plan.queue_progress import follow_queue
@@ -64,14 +64,8 @@ def add(
     retries: Annotated[
         int | None, typer.Option(help="With retry: how often at most; by default once.")
     ] = None,
-    notes: Annotated[str, typer.Option(help="For the recording.")] = "",
-    serial: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S",
-            help="The motor's serial number, for the recording, where the bench file names none.",
-        ),
-    ] = None,
+    notes: Notes = "",
+    serial: Serial = None,
     check: Annotated[
         bool,
         typer.Option(
@@ -181,9 +175,7 @@ def remove(
 
 @app.command()
 def start(
-    detach: Annotated[
-        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
-    ] = False,
+    detach: Detach = False,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,

@@ -10,7 +10,7 @@ import typer
 
 from motord.bench_file.questions import QUESTIONS, Question
 from motord.bench_file.templates import CHECK, INVERTERS, TEMPLATES
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, Overwrite
 from motord.cli.console import fail, print_result, remark
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ InverterOption = Annotated[
     ),
 ]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: defaults for the rest.")]
-Overwrite = Annotated[bool, typer.Option("--force", help="Write over a file that is there.")]
 
 
 def _new(

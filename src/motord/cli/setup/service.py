@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, bench_file
 from motord.cli.console import fail, group, print_result
 from motord.cli.setup.service_text import described, dry_run_text, status_lines
 
@@ -30,9 +30,7 @@ Root = Annotated[
 
 @app.command()
 def install(
-    config: Annotated[
-        Path, typer.Option("--config", "-c", metavar="FILE", help="The bench that it runs.")
-    ],
+    config: Annotated[Path, bench_file("The bench that it runs.")],
     dry_run: DryRun = False,
     user: OfUser = False,
     root: Root = None,

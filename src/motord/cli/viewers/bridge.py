@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from motord.cli.common_options import ReadyAsJson
 from motord.cli.connection_options import DEFAULT, Connection, print_answer
 from motord.cli.console import fail, group, remark
 from motord.cli.viewers import NICE
@@ -29,9 +30,7 @@ def foxglove(
     port: Annotated[
         int, typer.Option("--port", min=0, max=65535, metavar="P", help="0 takes any free one.")
     ] = 8765,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one line of JSON when ready.")
-    ] = False,
+    as_json: ReadyAsJson = False,
 ) -> None:
     """Serve topics to Foxglove and Lichtblick on 127.0.0.1, read-only, until Ctrl-C or SIGTERM."""
     try:
