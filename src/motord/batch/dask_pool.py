@@ -38,7 +38,7 @@ CONFIG = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
     "distributed.nanny.pre-spawn-environ": ONE_THREAD,
     "distributed.worker.multiprocessing-method": METHOD,
-    "distributed.worker.preload": ["motord.batch.worker_modules", "motord.batch.worker_streams"],
+    "distributed.worker.preload": ["motord.batch.worker_modules"],
     "distributed.comm.timeouts.connect": "60s",
     "distributed.deploy.lost-worker-timeout": "15s",
     "distributed.worker.memory.monitor-interval": "500ms",

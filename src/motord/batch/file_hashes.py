@@ -5,11 +5,17 @@ import os
 import re
 import socket
 import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
 from motord.atomic_write import write_whole
+from motord.results.stored_result import file_digest
 from motord.untrusted import parse_json
+
+SAVED_EVERY_S = 10.0
+"""How often hashes are written while more are computed."""
 
 RACY_NS = 2_000_000_000
 """Of a file that changed so shortly before it was looked at no hash is kept: clocks of file systems
@@ -58,3 +64,45 @@ class FileHashes:
 
 def _signature(status: os.stat_result) -> list[int | str]:
     return [status.st_size, status.st_mtime_ns, status.st_ino]
+
+
+def hash_files(
+    paths: Sequence[Path], hashes: FileHashes, progress: Callable[[int, int], None]
+) -> Iterator[tuple[Path, str, str]]:
+    """Yield each file with its SHA-256, and why it cannot be read; one of the two is "".
+
+    Those that are known come first. progress: called with the number of files that are hashed and
+    of those to be hashed. Raises OSError where hashes cannot be written; until then they are kept.
+    """
+    unknown: dict[Path, os.stat_result] = {}
+    for path in paths:
+        try:
+            status = path.stat()
+        except OSError as error:
+            yield path, "", error.strerror or str(error)
+            continue
+        if known := hashes.find(path, status):
+            yield path, known, ""
+        else:
+            unknown[path] = status
+    saved_s = time.monotonic()
+    threads = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+    try:
+        for count, (path, sha256, failure) in enumerate(threads.map(_hashed, unknown), start=1):
+            if sha256:
+                hashes.add(path, unknown[path], sha256)
+            if time.monotonic() > saved_s + SAVED_EVERY_S:
+                hashes.save()
+                saved_s = time.monotonic()
+            progress(count, len(unknown))
+            yield path, sha256, failure
+    finally:
+        threads.shutdown(cancel_futures=True)
+        hashes.save()
+
+
+def _hashed(path: Path) -> tuple[Path, str, str]:
+    try:
+        return path, file_digest(path), ""
+    except OSError as error:
+        return path, "", error.strerror or str(error)

@@ -11,8 +11,7 @@ from typing import Any, Literal
 from motord.batch.dask_pool import DaskPool
 from motord.batch.dispatch import ChunkResult, carry_out
 from motord.batch.error import BatchError
-from motord.batch.file_hashes import FileHashes
-from motord.batch.hashing import hash_files
+from motord.batch.file_hashes import FileHashes, hash_files
 from motord.batch.ledger import Ledger, LedgerEntry
 from motord.batch.stored import settings_to_store, with_back_emf
 from motord.batch.task import BatchTask, Outcome, analyse_recordings

@@ -1,13 +1,17 @@
 """What a results store keeps of an analysis."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from motord.experiments.subject import Recordings, Subject
+from motord.recording.plan_columns import common_columns, plan_columns
+from motord.recording.reader import Run
+from motord.results.error import ResultsError
 from motord.results.figures import figures
-from motord.results.recorded import recorded_digests, recorded_plan, recorded_since
 from motord.results.stored_result import StoredResult, file_digest, text_digest
 
 
@@ -39,17 +43,26 @@ def stored_result(
 
     settings: of `settings_to_store`. Raises ResultsError, OSError.
     """
-    subject = recordings.subject
+    subject, runs = recordings.subject, recordings.runs
     return StoredResult(
         experiment=experiment,
         motor=subject.motor.name,
         serial=subject.motor.serial or serial,
         bench=subject.bench,
         run=", ".join(sorted(recordings.names)),
-        time=recorded_since(recordings.runs),
+        time=_recorded_since(runs),
         version=version("motord"),
         settings=with_back_emf(settings, subject),
-        recordings=recorded_digests(recordings.runs),
+        recordings=[(run.path.name, file_digest(run.path)) for run in runs],
         figures=figures(content),
-        plan=recorded_plan(recordings.runs),
+        plan=common_columns([plan_columns(run.metadata) for run in runs]),
     )
+
+
+def _recorded_since(runs: Sequence[Run]) -> datetime:
+    """Return when the first of the recordings began. Raises ResultsError without any tick."""
+    first_blocks = [block for run in runs for block in islice(run.blocks(("t_ns",)), 1)]
+    firsts_ns = [int(block["t_ns"][0]) for block in first_blocks if len(block)]
+    if not firsts_ns:
+        raise ResultsError("no recording with ticks, so nothing to store a result of")
+    return datetime.fromtimestamp(min(firsts_ns) // 1000 / 1e6, UTC)

@@ -15,7 +15,7 @@ from motord.calibration.parts import Harmonic as Harmonic
 from motord.calibration.parts import RmsErrors as RmsErrors
 from motord.calibration.parts import RmsPoint as RmsPoint
 from motord.calibration.parts import RmsSummary as RmsSummary
+from motord.calibration.parts import TorqueSpeed as TorqueSpeed
+from motord.calibration.parts import by_magnitude as by_magnitude
 from motord.calibration.parts import half_widths as half_widths
-from motord.calibration.torque_speed import TorqueSpeed as TorqueSpeed
-from motord.calibration.torque_speed import by_magnitude as by_magnitude
-from motord.calibration.torque_speed import magnitudes_differ as magnitudes_differ
+from motord.calibration.parts import magnitudes_differ as magnitudes_differ

@@ -1,8 +1,8 @@
 """What a calibration file is made of: motor, harmonics, errors of its figures, RMS errors."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import pi
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -10,6 +10,9 @@ from pydantic import BaseModel, Field
 from motord.config import Finite, MotorConfig, NonNegative, Positive
 from motord.intervals import coverage_factor, plus_minus
 
+TorqueSpeed = tuple[float, float]
+"""(torque_Nm, speed_Hz) of an operating point, by which errors over a mesh are listed and shown."""
+Value = TypeVar("Value")
 Triple = tuple[Finite, Finite, Finite]
 StandardErrors = tuple[NonNegative, NonNegative, NonNegative]
 
@@ -152,3 +155,19 @@ class RmsErrors(Part):
 
 def _summary(values: list[float]) -> RmsSummary | None:
     return RmsSummary(mean=sum(values) / len(values), max=max(values)) if values else None
+
+
+def by_magnitude(points: Mapping[TorqueSpeed, Value]) -> Mapping[TorqueSpeed, Value]:
+    """Return values by the magnitudes of torque and speed, if these separate all of them."""
+    if not magnitudes_differ(points):
+        return points
+    return {(abs(torque), abs(speed)): value for (torque, speed), value in points.items()}
+
+
+def magnitudes_differ(points: Iterable[TorqueSpeed]) -> bool:
+    """Return whether points that differ also differ in the magnitudes of torque or speed.
+
+    A mesh that is taken in both directions, every other point backwards, is a whole mesh of these.
+    """
+    distinct = set(points)
+    return len({(abs(torque), abs(speed)) for torque, speed in distinct}) == len(distinct)

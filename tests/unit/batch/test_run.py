@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.atomic_write import write_cached, write_whole
-from motord.batch import file_hashes, hashing, ledger, run, task
+from motord.batch import file_hashes, ledger, run, task
 from motord.batch.error import BatchError
 from motord.batch.ledger import Ledger
 from motord.batch.run import analyse_each, analyse_into_store
@@ -82,7 +82,7 @@ def hashed(monkeypatch):
         return file_digest(path)
 
     with monkeypatch.context() as patched:
-        patched.setattr(hashing, "file_digest", digest)
+        patched.setattr(file_hashes, "file_digest", digest)
         yield read
         read.sort()
 
@@ -287,7 +287,7 @@ def test_two_runs_at_once_store_each_result_once(folder):
 
 
 def test_hashes_are_kept_when_hashing_is_interrupted(folder, monkeypatch):
-    monkeypatch.setattr(hashing, "SAVED_EVERY_S", 1e9)
+    monkeypatch.setattr(file_hashes, "SAVED_EVERY_S", 1e9)
     kept = Ledger(ResultsStore(folder / "store"))
     kept.make()
 

@@ -10,13 +10,19 @@ from typing import Any
 import typer
 
 from motord.cli.bench.lease_session import interrupted_once
-from motord.cli.console import explanation, fail, print_line, remark
-from motord.cli.motor_test.banner import print_banner
+from motord.cli.console import explanation, fail, plain_console, print_line, remark
 from motord.cli.motor_test.scanner import ScannedLines
 from motord.cli.motor_test.testing import MotorTestError, MotorTests, TestedMotor
 
 REST_S = 5.0
 """Within which a bench whose plan has ended and whose lease was given back is disabled."""
+
+STYLES = {
+    "pass": "bold black on green",
+    "fail": "bold white on red",
+    "undecidable": "bold black on yellow",
+    "error": "bold white on magenta",
+}
 
 
 def run_station(tests: MotorTests, folder: Path, *, as_json: bool) -> int:
@@ -154,3 +160,18 @@ class _Station:
         except ClientError as error:
             return f"whether the motor is at rest is not known: {error}"
         return ""
+
+
+def print_banner(decision: str, text: str) -> None:
+    """Print a decision and what it is of, as wide as the terminal; in colour where it has any."""
+    from rich.padding import Padding
+    from rich.text import Text
+
+    console = plain_console()
+    words = Text(f"{decision.upper()}  {text}", justify="center", overflow="fold")
+    if console.color_system is None or console.no_color:
+        edge = Text("=" * console.width)
+        for line in (edge, words, edge):
+            console.print(line)
+    else:
+        console.print(Padding(words, (1, 0), style=STYLES[decision]))
