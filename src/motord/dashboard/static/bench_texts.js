@@ -2,6 +2,7 @@
 
 import { age, clock, duration, NO_VALUE, number } from "./format.js";
 import { stateText } from "./queue_items.js";
+import { underWay } from "./state.js";
 
 /** A bench as the server describes it. @typedef {{bench: string, silent: boolean, age_s: number | null, daemons: number,
  * problem: string, gone_ns: number | null, command: string, state: any}} BenchEntry */
@@ -44,11 +45,10 @@ export function troubles(state) {
 /** @param {any} plan */
 export function planText(plan) {
   if (plan === null) return "none";
-  const over = ["done", "failed", "aborted", "interrupted"].includes(plan.state);
   const most = Object.keys(plan.targets ?? {}).length ? "at most " : "";
   return [
     `${plan.plan} ${stateText(plan.state)}${plan.serial ? `, serial ${plan.serial}` : ""}`, `${plan.points_done} of ${plan.points} points`,
-    over ? plan.message : `${number(100 * plan.fraction, 0)} %, ${most}${duration(plan.eta_s)} to go`,
+    !underWay(plan) ? plan.message : `${number(100 * plan.fraction, 0)} %, ${most}${duration(plan.eta_s)} to go`,
   ].filter(Boolean).join(" \u00b7 ");
 }
 

@@ -128,25 +128,18 @@ export class Chart {
     this._plain();
   }
 
-  /** A bar from the bottom. @param {number} x @param {number} width px @param {number} y @param {string} name of its colour @param {boolean} filled */
-  bar(x, width, y, name, filled = true) {
-    const { _context: context } = this;
+  /** A bar from the bottom. @param {number} x @param {number} width px @param {number} y @param {string} name of its colour */
+  bar(x, width, y, name) {
     const at = this.y(y);
-    const left = this.x(x) - width / 2;
-    if (filled) {
-      context.fillStyle = colour(name);
-      context.fillRect(left, at, width, this.bottom - at);
-    } else {
-      context.strokeStyle = colour(name);
-      context.strokeRect(left + 0.5, at + 0.5, Math.max(0.5, width - 1), this.bottom - at - 0.5);
-    }
+    this._context.fillStyle = colour(name);
+    this._context.fillRect(this.x(x) - width / 2, at, width, this.bottom - at);
   }
 
-  /** @param {string} text @param {number} x px @param {number} y px @param {string} name of its colour @param {CanvasTextAlign} align */
-  text(text, x, y, name, align = "center") {
+  /** @param {string} text @param {number} x px of its middle @param {number} y px @param {string} name of its colour */
+  text(text, x, y, name) {
     const { _context: context } = this;
     context.fillStyle = colour(name);
-    context.textAlign = align;
+    context.textAlign = "center";
     context.textBaseline = "bottom";
     context.fillText(text, x, y);
   }

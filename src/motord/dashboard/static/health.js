@@ -14,7 +14,7 @@ export class Health {
     this._timing = null;
     this._counts = new Float32Array(0);
     this._open = false;
-    /** @type {Map<string, {row: any, value: any, cell: any}>} */
+    /** @type {Map<string, any>} its value, by the name of a figure */
     this._rows = new Map();
     this._chart = new Chart(byId("timing-canvas"), () => this._draw());
     bench.on("timing", (header, floats) => {
@@ -101,16 +101,14 @@ export class Health {
 
   /** A row of the table; made once. @param {string} name @param {string} text @param {string} [severity] */
   _figure(name, text, severity = "") {
-    let found = this._rows.get(name);
-    if (found === undefined) {
-      const value = element("dd", {});
-      const row = element("div", {}, element("dt", {}, name), value);
-      byId("health-figures").append(row);
-      found = { row, value, cell: value };
-      this._rows.set(name, found);
+    let value = this._rows.get(name);
+    if (value === undefined) {
+      value = element("dd");
+      byId("health-figures").append(element("div", {}, element("dt", {}, name), value));
+      this._rows.set(name, value);
     }
-    setText(found.value, (severity === "warning" ? "\u26a0 " : severity === "error" ? "\u2716 " : "") + text);
-    setAttribute(found.value, "class", severity || null);
+    setText(value, (severity === "warning" ? "\u26a0 " : severity === "error" ? "\u2716 " : "") + text);
+    setAttribute(value, "class", severity || null);
   }
 
   _ages() {

@@ -10,7 +10,6 @@ const SIGN = { info: "\u2139", warning: "\u26a0", error: "\u2716" };
 export class Messages {
   constructor() {
     this._polite = byId("messages");
-    this._last = "";
   }
 
   /** @param {"info" | "warning" | "error"} kind @param {string} text */

@@ -2,6 +2,7 @@
 
 import { allow, byId, setAttribute, setText } from "./dom.js";
 import { number } from "./format.js";
+import { underWay } from "./state.js";
 
 export class Operate {
   /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./messages.js").Messages} messages */
@@ -12,14 +13,12 @@ export class Operate {
     this._limit_Nm = 1;
     this._torqueInputs();
     byId("take").addEventListener("click", () => this._lease());
-    this._command("enable", "enable", () => ({}));
-    this._command("disable", "disable", () => ({}));
-    this._command("reset", "reset", () => ({}));
-    this._command("zero", "set", () => ({ torque_Nm: 0 }));
+    for (const name of ["enable", "disable", "reset"]) byId(name).addEventListener("click", () => this._call(name));
+    byId("zero").addEventListener("click", () => this._call("set", { torque_Nm: 0 }));
     this._form("torque-form", () => ({ torque_Nm: byId("torque").valueAsNumber }));
     this._form("speed-form", () => ({ speed_Hz: byId("speed").valueAsNumber }));
     this._form("drive-form", () => ({ drive_Hz: byId("drive").valueAsNumber }));
-    byId("compensate").addEventListener("change", () => this._set({ compensate: byId("compensate").value }));
+    byId("compensate").addEventListener("change", () => this._call("set", { compensate: byId("compensate").value }));
     byId("confirm-take").addEventListener("click", () => this._take(true));
     byId("cancel-take").addEventListener("click", () => this._askTakeOver(false));
     bench.on("hello", (hello) => this._hello(hello));
@@ -56,27 +55,17 @@ export class Operate {
     this._show();
   }
 
-  /** @param {string} id of a button @param {string} name of an RPC @param {() => Record<string, any>} args */
-  _command(id, name, args) {
-    byId(id).addEventListener("click", () => this._call(name, args()));
-  }
-
   /** @param {string} id @param {() => Record<string, number>} fields */
   _form(id, fields) {
     byId(id).addEventListener("submit", (/** @type {SubmitEvent} */ event) => {
       event.preventDefault();
       const given = fields();
-      if (Object.values(given).every(Number.isFinite)) this._set(given);
+      if (Object.values(given).every(Number.isFinite)) this._call("set", given);
     });
   }
 
-  /** @param {Record<string, any>} fields */
-  _set(fields) {
-    this._call("set", fields);
-  }
-
-  /** @param {string} name @param {Record<string, any>} args */
-  _call(name, args) {
+  /** @param {string} name of an RPC @param {Record<string, any>} [args] */
+  _call(name, args = {}) {
     setText(byId("operate-busy"), `${name}\u2026`);
     this._socket.call(name, args).catch(this._messages.failure(name)).finally(() => setText(byId("operate-busy"), ""));
   }
@@ -113,7 +102,7 @@ export class Operate {
     byId("operate-why").hidden = why === "";
     if (lease.held) byId("take-over").hidden = true;
     if (state === null) return;
-    const plan = ["running", "pausing", "paused", "ending"].includes(this._bench.plan?.state) ? "A plan is under way." : "";
+    const plan = underWay(this._bench.plan) ? "A plan is under way." : "";
     const is = state.state;
     allow(byId("enable"), why || plan || (is === "ENABLED" ? "It is enabled." : is === "TRIPPED" ? "Reset it first." : ""));
     allow(byId("disable"), why || (is === "ENABLED" || is === "READY" ? "" : "It is not enabled."));

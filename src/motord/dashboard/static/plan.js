@@ -3,12 +3,8 @@
 import { allow, byId, setAttribute, setText } from "./dom.js";
 import { duration, number } from "./format.js";
 import { PlanPrecision } from "./precision.js";
-
-const WORDS = {
-  running: "\u25b6 running", pausing: "\u275a\u275a pausing", paused: "\u275a\u275a paused", ending: "ending",
-  done: "\u2714 done", aborted: "\u25a0 aborted", failed: "\u2716 failed", interrupted: "\u26a0 interrupted",
-};
-const ACTIVE = ["running", "pausing", "paused", "ending"];
+import { stateText } from "./queue_items.js";
+import { underWay } from "./state.js";
 
 export class PlanProgress {
   /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./messages.js").Messages} messages */
@@ -22,7 +18,7 @@ export class PlanProgress {
   }
 
   get active() {
-    return ACTIVE.includes(this._bench.plan?.state);
+    return underWay(this._bench.plan);
   }
 
   _show() {
@@ -31,9 +27,9 @@ export class PlanProgress {
     byId("plan-progress").hidden = plan === null;
     if (plan === null) return;
     setAttribute(byId("plan-state"), "data-state", plan.state);
-    setText(byId("plan-state"), WORDS[/** @type {keyof typeof WORDS} */ (plan.state)] ?? plan.state);
+    setText(byId("plan-state"), stateText(plan.state));
     setText(byId("plan-name"), plan.plan + (plan.detached ? " (detached)" : ""));
-    byId("plan-bar").value = this.active || plan.state === "interrupted" ? plan.fraction : plan.state === "done" ? 1 : plan.fraction;
+    byId("plan-bar").value = plan.state === "done" ? 1 : plan.fraction;
     setText(byId("plan-count"), `${plan.points_done} of ${plan.points} points \u00b7 ${number(100 * plan.fraction, 0)} %`);
     const most = Object.keys(plan.targets ?? {}).length ? "at most " : "";
     setText(byId("plan-time"), `${duration(plan.elapsed_s)} elapsed${this.active ? ` \u00b7 ${most}${duration(plan.eta_s)} to go` : ""}`);

@@ -3,6 +3,7 @@
 import { allow, byId, element, setText } from "./dom.js";
 import { duration, nameAndUnit } from "./format.js";
 import { waitsOf } from "./queue_items.js";
+import { underWay } from "./state.js";
 
 /**
  * A setting of a plan, as `plan/list` describes it (docs/api.md, "Forms of plans").
@@ -216,7 +217,7 @@ export class PlanForm {
   }
 
   _buttons() {
-    const active = ["running", "pausing", "paused", "ending"].includes(this._bench.plan?.state) ? "A plan is under way." : "";
+    const active = underWay(this._bench.plan) ? "A plan is under way." : "";
     byId("plan-queue").hidden = !this._bench.state?.queue;
     allow(byId("plan-add"), this._bench.leaseObstacle || (this._adding ? "It is being added." : "") || (this._checked ? "" : "Check it first."));
     allow(byId("plan-check"), this._bench.link.status === "open" ? "" : "No connection.");

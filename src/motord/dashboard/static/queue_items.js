@@ -1,6 +1,7 @@
 /** What the queue's items and their runs say, as text. Pure. */
 
 import { clock, duration, nameAndUnit } from "./format.js";
+import { underWay } from "./state.js";
 
 /** @typedef {{channel?: string | null, below?: number | null, above?: number | null, until?: string | null, limit_s?: number | null}} Wait */
 /** @typedef {{name: string, settings: Record<string, any>, notes: string, serial?: string | null, wait: Wait[], on_failure: string, retries: number}} Plan */
@@ -84,6 +85,6 @@ export function place(items, id, step) {
 
 /** How long an item still takes. @param {Item} item @param {any} plan the plan under way as the state has it */
 export function timeText(item, plan) {
-  if (item.state === "running" && plan && !["done", "failed", "aborted", "interrupted"].includes(plan.state)) return `${duration(plan.eta_s)} to go`;
+  if (item.state === "running" && underWay(plan)) return `${duration(plan.eta_s)} to go`;
   return `about ${duration(item.estimate_s)}`;
 }

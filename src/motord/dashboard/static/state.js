@@ -12,6 +12,9 @@ export const STATES = {
 
 /** @typedef {"hello" | "state" | "plan" | "mesh" | "queue" | "event" | "events" | "connection" | "lease" | "timing" | "turns" | "link" | "error"} Kind */
 
+/** Whether a plan is under way, by its state. @param {{state: string} | null | undefined} plan */
+export const underWay = (plan) => ["running", "pausing", "paused", "ending"].includes(plan?.state ?? "");
+
 export class Bench {
   constructor() {
     /** @type {any} */

@@ -28,11 +28,10 @@ export class Traces {
     this._groups = new Map();
     /** @type {TracePlot[]} */
     this._plots = [];
-    this._hidden = new Set();
     /** @type {number | null} as a share of the window */
     this._cursor = null;
     this._to_s = 0;
-    this._dirty = this._waiting = this._stale = false;
+    this._dirty = this._waiting = false;
     this._drawn_ms = this._shown_ms = this._cost_ms = 0;
     this._timing = new FrameTiming();
     this._lost = 0;
@@ -193,10 +192,6 @@ export class Traces {
     change();
     this._ask();
     this.refresh();
-  }
-
-  get _now_s() {
-    return this._window.end_s ?? this._buckets.end_s;
   }
 
   togglePause() {

@@ -58,7 +58,7 @@ class MdfSource(ChannelSource):
             file = opened.enter_context(path.open("rb"))
             self._mdf = opened.enter_context(_opened(_mdf(), file))
             self._start_ns = _unix_ns(self._mdf.start_time)
-            self._channels = list(_channels(self._mdf))
+            self._channels: list[_Channel] = list(_channels(self._mdf))
             self._records = [int(group.channel_group.cycles_nr) for group in self._mdf.groups]
         self._rows = 0
         self._dtypes: dict[int, np.dtype[Any]] = {}
