@@ -7,7 +7,7 @@ is "stopping..." until then.
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from motord.api.replies import PlanProgress
+from motord.api.replies import PlanProgress, StateReply
 from motord.cli.bench.set_report import set_text
 from motord.cli.bench.watch.dialogs import (
     NOTE_LENGTH,
@@ -55,10 +55,10 @@ class Controls:
             "pause": self.pause_or_resume,
             "abort": self.abort,
             "note": self.note,
-            "reset": self.reset,
+            "reset": lambda: self._change_state("reset", Commander.reset),
             "lease": self.take_or_give,
-            "enable": self.enable,
-            "disable": self.disable,
+            "enable": lambda: self._change_state("enable", Commander.enable, keep=True),
+            "disable": lambda: self._change_state("disable", Commander.disable),
             "torque": self.torque,
             "older": lambda: self.scroll(1),
             "newer": lambda: self.scroll(-1),
@@ -205,25 +205,11 @@ class Controls:
 
         self._do("note", "note", note)
 
-    def reset(self) -> None:
-        """Leave a trip."""
-        self._do("reset", "reset", lambda: f"reset: {self._session.command(Commander.reset).state}")
-
-    def enable(self) -> None:
-        """Enable at zero torque."""
-
-        def enable() -> str:
-            return f"enable: {self._session.command(Commander.enable, keep=True).state}"
-
-        self._do("enable", "enable", enable)
-
-    def disable(self) -> None:
-        """Ramp down and disable."""
-
-        def disable() -> str:
-            return f"disable: {self._session.command(Commander.disable).state}"
-
-        self._do("disable", "disable", disable)
+    def _change_state(
+        self, rpc: str, ask: Callable[[Commander], StateReply], *, keep: bool = False
+    ) -> None:
+        """Enable, disable or reset; `keep` the lease."""
+        self._do(rpc, rpc, lambda: f"{rpc}: {self._session.command(ask, keep=keep).state}")
 
     def torque(self) -> None:
         """Ask for the torque."""
