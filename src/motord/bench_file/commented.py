@@ -30,7 +30,7 @@ class _Comments:
     answered: frozenset[str]
     real: bool
 
-    def of(self, section: type[BaseModel], key: str, place: str, value: Any) -> str:
+    def of(self, section: type[BaseModel], key: str, place: str) -> str:
         """Return the comment of a value. place: the key with its tables."""
         meaning = (
             self.notes.own.get(place)
@@ -92,7 +92,7 @@ def _table(
         yield from _comment_lines(summary(section))
         yield f"[{name}]"
     for key, value in values.items():
-        yield from _line(key, value, comments.of(section, key, f"{name}.{key}", value))
+        yield from _line(key, value, comments.of(section, key, f"{name}.{key}"))
     for key, kind in inner.items():
         yield from _table(f"{name}.{toml_key(key)}", table[key], kind, comments)
 

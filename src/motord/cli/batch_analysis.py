@@ -77,7 +77,8 @@ def analyse_batch(
     task = _task(analysis, kind, options, given)
     workers = min(given["workers"] or len(os.sched_getaffinity(0)), len(paths))
     modules = [task.command.partition(":")[0]]
-    with TemporaryFile() as file, _bars() as bars:
+    columns = "{task.description}", "bar", "count", "left"
+    with TemporaryFile() as file, progress_bar(*columns, stderr=True, transient=True) as bars:
         report = _Report(paths, bars, _OrderedLines(file) if given["as_json"] else None)
         try:
             with DaskPool(workers, given["scheduler"], remark, modules) as pool:
@@ -107,11 +108,6 @@ def _lines(
     ledger.make()
     again = {"rehash": given["rehash"], "retry": given["retry"]}
     return analyse_into_store(paths, task, pool, ledger, progress, **again)
-
-
-def _bars() -> "Progress":
-    columns = "{task.description}", "bar", "count", "left"
-    return progress_bar(*columns, stderr=True, transient=True)
 
 
 def _check_usage(

@@ -10,7 +10,7 @@ import json
 import os
 import select
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
@@ -32,6 +32,14 @@ def fail(message: str) -> NoReturn:
     """Print one line on stderr and end with exit code 1."""
     remark(f"motord: {' '.join(message.split())}")
     raise typer.Exit(1)
+
+
+def fail_with(errors: Sequence[str]) -> None:
+    """Print each error on a line of stderr; end with exit code 1 if there is any."""
+    for line in errors[:-1]:
+        remark(f"motord: {line}")
+    for line in errors[-1:]:
+        fail(line)
 
 
 def remark(line: str) -> None:

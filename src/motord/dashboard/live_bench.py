@@ -15,9 +15,10 @@ from motord.dashboard.bench_link import Item
 from motord.dashboard.frames import encode, encode_document
 from motord.dashboard.history import RETENTION_S, History
 from motord.dashboard.signals import SIGNALS, values
-from motord.dashboard.tick_grid import Block, TickGrid
+from motord.dashboard.tick_grid import TickGrid
 from motord.dashboard.timing import EDGES_us, TimingHistograms
 from motord.dashboard.turns import BINS, ORDERS, TurnAverager
+from motord.wire.ticks.blocks import Block
 
 EVENTS_KEPT = 500
 TURNS_S, TIMING_S = 0.3, 0.5

@@ -26,7 +26,6 @@ from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
 
 HOST = "127.0.0.1"
-PORT = 8447
 BACKLOG = 64
 UNREAD_MAX = 4_000_000
 """Bytes; more than any message that a page is sent unasked."""

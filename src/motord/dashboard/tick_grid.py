@@ -3,15 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from motord.wire.ticks.blocks import Block
+
 ANCHOR_S = 0.2
 """Ticks that are so far from where their counter puts them begin anew: the daemon was restarted."""
-
-Block = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,13 @@
 
 from collections import deque
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motord.identification.harmonics import lines_at
+from motord.wire.ticks.blocks import Block
 
 POINTS = 2048
 """Places of a turn at which torque is summed: at each order the error of the place is small."""
@@ -21,7 +22,6 @@ FILLED_MIN = 32
 """A turn with torque at fewer places says nothing: the rotor turns too fast, or stands."""
 SIGNALS = ("torque_Nm", "cogging_comp_Nm", "torque_set_Nm")
 
-Block = NDArray[Any]
 Floats = NDArray[np.float64]
 
 

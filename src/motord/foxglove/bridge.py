@@ -113,12 +113,8 @@ def _named_state(state: BenchState) -> dict[str, Any]:
     }
 
 
-def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the values in nested tables by dotted path; what is null is left out."""
-    return dict(_values(tables, prefix))
-
-
-def _values(tables: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+def _values(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values in nested tables by dotted path; what is null is left out."""
     for key, value in tables.items():
         path = f"{prefix}{key}"
         if isinstance(value, Mapping):
@@ -131,7 +127,7 @@ def _values(tables: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]
 
 def feed(client: Client, server: FoxgloveServer, stopping: threading.Event) -> None:
     """Feed `server` until `stopping` is set. Raises ClientError when the daemon is gone."""
-    server.set_parameters(_flat(client.rpc("config")["config"]))
+    server.set_parameters(dict(_values(client.config().config)))
     one = ViewerFeed(server)
     with (
         client.subscribe_state(one.state),

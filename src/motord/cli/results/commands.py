@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, group, print_json, print_line, remark
+from motord.cli.console import fail_with, group, print_json, print_line, remark
 from motord.cli.results.comparing import compare
 from motord.cli.results.printing import aligned, as_csv, as_objects
 from motord.cli.results.store_options import StoreReading, StoreToRead, named
@@ -87,7 +87,4 @@ def add(
         print_json(
             [{"file": str(one.path), "figures": one.figures, "new": one.new} for one in done]
         )
-    for line in failed[:-1]:
-        remark(f"motord: {line}")
-    for line in failed[-1:]:
-        fail(line)
+    fail_with(failed)

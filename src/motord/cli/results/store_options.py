@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, remark
+from motord.cli.console import fail_with, remark
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -79,7 +79,4 @@ class StoreReading:
 
     def finish(self) -> None:
         """Name what could not be read, if anything."""
-        for line in self._unreadable[:-1]:
-            remark(f"motord: {line}")
-        for line in self._unreadable[-1:]:
-            fail(line)
+        fail_with(self._unreadable)

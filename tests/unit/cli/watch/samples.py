@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import numpy as np
 
 from motord.api.messages import BenchState, Event
-from motord.api.requests import CONFIG, STOP
+from motord.api.requests import CONFIG, NOTE, STOP
 from motord.client import ClientError, Lease
 from motord.schema import TICK_DTYPE
 
@@ -146,6 +146,9 @@ class FakeClient:
 
     def stop(self):
         return self.call(STOP, by="me")
+
+    def note(self, text):
+        return self.call(NOTE, text=text, by="me")
 
     def call(self, rpc, /, **arguments):
         self.requests.append((rpc.name, arguments))

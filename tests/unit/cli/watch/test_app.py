@@ -69,7 +69,7 @@ async def watching(client, size=(80, 24), **changes):
     try:
         with Feed(client, lambda: clock.now_s) as feed:
             client.publish_state(state(**changes))
-            app = WatchApp(client, feed, session, UNICODE)
+            app = WatchApp(feed, session, UNICODE)
             async with app.run_test(size=size) as pilot:
                 watched = Watched(client, app, pilot, clock)
                 await watched.publish(**changes)

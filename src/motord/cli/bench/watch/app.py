@@ -12,7 +12,6 @@ from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.operator_session import BEAT_S, OperatorSession, in_thread
 from motord.cli.bench.watch.screen_lines import ScreenLines
 from motord.cli.bench.watch.snapshot import Snapshot
-from motord.client import Client
 
 DRAW_S = 0.2
 
@@ -25,15 +24,14 @@ class WatchApp(App[None], inherit_bindings=False):
 
     def __init__(
         self,
-        client: Client,
         feed: Feed,
         session: OperatorSession,
         glyphs: Glyphs,
         for_s: float | None = None,
     ) -> None:
         super().__init__(ansi_color=True)
-        self._client, self._feed, self._session = client, feed, session
-        self._controls = Controls(feed, session, client.identity, self.exit)
+        self._feed, self._session = feed, session
+        self._controls = Controls(feed, session, self.exit)
         self._screen_lines = ScreenLines(glyphs)
         self._for_s = for_s
         self._was_stale = False
@@ -83,7 +81,7 @@ class WatchApp(App[None], inherit_bindings=False):
         state, age_s = self._feed.state()
         controls = self._controls
         return Snapshot(
-            bench=self._client.bench,
+            bench=self._session.client.bench,
             state=state,
             age_s=age_s,
             events=self._feed.events(),

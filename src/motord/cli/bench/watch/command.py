@@ -144,7 +144,7 @@ def _on_screen(client: "Client", for_s: float | None, *, ascii_only: bool) -> No
     drawn_with = glyphs.ASCII if ascii_only else glyphs.suitable()
     try:
         with Feed(client) as feed:
-            app = WatchApp(client, feed, session, drawn_with, for_s)
+            app = WatchApp(feed, session, drawn_with, for_s)
             asyncio.run(_run(app, session))
     finally:
         held = session.holds

@@ -30,21 +30,14 @@ from motord.security.access import permits
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
-    from motord.security.identity import Identity
 
 
 class Controls:
     """Dialog, message and commands under way. `leave` ends the screen."""
 
-    def __init__(
-        self,
-        feed: Feed,
-        session: OperatorSession,
-        identity: "Identity | None",
-        leave: Callable[[], object],
-    ) -> None:
-        self._feed, self._session = feed, session
-        self._identity, self._leave = identity, leave
+    def __init__(self, feed: Feed, session: OperatorSession, leave: Callable[[], object]) -> None:
+        self._feed, self._session, self._leave = feed, session, leave
+        self._identity = session.client.identity
         self.dialog: Dialog | None = None
         self.message, self.alarming = "", False
         self.events_back = 0
@@ -129,7 +122,7 @@ class Controls:
 
     def _stop(self) -> None:
         try:
-            self._session.stop()
+            self._session.client.stop()
         except ClientError as error:
             self._say(f"stop FAILED: {error}; use the emergency stop", alarming=True)
             return
@@ -200,7 +193,7 @@ class Controls:
 
     def _note(self, text: str) -> None:
         def note() -> str:
-            where = self._session.note(text).recording
+            where = self._session.client.note(text).recording
             return f"noted in {where or 'the events alone: nothing is being recorded'}"
 
         self._do("note", "note", note)

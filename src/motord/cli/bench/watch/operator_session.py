@@ -10,7 +10,6 @@ from motord.cli.bench.lease_session import token_in_force
 from motord.cli.bench.shared_token import shared
 
 if TYPE_CHECKING:
-    from motord.api.replies import NoteReply
     from motord.api.requests import ReplyT
     from motord.client import Client, ClientError, Commander, Lease
 
@@ -30,7 +29,7 @@ class OperatorSession:
     """
 
     def __init__(self, client: "Client") -> None:
-        self._client = client
+        self.client = client
         self._lease: Lease | None = None
         self._shared = ExitStack()
         self._changing = threading.Lock()
@@ -60,17 +59,6 @@ class OperatorSession:
             self._changing.release()
         return lease.why
 
-    def stop(self) -> None:
-        """Zero current now and OFF, whoever is in command. Raises ClientError."""
-        self._client.stop()
-
-    def note(self, text: str) -> "NoteReply":
-        """Put a note into events and recording. Raises ClientError."""
-        from motord.api.requests import NOTE
-        from motord.client import operator
-
-        return self._client.call(NOTE, text=text, by=operator())
-
     def command(self, ask: "Callable[[Commander], ReplyT]", *, keep: bool = False) -> "ReplyT":
         """Ask something with the lease that is held here or by another command of this user.
 
@@ -82,8 +70,8 @@ class OperatorSession:
         with self._changing:
             if self._lease is not None and self.holds:
                 return ask(self._lease)
-            if (token := token_in_force(self._client)) is not None:
-                return ask(Commander(self._client, token))
+            if (token := token_in_force(self.client)) is not None:
+                return ask(Commander(self.client, token))
             lease = self._acquire(force=False)
             try:
                 return ask(lease)
@@ -107,10 +95,10 @@ class OperatorSession:
 
     def _acquire(self, *, force: bool) -> "Lease":
         self._shared.close()
-        lease = self._client.lease(force=force, alive=self._alive)
+        lease = self.client.lease(force=force, alive=self._alive)
         lease.acquire()
         self._lease = lease
-        self._shared.enter_context(shared(self._client.bench, lease.token))
+        self._shared.enter_context(shared(self.client.bench, lease.token))
         return lease
 
     def _release(self) -> None:
