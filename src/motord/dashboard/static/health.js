@@ -1,10 +1,13 @@
 /** Loop health: histograms of wake-up and work, missed ticks, link errors, ages, processes, recording. */
 
-import { Chart } from "./chart.js";
+import { Chart, stepped } from "./chart.js";
 import { byId, element, setAttribute, setText } from "./dom.js";
 import { age, number, significant } from "./format.js";
 
 const OLD_S = 0.5;
+const LINES = [{ colour: "trace-1", width: 1.75, paths: stepped }, { colour: "trace-2", width: 1.75, dash: [5, 3], paths: stepped }];
+const micro = (/** @type {number} */ us) => (us >= 1000 ? `${us / 1000} ms` : `${significant(us, 1)} \u00b5s`);
+const thousands = (/** @type {number} */ count) => (count >= 1000 ? `${count / 1000}k` : String(count));
 
 export class Health {
   /** @param {import("./state.js").Bench} bench */
@@ -16,7 +19,7 @@ export class Health {
     this._open = false;
     /** @type {Map<string, any>} its value, by the name of a figure */
     this._rows = new Map();
-    this._chart = new Chart(byId("timing-canvas"), () => this._draw());
+    this._chart = new Chart(byId("timing-chart"), { log: true, label: micro }, { log: true, label: thousands }, LINES, () => this._histograms());
     bench.on("timing", (header, floats) => {
       this._timing = header;
       this._counts = floats;
@@ -32,9 +35,9 @@ export class Health {
     if (open) this._chart.redraw();
   }
 
-  _draw() {
+  _histograms() {
     const edges = this._timing?.edges_us;
-    if (!edges) return;
+    if (!edges) return null;
     const bins = edges.length - 1;
     let [first, last, most] = [bins, 0, 1];
     for (let i = 0; i < bins; i++) {
@@ -43,15 +46,10 @@ export class Health {
       if (high > most) most = high;
     }
     if (first === bins) [first, last] = [0, bins - 1];
-    const micro = (/** @type {number} */ us) => (us >= 1000 ? `${us / 1000} ms` : `${significant(us, 1)} \u00b5s`);
-    this._chart.begin(
-      { from: edges[Math.max(0, first - 1)], to: edges[Math.min(bins, last + 2)], log: true, label: micro },
-      { from: 0.7, to: most * 1.5, log: true, label: (count) => (count >= 1000 ? `${count / 1000}k` : String(count)) });
-    for (const [row, style] of /** @type {const} */ ([[0, { colour: "trace-1", width: 1.75 }], [1, { colour: "trace-2", width: 1.75, dash: [5, 3] }]])) {
-      const from = Math.max(0, first - 1);
-      const count = 2 * (Math.min(bins, last + 2) - from);
-      this._chart.line(count, (i) => edges[from + ((i + 1) >> 1)], (i) => Math.max(0.7, this._counts[row * bins + from + (i >> 1)] ?? 0), style);
-    }
+    const [from, to] = [Math.max(0, first - 1), Math.min(bins, last + 2)];
+    const places = edges.slice(from, to + 1);
+    const row = (/** @type {number} */ k) => places.map((_, i) => Math.max(0.7, this._counts[k * bins + Math.min(from + i, to - 1)] ?? 0));
+    return { x: [edges[from], edges[to]], y: [0.7, most * 1.5], data: [places, row(0), row(1)] };
   }
 
   _show() {

@@ -1,11 +1,16 @@
 /** Torque over the angle of the last turns, and its spectrum over the orders of the turn. */
 
-import { Chart } from "./chart.js";
+import { bars, Chart } from "./chart.js";
 import { byId, setAttribute, setText } from "./dom.js";
 import { number, steadyRange } from "./format.js";
 
 const LABELLED = 4;
 const DEGREES = [0, 90, 180, 270, 360];
+/** @type {[number, number]} */
+const DEGREES_SHOWN = [0, 360];
+/** As many as the server keeps, the newest last: it stands out. */
+const TURNS = Array.from({ length: 8 }, (_, k) => (k === 7 ? { colour: "trace-1", width: 1.75 } : { colour: "soft", width: 1, alpha: 0.2 + 0.05 * k }));
+const ORDERS = ["trace-1", "trace-2"].map((colour) => ({ colour, width: 0, filled: true, paths: bars }));
 
 export class Turns {
   /** @param {import("./state.js").Bench} bench */
@@ -16,8 +21,8 @@ export class Turns {
     this._floats = new Float32Array(0);
     this._range = new Float64Array([NaN, NaN]);
     this._top = new Float64Array([NaN, NaN]);
-    this._angle = new Chart(byId("turns-canvas"), () => this._drawAngle());
-    this._spectrum = new Chart(byId("orders-canvas"), () => this._drawOrders());
+    this._angle = new Chart(byId("turns-chart"), { ticks: DEGREES, label: degrees }, {}, TURNS, () => this._turnsShown(), () => this._levels());
+    this._spectrum = new Chart(byId("orders-chart"), {}, {}, ORDERS, () => this._ordersShown(), () => this._orderNames());
     bench.on("turns", (header, floats) => this._take(header, floats));
   }
 
@@ -52,34 +57,36 @@ export class Turns {
     const about = this._bench.sensorPassesMean ? `about ${number(set_Nm, 2)}` : `at ${number(set_Nm, 2)} (no mean)`;
     setText(byId("turns-caption"), `last ${turns === 1 ? "turn" : `${turns} turns`}: ${number(high - low, 2)} Nm p-p ${about}`);
     setText(byId("orders-caption"), main === undefined ? "no turn at a steady set-point" : `order ${main}: ${number(this._amplitude(main), 3)} Nm; \u25b4 calibrated`);
-    setAttribute(byId("turns-canvas"), "aria-label", `Torque over angle: ${byId("turns-caption").textContent}`);
-    setAttribute(byId("orders-canvas"), "aria-label", `Amplitude by order: ${byId("orders-caption").textContent}`);
+    setAttribute(byId("turns-chart"), "aria-label", `Torque over angle: ${byId("turns-caption").textContent}`);
+    setAttribute(byId("orders-chart"), "aria-label", `Amplitude by order: ${byId("orders-caption").textContent}`);
   }
 
-  _drawAngle() {
-    if (!this._header?.turns) return this._angle.begin({ from: 0, to: 360, ticks: DEGREES, label: degrees }, { from: -1, to: 1 });
+  _turnsShown() {
+    if (!this._header?.turns) return { x: DEGREES_SHOWN, y: [-1, 1], data: [[0], ...TURNS.map(() => [null])] };
     const { turns, bins, set_Nm } = this._header;
-    const mean = this._bench.sensorPassesMean;
-    let [low, high] = mean ? [set_Nm, set_Nm] : [0, 0];
+    let [low, high] = this._bench.sensorPassesMean ? [set_Nm, set_Nm] : [0, 0];
     for (let i = 0; i < turns * bins; i++) {
       const value = this._floats[i];
       if (value < low) low = value;
       if (value > high) high = value;
     }
     steadyRange(low, high, this._range, 0.1);
-    this._angle.begin({ from: 0, to: 360, ticks: DEGREES, label: degrees }, { from: this._range[0], to: this._range[1] });
-    for (let turn = 0; turn < turns; turn++) {
-      const newest = turn === turns - 1;
-      const style = { colour: newest ? "trace-1" : "soft", width: newest ? 1.75 : 1, alpha: newest ? 1 : 0.2 + (0.35 * turn) / turns };
-      this._angle.line(bins, (i) => ((i + 0.5) * 360) / bins, (i) => this._floats[turn * bins + i], style);
-    }
-    if (!mean) return;
-    for (const { value, label } of this._bench.torqueLimits) this._angle.level(value, label, { colour: "limit", dash: [8, 3, 2, 3] });
-    this._angle.level(set_Nm, "set", { colour: "trace-set", dash: [6, 4] });
+    const none = Array(bins).fill(null);
+    const rows = TURNS.map((_, k) => {
+      const turn = turns - TURNS.length + k;
+      return turn < 0 ? none : this._floats.subarray(turn * bins, (turn + 1) * bins);
+    });
+    return { x: DEGREES_SHOWN, y: [...this._range], data: [none.map((_, i) => ((i + 0.5) * 360) / bins), ...rows] };
   }
 
-  _drawOrders() {
-    if (!this._header?.turns) return this._spectrum.begin({ from: 0, to: 100 }, { from: 0, to: 1 });
+  _levels() {
+    if (!this._header?.turns || !this._bench.sensorPassesMean) return;
+    for (const { value, label } of this._bench.torqueLimits) this._angle.level(value, label, { colour: "limit", dash: [8, 3, 2, 3] });
+    this._angle.level(this._header.set_Nm, "set", { colour: "trace-set", dash: [6, 4] });
+  }
+
+  _ordersShown() {
+    if (!this._header?.turns) return { x: [0, 100], y: [0, 1], data: [[0], [null], [null]] };
     const { orders, calibrated } = this._header;
     let high = 0;
     let last = 16;
@@ -87,16 +94,15 @@ export class Turns {
     for (let order = 1; order < orders; order++) if (this._amplitude(order) > 0.02 * high) last = Math.max(last, order);
     for (const order of calibrated) if (order < orders) last = Math.max(last, order);
     steadyRange(0, Math.max(1.08 * high, 0.01), this._top, 0.01);
-    const to = Math.min(orders - 1, Math.ceil((last + 4) / 16) * 16);
-    this._spectrum.begin({ from: 0, to }, { from: 0, to: this._top[1] });
-    const width = Math.max(1.5, Math.min(9, (this._spectrum.right - this._spectrum.left) / to - 1));
-    for (let order = 1; order <= to; order++) {
-      const amplitude = this._amplitude(order);
-      if (amplitude > 0) this._spectrum.bar(order, width, amplitude, calibrated.includes(order) ? "trace-2" : "trace-1");
-    }
-    for (const order of new Set([...calibrated, ...(this._largest ?? [])])) {
-      const text = `${calibrated.includes(order) ? "\u25b4" : ""}${order}`;
-      if (order <= to) this._spectrum.text(text, this._spectrum.x(order), this._spectrum.y(this._amplitude(order) || 0) - 1, "ink");
+    const shown = Array.from({ length: Math.min(orders - 1, Math.ceil((last + 4) / 16) * 16) }, (_, i) => i + 1);
+    const row = (/** @type {boolean} */ own) => shown.map((order) => (calibrated.includes(order) === own && this._amplitude(order) > 0 ? this._amplitude(order) : null));
+    return { x: [0, shown.length], y: [0, this._top[1]], data: [shown, row(false), row(true)] };
+  }
+
+  _orderNames() {
+    const { orders, calibrated } = this._header ?? {};
+    for (const order of new Set([...(calibrated ?? []), ...(this._largest ?? [])])) {
+      if (order < orders) this._spectrum.text(`${calibrated.includes(order) ? "\u25b4" : ""}${order}`, order, this._amplitude(order) || 0);
     }
   }
 }
