@@ -1,7 +1,10 @@
 """`motord test --station`: motors one after the other, by the serial numbers that are scanned."""
 
 import json
+import os
+import select
 import sys
+import termios
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -11,9 +14,10 @@ import typer
 
 from motord.cli.bench.lease_session import interrupted_once
 from motord.cli.console import explanation, fail, plain_console, print_line, remark
-from motord.cli.motor_test.scanner import ScannedLines
 from motord.cli.motor_test.testing import MotorTestError, MotorTests, TestedMotor
 
+KEPT_BYTES = 4096
+"""Of a line that goes on and on, what is kept of it."""
 REST_S = 5.0
 """Within which a bench whose plan has ended and whose lease was given back is disabled."""
 
@@ -48,6 +52,41 @@ def standard_input() -> int:
     if sys.stdin is None:
         fail("serial numbers come from standard input, which is closed")
     return sys.stdin.fileno()
+
+
+class ScannedLines:
+    """What a bar-code reader types, from a terminal or pipe; a line without its end is none."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._rest = b""
+
+    def read(self) -> bytes | None:
+        """Wait for the next line and return it without its end; None if no more can come."""
+        while b"\n" not in self._rest:
+            try:
+                data = os.read(self._descriptor, KEPT_BYTES)
+            except OSError:  # EIO: the terminal is gone
+                data = b""
+            if not data:
+                return None
+            self._rest = self._rest[:KEPT_BYTES] + data
+        line, _, self._rest = self._rest.partition(b"\n")
+        return line.removesuffix(b"\r")
+
+    @property
+    def unfinished(self) -> bytes:
+        """What came after the last line that has an end."""
+        return self._rest
+
+    def discard_typed(self) -> bool:
+        """Forget what was typed on a terminal and not read; return whether there was anything."""
+        if not os.isatty(self._descriptor):
+            return False
+        typed = bool(self._rest or select.select([self._descriptor], [], [], 0)[0])
+        termios.tcflush(self._descriptor, termios.TCIFLUSH)
+        self._rest = b""
+        return typed
 
 
 class _Station:
