@@ -67,44 +67,33 @@ class _Level:
 
     def skip_to(self, cell: int) -> None:
         """Leave the cells from the end until `cell` empty."""
-        if cell <= self.end:
-            return
-        empty = min(cell - self.end, self._capacity)
-        for part in self._places(cell - empty, cell):
-            self._low[:, part] = self._high[:, part] = np.nan
-        self.end = cell
+        at = self._places(max(self.end, cell - self._capacity), cell)
+        self._low[:, at] = self._high[:, at] = np.nan
+        self.end = max(self.end, cell)
 
     def write(self, cell: int, low: Values, high: Values) -> None:
         """Put cells (signals, n) from `cell` on in their places."""
-        at = 0
-        for part in self._places(cell, cell + low.shape[1]):
-            count = part.stop - part.start
-            self._low[:, part] = low[:, at : at + count]
-            if self._high is not self._low:
-                self._high[:, part] = high[:, at : at + count]
-            at += count
+        at = self._places(cell, cell + low.shape[1])
+        self._low[:, at] = low
+        if self._high is not self._low:
+            self._high[:, at] = high
         self.end = max(self.end, cell + low.shape[1])
 
     def read(self, begin: int, end: int, rows: Sequence[int] | slice) -> tuple[Values, Values]:
         """Return minimum and maximum of cells `begin` to `end`, NaN where there is none."""
-        first, last = min(max(begin, self.oldest), end), max(min(end, self.end), begin)
-        parts = self._places(first, max(first, last))
-        low = _padded([self._low[rows, part] for part in parts], first - begin, end - begin)
+        cells, at = np.arange(begin, end), self._places(begin, end)
+        known = (cells >= self.oldest) & (cells < self.end)
+        low = np.where(known, self._low.take(at, 1)[rows], np.nan)
         if self._high is self._low:
             return low, low
-        return low, _padded([self._high[rows, part] for part in parts], first - begin, end - begin)
+        return low, np.where(known, self._high.take(at, 1)[rows], np.nan)
 
     def covers(self, slot: int) -> bool:
         """Return whether no older cell than that of `slot` was written over."""
         return self.oldest == self._begin or self.oldest * self.slots <= slot
 
-    def _places(self, begin: int, end: int) -> list[slice]:
-        first, count = begin % self._capacity, end - begin
-        until = min(first + count, self._capacity)
-        parts = [slice(first, until)]
-        if first + count > self._capacity:
-            parts.append(slice(0, first + count - self._capacity))
-        return parts
+    def _places(self, begin: int, end: int) -> NDArray[np.int64]:
+        return np.arange(begin, end) % self._capacity
 
 
 class History:
@@ -175,14 +164,3 @@ def _reduced(low: Values, high: Values, cells: int) -> tuple[Values, Values]:
         return low, high
     shape = (len(low), -1, cells)
     return np.fmin.reduce(low.reshape(shape), axis=2), np.fmax.reduce(high.reshape(shape), axis=2)
-
-
-def _padded(parts: list[Values], before: int, length: int) -> Values:
-    """Return the parts on end after `before` times NaN, filled up with NaN to `length`."""
-    if len(parts) == 1 and before == 0 and parts[0].shape[1] == length:
-        return parts[0]
-    out = np.full((len(parts[0]), length), np.nan, np.float32)
-    for part in parts:
-        out[:, before : before + part.shape[1]] = part
-        before += part.shape[1]
-    return out
