@@ -42,7 +42,8 @@ class MinMaxHistory:
     def add(self, ticks: np.ndarray) -> None:
         """Add a block of ticks, shape (n,); those older than what is kept are left out."""
         buckets = ticks["t_ns"] // BUCKET_NS
-        ticks, buckets = _newer_than(ticks, buckets, max(self._newest, _last(buckets)) - self._size)
+        kept = buckets > max(self._newest, int(buckets.max(initial=0))) - self._size
+        ticks, buckets = ticks[kept], buckets[kept]
         if not len(ticks):
             return
         self._clear_up_to(int(buckets.max()))
@@ -90,14 +91,3 @@ def column_of(t_ns: int, now_ns: int, columns: int) -> int | None:
     each, count = column_buckets(columns), column_count(columns)
     column = count - 1 - (now_ns // BUCKET_NS // each - t_ns // BUCKET_NS // each)
     return int(column) if 0 <= column < count else None
-
-
-def _last(buckets: np.ndarray) -> int:
-    return int(buckets.max()) if len(buckets) else 0
-
-
-def _newer_than(
-    ticks: np.ndarray, buckets: np.ndarray, limit: int
-) -> tuple[np.ndarray, np.ndarray]:
-    kept = buckets > limit
-    return ticks[kept], buckets[kept]
