@@ -65,11 +65,3 @@ def test_the_numbers_stand_next_to_the_reports(done: tuple[Path, dict]) -> None:
     assert all(row["report"] and row["here"] for row in rows)
     assert len([row for row in rows if row["why"]]) >= 10
     assert len(list(folder.glob("*.mcap"))) == 9
-
-
-def test_nothing_is_overwritten(done: tuple[Path, dict]) -> None:
-    folder, _ = done
-    again = reproduce("--quick", "--out", folder)
-    assert again.returncode == 1
-    assert "is not empty" in again.stderr
-    assert len(again.stderr.strip().splitlines()) == 1

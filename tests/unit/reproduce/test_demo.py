@@ -1,4 +1,4 @@
-"""The demo's quick form, in this process: its table, its JSON, its files, its refusals."""
+"""The demo's quick form, in this process: its table, its files; what it and `reproduce` refuse."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from motord.calibration import load
 from motord.cli import app
+from motord.reproduce.demo import FILES
 
 RUNNER = CliRunner()
 
@@ -14,6 +16,8 @@ RUNNER = CliRunner()
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     folder = tmp_path_factory.mktemp("demo")
+    for name in (*FILES.values(), "demo.json", "calibrate.mcap.part"):
+        (folder / name).write_text("of an earlier demo")
     done = RUNNER.invoke(app, ["demo", "--quick", "--out", str(folder)])
     assert done.exit_code == 0, done.output
     return folder, done.output
@@ -27,7 +31,7 @@ def test_it_prints_before_and_after_and_where_things_are(quick: tuple[Path, str]
     assert str(folder / "report.html") in output.replace("\n", "")
 
 
-def test_what_it_leaves(quick: tuple[Path, str]) -> None:
+def test_what_it_leaves_in_place_of_an_earlier_one(quick: tuple[Path, str]) -> None:
     folder, _ = quick
     assert {path.name for path in folder.iterdir()} == {
         "verify-off.mcap", "calibrate.mcap", "verify-on.mcap",
@@ -37,20 +41,21 @@ def test_what_it_leaves(quick: tuple[Path, str]) -> None:
     assert len(found["points"]) == 4
     assert found["before"]["mean"] > 5.0
     assert 0.02 < found["after"]["max"] < 0.5
-
-
-def test_again_into_the_same_folder_with_another_seed(quick: tuple[Path, str]) -> None:
-    folder, _ = quick
-    before = json.loads((folder / "demo.json").read_text())
-    done = RUNNER.invoke(app, ["demo", "--quick", "--json", "--seed", "2", "--out", str(folder)])
-    assert done.exit_code == 0, done.output
-    after = json.loads(done.stdout)
-    assert after["joint"]["alpha"] != before["joint"]["alpha"]
-    assert after["truth"] == before["truth"]
+    assert load(folder / "calibration.json").rms_error_percent.after is not None
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     done = RUNNER.invoke(app, ["demo", "--quick", "--out", str(tmp_path / "file" / "out")])
     assert done.exit_code == 1
+    assert done.stderr.startswith("motord: ")
+    assert done.stderr.count("\n") == 1
     assert "choose another folder with --out" in done.stderr
+
+
+def test_what_reproduce_left_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "reproduce.html").write_text("of before")
+    done = RUNNER.invoke(app, ["reproduce", "--quick", "--out", str(tmp_path)])
+    assert done.exit_code == 1
+    assert "is not empty" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
