@@ -16,7 +16,8 @@ MARK = "<!-- keys: made by tools/watch_keys.py -->"
 
 def page_text(text: str) -> str:
     """Return the page with its table made anew."""
-    table = keys.markdown_table()
+    rows = [f"| {keys.names(key)} | {key.meaning} |" for key in keys.KEYS]
+    table = "\n".join(["| keys | what they do |", "|---|---|", *rows])
     text, found = re.subn(
         rf"({re.escape(MARK)}\n\n)(?:\|.*\n)*", lambda m: f"{m[1]}{table}\n", text
     )

@@ -6,12 +6,11 @@ from typing import Any
 from pydantic import BaseModel
 from tools.reference.attributes import described_values, summary
 from tools.reference.bench_file import anchor
+from tools.reference.keys_and_events import EVENT_MEANING, KEYS
 from tools.reference.markdown import code, page, table
 from tools.reference.models import fields, output_fields
 
 from motord.api import errors, messages
-from motord.api.descriptions import EVENT_MEANING
-from motord.api.keys import KEYS
 from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
 from motord.api.replies import AcceptedSetpoint, AvailablePlan
 from motord.api.requests import RPCS, PlanStart, Rpc
@@ -30,7 +29,7 @@ force is needed. *Viewer*: an identity with the role viewer may ask it, too
 
 def rpc() -> str:
     """Return the page of keys, requests and messages."""
-    keys = [(code(k.name), k.content, k.encoding, k.queried) for k in KEYS]
+    keys = [(code(name), *about) for name, *about in KEYS]
     overview = [
         (f"[`{name}`](#{anchor(name)})", lease_of(one), "yes" if f"rpc/{name}" in READ else "")
         for name, one in RPCS.items()

@@ -46,9 +46,3 @@ _NAMES = {"escape": "Escape", "space": "Space", "question_mark": "?", "ctrl+c": 
 def names(key: KeyBinding) -> str:
     """Return the keys as people call them: `s, Space, Escape`."""
     return ", ".join(_NAMES.get(one, one if len(one) == 1 else one.title()) for one in key.keys)
-
-
-def markdown_table() -> str:
-    """Return the keys as a table of Markdown."""
-    rows = [f"| {names(key)} | {key.meaning} |" for key in KEYS]
-    return "\n".join(["| keys | what they do |", "|---|---|", *rows])
