@@ -48,10 +48,10 @@ class Watched:
             self.app.draw()
             await self.pilot.pause(0.01)
 
-    async def asks(self, name):
-        """Wait for a request and return what was asked."""
+    async def asks(self, name, times=1):
+        """Wait until something was asked so often, and return what was asked last."""
         end_s = asyncio.get_running_loop().time() + PATIENCE_S
-        while not self.client.asked(name):
+        while len(self.client.asked(name)) < times:
             assert asyncio.get_running_loop().time() < end_s, self.client.requests
             await self.pilot.pause(0.01)
         return self.client.asked(name)[-1]
@@ -141,28 +141,24 @@ async def test_a_stop_without_an_answer_says_so(client):
         never.set()
 
 
-@pytest.mark.parametrize("dialog", ["question_mark", "a", "t", "n", "l"])
-def test_escape_stops_in_every_dialog_and_closes_it(dialog):
-    async def stop():
-        async with watching(FakeClient(), plan=PLAN) as watched:
+@scenario
+async def test_escape_stops_in_every_dialog_and_closes_it(client):
+    async with watching(client, plan=PLAN) as watched:
+        for times, dialog in enumerate(("question_mark", "a", "t", "n", "l"), start=1):
             await watched.press(dialog)
-            assert watched.app._controls.dialog is not None
+            assert watched.app._controls.dialog is not None, dialog
             await watched.press("escape")
-            await watched.asks("stop")
-            assert watched.app._controls.dialog is None
-
-    asyncio.run(stop())
+            await watched.asks("stop", times)
+            assert watched.app._controls.dialog is None, dialog
 
 
-@pytest.mark.parametrize("key", ["s", "S", "space"])
-def test_letters_stop_while_a_torque_is_typed(key):
-    async def stop():
-        async with watching(FakeClient()) as watched:
+@scenario
+async def test_letters_stop_while_a_torque_is_typed(client):
+    async with watching(client) as watched:
+        for times, key in enumerate(("s", "S", "space"), start=1):
             await watched.press("t", "2", key)
-            await watched.asks("stop")
-            assert not watched.client.asked("set")
-
-    asyncio.run(stop())
+            await watched.asks("stop", times)
+            assert not client.asked("set")
 
 
 @scenario
