@@ -198,28 +198,17 @@ def phase_bars(*, silent: bool = False) -> "Iterator[PhaseProgress]":
         yield progress
 
 
-class _Descriptor(io.RawIOBase):
+class _Descriptor(io.FileIO):
     """A standard stream whose writes never fail; `lost` says why some did not get through.
 
     That there is no reader any more is no loss.
     """
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        self.lost = ""
-
-    def writable(self) -> bool:
-        return True
-
-    def fileno(self) -> int:
-        return self._descriptor
-
-    def isatty(self) -> bool:
-        return os.isatty(self._descriptor)
+    lost = ""
 
     def write(self, data: Any) -> int:
         try:
-            return os.write(self._descriptor, data)
+            return os.write(self.fileno(), data)
         except OSError as error:
             if error.errno not in _GONE:
                 self.lost = error.strerror or str(error)
@@ -242,7 +231,7 @@ def lost_output() -> str:
 def _lasting(stream: TextIO | None) -> TextIO:
     if stream is None:  # closed before the start
         return Path(os.devnull).open("w")
-    raw = _Descriptor(stream.fileno())
+    raw = _Descriptor(stream.fileno(), "w", closefd=False)
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding=stream.encoding,

@@ -9,8 +9,10 @@ A process passes its rows on in files, written block by block while the processo
 and mapped by the process that asked for them: pickling would take longer than computing.
 """
 
+import mmap
 import multiprocessing
 import os
+import shutil
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -27,9 +29,12 @@ from motord.config import Config
 from motord.process.signal_handlers import INTERRUPTS, put_off
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, joined
 from motord.sequencing import Plan
-from motord.virtual import rows
 from motord.virtual.bench import VirtualBench
 from motord.virtual.plan import BlockSink, run_plan
+
+MEMORY = Path("/dev/shm")
+ROOM_BYTES = 2 << 30
+"""Free memory there from which on it is used; containers often have little."""
 
 _Result = TypeVar("_Result")
 
@@ -90,13 +95,11 @@ def _in_one(
 
 def _shared_out(pool: ProcessPoolExecutor, tasks: list[_Task]) -> Iterator[MeshPiece]:
     """Let the pool's processes compute the pieces; yield them in order."""
-    with tempfile.TemporaryDirectory(prefix="motord-mesh-", dir=rows.folder()) as name:
+    with tempfile.TemporaryDirectory(prefix="motord-mesh-", dir=_folder()) as name:
         takes = [partial(_take_to_files, task, Path(name)) for task in tasks]
         for task, point in zip(tasks, _ahead(pool, takes), strict=True):
             tick_file, truth_file = _files(task, Path(name))
-            yield MeshPiece(
-                rows.mapped(tick_file, TICK_DTYPE), rows.mapped(truth_file, TRUTH_DTYPE), point
-            )
+            yield MeshPiece(_mapped(tick_file, TICK_DTYPE), _mapped(truth_file, TRUTH_DTYPE), point)
 
 
 def _ahead(
@@ -142,17 +145,37 @@ def _take(task: _Task) -> MeshPiece:
 def _take_to_files(task: _Task, folder: Path) -> dict[str, Any]:
     """Run one operating point, its rows into files; return the point."""
     tick_file, truth_file = _files(task, folder)
-    with tick_file.open("xb", 0) as ticks, truth_file.open("xb", 0) as truth:
+    with tick_file.open("xb") as ticks, truth_file.open("xb") as truth:
 
         def write(tick_block: np.ndarray, truth_block: np.ndarray) -> None:
-            rows.write(ticks, tick_block)
-            rows.write(truth, truth_block)
+            ticks.write(tick_block.data)
+            truth.write(truth_block.data)
 
         return _run(task, write)
 
 
 def _files(task: _Task, folder: Path) -> tuple[Path, Path]:
     return folder / f"{task.index}.ticks", folder / f"{task.index}.truth"
+
+
+def _folder(memory: Path = MEMORY) -> Path | None:
+    """Return a folder in memory with room enough; None: the usual folder for temporary files."""
+    if memory.is_dir() and shutil.disk_usage(memory).free >= ROOM_BYTES:
+        return memory
+    return None
+
+
+def _mapped(path: Path, dtype: "np.dtype[Any]") -> np.ndarray:
+    """Return the rows in `path` (n,), to read and to change, and remove the file's name.
+
+    The memory is given back with the last view of the array.
+    """
+    with path.open("r+b") as file:
+        path.unlink()
+        rows: np.ndarray = np.frombuffer(
+            mmap.mmap(file.fileno(), 0, flags=mmap.MAP_SHARED | mmap.MAP_POPULATE), dtype
+        )
+    return rows
 
 
 def _run(task: _Task, on_block: BlockSink) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import pytest
 
 from motord.config import load
 from motord.experiments.plans import build
-from motord.virtual import rows
+from motord.virtual import mesh
 from motord.virtual.mesh import MeshPiece, processors, run_points
 from motord.virtual.plan import PlanFailed
 
@@ -56,7 +56,7 @@ def test_points_do_not_share_their_noise() -> None:
 def test_who_has_had_enough_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rows, "folder", lambda: tmp_path)
+    monkeypatch.setattr(mesh, "_folder", lambda: tmp_path)
     config = load()
     with processors() as pool:
         pieces = run_points(config, build("calibrate", config, MESH), seed=5, pool=pool)

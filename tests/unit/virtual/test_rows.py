@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.schema import TICK_DTYPE
-from motord.virtual import rows
+from motord.virtual import mesh
 
 
 def test_what_is_mapped_is_what_was_written_and_can_be_changed(tmp_path: Path) -> None:
@@ -13,10 +13,10 @@ def test_what_is_mapped_is_what_was_written_and_can_be_changed(tmp_path: Path) -
     blocks = [np.zeros(n, TICK_DTYPE) for n in (3, 1000)]
     for number, block in enumerate(blocks):
         block["tick"] = np.arange(block.size) + 10 * number
-    with path.open("xb", 0) as file:
+    with path.open("xb") as file:
         for block in blocks:
-            rows.write(file, block)
-    found = rows.mapped(path, TICK_DTYPE)
+            file.write(block)
+    found = mesh._mapped(path, TICK_DTYPE)
     assert not path.exists()
     assert found.dtype == TICK_DTYPE
     assert all((found[name] == np.concatenate(blocks)[name]).all() for name in TICK_DTYPE.names)
@@ -24,27 +24,9 @@ def test_what_is_mapped_is_what_was_written_and_can_be_changed(tmp_path: Path) -
     assert found["tick"][3] == 15
 
 
-class Stingy:
-    """A file that takes a few bytes at a time."""
-
-    def __init__(self) -> None:
-        self.taken = b""
-
-    def write(self, data: memoryview) -> int:
-        self.taken += bytes(data[:100])
-        return min(len(data), 100)
-
-
-def test_a_file_that_takes_little_at_a_time_gets_it_all() -> None:
-    file, block = Stingy(), np.zeros(5, TICK_DTYPE)
-    block["tick"] = np.arange(5)
-    rows.write(file, block)
-    assert file.taken == block.tobytes()
-
-
 def test_memory_is_used_where_there_is_room(tmp_path: Path, monkeypatch) -> None:
-    assert rows.folder(tmp_path / "none") is None
-    monkeypatch.setattr(rows, "ROOM_BYTES", 1)
-    assert rows.folder(tmp_path) == tmp_path
-    monkeypatch.setattr(rows, "ROOM_BYTES", 1 << 62)
-    assert rows.folder(tmp_path) is None
+    assert mesh._folder(tmp_path / "none") is None
+    monkeypatch.setattr(mesh, "ROOM_BYTES", 1)
+    assert mesh._folder(tmp_path) == tmp_path
+    monkeypatch.setattr(mesh, "ROOM_BYTES", 1 << 62)
+    assert mesh._folder(tmp_path) is None
