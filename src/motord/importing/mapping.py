@@ -18,7 +18,8 @@ from motord.config import (
     load,
     read_toml,
 )
-from motord.config.reading import load_motor, resolve, validate
+from motord.config.named_files import resolve
+from motord.config.reading import load_motor, validate
 from motord.schema import TICK_DTYPE
 
 TICK_FIELDS = TICK_DTYPE.names or ()

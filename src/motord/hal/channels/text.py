@@ -106,12 +106,16 @@ class TextChannel:
         for left_s in countdown_s(source.timeout_s):
             self._port.wait(left_s)
             self._port.pump()
-            if self._newest is not None:
+            if self._answered:
                 return
         raise DeviceError(
             f"{source.port}: no line with {source.pattern} within {source.timeout_s:g} s "
             f"of the request {source.request!r}"
         )
+
+    @property
+    def _answered(self) -> bool:
+        return self._newest is not None
 
     def _look(self, line: str) -> None:
         found = self._pattern.search(line)
