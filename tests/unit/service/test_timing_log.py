@@ -12,6 +12,7 @@ from motord.cli.record.commands import app
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, State
 from motord.service.host.events import EventLog
+from motord.service.recording import session
 from motord.service.recording.control import RecordingControl
 from motord.service.recording.timing_log import EVERY_NS
 from motord.shm.time_count import count_time
@@ -67,6 +68,11 @@ class Children:
     def count(self, _name, _bad, _dropped):
         pass
 
+    def poll(self, _now_ns):
+        if self.running is not None and self.running.code is not None:
+            self.running = None
+        return []
+
     def stop(self, _name):
         self.stopped += 1
 
@@ -79,10 +85,11 @@ class Bench:
         self.path = folder / "timing"
         self.children = Children()
         self.recorders = []
-        events = EventLog(lambda: self.now_ns)
+        self.events = events = EventLog(lambda: self.now_ns)
         self.recording = RecordingControl(
             config.load(), "", self.children, events, lambda: self.now_ns, self.path
         )
+        self.ring_s = config.load().loop.ring_s
 
     def next_recorder(self):
         self.children.running = Recorder(len(self.recorders))
@@ -194,22 +201,52 @@ def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
     count_time(live.work.cells, 1_000)
     recorder.say(recording=True, file="run-000.mcap", error="")
     bench.recording.step(0)
-    recorder.say(recording=False, file="run-000.mcap", error="")
+    closed = str(bench.recording.recorder.task.stem)
+    recorder.say(recording=False, file="run-000.mcap", closed=closed, error="")
     bench.recording.stop()
     commands = [command["kind"] for command in recorder.received()]
     assert commands == ["start", "timing", "stop"]
     assert bench.children.stopped == 1
+    assert bench.events.recent() == []
     assert not bench.recording.view().recording
 
 
-def test_a_recorder_that_has_died_is_not_waited_for(bench):
+@pytest.mark.parametrize("left_s", ["UP_S", "CLOSE_S"])
+def test_a_recorder_that_closes_nothing_is_waited_for_no_longer_than_that(
+    bench, monkeypatch, left_s
+):
+    """A successor that does not come, or one that hangs."""
+    monkeypatch.setattr(session, left_s, 0.0)
     recorder = bench.next_recorder()
     bench.power_on()
     recorder.say(recording=True, file="run-000.mcap", error="")
     bench.recording.step(0)
-    recorder.code = -9
+    if left_s == "UP_S":
+        recorder.code = -9
+        bench.children.poll(0)
+        bench.recording.step(0)
+    name = bench.recording.recorder.task.stem.name
     bench.recording.stop()
     assert bench.children.stopped == 1
+    messages = [event.message for event in bench.events.recent()]
+    assert messages == [f"{name} was not closed: its last ticks may be missing"]
+
+
+def test_what_ended_longer_ago_than_the_ring_reaches_is_not_finished(bench):
+    first = bench.next_recorder()
+    bench.power_on()
+    ended = bench.recording.recorder.task.stem.name
+    first.code = -9
+    bench.children.poll(0)
+    bench.recording.step(0)
+    bench.recording.end("over")
+    second = bench.next_recorder()
+    assert [command["do"] for command in second.received()] == ["finish"]
+    bench.now_ns += round(bench.ring_s * 1e9) + 1
+    third = bench.next_recorder()
+    assert third.received() == []
+    [event] = bench.events.recent()
+    assert event.message == f"{ended} was not closed: its last ticks may be missing"
 
 
 def test_record_info_adds_up_what_a_file_recorded(tmp_path):

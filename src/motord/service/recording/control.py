@@ -72,7 +72,7 @@ class RecordingControl:
         self._plan_progress: tuple[object, ...] = ()
         self._closing: ClosingRecording | None = None
         self._enabled = self._loop_up = False
-        self.recorder = RecorderSession(children, events, unix_ns)
+        self.recorder = RecorderSession(children, events, unix_ns, config.loop.ring_s)
         self._timing = TimingLog(timing, self.recorder.event)
         self._states, self._state = StateLog(self.recorder.state), state
         self._calibration_id, self._realtime = calibration_id, realtime

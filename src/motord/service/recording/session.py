@@ -45,20 +45,25 @@ class RecordingTask:
 
 @dataclass(frozen=True)
 class EndedRecording:
-    """A recording that has ended, for the reason `why`, and that may not be closed yet."""
+    """A recording that ended at `t_ns` (Unix ns), and why; it may not be closed yet."""
 
     task: RecordingTask
     why: str
+    t_ns: int
 
 
 class RecorderSession:
     """Sends commands and events to the recorder and reads its reports; only `stop` waits.
 
-    `task` is the recording under way. `error` says why it fails; `reported_ns` is monotonic.
+    `task` is the recording under way. `error` says why it fails; `reported_ns` is monotonic. The
+    ring holds ticks for `ring_s`: a recording that ended longer ago cannot be finished.
     """
 
-    def __init__(self, children: Children, events: EventLog, unix_ns: Callable[[], int]) -> None:
+    def __init__(
+        self, children: Children, events: EventLog, unix_ns: Callable[[], int], ring_s: float
+    ) -> None:
         self._children = children
+        self._ring_ns = round(ring_s * 1e9)
         self._events = events
         self._unix_ns = unix_ns
         self._pid: int | None = None
@@ -107,9 +112,7 @@ class RecorderSession:
         self.link, self.report = None, NO_REPORT
         if process is not None:
             self.link, self._dropped = RecorderLink(process), 0
-            for ended in self._ended:
-                task, first_tick = ended.task, ended.task.first_tick
-                self.link.finish(task.stem, task.metadata, ended.why, first_tick=first_tick)
+            self._send_ended(self.link)
             self._send_task(resume=True)
         for follow in self.on_process:
             follow(self.link)
@@ -130,8 +133,7 @@ class RecorderSession:
     def begin(self, task: RecordingTask) -> None:
         """Begin a recording; the one under way ends."""
         if self.task is not None:
-            why = f"the recording {task.stem.name} began"
-            self._ended.append(EndedRecording(self.task, why))
+            self._note_end(self.task, f"the recording {task.stem.name} began")
         self.task = task
         self._send_task(resume=False)
 
@@ -139,7 +141,7 @@ class RecorderSession:
         """End the recording under way."""
         if self.task is None:
             return
-        self._ended.append(EndedRecording(self.task, why))
+        self._note_end(self.task, why)
         self.task = None
         if self.link is not None:
             self.link.stop(why)
@@ -169,9 +171,8 @@ class RecorderSession:
         """
         self._await_closed()
         self._children.stop(RECORDER)
-        for ended in self._ended:
-            what = f"{ended.task.stem.name} was not closed: its last ticks may be missing"
-            self._events.emit("recording", what)
+        while self._ended:
+            self._give_up(self._ended.popleft())
         if self.link is not None:
             self.link.close()
             self.link = None
@@ -184,6 +185,8 @@ class RecorderSession:
             if self.up and close_end_s is None:
                 close_end_s = now_s + CLOSE_S
             if now_s >= (up_end_s if close_end_s is None else close_end_s):
+                return
+            if self.report.error and not self.report.recording:
                 return
             time.sleep(_POLL_S)
             for end in self._children.poll(time.monotonic_ns()):
@@ -207,6 +210,21 @@ class RecorderSession:
                 if self._leftovers.get(path) != outcome:
                     self._events.emit("recording", f"{path}: {outcome}", path=path)
             self._leftovers = dict(report.leftovers)
+
+    def _note_end(self, task: RecordingTask, why: str) -> None:
+        self._ended.append(EndedRecording(task, why, self._unix_ns()))
+
+    def _send_ended(self, link: RecorderLink) -> None:
+        """Have what has ended and is not closed finished, as far as the ring reaches back to it."""
+        while self._ended and self._unix_ns() - self._ended[0].t_ns > self._ring_ns:
+            self._give_up(self._ended.popleft())
+        for ended in self._ended:
+            task = ended.task
+            link.finish(task.stem, task.metadata, ended.why, first_tick=task.first_tick)
+
+    def _give_up(self, ended: EndedRecording) -> None:
+        name = ended.task.stem.name
+        self._events.emit("recording", f"{name} was not closed: its last ticks may be missing")
 
     def _forget_closed(self, report: RecorderReport) -> None:
         """Forget the recording that was closed last, and those that ended before it."""
