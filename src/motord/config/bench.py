@@ -11,6 +11,7 @@ from motord.config.channel_sources import CanSource, SimulatedSource
 from motord.config.channels import line_problems
 from motord.config.rules.interlocks import interlocks_keep_their_times
 from motord.config.rules.slow_devices import (
+    a_lost_answer_is_no_silence,
     drive_stops_without_the_daemon,
     registers_reach_the_limits,
 )
@@ -132,6 +133,7 @@ RULES: tuple[Callable[[Sections], Iterator[str]], ...] = (
     bridge_fits_its_bus,
     lease_outlasts_the_ramp,
     drive_stops_without_the_daemon,
+    a_lost_answer_is_no_silence,
     registers_reach_the_limits,
     dq_needs_a_star,
     channels_fit_the_bench,

@@ -13,6 +13,7 @@ from motord.config.experiments import Plans
 from motord.config.motor import MotorConfig, TorqueSensorConfig
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.timing import (
+    INTERVALS_MIN,
     JUMP_MAX_RAD,
     ORDER_S,
     RAMP_DOWN_MAX_S,
@@ -67,8 +68,8 @@ class LoopConfig(Section):
     enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
     """Inverter and enable line have to be ready within this time of being enabled, and say so. A
     status of before they can have been off, if they were disabled just before, does not count."""
-    overrun_ticks: Annotated[int, Field(ge=1)] = 50
-    """Missed periods in a row that trip."""
+    overrun_ticks: Annotated[int, Field(ge=INTERVALS_MIN)] = 50
+    """Missed periods in a row that trip; a single one is no fault."""
     ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
     """Ticks that the shared memory keeps for the recorder."""
 

@@ -32,6 +32,9 @@ POSITION_AGE_MAX_S = 0.03
 100 rad/s^2 the rotor may be 45 mrad further on, 0.36 rad electrically with 8 pole pairs."""
 ACCELERATION_RAD_S2 = 100.0
 """No rotor that accelerates by so much may seem to jump, at any setting of the encoder's check."""
+SPEED_RESOLUTION_MAX = 0.2
+"""Of the speed limit: by no more may the speed be off that the encoder's counts show. Set-points
+end so far below it."""
 SAMPLE_TIME_S = 100e-6
 """By so much the time of a bridge's sample may be wrong: of a heartbeat's way half is known."""
 TURN_PER_SAMPLE_MAX_RAD = math.pi / 4

@@ -197,6 +197,8 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("limits", "torque_error_s = 0.0027", "make it at least 0.0028"),
         ("loop", "enable_timeout_s = 0.0219", "make it at least 0.022"),
         ("limits", "link_errors_per_s = 0.9", "limits.link_errors_per_s"),
+        ("loop", "overrun_ticks = 1", "loop.overrun_ticks"),
+        ("limits", "trip_speed_rad_s = 0.53", "make trip_speed_rad_s at least 0.533"),
         ("limits", "link_errors_per_s = 2001.0", "lets more frames be lost than the loop needs"),
         ("limits", "trip_speed_rad_s = 786.0", "make it at most 785"),
         ("limits", "current_error_s = 1.1", "limits.current_error_s"),
@@ -223,6 +225,18 @@ def test_the_least_that_is_named_is_accepted(tmp_path: Path, section: str, lines
     read(tmp_path, BENCH.replace(table, table + lines + "\n"))
 
 
+def test_a_lost_answer_of_a_slow_device_is_no_silence(tmp_path: Path) -> None:
+    brake = '[brake]\ndriver = "modbus"\nstale_after_s = {}\n[brake.modbus]\ntimeout_s = 0.5\n'
+    assert "make it at least 0.6" in complaint(tmp_path, BENCH + brake.format(0.59))
+    read(tmp_path, BENCH + brake.format(0.6))
+    line = 'transport = "rtu"\nserial_port = "/dev/ttyUSB0"\n'
+    drive = f'[drive]\ndriver = "modbus"\n[drive.modbus]\n{line}{SPEED}watchdog_s = 0.2\n'
+    shared = f"{BENCH}{drive}timeout_s = 0.05\n"
+    quick = f"{brake}{line}".replace("timeout_s = 0.5\n", "timeout_s = 0.05\n")
+    assert "make it at least 0.2" in complaint(tmp_path, shared + quick.format(0.19))
+    read(tmp_path, shared + quick.format(0.2))
+
+
 def test_a_slow_drive_needs_longer_errors_of_the_torque(tmp_path: Path) -> None:
     slow = BENCH.replace("rate_Hz = 1000", "rate_Hz = 100") + (
         "torque_error_s = 0.0699\n[inverter]\nactuation_delay_s = 0.02\nlag_s = 0.01\n"
@@ -232,10 +246,11 @@ def test_a_slow_drive_needs_longer_errors_of_the_torque(tmp_path: Path) -> None:
 
 
 def test_a_bench_whose_encoder_always_seems_to_jump_is_refused(tmp_path: Path) -> None:
-    """One count of an encoder of 16 is 0.39 rad: none of the jumps that are legal would do."""
-    coarse = BENCH.replace("counts = 4096", "counts = 16") + "encoder_jump_rad = 1.57\n"
-    read(tmp_path, coarse)
-    quick = coarse.replace("[motor]", "observer_bandwidth_Hz = 300.0\n[motor]")
+    """One count of an encoder of 16 is 0.39 rad: no jump that is legal would do."""
+    coarse = BENCH.replace("counts = 4096", "counts = 16").replace("1000", "5000")
+    coarse += "encoder_jump_rad = 1.57\ntrip_speed_rad_s = 3000.0\n"
+    read(tmp_path, coarse.replace("[motor]", "observer_bandwidth_Hz = 100.0\n[motor]"))
+    quick = coarse.replace("[motor]", "observer_bandwidth_Hz = 200.0\n[motor]")
     assert "lower observer_bandwidth_Hz or trip_speed_rad_s" in complaint(tmp_path, quick)
 
 

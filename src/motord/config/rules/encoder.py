@@ -9,9 +9,27 @@ from motord.config.timing import (
     JUMP_MAX_RAD,
     POSITION_AGE_MAX_S,
     SAMPLE_TIME_S,
+    SPEED_RESOLUTION_MAX,
     STEADY_S,
     TURN_PER_SAMPLE_MAX_RAD,
 )
+
+
+def speed_resolution_rad_s(config: Sections) -> float:
+    """Return by how much the observer's speed may be off, as the encoder has counts.
+
+    Half a count by which each sample may be off, times the sum of the speed's responses to one:
+    (1 - p)^2 / dt times 2 (n + 1) p^n, n = floor(p / (1 - p)), for samples dt apart, with the poles
+    at p = exp(-2 pi bandwidth dt).
+    """
+    pole = _pole(config)
+    peak = int(pole / (1 - pole))
+    count_rad = 2 * math.pi / config.motor.counts
+    return (1 - pole) ** 2 / config.sample_interval_s * count_rad * (peak + 1) * pole**peak
+
+
+def _pole(config: Sections) -> float:
+    return math.exp(-2 * math.pi * config.loop.observer_bandwidth_Hz * config.sample_interval_s)
 
 
 def least_jump_rad(config: Sections) -> float:
@@ -23,9 +41,8 @@ def least_jump_rad(config: Sections) -> float:
     - the acceleration a: the position is up to a / w^2 behind and the speed a / w (2 + h exp(-1 /
       h)), h = w G / 2 - 1, where 0 < h: after a gap G, over which the mean speed was taken, the
       observer's speed falls behind once more until its position does; the rotor gains a T^2 / 2;
-    - the counts: half of one by which the sample is off, and at most 1.27 and (1 - p)^2 / dt times
-      2 (n + 1) p^n, n = floor(p / (1 - p)), of such halves in position and speed: the sums of their
-      responses to a sample;
+    - the counts: half of one by which the sample is off, at most 1.27 of such halves in the
+      position, which is the sum of its responses to one, and `speed_resolution_rad_s`;
     - times that are off by SAMPLE_TIME_S, at the speed that trips: once in the position, (1 - p)^2
       / dt times in the speed.
 
@@ -39,11 +56,9 @@ def least_jump_rad(config: Sections) -> float:
     time_rad = config.limits.trip_speed_rad_s * SAMPLE_TIME_S
     again = 0.5 * w_rad_s * gap_s - 1
     lags = 2.0 if again <= 0 else 2.0 + again * math.exp(-1 / again)
-    pole = math.exp(-w_rad_s * dt_s)
-    peak = int(pole / (1 - pole))
     position_rad = ACCELERATION_RAD_S2 / w_rad_s**2 + 0.5 * (1 + 1.27) * count_rad + time_rad
     speed_rad_s = lags * ACCELERATION_RAD_S2 / w_rad_s
-    speed_rad_s += (1 - pole) ** 2 / dt_s * (count_rad * (peak + 1) * pole**peak + time_rad)
+    speed_rad_s += (1 - _pole(config)) ** 2 / dt_s * time_rad + speed_resolution_rad_s(config)
 
     def jump_rad(over_s: float) -> float:
         off_rad = position_rad + speed_rad_s * over_s + 0.5 * ACCELERATION_RAD_S2 * over_s**2
@@ -80,6 +95,19 @@ def position_is_unambiguous(config: Sections) -> Iterator[str]:
             f"{1 / interval_s:g} encoder samples a second: the rotor would turn "
             f"{limits.trip_speed_rad_s * interval_s:.2g} rad from one to the next; make it at most "
             f"{most_rad_s:.3g}, or raise [bridge] rate_Hz and [loop] rate_Hz"
+        )
+
+
+def speed_is_resolved(config: Sections) -> Iterator[str]:
+    """The steps of the encoder hide no speed beyond the limit from the observer."""
+    limits, off_rad_s = config.limits, speed_resolution_rad_s(config)
+    if off_rad_s > SPEED_RESOLUTION_MAX * limits.trip_speed_rad_s:
+        yield (
+            f"[loop] observer_bandwidth_Hz = {config.loop.observer_bandwidth_Hz:g} is too much for "
+            f"an encoder with [motor] counts = {config.motor.counts}: its steps move the speed by "
+            f"up to {off_rad_s:.3g} rad/s, so that [limits] trip_speed_rad_s = "
+            f"{limits.trip_speed_rad_s:g} would trip late or never; lower it, or make "
+            f"trip_speed_rad_s at least {_rounded_up(off_rad_s / SPEED_RESOLUTION_MAX):g}"
         )
 
 

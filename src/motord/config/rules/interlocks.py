@@ -2,7 +2,11 @@
 
 from collections.abc import Iterator
 
-from motord.config.rules.encoder import a_sound_encoder_never_jumps, position_is_unambiguous
+from motord.config.rules.encoder import (
+    a_sound_encoder_never_jumps,
+    position_is_unambiguous,
+    speed_is_resolved,
+)
 from motord.config.sections import Sections
 from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SETTLING_LAGS, SILENCE_MAX_S
 
@@ -80,5 +84,6 @@ def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
     """No setting lets an interlock lose its stated time, or trip where nothing is wrong."""
     yield from timeouts_outlast_a_lost_message(config)
     yield from position_is_unambiguous(config)
+    yield from speed_is_resolved(config)
     yield from a_sound_encoder_never_jumps(config)
     yield from errors_last_longer_than_they_may(config)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from motord.config.devices.slow_devices import BRAKE_MARGIN_K, register_counts, shares_line
 from motord.config.sections import Sections
-from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S
+from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S, INTERVALS_MIN
 
 STEP_MAX = 0.02
 """Of the largest set-point, between two that can be written: they are rounded."""
@@ -44,6 +44,26 @@ def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
             f"watchdog_s = {watchdog_s:g}: one failed exchange would stop the drive; "
             f"make it at most {watchdog_s / 2:g}"
         )
+
+
+def a_lost_answer_is_no_silence(config: Sections) -> Iterator[str]:
+    """A request without an answer takes its timeout, and on a shared line the other device's."""
+    brake, drive = config.brake, config.drive
+    for name, section, other in (("brake", brake, drive), ("drive", drive, brake)):
+        modbus = section.modbus
+        if section.driver != "modbus" or modbus is None:
+            continue
+        wait_s = modbus.timeout_s
+        if other.driver == "modbus" and other.modbus and shares_line(modbus, other.modbus):
+            wait_s += other.modbus.timeout_s
+        least_s = INTERVALS_MIN * section.poll_s + wait_s
+        if section.stale_after_s < (1 - _ROUNDING) * least_s:
+            yield (
+                f"[{name}] stale_after_s = {section.stale_after_s:g} is too short: it is read "
+                f"every {section.poll_s:g} s, one answer may be lost, and that is waited for "
+                f"{wait_s:g} s ([{name}.modbus] timeout_s, and that of another device on its "
+                f"line); make it at least {least_s:g}, or lower timeout_s"
+            )
 
 
 def registers_reach_the_limits(config: Sections) -> Iterator[str]:
