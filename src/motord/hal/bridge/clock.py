@@ -43,24 +43,26 @@ class LoopClock:
     """
 
     __slots__ = (
-        *("_before_ns", "_measured_ns", "_observed", "_observed_ns", "_offset_ns"),
-        *("_system_ns", "_was_ns"),
+        *("_before_ns", "_latest_ns", "_measured_ns", "_measures_ns", "_observed"),
+        *("_observed_ns", "_offset_ns", "_shift_ns", "_system_ns", "_was_ns"),
     )
 
     def __init__(self) -> None:
         self._system_ns = self._was_ns = Clock.measure(ATTEMPTS).offset_ns
         self._offset_ns = self._system_ns
         self._observed = False
-        self._before_ns = self._observed_ns = 0
-        self._measured_ns = -MEASURED_AGAIN_NS
+        self._before_ns = self._observed_ns = self._latest_ns = self._shift_ns = 0
+        self._measured_ns, self._measures_ns = -1, 0
 
     def observe(self, now_ns: int) -> None:
         """Take that it was `now_ns` a moment ago: of many moments the shortest counts."""
         offset_ns = now_ns - time.monotonic_ns()
         if offset_ns > self._offset_ns or not self._observed:
             self._offset_ns, self._observed = offset_ns, True
+            self._shift_ns = offset_ns - self._system_ns
         self._before_ns, self._observed_ns = self._observed_ns, now_ns
-        if now_ns - self._measured_ns >= MEASURED_AGAIN_NS:
+        self._latest_ns = now_ns + AHEAD_NS
+        if now_ns >= self._measures_ns:
             self._measure()
 
     def now_ns(self) -> int:
@@ -72,10 +74,8 @@ class LoopClock:
 
         Of frames that were received since the last call of `observe`.
         """
-        at_ns = t_ns - self._system_ns + self._offset_ns
-        if self._before_ns <= at_ns <= self._observed_ns + AHEAD_NS:
-            return at_ns
-        return self._doubted(t_ns)
+        at_ns = t_ns + self._shift_ns
+        return at_ns if self._before_ns <= at_ns <= self._latest_ns else self._doubted(t_ns)
 
     def _doubted(self, t_ns: int) -> int:
         """Return the loop's time of a stamp that is too early or too late by what is known.
@@ -90,11 +90,13 @@ class LoopClock:
             at_ns = t_ns - system_ns + self._offset_ns
             if self._before_ns <= at_ns <= now_ns:
                 return at_ns
-        return t_ns - self._system_ns + self._offset_ns
+        return t_ns + self._shift_ns
 
     def _measure(self) -> None:
         self._was_ns, self._system_ns = self._system_ns, Clock.measure(ATTEMPTS).offset_ns
+        self._shift_ns = self._offset_ns - self._system_ns
         self._measured_ns = self._observed_ns
+        self._measures_ns = self._observed_ns + MEASURED_AGAIN_NS
 
 
 class BoardClock:
