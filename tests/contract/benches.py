@@ -37,6 +37,8 @@ INVERTER = ("t_inverter_ns", "i_A", "u_V", "u_bus_V", "temperature_C", "inverter
 BRIDGE = ("t_ns", "encoder_gray", "torque_Nm", "bridge_status")
 """What a bridge's driver fills in; it adds to `link_errors`."""
 UNITS = (("i", "A"), ("u", "V"))
+STATING = (*INVERTER, "t_status_ns")
+"""Of a drive that states its status apart from its currents."""
 RIG = ("now_ns", "link_errors", *INVERTER, *BRIDGE)
 
 
@@ -124,7 +126,7 @@ def _inverter(driver: Any, drive: Drive, **others: Any) -> Bench:
     return Bench(
         **{
             "driver": driver,
-            "fills": INVERTER,
+            "fills": STATING,
             "peers": (drive,),
             "received": lambda: (drive.i_A, drive.enable),
             "says": lambda: drive_says(drive),
@@ -155,7 +157,7 @@ def _both(driver: Any, drive: Drive, board: Board) -> Bench:
 
     return Bench(
         driver=driver,
-        fills=RIG,
+        fills=(*RIG, "t_status_ns"),
         peers=(drive, board),
         received=lambda: (drive.i_A, drive.enable or board.line_closed),
         says=lambda: drive_says(drive) | board_says(board),

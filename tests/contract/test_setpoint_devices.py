@@ -68,7 +68,8 @@ def modbus_rtu(folder: Path) -> Iterator[Pair]:
 
 
 def _config(table: ModbusConfig) -> Config:
-    return Config(motor=MOTOR, brake=BrakeConfig(driver="modbus", modbus=table))
+    brake = BrakeConfig(driver="modbus", modbus=table, stale_after_s=2 * ANSWERED_S)
+    return Config(motor=MOTOR, brake=brake)
 
 
 def _modbus(table: ModbusConfig) -> Iterator[Pair]:

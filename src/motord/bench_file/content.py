@@ -137,6 +137,10 @@ def _of_an_example(tables: Tables) -> Tables:
     rate_Hz, derived = tables["loop"]["rate_Hz"], {}
     if "overrun_ticks" in tables["loop"]:
         derived["loop.overrun_ticks"] = min(rate_Hz, tables["loop"]["overrun_ticks"])
+    if "link_errors_per_s" in tables["limits"]:
+        derived["limits.link_errors_per_s"] = min(
+            2.0 * rate_Hz, tables["limits"]["link_errors_per_s"]
+        )
     if "rig_patience_s" in tables["bench"]:
         derived["bench.rig_patience_s"] = max(2 / rate_Hz, tables["bench"]["rig_patience_s"])
     return derived
