@@ -88,8 +88,7 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
         "verify: torque in kNm", "verify: torque * 2", "verify: torque 20 ms late",
     ),
     "noise that is alike in all turns of a point is ripple": (
-        "verify: torque with mains 5 %", "profile: torque with mains 5 %",
-        "calibrate: torque with mains 5 %",
+        "profile: torque with mains 5 %", "calibrate: torque with mains 5 %",
     ),
     "an offset or a gain that the sensor of a current may have: what is to be calibrated": (
         "calibrate: current of a + 2 A", "sensitivity: current of a + 2 A",

@@ -22,6 +22,15 @@ from motord.identification.torque_sensor import order_below_resonance, response
 
 
 @dataclass(frozen=True)
+class AsynchronousLine:
+    """A sine in the torque that is not locked to the rotor; stderr_Nm: of its amplitude."""
+
+    frequency_Hz: float
+    amplitude_Nm: float
+    stderr_Nm: float
+
+
+@dataclass(frozen=True)
 class PointRipple:
     """Ripple of one operating point, in percent of rated torque.
 
@@ -31,11 +40,15 @@ class PointRipple:
     standard error; even_odd_Nm (2, n): the lines of even and of odd turns. One whole turn alone
     does not show its noise, which is in the RMS then: noise_Nm is nan, stderr_percent None.
     faults: signals that are not right. mean_Nm: mean torque, None if the sensor does not pass it.
+    asynchronous_lines: what is not locked to the rotor, where it was looked for;
+    asynchronous_percent: the largest amplitude of these; leakage_percent: by how much they change
+    the RMS error at most, which stderr_percent holds.
     """
 
     JSON: ClassVar = (
         "torque_Nm", "speed_Hz", "compensate", "turns",
-        "rms_percent", "stderr_percent", "raw_percent",
+        "rms_percent", "stderr_percent", "raw_percent", "leakage_percent", "asynchronous_percent",
+        "asynchronous_lines",
     )  # fmt: skip
 
     torque_Nm: float
@@ -51,6 +64,9 @@ class PointRipple:
     even_odd_Nm: np.ndarray
     faults: tuple[SignalFault, ...] = ()
     mean_Nm: float | None = None
+    leakage_percent: float = 0.0
+    asynchronous_percent: float = 0.0
+    asynchronous_lines: tuple[AsynchronousLine, ...] = ()
 
     @property
     def label(self) -> str:
@@ -102,10 +118,18 @@ def _mean(values: list[float]) -> float | None:
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
     """Return the ripple of an operating point."""
     order = np.arange(1, highest_order(samples, motor, sensor) + 1)
-    seen = response(sensor, order * samples.velocity_Hz) * cell_gain(order, motor.counts)
+    seen = response_of_orders(samples, order, motor, sensor)
     found = ripple_of(samples, samples.torque_Nm, seen, motor)
     mean_Nm = float(samples.torque_Nm[samples.whole].mean()) if sensor.passes_mean else None
     return replace(found, mean_Nm=mean_Nm)
+
+
+def response_of_orders(
+    samples: Samples, order: np.ndarray, motor: MotorConfig, sensor: TorqueSensorConfig
+) -> np.ndarray:
+    """Return the complex gain (n,) with which orders (n,) of the torque stand in what is read."""
+    seen = response(sensor, order * samples.velocity_Hz)
+    return np.asarray(seen * cell_gain(order, motor.counts))
 
 
 def ripple_of(

@@ -12,7 +12,7 @@ to have been compensated out of phase.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any, ClassVar
 
@@ -23,6 +23,11 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.subject import Subject
 from motord.findings import Finding
+from motord.identification.asynchronous_line import (
+    asynchronous_lines,
+    lines_near_orders,
+    with_leakage,
+)
 from motord.identification.operating_points import Samples, prepare, require_currents
 from motord.identification.point_ripple import (
     PointRipple,
@@ -98,16 +103,43 @@ class MeshRipple:
 
 def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
     """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
-    return [
+    runs = tuple(runs)
+    found = [
         point_ripple(samples, subject.motor, subject.sensor) for samples in _samples(runs, subject)
     ]
+    return with_asynchronous(found, runs, subject)
 
 
 def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -> list[Explained]:
     """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
-    return [
+    runs = tuple(runs)
+    found = [
         explain(samples, subject.motor, subject.sensor, calibration)
         for samples in _samples(runs, subject)
+    ]
+    measured = with_asynchronous([one.measured for one in found], runs, subject)
+    return [replace(one, measured=point) for one, point in zip(found, measured, strict=True)]
+
+
+def with_asynchronous(
+    found: Sequence[PointRipple], runs: Sequence[Run], subject: Subject
+) -> list[PointRipple]:
+    """Return the ripples of the runs' points with the lines that are not locked to the rotor.
+
+    A line that is as near to an order as a point resolves is known of it from other speeds alone:
+    so the points are read again with what all of them show. Raises IdentifyError.
+    """
+    motor, sensor = subject.motor, subject.sensor
+    own = [asynchronous_lines(samples, motor.counts) for samples in _samples(runs, subject)]
+    every = [line for lines in own for line in lines]
+    if not every:
+        return list(found)
+    points = zip(found, own, _samples(runs, subject), strict=True)
+    return [
+        with_leakage(
+            ripple, (*lines, *lines_near_orders(every, lines, samples)), samples, motor, sensor
+        )
+        for ripple, lines, samples in points
     ]
 
 

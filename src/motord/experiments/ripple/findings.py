@@ -1,7 +1,7 @@
 """What is questionable about ripple over the mesh, each with its meaning and what to do."""
 
 from collections.abc import Iterator, Sequence
-from math import hypot
+from math import hypot, sqrt
 
 from motord.experiments.signal_findings import (
     beyond_rated,
@@ -9,7 +9,8 @@ from motord.experiments.signal_findings import (
     signal_findings,
 )
 from motord.findings import Finding, listed
-from motord.identification.point_ripple import PointRipple
+from motord.identification.point_ripple import AsynchronousLine, PointRipple
+from motord.intervals import SERIOUS_BIAS
 
 SURE = 3.0
 """Standard errors beyond which ripple is said to have grown."""
@@ -19,6 +20,10 @@ HALF_WIDTH = 1.96
 
 MOST_PERCENT = 100.0
 """RMS error, percent of rated, that no motor has."""
+
+LINE_PERCENT = 0.1
+"""Amplitude, percent of rated, of a line that is not locked to the rotor from which on it is said:
+what rings in a torque sensor that is compensated is below."""
 
 HIDDEN_PERCENT = 0.1
 """Half-width of an RMS error, percent of rated, from which on noise that exceeds it matters."""
@@ -31,6 +36,7 @@ def findings(ripples: Sequence[PointRipple]) -> tuple[Finding, ...]:
         *_scale(ripples),
         *_one_turn(ripples),
         *_hidden(ripples),
+        *_asynchronous(ripples),
         *_worse(ripples),
         *faults,
     )
@@ -78,6 +84,37 @@ def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
             "no measurement, nor are mean and worst",
             "look for what disturbs the torque sensor (mains, a loose shield); take more turns",
         )  # fmt: skip
+
+
+def _asynchronous(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
+    """Yield a finding of lines that are not locked to the rotor; a note where none matters."""
+    humming = [one for one in ripples if one.asynchronous_percent > LINE_PERCENT]
+    if humming:
+        most = max(humming, key=lambda one: one.asynchronous_percent)
+        worst = max(humming, key=lambda one: one.leakage_percent)
+        leaking = any(one.leakage_percent > SERIOUS_BIAS * _half_without(one) for one in humming)
+        strongest = [max(one.asynchronous_lines, key=_amplitude_Nm) for one in humming]
+        frequencies = list(dict.fromkeys(f"{line.frequency_Hz:.3g}" for line in strongest))
+        yield Finding(
+            "asynchronous-line", most.asynchronous_percent, LINE_PERCENT, "% of rated",
+            "warning" if leaking else "note",
+            f"{listed([one.label for one in humming])}: the torque has a line at "
+            f"{listed(frequencies, between=', ')} Hz that is not locked to the rotor; its average "
+            f"over the turns keeps a part, which changes the RMS error by up to "
+            f"{worst.leakage_percent:.2g} % ({worst.label}); the intervals hold that",
+            "look for mains hum on the torque sensor (50 or 60 Hz and multiples; shield, "
+            "ground) and vibration of the bench; take more turns, or other speeds",
+        )  # fmt: skip
+
+
+def _amplitude_Nm(line: AsynchronousLine) -> float:
+    return line.amplitude_Nm
+
+
+def _half_without(one: PointRipple) -> float:
+    """Return half of the 95 % interval that the RMS error had without what may be of lines."""
+    square = (one.stderr_percent or 0.0) ** 2 - one.leakage_percent**2 / 2
+    return HALF_WIDTH * sqrt(max(square, 0.0))
 
 
 def _worse(ripples: Sequence[PointRipple]) -> Iterator[Finding]:

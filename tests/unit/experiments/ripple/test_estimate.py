@@ -1,6 +1,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from motord.calibration import load as load_calibration
@@ -10,6 +11,7 @@ from motord.experiments.ripple import estimate
 from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
+from tests.support.wrong_signals import change_recording
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
 
@@ -96,3 +98,33 @@ def test_a_torque_of_another_scale_is_a_finding(
         for one in estimate.ripples([run_], subject)
     ]
     assert ["torque-scale" in one.name for one in findings(points)] == [True] * seen
+
+
+@pytest.mark.parametrize("amplitude_Nm", [0.02, 0.2])
+def test_hum_that_is_not_locked_to_the_rotor_is_named_and_in_the_interval(
+    recorded: Recorded, tmp_path: Path, amplitude_Nm: float
+) -> None:
+    """Of 50 Hz: at 0.8 turns/s it is half-way between orders, at 1 turn/s it is order 50."""
+
+    def hum(ticks: np.ndarray) -> np.ndarray:
+        ticks["torque_Nm"] += amplitude_Nm * np.sin(2e-9 * np.pi * 50 * ticks["t_ns"])
+        return ticks
+
+    subject = Subject.of_config(load())
+    clean = estimate.ripples([open_run(recorded.on)], subject)
+    path = change_recording(recorded.on, tmp_path / "hum.mcap", hum)
+    humming = estimate.ripples([open_run(path)], subject)
+    assert max(one.leakage_percent for one in clean) < 0.02  # what rings in the sensor
+    outside = 0
+    for before, after in zip(clean, humming, strict=True):
+        assert after.asynchronous_lines[0].frequency_Hz == pytest.approx(50, abs=0.05)
+        off = abs(after.rms_percent - before.rms_percent)
+        assert off < 1.96 * after.stderr_percent
+        square = after.stderr_percent**2 - after.leakage_percent**2 / 2
+        outside += off > 1.96 * square**0.5
+    assert outside > 0  # without what is known of the line
+    [found] = [one for one in findings(humming) if one.name == "asynchronous-line"]
+    assert " 50 Hz " in found.meaning
+    assert found.severity == "warning"
+    assert found.value == pytest.approx(100 * amplitude_Nm / subject.motor.rated_torque_Nm, rel=0.2)
+    assert "asynchronous-line" not in {one.name for one in findings(clean)}
