@@ -31,7 +31,7 @@ def show_damage(page: "Page", runs: Sequence[Run]) -> None:
             else f"{len(damaged)} of {len(runs)} recordings are"
         )
         page.missing(
-            f"{what} damaged or cut: {_bytes_lost(damaged)} bytes are missing",
+            f"{what} damaged or cut: {_bytes_lost(damaged)} bytes cannot be read",
             lines,
             "all figures are of what could be read, and may be off for what is missing: "
             f"`motord record info --check {damaged[0].path.name}` says where; take it again",
