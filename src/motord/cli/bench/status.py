@@ -7,7 +7,6 @@ import typer
 
 from motord.cli.bench import wording
 from motord.cli.bench.overview import All, events_of_all, status_of_all
-from motord.cli.bench.tracking import short
 from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
@@ -113,7 +112,7 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
         rows.append(("queue", wording.queue(state.queue)))
     rows.append(("calibration", wording.calibration(state)))
     if state.tracking is not None:
-        rows.append(("tracked", short(state.tracking, state.t_ns)))
+        rows.append(("tracked", wording.tracked(state.tracking, state.t_ns)))
     rows.append(("recording", wording.recording(state)))
     rows += [("fault", fault_text) for fault_text in state.faults.values()]
     rows.append(("loop", wording.loop(state)))

@@ -1,4 +1,4 @@
-"""Parts of a state as text, which `motord watch`, `status` and `plan status` share."""
+"""Parts of a state as text, which several commands share."""
 
 from datetime import datetime
 from typing import TYPE_CHECKING
@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from motord.api.messages import BenchState
     from motord.api.plan_messages import PlanView
     from motord.api.queue_messages import QueueView
+    from motord.api.tracking_messages import TrackedView, TrackingView
 
 
 def number(value: float | None) -> str:
@@ -113,3 +114,36 @@ def plan_progress(plan: "PlanView") -> str:
         return counted + (f": {plan.message}" if plan.message else "")
     left = f", {duration(plan.eta_s)} left" if plan.state == "running" else ""
     return f"{counted}{left}" + (f", {plan.step}" if plan.step else "")
+
+
+def tracked_lines(view: "TrackingView", now_ns: int) -> list[str]:
+    """Return what is tracked as text: a line for each quantity, against the calibration.
+
+    `now_ns`: Unix time.
+    """
+    counted = f"{view.turns} turns, memory {view.memory_s:g} s" if view.turns else "nothing yet"
+    head = f"tracked      {counted}{_newest_tracked(view, now_ns)}, against {view.calibration}"
+    found = [head, *map(_tracked_line, view.quantities)]
+    found += [f"- not seen: {meaning}" for meaning in view.unseen]
+    return found + [f"- {view.obstacle}"] * bool(view.obstacle)
+
+
+def _tracked_line(one: "TrackedView") -> str:
+    fixed = ", cannot be adopted" * (one.departed and not one.adoptable)
+    return f"{'!' if one.departed else ' '} {one.name:<22} {one.figures()}{fixed}"
+
+
+def _newest_tracked(view: "TrackingView", now_ns: int) -> str:
+    age_s = max(now_ns - view.t_ns, 0) / 1e9
+    return f", the newest {duration(age_s)} old" if view.t_ns else ""
+
+
+def tracked(view: "TrackingView", now_ns: int) -> str:
+    """Return in a line whether the calibration in force holds; `now_ns`: Unix time."""
+    newest = _newest_tracked(view, now_ns)
+    if departed := view.departed:
+        figures = "; ".join(f"{one.name} {one.figures()}" for one in departed)
+        return f"departed: {figures}{newest}"
+    if not view.quantities:
+        return view.obstacle or "nothing known yet"
+    return f"{len(view.quantities)} quantities hold over {view.turns} turns{newest}"

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from motord.cli.bench.tracking import lines
+from motord.cli.bench.wording import tracked_lines
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, print_result, remark
@@ -43,7 +43,7 @@ def adopt(
         state = client.state()
         if state.tracking is None:
             fail(TRACKING_OFF if state.calibration is not None else NOT_IN_FORCE)
-        text = "\n".join(lines(state.tracking, state.t_ns))
+        text = "\n".join(tracked_lines(state.tracking, state.t_ns))
         if dry_run:
             print_result(state.tracking.model_dump(mode="json"), text, as_json)
             return

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.bench.tracking import lines
+from motord.cli.bench.wording import tracked_lines
 from motord.cli.calibration.adopt import adopt
 from motord.cli.calibration.export import export
 from motord.cli.calibration.in_force import CalibrationFile, load_in_force
@@ -53,7 +53,7 @@ def show(
             calibration = load_in_force(client)
             state = client.state()
             if state.tracking is not None:
-                seen = lines(state.tracking, state.t_ns)
+                seen = tracked_lines(state.tracking, state.t_ns)
     content = calibration.to_json()
     text = _lines(content, calibration.age()) + seen
     print_result(content, "\n".join(text), as_json)

@@ -8,7 +8,6 @@ from rich.text import Text
 
 from motord.api.messages import BenchState
 from motord.cli.bench import wording
-from motord.cli.bench.tracking import short
 from motord.cli.bench.watch import keys
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS, column_count, column_of
@@ -222,7 +221,8 @@ def tracked(state: BenchState, width: int) -> list[Text]:
     if state.tracking is None:
         return []
     style = "bold" if state.tracking.departed else "none"
-    return wrapped("tracked", short(state.tracking, state.t_ns), width, style)[:TRACKED_ROWS]
+    text = wording.tracked(state.tracking, state.t_ns)
+    return wrapped("tracked", text, width, style)[:TRACKED_ROWS]
 
 
 def end_of(path: str, room: int, glyphs: Glyphs) -> str:
