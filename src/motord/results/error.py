@@ -11,6 +11,7 @@ class ResultsError(Exception):
 
 def parquet() -> ModuleType:
     """Return pyarrow.parquet. Raises ResultsError where it is not installed."""
+    _loaded("pyarrow")
     return _loaded("pyarrow.parquet")
 
 
