@@ -7,10 +7,25 @@ from pathlib import Path
 from motord.config import RecordingConfig
 from motord.recorder.ring_source import RingPiece
 from motord.recording.errors import RecordError
-from motord.recording.file_names import next_file, part_of
+from motord.recording.file_names import file_name, next_file, numbers, part_of
+from motord.recording.reader import open_run
 from motord.recording.storage import MB, make_folder, too_little_space
 from motord.recording.writer import RunWriter
 from motord.wire.ticks.blocks import Block
+
+GOES_ON = "goes on in the next file"
+"""How the reason begins for which a file was closed that is not the last of its recording."""
+
+
+def closed_in_order(stem: Path) -> bool:
+    """Return whether the newest file of a recording is its last, and whole."""
+    files = numbers(stem)
+    path = file_name(stem, files[-1] if files else 0)
+    try:
+        reason = str(open_run(path).end.get("reason", GOES_ON))
+    except RecordError:
+        return False
+    return not reason.startswith(GOES_ON)
 
 
 @dataclass
@@ -157,10 +172,10 @@ class RollingFile:
     def _why_next_file(self) -> str:
         settings = self._settings
         if self._writer.bytes_written >= settings.file_max_MB * MB:
-            return f"goes on in the next file after {settings.file_max_MB:g} MB"
+            return f"{GOES_ON} after {settings.file_max_MB:g} MB"
         span_s = (self._last_ns - (self._first_ns or self._last_ns)) / 1e9
         if span_s >= settings.file_max_s:
-            return f"goes on in the next file after {settings.file_max_s:g} s"
+            return f"{GOES_ON} after {settings.file_max_s:g} s"
         return ""
 
     def _end_for_space(self, short: str) -> None:

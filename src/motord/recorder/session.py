@@ -9,10 +9,9 @@ from motord.recorder.background import Background
 from motord.recorder.blackbox_writer import BlackBoxWriter
 from motord.recorder.protocol import TEXT_MAX, note_outcome
 from motord.recorder.ring_source import Mark, RingPiece, RingSource, last_mark, neighbours
-from motord.recorder.rolling_file import RollingFile
+from motord.recorder.rolling_file import RollingFile, closed_in_order
 from motord.recording import storage
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, numbers, part_of
 from motord.recording.writer import RunWriter
 
 BACKLOG_BYTES = 64 << 20
@@ -209,14 +208,13 @@ class Session:
 
         Nothing, if that one closed it before. Raises RecordError as `start` does.
         """
-        files = numbers(stem)
-        if not files or part_of(file_name(stem, files[-1])).exists():
-            try:
-                self.start(stem, metadata, now_s, resume=True, first_tick=first_tick)
-            finally:
-                self.stop(reason, now_s)
-        else:
+        if closed_in_order(stem):
             self.closed = str(stem)
+            return
+        try:
+            self.start(stem, metadata, now_s, resume=True, first_tick=first_tick)
+        finally:
+            self.stop(reason, now_s)
 
     def stop(self, reason: str, now_s: float) -> None:
         """End the recording and stop reading the ring."""

@@ -68,7 +68,8 @@ def check(bench: Bench, where: str) -> None:
     numbers = np.concatenate([block["tick"] for block in recorded.values()])
     assert len(np.unique(numbers)) == len(numbers), where
     powered = ticks["tick"][ticks["state"] == State.ENABLED].astype(int)
-    wanted = powered[:, None] - np.arange(MARGIN_STEPS * STEP_TICKS + 1)
+    margin = MARGIN_STEPS * STEP_TICKS
+    wanted = powered[:, None] + np.arange(-margin, margin - STEP_TICKS)
     missing = np.setdiff1d(np.intersect1d(ticks["tick"], wanted), numbers)
     assert not missing.size, (where, missing)
     for name, block in recorded.items():

@@ -431,6 +431,27 @@ def test_one_that_was_closed_by_its_recorder_is_left_as_it_is(bench):
     assert [f.name for f in bench.files()] == ["day-000.mcap"]
 
 
+def test_one_whose_recorder_died_between_two_files_is_not_closed(tmp_path, monkeypatch):
+    bench = Bench(tmp_path, file_max_s=0.05)
+    bench.start()
+    bench.loop(60)
+    bench.step()
+    bench.loop(20)
+
+    def killed(*_):
+        raise RecordError("killed")
+
+    monkeypatch.setattr(RollingFile, "_next_writer", killed)
+    bench.step()
+    monkeypatch.undo()
+    monkeypatch.setattr(storage, "free_bytes", lambda folder: PLENTY)
+    assert [f.name for f in bench.files()] == ["day-000.mcap"]
+    bench.session = bench.new_session()
+    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done")
+    assert bench.recorded() == list(range(80))
+    assert bench.report()["closed"] == str(bench.stem)
+
+
 def test_one_of_which_there_is_no_file_begins_with_its_first_tick(bench):
     bench.loop(100)
     bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done", first_tick=60)
