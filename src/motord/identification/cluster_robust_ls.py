@@ -13,6 +13,10 @@ import numpy as np
 LEAST_TURNS = 6
 """Turns from which on the spread between turns estimates the noise, not that of samples."""
 
+FEWEST_TURNS = 3
+"""The same where the errors of several speeds, each of few turns, are taken together: the larger of
+both counts, which white noise makes a little too wide, and coloured noise does not make narrow."""
+
 
 @dataclass(frozen=True)
 class ClusterFit:
@@ -28,22 +32,26 @@ class ClusterFit:
 class Regressors:
     """Columns (n, p) that several values are fitted by; turn (n,): number of each sample's turn.
 
-    The numbers run from 0 without a gap, in order.
+    The numbers run from 0 without a gap, in order. least_turns: turns from which on how they differ
+    counts.
     """
 
     columns: np.ndarray
     inverse: np.ndarray
     first: np.ndarray
+    least_turns: int = LEAST_TURNS
 
     @classmethod
-    def of(cls, columns: np.ndarray, turn: np.ndarray) -> "Regressors":
+    def of(
+        cls, columns: np.ndarray, turn: np.ndarray, least_turns: int = LEAST_TURNS
+    ) -> "Regressors":
         """Prepare the columns."""
         # not columns.T @ columns, for which BLAS takes its slow way with long thin matrices
         normal = np.einsum("ni,nj->ij", columns, columns, optimize=True)
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         scaled = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
         inverse = scaled * np.outer(scale, scale)
-        return cls(columns, inverse, np.flatnonzero(np.diff(turn, prepend=-1)))
+        return cls(columns, inverse, np.flatnonzero(np.diff(turn, prepend=-1)), least_turns)
 
     def fit(self, values: np.ndarray) -> ClusterFit:
         """Fit values (n,).
@@ -57,7 +65,7 @@ class Regressors:
         white = noise**2 * self.inverse
         edges = np.append(self.first, rest.size)
         scores = np.array([self.columns[a:b].T @ rest[a:b] for a, b in pairwise(edges)])
-        more = _inflation(self.inverse @ scores.T, np.diag(white))
+        more = _inflation(self.inverse @ scores.T, np.diag(white), self.least_turns)
         return ClusterFit(solution, white * np.outer(more, more), rest, noise)
 
     def one_more(self, fit: ClusterFit, column: np.ndarray) -> tuple[float, float]:
@@ -71,13 +79,15 @@ class Regressors:
         rest = fit.rest - coefficient * alone
         white = float(rest @ rest) / max(rest.size, 1) / square
         influence = np.add.reduceat(alone * rest, self.first)[None, :] / square
-        return coefficient, white * float(_inflation(influence, np.array([white]))[0]) ** 2
+        return coefficient, white * float(
+            _inflation(influence, np.array([white]), self.least_turns)[0]
+        ) ** 2
 
 
-def _inflation(influence: np.ndarray, white: np.ndarray) -> np.ndarray:
+def _inflation(influence: np.ndarray, white: np.ndarray, least_turns: int) -> np.ndarray:
     """Return by how much the turns, influence (p, b) of each, make white errors larger (p,)."""
     turns = influence.shape[1]
-    if turns < LEAST_TURNS:
+    if turns < least_turns:
         return np.ones(influence.shape[0])
     between = (influence**2).sum(axis=1) * turns / (turns - 1)
     return np.asarray(np.sqrt(np.maximum(between / np.maximum(white, 1e-300), 1.0)))

@@ -15,6 +15,7 @@ from motord.config.motor.back_emf import BackEmfTable
 from motord.control import parameters
 from motord.experiments.analysis import encode
 from motord.experiments.back_emf import estimate as back_emf
+from motord.experiments.back_emf.between_speeds import Delay
 from motord.experiments.back_emf.findings import findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.cogging import estimate as cogging
@@ -121,7 +122,7 @@ def test_back_emf_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert first["order"] == 1
     assert first["amplitude_V_s_per_rad"] == pytest.approx(0.206, rel=2e-3)
     assert first["phase_rad"] == pytest.approx(0.0, abs=5 * first["phase_stderr_rad"])
-    assert result["findings"] == []
+    assert [one["name"] for one in result["findings"]] == ["phase-drift-not-seen"]  # two speeds
     assert {span["reason"] for span in result["left_out"]} == {"part of a turn"}
     assert {h["order"] for h in result["phases"]["c"]} >= {8, 24, 40, 56}
 
@@ -276,7 +277,8 @@ def test_a_mesh_is_no_driven_run(tmp_path: Path) -> None:
 def test_phases_in_the_other_order_and_unlike_phases_are_findings(runs: Path) -> None:
     run = open_run(runs / "emf.mcap")
     found = measured_back_emf(run, Subject.of_runs([run]))
-    assert found.findings == ()
+    assert [one.name for one in found.findings] == ["phase-drift-not-seen"]  # two speeds
+    found = replace(found, speeds_Hz=(*found.speeds_Hz, 1.5))
 
     def names(**changes: object) -> list[str]:
         return [one.name for one in findings(replace(found, **changes), [])]
@@ -284,7 +286,7 @@ def test_phases_in_the_other_order_and_unlike_phases_are_findings(runs: Path) ->
     assert names(line=found.line[:, [0, 2, 1]]) == ["phase-order"]
     assert names(line=found.line * [1.0, 1.0, 1.02]) == ["phases-differ"]
     assert names(delay_s=None) == ["age-not-seen"]
-    assert names(delay_s=(5.1e-3, 1e-4)) == ["age-of-voltages"]
+    assert names(delay_s=Delay(5.1e-3, 1e-4, 20)) == ["age-of-voltages"]
     odd = np.append([8], found.order[1:] + 1)
     assert "unexplained-orders" in names(order=odd)
     lost = LeftOut("point 1", "at another speed", 0.0, 9.0, 9.0)

@@ -29,7 +29,7 @@ from motord.experiments.back_emf.voltages import (
 )
 from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf
 from motord.identification import IdentifyError
-from motord.identification.cluster_robust_ls import ClusterFit, Regressors
+from motord.identification.cluster_robust_ls import FEWEST_TURNS, ClusterFit, Regressors
 from motord.identification.left_out import LeftOut
 from motord.identification.operating_points import PointData
 from motord.identification.orders import resolved_order
@@ -65,7 +65,7 @@ def _columns(samples: VoltageSamples, order: np.ndarray) -> np.ndarray:
 
 def fit_phases(samples: VoltageSamples, order: np.ndarray) -> list[ClusterFit]:
     """Return the fit of each phase: cos and sin of each order (V s/rad), then the offset (V)."""
-    regressors = Regressors.of(_columns(samples, order), samples.turn)
+    regressors = Regressors.of(_columns(samples, order), samples.turn, FEWEST_TURNS)
     return [regressors.fit(u_V) for u_V in samples.u_V.T]
 
 

@@ -112,7 +112,8 @@ def _directions(found: MeasuredCogging) -> Iterator[Finding]:
     if not found.directions:
         yield Finding(
             "one-direction", 1, 2, "directions", "note",
-            "friction that ripples over the turn looks like cogging torque in one direction alone",
+            "friction that ripples over the turn looks like cogging torque in one direction alone; "
+            "play between rotor and encoder, and hysteresis of the torque sensor, turn all phases",
             "drive in the other direction, too",
         )  # fmt: skip
     apart = [one for one in found.directions if one.significant]
