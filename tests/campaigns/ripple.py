@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from motord.identification.asynchronous_line import asynchronous_lines, with_leakage
+from motord.identification.disturbances.asynchronous_line import asynchronous_lines, with_leakage
 from motord.identification.operating_points import prepare
 from motord.identification.point_ripple import PointRipple, point_ripple
 from tests.campaigns import seeds

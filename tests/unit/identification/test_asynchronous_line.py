@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.identification.asynchronous_line import (
+from motord.identification.disturbances.asynchronous_line import (
     asynchronous_lines,
     lines_near_orders,
     with_leakage,

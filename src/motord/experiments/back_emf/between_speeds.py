@@ -93,11 +93,8 @@ def average(
     sums = [_sum(of_mean, shared[n].mean(axis=1), seen[n, :, 0], float(free[n])) for n in range(2)]
     variances, freedom = (np.stack(each, axis=1) for each in zip(*sums, strict=True))
     amplitude, phase_freedom = _sum(own_parts, shared[0], seen[0], float(free[0]))
-    across = np.sqrt(turns + more + shared[1])
-    return Average(
-        mean, np.sqrt(amplitude), across, np.sqrt(variances), freedom, phase_freedom,
-        between[1], explained[1],
-    )  # fmt: skip
+    errors = np.sqrt(amplitude), np.sqrt(turns + more + shared[1]), np.sqrt(variances)
+    return Average(mean, *errors, freedom, phase_freedom, between[1], explained[1])
 
 
 def delay_with_scatter(

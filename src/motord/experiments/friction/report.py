@@ -42,15 +42,14 @@ def fill(page: Page, found: Friction, counts: int) -> None:
     page.points(found.notes)
     page.subheading("Points of the curve")
     page.table(
-        [
-            "speed (rad/s)",
-            "torque (mNm)",
-            "standard uncertainty (mNm)",
-            "half of the 95 % interval (mNm)",
-        ],
+        CURVE_HEADER,
         [_curve_row(point) for point in found.curve],
         numbers=True,
     )
+    _fill_coast_downs(page, found, counts)
+
+
+def _fill_coast_downs(page: Page, found: Friction, counts: int) -> None:
     page.heading("Coast-downs")
     page.picture(
         coast_downs(found.directions),

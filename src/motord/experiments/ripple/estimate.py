@@ -23,7 +23,7 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.subject import Subject
 from motord.findings import Finding
-from motord.identification.asynchronous_line import (
+from motord.identification.disturbances.asynchronous_line import (
     asynchronous_lines,
     lines_near_orders,
     with_leakage,

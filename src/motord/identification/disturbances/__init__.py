@@ -1,0 +1,1 @@
+"""Disturbances of the torque that are not of the motor."""
