@@ -7,6 +7,8 @@ that tripped. The end of a run of tests lists them all.
 """
 
 import os
+import threading
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -46,6 +48,34 @@ def waited_s() -> dict[str, float]:
             except OSError:
                 continue
     return waited
+
+
+def wait_for_waits(patience_s: float = 60.0) -> None:
+    """Wait until every thread that is ready now has been run: the kernel counts a wait at its end.
+
+    Or until `patience_s` is over: who has not been run by then is not known to have waited.
+    """
+    end_s = time.monotonic() + patience_s
+    waiting = _ready()
+    while waiting and time.monotonic() < end_s:
+        time.sleep(0.01)
+        now = _ready()
+        waiting = {path: runs for path, runs in waiting.items() if now.get(path) == runs}
+
+
+def _ready() -> dict[str, str]:
+    """Return of each thread that is ready or runs, but this one, how often it has been run."""
+    ready = {}
+    for process in (this := psutil.Process(), *this.children(recursive=True)):
+        for thread in Path(f"/proc/{process.pid}/task").glob("*"):
+            try:
+                state = (thread / "stat").read_text().rpartition(") ")[2][0]
+                runs = (thread / "schedstat").read_text().split()[2]
+            except OSError:
+                continue
+            if state == "R" and thread.name != str(threading.get_native_id()):
+                ready[str(thread)] = runs
+    return ready
 
 
 def stolen_s() -> float:
@@ -91,8 +121,9 @@ class Stalls:
         return {name: now_s[name] - self._waited_s.get(name, 0.0) for name in now_s}
 
     def missed_s(self, missed: int) -> float:
-        """Return the time of the ticks that the loop missed."""
-        return max(missed - self.missed, 0) / self.rate_Hz
+        """Return the time from the tick before those that the loop missed to the one after them."""
+        lost = max(missed - self.missed, 0)
+        return (lost + 1) / self.rate_Hz if lost else 0.0
 
     def _other_s(self, missed: int) -> float:
         return self.age_s + self.missed_s(missed) + self._stolen_since_s()
@@ -128,6 +159,7 @@ def forgive(
 
     `missed` is the loop's count now, `limit_s` the limit that was exceeded.
     """
+    wait_for_waits()
     said = f"{where}: {cause}; kept from running for {stalls.lasted_s(missed):.2f} s"
     lasted_s = stalls.lasted_s(missed)
     if cause == "ENCODER_IMPLAUSIBLE":

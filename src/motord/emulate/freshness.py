@@ -27,21 +27,21 @@ class Freshness:
         self._left_ns = 0
         self.late = 0
 
-    def currents_leave(self, at_ns: int, heard_ns: int) -> bool:
-        """Return whether currents of `at_ns` leave, by commands taken in at `heard_ns`."""
+    def currents_leave(self, at_ns: int, listened_ns: int) -> bool:
+        """Return whether currents of `at_ns` leave, by commands taken in at `listened_ns`."""
         now_ns = self._clock_ns()
         silent = now_ns - self._left_ns >= SILENCE_MAX_NS
-        leave = self.newest(at_ns, heard_ns) and (now_ns - at_ns < AGE_MAX_NS or silent)
+        leave = self.newest(at_ns, listened_ns) and (now_ns - at_ns < AGE_MAX_NS or silent)
         if leave:
             self._left_ns = now_ns
         else:
             self.late += 1
         return leave
 
-    def newest(self, at_ns: int, heard_ns: int) -> bool:
-        """Return whether `at_ns` is the last instant of what is due at `heard_ns`."""
-        return heard_ns - at_ns < self._period_ns
+    def newest(self, at_ns: int, listened_ns: int) -> bool:
+        """Return whether `at_ns` is the last instant of what is due at `listened_ns`."""
+        return listened_ns - at_ns < self._period_ns
 
-    def held_up(self, heard_ns: int) -> bool:
+    def held_up(self, listened_ns: int) -> bool:
         """Return whether the process has been kept from running since it listened."""
-        return self._clock_ns() - heard_ns >= HELD_UP_NS
+        return self._clock_ns() - listened_ns >= HELD_UP_NS

@@ -1,5 +1,6 @@
 """What is forgiven to a computer that stalled, and what is not."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -87,6 +88,27 @@ def test_an_open_line_is_forgiven_only_to_a_loop_that_missed_so_long(
 def test_this_computer_reports_how_long_a_process_waited() -> None:
     assert max(stalls.waited_s().values()) > 0.0
     assert stalls.runs(1) > 0
+
+
+SPINS = "print(flush=True)\nwhile True: pass"
+
+
+def test_a_wait_that_goes_on_is_waited_for() -> None:
+    """Of a process that is kept from running the kernel says nothing until it has been run."""
+    cpu = min(os.sched_getaffinity(0))
+    pinned = ("taskset", "-c", str(cpu), sys.executable, "-c", SPINS)
+    with contextlib.ExitStack() as stack:
+        spinning = [subprocess.Popen(pinned, stdout=subprocess.PIPE) for _ in range(3)]
+        for process in spinning:
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            assert process.stdout is not None
+            stack.callback(process.stdout.close)
+            process.stdout.readline()
+        before = [stalls.runs(process.pid) for process in spinning]
+        stalls.wait_for_waits()
+        ran = [stalls.runs(process.pid) for process in spinning]
+    assert sum(now > then for now, then in zip(ran, before, strict=True)) >= 2
 
 
 def test_no_port_is_given_twice() -> None:
