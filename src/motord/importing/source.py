@@ -87,7 +87,7 @@ class RowSource(ABC):
         """Yield all rows, at most about BLOCK_ROWS at once; rows without cells are noted."""
 
 
-class ChannelSource(RowSource):
+class ColumnSource(RowSource):
     """A file of channels in groups, each with `name` and `group_name`, and a number of rows.
 
     _group: where channels named without their group are looked for, None: in all.

@@ -10,9 +10,9 @@ class Judged:
         self.now_ns = 10**12
         self.freshness = Freshness(2 * MS, lambda: self.now_ns)
 
-    def leave(self, at_ns: int, heard_ns: int, now_ns: int) -> bool:
+    def leave(self, at_ns: int, listened_ns: int, now_ns: int) -> bool:
         self.now_ns = now_ns
-        return self.freshness.currents_leave(at_ns, heard_ns)
+        return self.freshness.currents_leave(at_ns, listened_ns)
 
 
 def test_the_newest_leaves_and_what_was_due_before_it_does_not() -> None:

@@ -47,7 +47,7 @@ def test_a_line_is_found_with_its_amplitude(frequency_Hz: float) -> None:
     assert not others
 
 
-def test_two_lines_are_told_apart_and_one_turn_shows_none() -> None:
+def test_two_lines_are_distinguished_and_one_turn_shows_none() -> None:
     point = BENCH.point(2.0, 0.9, 10.3, 4)
     t_s = 1e-9 * point.ticks["t_ns"]
     for frequency_Hz, amplitude_Nm in ((50.0, 0.03), (150.0, 0.015)):

@@ -56,7 +56,7 @@ class Closing:
 def test_it_is_known_when_the_file_is_closed(tmp_path):
     closing = Closing(tmp_path).ended()
     assert closing.at(1.0) is None
-    assert closing.at(2.0, recording=True, file=closing.file) is None  # sent before it was told
+    assert closing.at(2.0, recording=True, file=closing.file) is None  # sent before it was asked to
     assert closing.at(3.0, recording=False, file=closing.file, closed=closing.stem) == ""
 
 
@@ -116,10 +116,10 @@ def test_a_recorder_without_a_successor_has_recorded_nothing(tmp_path):
 def test_what_is_not_closed_when_the_daemon_ends_is_not(tmp_path):
     closing = Closing(tmp_path).ended()
     closing.recorder.stop = lambda: None
-    told = []
-    closing.control.on_closing = lambda: told.append(closing.control.unrecorded())
+    reported = []
+    closing.control.on_closing = lambda: reported.append(closing.control.unrecorded())
     closing.control.stop()
-    assert told == ["not closed before the daemon ended"]
+    assert reported == ["not closed before the daemon ended"]
 
 
 def test_a_disk_that_does_not_answer_is_no_recording(tmp_path):

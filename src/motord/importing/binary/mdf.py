@@ -19,7 +19,7 @@ from motord.importing.mapping import MdfMap
 from motord.importing.source import (
     BLOCK_ROWS,
     MISSING_NS,
-    ChannelSource,
+    ColumnSource,
     WantedColumn,
     readable,
     readable_as,
@@ -42,7 +42,7 @@ class _Channel:
     is_master: bool
 
 
-class MdfSource(ChannelSource):
+class MdfSource(ColumnSource):
     """An MDF file, open as long as `opened`.
 
     Raises RecordError for a file that is not MDF, and where asammdf is not installed.

@@ -15,7 +15,7 @@ import numpy as np
 
 from motord.importing.mapping import TdmsMap
 from motord.importing.source import (
-    ChannelSource,
+    ColumnSource,
     RowClock,
     WantedColumn,
     readable,
@@ -35,7 +35,7 @@ WARNING_LENGTH = 120
 INCREMENT, START = "wf_increment", "wf_start_time"
 
 
-class TdmsSource(ChannelSource):
+class TdmsSource(ColumnSource):
     """A TDMS file, open with its scratch files, in the folder `scratch`, as long as `opened`.
 
     Raises RecordError for a file that is not TDMS, and where npTDMS is not installed.
