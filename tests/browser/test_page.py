@@ -326,24 +326,6 @@ def test_a_trip_says_what_to_do(server, visit: Watched):
     expect(page.locator("#trip")).to_be_hidden()
 
 
-def test_the_focus_comes_back_to_a_button_that_could_not_be_used_for_a_while(
-    server, visit: Watched
-):
-    page, stand_in = visit(server.urls.operator), server.stand_in
-    expect(page.locator("#take")).to_be_enabled()
-    page.focus("#take")
-    stand_in.do(lambda: setattr(stand_in, "silent", True))
-    expect(page.locator("#take")).to_be_disabled()
-    stand_in.do(lambda: setattr(stand_in, "silent", False))
-    waits(page, "() => document.activeElement.id === 'take'")
-    stand_in.do(lambda: setattr(stand_in, "silent", True))
-    expect(page.locator("#take")).to_be_disabled()
-    page.focus("#plan-start-box > summary")
-    stand_in.do(lambda: setattr(stand_in, "silent", False))
-    expect(page.locator("#take")).to_be_enabled()
-    assert page.evaluate("document.activeElement.id") != "take"  # of who has gone elsewhere
-
-
 def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):
     page = visit(server.urls.operator)
     take_command(page)

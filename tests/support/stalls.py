@@ -50,31 +50,32 @@ def waited_s() -> dict[str, float]:
     return waited
 
 
-def wait_for_waits(patience_s: float = 60.0) -> None:
-    """Wait until every thread that is ready now has been run: the kernel counts a wait at its end.
-
-    Or until `patience_s` is over: who has not been run by then is not known to have waited.
-    """
+def wait_for_ready(patience_s: float = 60.0) -> list[str]:
+    """Return the threads that are ready, once each has been run, or `patience_s` is over."""
     end_s = time.monotonic() + patience_s
-    waiting = _ready()
+    ready = waiting = _ready()
     while waiting and time.monotonic() < end_s:
         time.sleep(0.01)
         now = _ready()
-        waiting = {path: runs for path, runs in waiting.items() if now.get(path) == runs}
+        waiting = {path: ran for path, ran in waiting.items() if now.get(path) == ran}
+    return list(ready)
 
 
-def _ready() -> dict[str, str]:
-    """Return of each thread that is ready or runs, but this one, how often it has been run."""
+def _ready() -> dict[str, list[str]]:
+    """Return of each thread that is ready or runs, but this one, for how long and how often it ran.
+
+    Of one that runs the time grows.
+    """
     ready = {}
     for process in (this := psutil.Process(), *this.children(recursive=True)):
         for thread in Path(f"/proc/{process.pid}/task").glob("*"):
             try:
                 state = (thread / "stat").read_text().rpartition(") ")[2][0]
-                runs = (thread / "schedstat").read_text().split()[2]
+                ran_ns, _, runs = (thread / "schedstat").read_text().split()
             except OSError:
                 continue
             if state == "R" and thread.name != str(threading.get_native_id()):
-                ready[str(thread)] = runs
+                ready[str(thread)] = [ran_ns, runs]
     return ready
 
 
@@ -101,6 +102,23 @@ class Stalls:
     def end(self) -> None:
         """Count no further: with a process that ends, its waits are gone."""
         self._ended = self._waits_s(), self._stolen_since_s()
+
+    def settle(self) -> None:
+        """Count no further, and of waits that go on what they have lasted so far.
+
+        The kernel counts a wait at its end: that is waited for, and what comes from now on is
+        taken off again.
+        """
+        if self._ended is not None:
+            return
+        waits_s, stolen_s, begun_s = self._waits_s(), self._stolen_since_s(), time.monotonic()
+        ready = wait_for_ready()
+        passed_s, later_s = time.monotonic() - begun_s, self._waits_s()
+        for path in ready:
+            name = f"{path}/schedstat"
+            before_s = waits_s.get(name, 0.0)
+            waits_s[name] = max(before_s, later_s.get(name, 0.0) - passed_s)
+        self._ended = waits_s, stolen_s
 
     def lasted_s(self, missed: int = 0) -> float:
         """Return the longest wait of a thread, ticks missed by a loop, and time stolen, in all."""
@@ -159,7 +177,7 @@ def forgive(
 
     `missed` is the loop's count now, `limit_s` the limit that was exceeded.
     """
-    wait_for_waits()
+    stalls.settle()
     said = f"{where}: {cause}; kept from running for {stalls.lasted_s(missed):.2f} s"
     lasted_s = stalls.lasted_s(missed)
     if cause == "ENCODER_IMPLAUSIBLE":

@@ -32,6 +32,7 @@ def test_a_rotor_that_runs_away_is_found_within_50_ms(
     [path] = tmp_path.glob("*.toml")
     text = re.sub(r"^rate_Hz = .*$", f"rate_Hz = {loop_Hz}", path.read_text(), flags=re.M)
     text = re.sub(r"^overrun_ticks = .*$", "overrun_ticks = 50", text, flags=re.M)
+    text = re.sub(r"^link_errors_per_s = .*$", "link_errors_per_s = 200", text, flags=re.M)
     text = re.sub(r"^rig_patience_s = .*\n", "", text, flags=re.M)  # no computer stalls here
     text = text.replace("[bridge]\n", f"[bridge]\nrate_Hz = {bridge_Hz}\n")
     limits = f"[limits]\ntrip_speed_rad_s = {LIMIT_RAD_S}\nencoder_jump_rad = 0.5\n"

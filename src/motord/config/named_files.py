@@ -53,18 +53,16 @@ def resolve(base: Path, file: Path) -> Path:
 def keep(path: Path, text: str, kept: Path) -> None:
     """Keep the text of the bench file at `path` as `kept`, and copies beside it of what it names.
 
-    So a process that is started again goes on with what the others read. Raises OSError.
+    So a process that is started again goes on with what the others read. A file of which no copy
+    can be had or kept, for want of space say, is read anew. Raises OSError for `kept` itself.
     """
     write_cached(kept, text)
     content = parse_toml(text)
     content.get(ACCESS[0], {}).pop(ACCESS[1], None)
     for _, _, name in named_files(content):
         file = resolve(path, Path(name))
-        try:
-            content_then = read_bytes(file)
-        except OSError:
-            continue  # who needs it says what is wrong with it
-        write_cached(_copy(file, kept), content_then)
+        with suppress(OSError):  # who needs a file that cannot be read says what is wrong with it
+            write_cached(_copy(file, kept), read_bytes(file))
 
 
 def as_kept(file: Path, kept: Path) -> Path:

@@ -22,7 +22,7 @@ from motord.rig.park import LATCHED
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TRUTH_DTYPE, InverterStatus
-from motord.wire.bridge.frames import Frame, Numbered
+from motord.wire.bridge.frames import Frame, Heartbeat, Numbered
 from motord.wire.modbus.registers import DeviceStatus
 
 ADVANCE_MAX_NS = 500_000_000
@@ -107,6 +107,11 @@ class EmulatedBench:
     def arrive(self, at_ns: int, what: CurrentCommand | Numbered) -> None:
         """Let a command or a frame of the host take effect at `at_ns`, or now if that is past."""
         self._arrivals.append((max(at_ns, self.now_ns), what))
+
+    @property
+    def is_to_be_off(self) -> bool:
+        """Whether a command or a heartbeat that has not taken effect yet asks for no power."""
+        return any(_asks_for_no_power(what) for _, what in self._arrivals)
 
     def advance(self, to_ns: int, answer: Callable[[Frame], object]) -> None:
         """Let time pass up to `to_ns`; `answer` takes what the board replies meanwhile.
@@ -211,6 +216,12 @@ class EmulatedBench:
         if self.inverter.enabled:
             until_ns = min(to_ns, self.inverter.commanded_ns + self._patience_ns)
         return max(until_ns - max(self.now_ns, self._still_until_ns), 0)
+
+
+def _asks_for_no_power(what: CurrentCommand | Numbered) -> bool:
+    if isinstance(what, CurrentCommand):
+        return not what.enable
+    return isinstance(what.frame, Heartbeat) and not what.frame.enable
 
 
 def compile_kernels(config: Config, truth: RigTruth) -> None:

@@ -1,9 +1,9 @@
 """Whether the inverter's feedback may leave: it carries no time, its stamp is that of its arrival.
 
 Of what is due at once only the newest leaves, as no inverter queues measurements, and that not if
-it is old by now, unless none has left for long. What a process says that was kept from running
-since it took in the host's commands would be of a drive that does not know them, as that it is to
-be off.
+it is old by now, unless none has left for long. A process that was kept from running since it took
+in the host's commands looks for those that came meanwhile: nothing leaves that is of before one
+which asks for no power.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ AGE_MAX_NS, SILENCE_MAX_NS = 5_000_000, 100_000_000
 """Older currents do not leave, which the host would take for those of their arrival; but after such
 a silence they do, however old: the computer is always late."""
 HELD_UP_NS = 100_000_000
-"""So long after the host's commands were taken in they are once more, before anything leaves."""
+"""So long after commands were taken in, those that have come meanwhile are looked at first."""
 
 
 class Freshness:

@@ -257,19 +257,18 @@ class Emulator:
             self._link.sample(board, reading, at_ns)
         held_up, newest = self._freshness.held_up(now_ns), self._freshness.newest(at_ns, now_ns)
         if held_up and newest:
-            self._listen(at_ns)
-            self.bench.advance(at_ns + 1, self._link.send)  # and take effect
-            reading = self.bench.sense()
+            self._listen(time.monotonic_ns())
+        outdated = held_up and (not newest or self.bench.is_to_be_off)
         status = self.bench.inverter_status(reading)
         if self._feedback.due(at_ns):
-            if self._freshness.currents_leave(at_ns, now_ns):
+            if not outdated and self._freshness.currents_leave(at_ns, now_ns):
                 self._send(self._fast, reading, status, at_ns)
             self.ticks += 1
             if self.bench.played_ns != self._logged_ns:  # no rows while the rig's time stands still
                 self._logged_ns = self.bench.played_ns
                 self.bench.fill_truth(self._clock.unix_ns(at_ns), self._log.next_row())
         due = self._slow_feedback.due(at_ns) or status != self._status
-        if due and (newest or not held_up):
+        if due and not outdated:
             self._send(self._slow, reading, status, at_ns)
             self._status = status
         if self._board_status.due(at_ns) and board.streaming:

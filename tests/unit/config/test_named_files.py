@@ -1,9 +1,11 @@
 """Files that a bench file names, kept as the daemon read them."""
 
+import errno
 from pathlib import Path
 
 import pytest
 
+from motord.atomic_write import write_cached
 from motord.config import Config, keep, load_started
 from tests.unit.config.test_config import BENCH
 
@@ -102,3 +104,19 @@ def test_a_table_of_the_back_emf_is_the_one_that_the_daemon_read(tmp_path: Path)
         if not kept.exists():
             keep(path, text, kept)
     assert load_started(path, kept)[0].motor.back_emf_table().max() == 0.5
+
+
+def test_a_file_of_which_no_copy_can_be_kept_is_read_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Say for want of space in the memory where the copies are."""
+
+    def full(path: Path, content: object) -> None:
+        if path.suffix == ".named":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write_cached(path, content)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("motord.config.named_files.write_cached", full)
+    started = Started(tmp_path)
+    (tmp_path / "rig.toml").write_text("another")
+    assert started.files()[0].read_text() == "another"

@@ -295,6 +295,20 @@ def test_a_small_step_of_the_systems_clock_is_followed_within_a_second(clocks: C
     assert 0 < wrong <= 1000
 
 
+@pytest.mark.parametrize(("period_ns", "set_ns"), [(MS // 10, 900_000), (MS // 20, 990_000)])
+def test_at_a_high_rate_a_step_of_many_periods_is_followed_at_once(
+    clocks: Clocks, period_ns: int, set_ns: int
+) -> None:
+    clock = LoopClock()
+    for tick in range(2000):
+        clocks.ahead_ns += set_ns if tick == 20 else 0
+        clocks.monotonic += period_ns // 2
+        came_ns, stamp_ns = clocks.monotonic, clocks.time_ns()
+        clocks.monotonic += period_ns // 2
+        clock.observe(clocks.monotonic)
+        assert clock.from_system(stamp_ns) == came_ns
+
+
 def test_the_systems_clock_is_not_read_in_each_tick(clocks: Clocks) -> None:
     clock = LoopClock()
     readings = clocks.readings

@@ -244,13 +244,13 @@ def test_a_slow_message_that_stays_away_makes_all_stale() -> None:
 def test_how_long_a_slow_message_may_stay_away_is_a_setting() -> None:
     config = can_config("virtual", slow_stale_after_s=0.05)
     driver = CanInverter(bench(config))
-    for t_ms, stale in ((0, False), (49, False), (50, True)):
+    record = new_feedback()
+    for t_ms in range(52):
         driver._feedback.take(*feedback_of(VALUES, t_ms, only=0), NOW_NS + t_ms * 1_000_000)
         if t_ms == 0:
             driver._feedback.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
-        record = new_feedback()
         driver._feedback.fill(record)
-        assert (record["t_inverter_ns"][0] == NOW_NS) == (stale or t_ms == 0)
+        assert (record["t_inverter_ns"][0] == NOW_NS) == (t_ms == 0 or t_ms >= 50)
 
 
 @pytest.mark.parametrize("stale_after_s", [0.02, 0.05, 0.3])
@@ -262,12 +262,33 @@ def test_a_slow_message_is_missed_in_its_time_whatever_that_of_the_others(
     driver = CanInverter(config.model_copy(update={"inverter": inverter}))
     driver._feedback.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
     record = new_feedback()
-    for t_ms, stale in ((0, False), (49, False), (50, True), (51, True)):
+    for t_ms in range(52):
         now_ns = NOW_NS + t_ms * 1_000_000
         driver._feedback.take(*feedback_of(VALUES, t_ms, only=0), now_ns)
         driver._feedback.fill(record)
         age_s = (now_ns + 1 - record["t_inverter_ns"][0]) * 1e-9
-        assert (age_s > stale_after_s) == stale
+        assert (age_s > stale_after_s) == (t_ms >= 50)
+
+
+@pytest.mark.parametrize("silent_ms", [300, 495, 600, 900])
+@pytest.mark.parametrize("again_every_ms", [1, 260])
+def test_after_a_silence_of_all_messages_the_slow_ones_have_their_time_once_more(
+    silent_ms: int, again_every_ms: int
+) -> None:
+    """A bus that was away, or a computer that stalled; but only once, until one has come."""
+    state = CanFeedback(dbc.load(can_config()), 0, SILENT_AFTER_NS, 1_000_000_000)
+    record = new_feedback()
+    for t_ms in range(20):
+        state.take(*feedback_of(VALUES, t_ms, only=0), NOW_NS + t_ms * 1_000_000)
+        if t_ms == 0:
+            state.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
+    again_ms = 19 + silent_ms
+    stale_from_ms = again_ms + SILENT_AFTER_NS // 1_000_000
+    for number, t_ms in enumerate(range(again_ms, stale_from_ms + 600, again_every_ms), start=20):
+        state.take(*feedback_of(VALUES, number, only=0), NOW_NS + t_ms * 1_000_000)
+        state.fill(record)
+        stale = record["t_inverter_ns"][0] != NOW_NS + t_ms * 1_000_000
+        assert stale == (t_ms >= stale_from_ms)
 
 
 def test_a_status_has_the_time_at_which_it_was_stated() -> None:

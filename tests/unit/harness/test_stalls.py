@@ -4,6 +4,7 @@ import contextlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -93,8 +94,8 @@ def test_this_computer_reports_how_long_a_process_waited() -> None:
 SPINS = "print(flush=True)\nwhile True: pass"
 
 
-def test_a_wait_that_goes_on_is_waited_for() -> None:
-    """Of a process that is kept from running the kernel says nothing until it has been run."""
+def test_who_is_ready_is_waited_for_until_each_has_been_run() -> None:
+    """Three that want one processor; one of them may have another to itself and never stop."""
     cpu = min(os.sched_getaffinity(0))
     pinned = ("taskset", "-c", str(cpu), sys.executable, "-c", SPINS)
     with contextlib.ExitStack() as stack:
@@ -105,10 +106,36 @@ def test_a_wait_that_goes_on_is_waited_for() -> None:
             assert process.stdout is not None
             stack.callback(process.stdout.close)
             process.stdout.readline()
-        before = [stalls.runs(process.pid) for process in spinning]
-        stalls.wait_for_waits()
-        ran = [stalls.runs(process.pid) for process in spinning]
-    assert sum(now > then for now, then in zip(ran, before, strict=True)) >= 2
+        before = [ran_ns(process.pid) for process in spinning]
+        ready = stalls.wait_for_ready()
+        after = [ran_ns(process.pid) for process in spinning]
+    assert {f"/proc/{process.pid}/task/{process.pid}" for process in spinning} <= set(ready)
+    assert all(now > then for now, then in zip(after, before, strict=True))
+
+
+def ran_ns(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/schedstat").read_text().split()[0])
+
+
+def test_a_wait_that_goes_on_counts_for_what_it_has_lasted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It began 0.7 s before, and ends 5 s later."""
+    now_s, waits = 100.0, {"/proc/1/task/1/schedstat": 5.0, "/proc/2/task/2/schedstat": 1.0}
+    clock = SimpleNamespace(monotonic=lambda: now_s)
+    monkeypatch.setattr(stalls, "time", clock)
+    monkeypatch.setattr(stalls, "stolen_s", lambda: 0.0)
+    monkeypatch.setattr(stalls, "waited_s", lambda: dict(waits))
+    kept = Stalls(100, 500.0, 0.0, stalls.waited_s(), 0.0)
+
+    def ended() -> list[str]:
+        nonlocal now_s
+        now_s += 5.0
+        waits["/proc/1/task/1/schedstat"] += 0.7 + 5.0
+        waits["/proc/2/task/2/schedstat"] += 3.0  # not ready then: a wait since
+        return ["/proc/1/task/1"]
+
+    monkeypatch.setattr(stalls, "wait_for_ready", ended)
+    kept.settle()
+    assert kept.lasted_s(100) == pytest.approx(0.7)
 
 
 def test_no_port_is_given_twice() -> None:

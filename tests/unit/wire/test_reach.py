@@ -102,7 +102,12 @@ def timed(slow_stale_after_s: float, stale_after_s: float, enable_timeout_s: flo
         ({"InverterStatus": 100}, (0.199, 0.02, 1.0), r"slow_stale_after_s = 0.199 .* least 0.2$"),
         ({"InverterStatus": 100}, (0.01, 0.02, 1.0), r"slow_stale_after_s = 0.01 .* least 0.2$"),
         ({"InverterStatus": 100}, (0.2, 0.02, 0.219), r"enable_timeout_s = 0.219 .* least 0.22$"),
-        ({"InverterStatus": 300}, (0.5, 0.02, 1.0), "no more than 0.5 can be set: have the drive"),
+        (
+            {"InverterStatus": 300},
+            (0.5, 0.02, 1.0),
+            "drive is well: have .* states that$",
+        ),
+        ({"PhaseFeedback": 1}, (0.5, 0.001, 1.0), ""),
         ({"PhaseFeedback": 10}, (0.5, 0.02, 1.0), ""),
         ({"PhaseFeedback": 11}, (0.5, 0.02, 1.0), r"\[inverter\] stale_after_s .* least 0.022$"),
     ],
@@ -119,6 +124,25 @@ def test_a_drive_that_sends_as_often_as_its_dbc_states_is_not_stale(
         return
     with pytest.raises(ConfigError, match=says):
         check(timed(*times_s), path)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "cycle_s"),
+    [
+        (('BA_DEF_ BO_ "GenMsgCycleTime" INT 0 9;', 'BA_DEF_DEF_ "GenMsgCycleTime" 100;'), 0.0),
+        (('BA_DEF_ BO_ "GenMsgCycleTime" STRING ;', 'BA_ "GenMsgCycleTime" BO_ 384 "100";'), 0.1),
+        (('BA_DEF_ BO_ "GenMsgCycleTime" STRING ;', 'BA_ "GenMsgCycleTime" BO_ 384 "?";'), 0.0),
+        (('BA_DEF_ BO_ "GenMsgCycleTime" INT 0 9;', 'BA_ "GenMsgCycleTime" BO_ 384 100;',
+          'BA_DEF_ BO_ "GenMsgSendType" ENUM "Cyclic","OnRequest";',
+          'BA_ "GenMsgSendType" BO_ 384 1;'), 0.0),
+    ],
+)  # fmt: skip
+def test_a_cycle_is_what_a_cyclic_message_states_of_itself(
+    tmp_path: Path, attribute: tuple[str, ...], cycle_s: float
+) -> None:
+    path = tmp_path / "drive.dbc"
+    path.write_text(packaged("inverter.dbc").read_text() + "\n".join(attribute) + "\n")
+    assert dbc.signal_codec(path, "PhaseFeedback.CurrentA").cycle_s == pytest.approx(cycle_s)
 
 
 @pytest.mark.parametrize(("cycle_ms", "fits"), [(0, True), (100, True), (101, False)])

@@ -64,9 +64,9 @@ class CanConfig(CanBusConfig):
     """Feedback has to come within this time of the start."""
     slow_stale_after_s: Annotated[float, Field(gt=0, le=SLOW_FEEDBACK_MAX_S)] = 0.5
     """A message of feedback without currents (status, bus voltage, temperature) that stays away for
-    longer makes all feedback as old as it is, to which inverter.stale_after_s applies: until then a
-    fault or a voltage in it is not seen. At least twice the time from one to the next, which its
-    DBC may say (GenMsgCycleTime): one may be lost."""
+    longer makes all feedback stale, as inverter.stale_after_s does where the currents stay away:
+    until then a fault or a voltage in it is not seen. At least twice the time from one to the next,
+    which its DBC may say (GenMsgCycleTime): one may be lost."""
     dbc: Path
     """The drive's DBC; next to the bench file, or `package:NAME`."""
     signals: CanSignalMap

@@ -99,15 +99,16 @@ def position_is_unambiguous(config: Sections) -> Iterator[str]:
 
 
 def speed_is_resolved(config: Sections) -> Iterator[str]:
-    """The steps of the encoder hide no speed beyond the limit from the observer."""
+    """Steps of the encoder move the observed speed by less than set-points keep from the limit."""
     limits, off_rad_s = config.limits, speed_resolution_rad_s(config)
     if off_rad_s > SPEED_RESOLUTION_MAX * limits.trip_speed_rad_s:
         yield (
             f"[loop] observer_bandwidth_Hz = {config.loop.observer_bandwidth_Hz:g} is too much for "
-            f"an encoder with [motor] counts = {config.motor.counts}: its steps move the speed by "
-            f"up to {off_rad_s:.3g} rad/s, so that [limits] trip_speed_rad_s = "
-            f"{limits.trip_speed_rad_s:g} would trip late or never; lower it, or make "
-            f"trip_speed_rad_s at least {_rounded_up(off_rad_s / SPEED_RESOLUTION_MAX):g}"
+            f"an encoder with [motor] counts = {config.motor.counts}: at some speeds its steps "
+            f"move the observed one by up to {off_rad_s:.3g} rad/s, so that a rotor at a set-point "
+            f"could seem to be beyond [limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g}, or "
+            "a faster one within it; lower the bandwidth, or make trip_speed_rad_s at least "
+            f"{_rounded_up(off_rad_s / SPEED_RESOLUTION_MAX):g}"
         )
 
 

@@ -59,7 +59,7 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
     period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
     for name, given_s, least_s, why in (
         ("[limits] current_error_s", limits.current_error_s, period_s,
-         f"one sample of the currents would trip, as feedback comes every {period_s:g} s"),
+         f"it would act as one period of {period_s:g} s does, in which feedback comes once"),
         ("[limits] torque_error_s", limits.torque_error_s,
          inverter.settling_s + period_s + sample_s,
          "a step of the torque would trip before it shows, after [inverter] actuation_delay_s, "

@@ -53,32 +53,27 @@ export function setAttribute(node, name, value) {
   }
 }
 
-/** A control that has lost the focus by being disabled, and what has it meanwhile. @type {{id: string, meanwhile: Element | null} | null} */
-let returns = null;
+/** A control that is to have the focus once it is allowed, and what has it meanwhile. @type {{id: string, meanwhile: Element} | null} */
+let focusNext = null;
+for (const input of ["keydown", "pointerdown"]) document.addEventListener(input, () => { focusNext = null; }, { capture: true });
 
-/** Disable a control and say why; the focus that it had comes back with its use, unless it is elsewhere by now. @param {any} control @param {string} why "" enables it */
+/** Disable a control and say why. @param {any} control @param {string} why "" enables it */
 export function allow(control, why) {
-  const off = why !== "";
-  if (control.disabled !== off) {
-    if (off && document.activeElement === control) returns = { id: control.id, meanwhile: null };
-    control.disabled = off;
-    if (!off && returns?.id === control.id) giveBack(control);
-  }
+  if (control.disabled !== (why !== "")) control.disabled = why !== "";
   setAttribute(control, "title", why || control.dataset.title || null);
+  if (why === "" && focusNext?.id === control.id) {
+    if (document.activeElement === focusNext.meanwhile) control.focus({ preventScroll: true });
+    focusNext = null;
+  }
 }
 
-/** Focus a control, or `meanwhile` for as long as it is disabled. @param {HTMLButtonElement} control @param {HTMLElement} meanwhile */
+/**
+ * Focus a control, or `meanwhile` for as long as it is disabled and the person does nothing else. Not for what gives power.
+ * @param {HTMLButtonElement} control @param {HTMLElement} meanwhile
+ */
 export function focusOnceAllowed(control, meanwhile) {
-  returns = control.disabled ? { id: control.id, meanwhile } : null;
+  focusNext = control.disabled ? { id: control.id, meanwhile } : null;
   (control.disabled ? meanwhile : control).focus();
-}
-
-/** @param {HTMLElement} control */
-function giveBack(control) {
-  const at = document.activeElement;
-  const nobody = at === null || at === document.body || at === control || at === returns?.meanwhile;
-  returns = null;
-  if (nobody) control.focus({ preventScroll: true });
 }
 
 /** Whether an element is in view: what is scrolled away needs no drawing. `shown` is called when it comes into view. */

@@ -124,7 +124,7 @@ class BoardLink(PtyEnd):
         Bytes carry no time. One frame is read as soon as it has come; several have come one after
         the other while the process was kept waiting, and are spread over that time.
         """
-        waiting_ns = max(now_ns - self._polled_ns, 0)
+        waiting_ns = now_ns - self._polled_ns
         self._polled_ns = now_ns
         data = self._read()
         if not data:

@@ -19,8 +19,6 @@ HEARTBEAT_LATENCY_NS = round(SAMPLE_TIME_S * 1e9)
 the round trip is the time until the loop comes round to read."""
 INCONSISTENT_NS = 20_000
 """A heartbeat received before it can have been sent by more than this was stamped wrongly."""
-AHEAD_NS = 1_000_000
-"""A frame may come in this time after the tick has begun, before it is received, without doubt."""
 MEASURED_AGAIN_NS = 1_000_000_000
 """Between two measurements of the system's clock that no stamp asks for: a step of less than a
 period makes none implausible."""
@@ -43,7 +41,7 @@ class LoopClock:
     """
 
     __slots__ = (
-        *("_before_ns", "_latest_ns", "_measured_ns", "_measures_ns", "_observed"),
+        *("_before_ns", "_measured_ns", "_measures_ns", "_observed"),
         *("_observed_ns", "_offset_ns", "_shift_ns", "_system_ns", "_was_ns"),
     )
 
@@ -51,7 +49,7 @@ class LoopClock:
         self._system_ns = self._was_ns = Clock.measure(ATTEMPTS).offset_ns
         self._offset_ns = self._system_ns
         self._observed = False
-        self._before_ns = self._observed_ns = self._latest_ns = self._shift_ns = 0
+        self._before_ns = self._observed_ns = self._shift_ns = 0
         self._measured_ns, self._measures_ns = -1, 0
 
     def observe(self, now_ns: int) -> None:
@@ -61,7 +59,6 @@ class LoopClock:
             self._offset_ns, self._observed = offset_ns, True
             self._shift_ns = offset_ns - self._system_ns
         self._before_ns, self._observed_ns = self._observed_ns, now_ns
-        self._latest_ns = now_ns + AHEAD_NS
         if now_ns >= self._measures_ns:
             self._measure()
 
@@ -75,17 +72,20 @@ class LoopClock:
         Of frames that were received since the last call of `observe`.
         """
         at_ns = t_ns + self._shift_ns
-        return at_ns if self._before_ns <= at_ns <= self._latest_ns else self._doubted(t_ns)
+        return at_ns if self._before_ns <= at_ns <= self._observed_ns else self._doubted(t_ns)
 
     def _doubted(self, t_ns: int) -> int:
-        """Return the loop's time of a stamp that is too early or too late by what is known.
+        """Return the loop's time of a stamp that is not of the time before `observe` was called.
 
-        If the system's clock has just been set, it may be of before or after that. Else the frame
-        has been waiting for long, or was stamped by another clock: it is taken at its word.
+        It may be of since then. If the system's clock has just been set, it may be of before or
+        after that. Else the frame has been waiting for long, or was stamped by another clock: it is
+        taken at its word.
         """
+        now_ns = self.now_ns()
+        if self._observed_ns < t_ns + self._shift_ns <= now_ns:
+            return t_ns + self._shift_ns
         if self._measured_ns != self._observed_ns:
             self._measure()
-        now_ns = self.now_ns()
         for system_ns in (self._system_ns, self._was_ns):
             at_ns = t_ns - system_ns + self._offset_ns
             if self._before_ns <= at_ns <= now_ns:

@@ -39,8 +39,9 @@ class CanFeedback:
     ) -> None:
         """Expect the feedback messages of `codec`, sampled `age_ns` before they arrive.
 
-        slow_stale_ns: a message without currents that is so much older makes all feedback as old,
-        and older than `stale_ns` at any rate, at which feedback is stale.
+        slow_stale_ns: a message without currents that is so much older than the currents makes all
+        feedback older than `stale_ns`, at which it is stale. Where the currents stayed away, too,
+        the message has that time once more from when they come again.
         """
         self._codec = codec
         self._age_ns = age_ns
@@ -52,6 +53,7 @@ class CanFeedback:
         self._stating = next(
             (m for m in self._incoming.values() if "status" in m.codec.slots), None
         )
+        self._resumed_ns = 0
         self._word = -1
         self._status = 0
 
@@ -89,6 +91,8 @@ class CanFeedback:
         elif incoming.check.accept(incoming.codec.counter(payload)):
             for index, value in zip(incoming.slots, values, strict=True):
                 self._values[index] = value if math.isfinite(value) else math.inf
+            if incoming.fast and t_ns - incoming.t_ns > self._slow_stale_ns // 2:
+                self._resume(t_ns)
             incoming.t_ns = t_ns
 
     def fill(self, feedback: np.ndarray) -> None:
@@ -107,12 +111,19 @@ class CanFeedback:
         """Return i_d, i_q (A), u_d, u_q (V) as the drive says them."""
         return self._values[_AXES]
 
+    def _resume(self, t_ns: int) -> None:
+        """Note that all was silent until `t_ns`, once until a slow message comes again."""
+        if max(self._resumed_ns, 1) <= self._oldest_ns():
+            self._resumed_ns = t_ns
+
+    def _oldest_ns(self) -> int:
+        return min(m.t_ns for m in self._incoming.values())
+
     def _sampled_ns(self) -> int:
         """Return when the currents were sampled, or when a message last came that stays away."""
-        messages = self._incoming.values()
-        t_ns = min(m.t_ns for m in messages if m.fast)
-        oldest_ns = min(m.t_ns for m in messages)
-        if t_ns - oldest_ns >= self._slow_stale_ns:
+        t_ns = min(m.t_ns for m in self._incoming.values() if m.fast)
+        oldest_ns = self._oldest_ns()
+        if t_ns - max(oldest_ns, self._resumed_ns) >= self._slow_stale_ns:
             t_ns = min(oldest_ns, t_ns - self._stale_ns)
         return t_ns - self._age_ns
 

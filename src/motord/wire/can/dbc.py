@@ -5,6 +5,7 @@ one `ConfigError` that names the DBC, the key of the map and what the DBC has in
 """
 
 import difflib
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -117,6 +118,21 @@ def _mapped(slots: Sequence[str], rows: list[tuple[str, str]]) -> list[tuple[str
     return [(slot, *row) for slot, row in zip(slots, rows, strict=True) if row[1]]
 
 
+def _cycle_s(message: Message) -> float:
+    """Return the time between two of a cyclic message, by its own GenMsgCycleTime; 0 without one.
+
+    The default that a DBC has for all messages says nothing of this one. 1 ms, the least that the
+    attribute can hold, is what faster messages have, too.
+    """
+    stated = message.dbc.attributes.get("GenMsgCycleTime") if message.dbc is not None else None
+    try:
+        cycle_s = 1e-3 * float(stated.value) if stated is not None else 0.0
+    except (TypeError, ValueError):
+        return 0.0
+    cyclic = "cycl" in str(message.send_type or "cyclic").lower()
+    return cycle_s if cyclic and 1e-3 < cycle_s < math.inf else 0.0
+
+
 @dataclass
 class _Draft:
     """A message on its way to a codec."""
@@ -130,7 +146,7 @@ class _Draft:
         message = self.message
         key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
         parts = (message.name, key, message.length, self.signals, self.checks, self.constants)
-        return MessageCodec(*parts, cycle_s=1e-3 * (message.cycle_time or 0))
+        return MessageCodec(*parts, cycle_s=_cycle_s(message))
 
 
 class _Drafts:

@@ -115,11 +115,9 @@ def _cycles(codec: InverterCodec, config: Config) -> Iterator[str]:
             waits.append(("[loop] enable_timeout_s", enabled_s, first_s, math.inf))
         for name, given_s, needed_s, most_s in waits:
             if given_s < (1.0 - _ROUNDING) * needed_s:
-                remedy = f"make it at least {needed_s:g}"
-                if needed_s > most_s:
-                    remedy = (
-                        f"no more than {most_s:g} can be set: have the drive send it more often"
-                    )
+                remedy = "have the drive send it more often, and correct the DBC, which states that"
+                if needed_s <= most_s:
+                    remedy += f"; or make it at least {needed_s:g}"
                 yield (
                     f"feedback: {message.name} comes every {message.cycle_s:g} s "
                     f"(GenMsgCycleTime), and one may be lost, so that {name} = {given_s:g} is over "
