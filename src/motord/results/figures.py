@@ -4,7 +4,8 @@ Names say what is what, as everywhere: `x_Nm` is a quantity in Nm, of which `x_s
 `x_uncertainty_Nm` is the standard error, `x_half_width_Nm` half of the 95 % interval, `x_low_Nm`
 and `x_high_Nm` its ends, and `interval_95_Nm` both. `stderr_Nm` without a name is that of the
 quantity in Nm that stands before it, `stderr` that of `value`, whose unit is in `unit`.
-`degrees_of_freedom` holds for the object that it is in and all in it.
+`degrees_of_freedom` holds for the object that it is in and all in it, `x_degrees_of_freedom` for
+the quantity `x_Nm` alone.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,6 +24,9 @@ NOT_RESULTS = frozenset(
     }
 )
 """Keys of what an analysis was given, did not use, or states of its errors, and of curves."""
+
+OWN_FREEDOM = "_degrees_of_freedom"
+"""End of the key of the degrees of freedom of one quantity, after its name without its unit."""
 
 UNIT_STATED = ("value", "limit", "detectable", "bound")
 """Keys whose unit is the one that the object states in `unit`."""
@@ -68,7 +72,7 @@ def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[ResultFi
     errors = _errors(content)
     stated = {key for known in errors.values() for key in known.values()}
     for key, part in content.items():
-        if key in NOT_RESULTS or key in stated:
+        if key in NOT_RESULTS or key in stated or key.endswith(OWN_FREEDOM):
             continue
         inner = around.within(key, split_unit(key)[1], freedom)
         if isinstance(part, Mapping):
@@ -79,7 +83,8 @@ def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[ResultFi
                 yield from _of_object(rest, inner.within(label, "", inner.freedom))
         else:
             known = {role: content[name] for role, name in errors.get(key, {}).items()}
-            yield from _of_numbers(key, part, known, content, inner, freedom)
+            own = content.get(f"{split_unit(key)[0]}{OWN_FREEDOM}", freedom)
+            yield from _of_numbers(key, part, known, content, inner, own)
 
 
 def _of_numbers(

@@ -131,7 +131,7 @@ def test_results_of_other_experiments():
     """A key that is renamed there loses its interval here."""
     content = {
         "cogging": MeanHarmonic(16, 0.08, 0.6, 0.001, 0.01, 0.003, 0.03, True),
-        "back_emf": ElectricalHarmonic(1, 0.2, 0.0, 1e-3, 5.0, 2e-3, True),
+        "back_emf": ElectricalHarmonic(1, 0.2, 0.0, 1e-3, 5.0, 2e-3, 2.0, True),
         "change": Change("gain-a", "the gain", "%", 0.1, 0.2, 5, 0.7, 0.9, 0.1, False),
         "directions": [DirectionDifference(16, 0.3, 0.2, 0.0, 0.1, 0.01, 0.05)],
         "friction": DirectionalFriction(
@@ -150,7 +150,10 @@ def test_results_of_other_experiments():
     assert found["cogging.amplitude_Nm"] == pytest.approx((0.001, 0.077, 0.083))
     assert found["cogging.phase_rad"] == pytest.approx((0.01, 0.57, 0.63))
     assert found["back_emf.amplitude_V_s_per_rad"][0] == 1e-3
-    assert found["back_emf.phase_rad"][0] == 2e-3
+    assert found["back_emf.amplitude_V_s_per_rad"][2] == pytest.approx(0.2 + T5 * 1e-3)
+    assert found["back_emf.phase_rad"] == pytest.approx(
+        (2e-3, -4.303 * 2e-3, 4.303 * 2e-3), rel=1e-3
+    )
     assert found["change"] == pytest.approx((0.2, 0.1 - 0.2 * T5, 0.1 + 0.2 * T5))
     assert found["directions.16.difference_Nm"][0] == 0.01
     assert found["directions.16.forward_Nm"] == (None, None, None)
@@ -164,6 +167,17 @@ def test_results_of_other_experiments():
     assert found["slope.slope_percent"][0] == 0.1
     assert found["point.rms_percent"][0] == 0.05
     assert found["point.raw_percent"] == (None, None, None)
+
+
+def test_a_quantity_may_have_degrees_of_freedom_of_its_own():
+    content = {"delay_s": 1e-3, "delay_stderr_s": 1e-5, "delay_degrees_of_freedom": 2.0,
+               "x_Nm": 1.0, "x_stderr_Nm": 0.1, "degrees_of_freedom": 5}  # fmt: skip
+    found = by_field(content)
+    assert set(found) == {"delay_s", "x_Nm"}
+    assert found["delay_s"].high == pytest.approx(1e-3 + coverage_factor(2) * 1e-5)
+    assert found["x_Nm"].high == pytest.approx(1.0 + T5 * 0.1)
+    del content["delay_degrees_of_freedom"]  # of earlier versions
+    assert by_field(content)["delay_s"].high == pytest.approx(1e-3 + T5 * 1e-5)
 
 
 def test_every_analysis_has_its_page():
@@ -182,7 +196,7 @@ def test_every_analysis_names_the_schema_of_its_json():
 KEYS = st.sampled_from(
     ["alpha", "alpha_stderr", "x_Nm", "x_stderr_Nm", "stderr_Nm", "half_width_Nm", "x_low_Nm",
      "x_high_Nm", "interval_95_Nm", "value", "stderr", "unit", "order", "name", "torque_Nm",
-     "speed_Hz", "degrees_of_freedom", "list", "part"]
+     "speed_Hz", "degrees_of_freedom", "x_degrees_of_freedom", "list", "part"]
 )  # fmt: skip
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)
 CONTENTS = st.recursive(

@@ -6,10 +6,11 @@ each, from how the n speeds differ (DerSimonian and Laird 1986):
 
     tau^2 = max(Q - (n - 1), 0) / (sum w - sum w^2 / sum w),    Q = sum_s w_s (y_s - y)^2,
 
-with n - 1 degrees of freedom, for the phase one less where the age of the voltages is fitted.
-Where the age of the voltages is fitted, what the phase differs by goes into the age, too: of
-weights w_s and velocities v_s it has a variance of tau^2 sum w^2 (v - v)^2 / (sum w (v - v)^2)^2,
-for equal weights tau^2 / sum (v - v)^2, tau being that of the angle.
+with n - 1 degrees of freedom. For the phase n are the distinct signed speeds, as what it differs by
+may be the same at one speed, and one degree of freedom is less where the age of the voltages is
+fitted. What the phase differs by goes into the age then, too: of weights w_s and velocities v_s it
+has a variance of tau^2 sum w^2 (v - v)^2 / (sum w (v - v)^2)^2, for equal weights
+tau^2 / sum (v - v)^2, tau being that of the angle.
 
 Phases share it: their mean does not make it smaller. Degrees of freedom of the sum with the turns'
 part are Welch-Satterthwaite's; the whole scatter between speeds counts in them with its few degrees
@@ -26,6 +27,9 @@ from motord.identification.cluster_robust_ls import ClusterFit
 
 LEAST_VARIANCE = 1e-300
 """Of data without noise: what its weight is the inverse of."""
+
+SAME_SPEED = 0.02
+"""Part of the fastest speed within which speeds are one: what drifts with the speed is alike."""
 
 OWN_COMPONENTS = 4
 """What phases may differ by from their mean at a speed: two phases, amplitude and phase each."""
@@ -58,17 +62,45 @@ class Average:
     phase_scatter: np.ndarray
 
 
+def distinct_speeds(velocity_rad_s: np.ndarray) -> np.ndarray:
+    """Return the number, from 0 on, of the distinct signed speed that each (n,) is one of."""
+    number, first = np.zeros(velocity_rad_s.size, np.int64), -np.inf
+    count, same = -1, SAME_SPEED * float(np.abs(velocity_rad_s).max(initial=0.0))
+    for place in np.argsort(velocity_rad_s):
+        if velocity_rad_s[place] > first + same:
+            count, first = count + 1, float(velocity_rad_s[place])
+        number[place] = count
+    return number
+
+
+def counted_speeds(velocity_rad_s: np.ndarray, *, age_fitted: bool) -> np.ndarray:
+    """Return numbers of the speeds (n,) by which the scatter of the phase counts.
+
+    The distinct ones; where these are too few to show any, each by itself: how takes of one speed
+    differ is seen all the same.
+    """
+    speed = distinct_speeds(velocity_rad_s)
+    return speed if speed.max() > age_fitted else np.arange(speed.size)
+
+
+def _members(speed: np.ndarray) -> np.ndarray:
+    """Return which of n are of each of the k distinct speeds, 1 or 0 (k, n)."""
+    return np.eye(int(speed.max()) + 1)[:, speed]
+
+
 def average(
     fits: Sequence[Sequence[ClusterFit]],
     encoder: np.ndarray,
     turns_freedom: int,
     *,
+    speed: np.ndarray | None = None,
     age_fitted: bool = False,
 ) -> Average:
     """Return the average over speeds.
 
     fits: of the three phases of each speed; encoder (n, m): what the encoder adds to the variance,
-    over the fundamental's square; turns_freedom: degrees of freedom of how the turns differ.
+    over the fundamental's square; turns_freedom: degrees of freedom of how the turns differ; speed
+    (n,): `counted_speeds`, None where all are distinct.
     """
     line, variance = _lines(fits, encoder)
     speeds = len(line)
@@ -77,16 +109,16 @@ def average(
     apart = (line - mean) * along.conj()
     common = apart.mean(axis=2)
     within = variance.sum(axis=2) / 9
-    free = np.array([speeds - 1, speeds - 1 - age_fitted])
-    parts = (common.real, common.imag)
-    scatter = [_between(part, within, n) for part, n in zip(parts, free, strict=True)]
-    between, explained = (np.stack(each) for each in zip(*scatter, strict=True))  # (2, m) each
+    member = _members(np.arange(speeds) if speed is None else speed)
+    free = np.array([speeds - 1, len(member) - 1 - age_fitted])
+    between, explained = _scatter(common, within, member, free)
     mean, share = _mean(line, variance + between.max(axis=0)[:, None])
     turns = (share**2 * variance).sum(axis=0)
     own = (np.abs(apart - common[..., None]) ** 2 / variance).sum(axis=(0, 2))
     own_freedom = max(OWN_COMPONENTS * (speeds - 1), 1)
     more = turns * (np.maximum(own / own_freedom, 1.0)[:, None] - 1)
-    shared = between[:, :, None] * (share**2).sum(axis=0)  # (2, m, 3)
+    of_speeds = np.tensordot(member, share, 1)
+    shared = between[:, :, None] * np.array([(one**2).sum(axis=0) for one in (share, of_speeds)])
     seen = explained[:, :, None] * turns.sum(axis=1, keepdims=True) / 9
     own_parts = [(turns, turns_freedom), (more, own_freedom)]
     of_mean = [(part.sum(axis=1) / 9, n) for part, n in own_parts]
@@ -109,7 +141,9 @@ def delay_with_scatter(
     angle_variance: tau^2 of the rotor's angle (rad^2); explained: what of the scatter the turns
     explain; weight (s,): of each speed in the fit of the age.
     """
-    share = weight / weight.sum()
+    member = _members(counted_speeds(velocity_rad_s, age_fitted=True))
+    velocity_rad_s = (member @ (weight * velocity_rad_s)) / (member @ weight)
+    share = member @ weight / weight.sum()
     apart = velocity_rad_s - share @ velocity_rad_s
     square = float((share * apart**2).sum())
     between = angle_variance * float((share**2 * apart**2).sum()) / square**2
@@ -157,6 +191,22 @@ def _mean(line: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarra
     share = variance.min(axis=0) / variance
     share = share / share.sum(axis=0)
     return (share * line).sum(axis=0), share
+
+
+def _scatter(
+    common: np.ndarray, within: np.ndarray, member: np.ndarray, freedom: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the variances of amplitude and phase between speeds (2, m), and what turns explain.
+
+    common (n, m): by how much the phases' mean differs, along the line and across it; member
+    (k, n): which are of each distinct speed, at which the phase counts once.
+    """
+    together = 1 / (member @ (1 / within))
+    across = together * (member @ (common.imag / within))
+    along = _between(common.real, within, freedom[0])
+    both = (along, _between(across, together, freedom[1]))
+    between, explained = (np.stack(each) for each in zip(*both, strict=True))
+    return between, explained
 
 
 def _between(values: np.ndarray, within: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,13 @@ from math import isnan
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.back_emf.between_speeds import Average, Delay, average, delay_with_scatter
+from motord.experiments.back_emf.between_speeds import (
+    Average,
+    Delay,
+    average,
+    counted_speeds,
+    delay_with_scatter,
+)
 from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.back_emf.voltages import (
@@ -74,7 +80,7 @@ def fit_delay(samples: VoltageSamples, order: np.ndarray) -> tuple[float, float]
 
     u(t) was k at theta - speed delay: the slope of k times speed^2 is one more column.
     """
-    regressors = Regressors.of(_columns(samples, order), samples.turn)
+    regressors = Regressors.of(_columns(samples, order), samples.turn, FEWEST_TURNS)
     found = []
     for u_V in samples.u_V.T:
         fit = regressors.fit(u_V)
@@ -183,24 +189,24 @@ def _result(
     encoder = np.array([_encoder_variance(one, order, motor.pole_pairs) for one in driven])
     turns = tuple(len(one.turns) for one in driven)
     free = max(sum(turns) - len(turns), 1)
-    mean = average(fits, encoder, free, age_fitted=turns_delay is not None)
+    with_age = turns_delay is not None
+    speed = counted_speeds(_velocity_rad_s(driven), age_fitted=with_age)
+    mean = average(fits, encoder, free, speed=speed, age_fitted=with_age)
     fundamental = int(np.flatnonzero(order == motor.pole_pairs)[0])
-    delay = (
-        _delay(Delay(*turns_delay, free), mean, fundamental, driven, motor) if turns_delay else None
-    )
-    line, stderr = mean.line, mean.stderr
+    of_turns = Delay(*turns_delay, free) if turns_delay else None
+    delay = _delay(of_turns, mean, fundamental, driven, motor) if of_turns else None
     speed_rad_s = 2 * np.pi * float(np.mean([one.speed_Hz for one in driven]))
     turned = order * (delay.stderr_s * speed_rad_s if delay else 0.0)
     electrical = order % motor.pole_pairs == 0
     limit = np.where(electrical, STANDS_OUT, OTHER_STANDS_OUT)
-    kept = (np.abs(line) > limit[:, None] * stderr).any(axis=1)
+    kept = (np.abs(mean.line) > limit[:, None] * mean.stderr).any(axis=1)
     kept |= order == motor.pole_pairs
     return MeasuredBackEmf(
         motor=motor,
         order=order,
-        line=line,
-        stderr=stderr,
-        phase_stderr=np.hypot(mean.across_stderr, np.abs(line) * turned[:, None]),
+        line=mean.line,
+        stderr=mean.stderr,
+        phase_stderr=np.hypot(mean.across_stderr, np.abs(mean.line) * turned[:, None]),
         mean_stderr=mean.mean_stderr,
         turned_stderr_rad=turned,
         freedom=mean.freedom,
@@ -214,6 +220,10 @@ def _result(
     )
 
 
+def _velocity_rad_s(driven: list[Driven]) -> np.ndarray:
+    return 2 * np.pi * np.array([one.direction * one.speed_Hz for one in driven])
+
+
 def _delay(
     of_turns: Delay, mean: Average, fundamental: int, driven: list[Driven], motor: MotorConfig
 ) -> Delay:
@@ -221,7 +231,7 @@ def _delay(
 
     fundamental: its place among the orders.
     """
-    velocity_rad_s = 2 * np.pi * np.array([one.direction * one.speed_Hz for one in driven])
+    velocity_rad_s = _velocity_rad_s(driven)
     samples = np.array([one.turns[-1][1] - one.turns[0][0] for one in driven])
     arm = motor.pole_pairs * float(np.abs(mean.line[fundamental]).mean())
     return delay_with_scatter(

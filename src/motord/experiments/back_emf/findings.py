@@ -6,10 +6,12 @@ from math import sqrt
 import numpy as np
 
 from motord.config import SEQUENCE
+from motord.experiments.back_emf.between_speeds import distinct_speeds
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_finding
 from motord.experiments.signal_findings import signal_findings
 from motord.findings import Finding
+from motord.identification.cluster_robust_ls import FEWEST_TURNS
 from motord.identification.rotor.driven_rotor import JERKY, Driven
 
 UNBALANCED = 0.002
@@ -22,6 +24,10 @@ CONFIGURED_PART = 0.1
 """Part of the fundamental by which it may differ from that of [motor]: magnets differ by less from
 motor to motor, and 0.1 rad is a badly aligned encoder."""
 
+LEAST_SPEEDS = 3
+"""Distinct speeds, with their signs, from which on a phase that differs from speed to speed shows
+next to the age of the voltages."""
+
 SPEED_RATIO = 1.3
 """Ratio of the fastest to the slowest speed that separates the voltages' age from the angle."""
 
@@ -31,7 +37,8 @@ def findings(found: MeasuredBackEmf, driven: Sequence[Driven]) -> tuple[Finding,
     used_s = sum(float(one.t_s[-1] - one.t_s[0]) for one in driven)
     return (
         *_phases(found),
-        *_age(found),
+        *_age(found, driven),
+        *_few_turns(found),
         *_orders(found),
         *_motion(driven),
         *left_out_finding(found.left_out, used_s),
@@ -82,7 +89,7 @@ def _configured(found: MeasuredBackEmf, own: np.ndarray) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _age(found: MeasuredBackEmf) -> Iterator[Finding]:
+def _age(found: MeasuredBackEmf, driven: Sequence[Driven]) -> Iterator[Finding]:
     if found.delay_s is None:
         speeds_Hz = found.speeds_Hz
         yield Finding(
@@ -93,12 +100,15 @@ def _age(found: MeasuredBackEmf) -> Iterator[Finding]:
             f"drive at speeds {SPEED_RATIO} times apart or more",
         )  # fmt: skip
         return
-    if len(found.speeds_Hz) == 2:
+    signed_Hz = np.array([one.direction * one.speed_Hz for one in driven])
+    speeds = int(distinct_speeds(signed_Hz).max()) + 1
+    if speeds < LEAST_SPEEDS:
         yield Finding(
-            "phase-drift-not-seen", 2, 3, "speeds", "warning",
-            "with two speeds the age of the voltages takes up whatever their phase differs by from "
-            "one to the other: where it drifts (an encoder that slips, a reference that changes), "
-            "age and phases are off by more than their intervals; amplitudes are not concerned",
+            "phase-drift-not-seen", speeds, LEAST_SPEEDS, "speeds", "warning",
+            "with two speeds, taken once or more often, the age of the voltages takes up whatever "
+            "their phase differs by from one to the other: where it drifts (an encoder that slips, "
+            "a reference that changes), age and phases are off by more than their intervals; "
+            "amplitudes are not concerned",
             "drive at three speeds or more",
         )  # fmt: skip
     delay_s, stderr_s, _ = found.delay_s
@@ -109,6 +119,18 @@ def _age(found: MeasuredBackEmf) -> Iterator[Finding]:
             "filters and buses explain; a speed or an encoder error that changes with speed looks "
             "the same",
             "check the inverter's time stamps and filters",
+        )  # fmt: skip
+
+
+def _few_turns(found: MeasuredBackEmf) -> Iterator[Finding]:
+    """Yield a finding where turns of a speed are too few to show the colour of its noise."""
+    fewest = min(found.turns)
+    if fewest < FEWEST_TURNS:
+        yield Finding(
+            "few-turns", fewest, FEWEST_TURNS, "turns", "warning",
+            "the standard errors of a speed of so few turns take the noise to be white: they do "
+            "not show its colour",
+            f"drive {FEWEST_TURNS} turns or more at each speed",
         )  # fmt: skip
 
 

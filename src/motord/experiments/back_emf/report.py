@@ -43,13 +43,18 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
 
 def rows(found: MeasuredBackEmf) -> list[list[str]]:
     """Return the harmonics of the table as rows under HEADER."""
-    listed = [(h, coverage_factor(h.degrees_of_freedom)) for h in found.harmonics if h.in_table]
     return [
         [
             str(h.order),
-            plus_minus(1e3 * h.amplitude_V_s_per_rad, 1e3 * t * h.stderr_V_s_per_rad),
+            plus_minus(
+                1e3 * h.amplitude_V_s_per_rad,
+                1e3 * coverage_factor(h.degrees_of_freedom) * h.stderr_V_s_per_rad,
+            ),
             f"{100 * h.amplitude_V_s_per_rad / found.fundamental:.3f}",
-            plus_minus(h.phase_rad, t * h.phase_stderr_rad),
+            plus_minus(
+                h.phase_rad, coverage_factor(h.phase_degrees_of_freedom) * h.phase_stderr_rad
+            ),
         ]
-        for h, t in listed
+        for h in found.harmonics
+        if h.in_table
     ]

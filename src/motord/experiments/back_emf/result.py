@@ -30,9 +30,13 @@ class PhaseHarmonic:
 
 @dataclass(frozen=True)
 class ElectricalHarmonic(PhaseHarmonic):
-    """An electrical order of the phases' mean, in the convention of `[motor] back_emf`."""
+    """An electrical order of the phases' mean, in the convention of `[motor] back_emf`.
+
+    degrees_of_freedom: of the amplitude's standard error, phase_degrees_of_freedom of the phase's.
+    """
 
     phase_stderr_rad: float
+    phase_degrees_of_freedom: float
     in_table: bool
 
 
@@ -140,21 +144,28 @@ class MeasuredBackEmf:
         order = int(self.order[place])
         turned = order * self.motor.encoder_offset_rad
         stderr, across = (float(one) for one in self.mean_stderr[place])
-        size = max(float(np.abs(line)), 1e-300)
-        phase_stderr_rad = float(np.hypot(across / size, self.turned_stderr_rad[place]))
+        across_rad = across / max(float(np.abs(line)), 1e-300)
+        phase_stderr_rad = float(np.hypot(across_rad, self.turned_stderr_rad[place]))
         return ElectricalHarmonic(
             order=order // self.motor.pole_pairs,
             amplitude_V_s_per_rad=float(np.abs(line)),
             phase_rad=float(np.angle(1j * line * np.exp(-1j * turned))),
             stderr_V_s_per_rad=stderr,
-            degrees_of_freedom=float(min(self.freedom[place].min(), self._delay_freedom)),
+            degrees_of_freedom=float(self.freedom[place, 0]),
             phase_stderr_rad=min(phase_stderr_rad, np.pi),
+            phase_degrees_of_freedom=self._phase_freedom(place, across_rad),
             in_table=bool(self.kept[place]),
         )
 
-    @property
-    def _delay_freedom(self) -> float:
-        return self.delay_s.freedom if self.delay_s else np.inf
+    def _phase_freedom(self, place: int, across_rad: float) -> float:
+        """Return Welch and Satterthwaite's of the error across the line and that of the age."""
+        freedom = float(self.freedom[place, 1])
+        if self.delay_s is None:
+            return freedom
+        squares = np.array([across_rad, self.turned_stderr_rad[place]]) ** 2
+        share = squares / max(float(squares.sum()), 1e-300)
+        inverse = float((share**2 / np.maximum([freedom, self.delay_s.freedom], 1.0)).sum())
+        return 1 / inverse if inverse > 0 else freedom
 
     @property
     def phases(self) -> dict[str, list[PhaseHarmonic]]:

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from motord.config import AccuracyConfig
-from motord.experiments.back_emf.between_speeds import Delay, average, delay_with_scatter
-from motord.experiments.back_emf.estimate import measure
+from motord.experiments.back_emf.between_speeds import (
+    Delay,
+    average,
+    delay_with_scatter,
+    distinct_speeds,
+)
+from motord.experiments.back_emf.estimate import fit_delay, measure
+from motord.experiments.back_emf.voltages import VoltageSamples
 from motord.experiments.magnet_temperature import UNKNOWN
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
@@ -248,18 +254,26 @@ def test_back_emf_is_that_of_the_reference_temperature(points: list[PointData]) 
         measure([replace(one, back_emf_factor=np.nan) for one in points], motor)
 
 
-@pytest.mark.parametrize(("speeds", "drift"), [(3, 0.02), (6, 0.02), (6, 3e-4), (6, 0.0)])
-def test_a_phase_that_drifts_is_in_the_interval_of_the_age(speeds: int, drift: float) -> None:
-    """400 trials: lines whose phase is another at each speed (rad), an age fitted through them."""
+@pytest.mark.parametrize(
+    ("speeds", "drift", "takes"),
+    [(3, 0.02, 1), (6, 0.02, 1), (6, 3e-4, 1), (6, 0.0, 1), (3, 0.02, 2), (4, 0.02, 3)],
+)
+def test_a_phase_that_drifts_is_in_the_interval_of_the_age(
+    speeds: int, drift: float, takes: int
+) -> None:
+    """400 trials: lines whose phase is another at each speed (rad), an age fitted through them.
+
+    takes: of each speed, at which the phase is the same.
+    """
     rng = np.random.default_rng(speeds)
     turns_stderr, order, trials = 1e-4, 8, 400
-    velocity_rad_s = 2 * np.pi * np.linspace(0.5, 1.0, speeds)
+    velocity_rad_s = np.tile(2 * np.pi * np.linspace(0.5, 1.0, speeds), takes)
     weight = velocity_rad_s**2
     apart = velocity_rad_s - weight @ velocity_rad_s / weight.sum()
     held_age, held_phase, half = [], [], []
     for _ in range(trials):
-        angle = drift * rng.standard_normal(speeds)
-        error = turns_stderr / velocity_rad_s[:, None] * rng.standard_normal((speeds, 3))
+        angle = np.tile(drift * rng.standard_normal(speeds), takes)
+        error = turns_stderr / velocity_rad_s[:, None] * rng.standard_normal((speeds * takes, 3))
         lines = np.exp(1j * (angle[:, None] + error))
         shift = (weight * apart) @ np.angle(lines).mean(axis=1) / (weight @ apart**2)
         lines = lines * np.exp(-1j * shift * velocity_rad_s)[:, None]
@@ -273,7 +287,9 @@ def test_a_phase_that_drifts_is_in_the_interval_of_the_age(speeds: int, drift: f
             ]
             for phases, v in zip(lines, velocity_rad_s, strict=True)
         ]  # fmt: skip
-        found = average(fits, np.zeros((speeds, 1)), 40, age_fitted=True)
+        speed = distinct_speeds(velocity_rad_s * rng.uniform(0.999, 1.001, velocity_rad_s.size))
+        assert speed.max() + 1 == speeds
+        found = average(fits, np.zeros((speeds * takes, 1)), 40, speed=speed, age_fitted=True)
         of_turns_s = turns_stderr / order / np.sqrt(3 * (apart**2 * weight).sum())
         tau2 = float(found.between[0]) / order**2
         delay = delay_with_scatter(
@@ -293,18 +309,74 @@ def test_a_phase_that_drifts_is_in_the_interval_of_the_age(speeds: int, drift: f
     if not drift:
         assert np.median(half) < 2 * 1.96 * of_turns_s
     if drift == 0.02:
+        assert np.mean(held_age) <= 0.985
+        assert np.mean(held_phase) <= 0.985
         assert np.median(half) > 10 * 1.96 * of_turns_s  # all that was stated before
 
 
 def test_two_speeds_do_not_show_a_phase_that_drifts(points: list[PointData]) -> None:
+    """However often they are taken; a third one does."""
     motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
     found = measure(points, motor)
-    assert "phase-drift-not-seen" in {one.name for one in found.findings}
     assert found.delay_s is not None
-    again = replace(points[0], ticks=points[0].ticks.copy())
-    again.ticks["encoder_count"] = (again.ticks["encoder_count"] + 3) % motor.counts
-    drifted = measure([*points, again], motor)
-    assert "phase-drift-not-seen" not in {one.name for one in drifted.findings}
+    for takes in (points, [*points, *points]):
+        [finding] = [
+            one for one in measure(takes, motor).findings if one.name == "phase-drift-not-seen"
+        ]
+        assert (finding.value, finding.limit) == (2, 3)
+    slipped = replace(points[0], ticks=points[0].ticks.copy())
+    slipped.ticks["encoder_count"] = (slipped.ticks["encoder_count"] + 3) % motor.counts
+    apart = measure([*points, slipped], motor)  # takes of one speed show how these differ
+    assert "phase-drift-not-seen" in {one.name for one in apart.findings}
+    assert apart.delay_s is not None
+    assert apart.delay_s.stderr_s > 3 * found.delay_s.stderr_s
+    assert apart.delay_s.freedom < 3 < found.delay_s.freedom
+    [third] = ticks_of("back-emf", REPORT, 4, rate_Hz=4000, speeds_Hz=(0.9,), turns=8)[2]
+    turned = replace(third, ticks=third.ticks.copy())
+    turned.ticks["encoder_count"] = (turned.ticks["encoder_count"] + 3) % motor.counts
+    drifted = measure([*points, turned], motor)
+    assert not {one.name for one in drifted.findings} & {"phase-drift-not-seen", "few-turns"}
     assert drifted.delay_s is not None
     assert drifted.delay_s.stderr_s > 3 * found.delay_s.stderr_s
     assert drifted.delay_s.freedom < 3 < found.delay_s.freedom
+    steady = measure([*points, third], motor).harmonics[0]
+    assert steady.degrees_of_freedom > 3  # of the amplitude, which no age is in
+    first = drifted.harmonics[0]
+    assert first.phase_degrees_of_freedom < 3
+    assert first.degrees_of_freedom == drifted.freedom[0, 0]
+
+
+def test_speeds_are_distinct_with_their_signs_beyond_two_percent() -> None:
+    velocity_rad_s = np.array([6.0, -3.0, 3.0, 6.05, -3.02, 3.05])
+    assert distinct_speeds(velocity_rad_s).tolist() == [2, 0, 1, 2, 0, 1]
+    many = distinct_speeds(np.linspace(1.0, 2.0, 101))  # no chain of speeds is one
+    assert 20 <= many.max() + 1 <= 50
+
+
+def test_few_turns_show_noise_that_holds_over_a_turn_and_fewer_are_a_finding(
+    points: list[PointData],
+) -> None:
+    """An age by 4 turns whose phases differ: its error was that of white noise below 6 turns."""
+    rng = np.random.default_rng(4)
+    turn = np.repeat(np.arange(4), 500)
+    speed_rad_s = np.repeat([4.0, 4.0, 8.0, 8.0], 500)
+    angle_rad = np.tile(np.linspace(0, 2 * np.pi, 500, endpoint=False), 4)
+    z = []
+    for _ in range(200):
+        moved_rad = angle_rad + 1e-2 / 8 * rng.standard_normal(4)[turn]
+        phases = [np.cos(8 * moved_rad - 2 * np.pi / 3 * phase) for phase in range(3)]
+        u_V = speed_rad_s[:, None] * np.array(phases).T
+        u_V += 0.01 * rng.standard_normal(u_V.shape)
+        delay_s, stderr_s = fit_delay(
+            VoltageSamples(u_V, angle_rad, speed_rad_s, turn), np.array([8])
+        )
+        z.append(delay_s / stderr_s)
+    assert 0.5 < np.median(np.abs(z)) < 6  # 0.67 of many turns alike in the phases
+    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    short = [
+        replace(point, ticks=point.ticks[: int(2.6 * 4000 / point.speed_Hz)]) for point in points
+    ]
+    for taken, named in ((points, False), (short, True)):
+        found = measure(taken, motor)
+        assert (min(found.turns) < 3) == named
+        assert ("few-turns" in {one.name for one in found.findings}) == named
