@@ -3,12 +3,16 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from motord.calibration import load
 from motord.cli import app
+from motord.reproduce.bench import SimulatedBench
 from motord.reproduce.demo import FILES
+from motord.simulate import PlanSource
+from motord.virtual.mesh import processors
 
 RUNNER = CliRunner()
 
@@ -42,6 +46,21 @@ def test_what_it_leaves_in_place_of_an_earlier_one(quick: tuple[Path, str]) -> N
     assert found["before"]["mean"] > 5.0
     assert 0.02 < found["after"]["max"] < 0.5
     assert load(folder / "calibration.json").rms_error_percent.after is not None
+
+
+def test_another_seed_is_another_calibration_of_the_same_truth(tmp_path: Path) -> None:
+    mesh = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.9], "turns": 4}
+    alphas, truths = [], []
+    with processors() as pool:
+        for seed in (1, 1, 2):
+            bench = SimulatedBench(PlanSource.of(), pool, seed)
+            path = tmp_path / f"{len(alphas)}.mcap"
+            run = bench.record("calibrate", mesh, path, lambda *_: None)
+            alphas.append(np.array(bench.calibrate(run, lambda *_: None).joint.alpha))
+            truths.append(bench.truth)
+    assert (alphas[0] == alphas[1]).all()
+    assert 1e-6 < np.abs(alphas[2] - alphas[0]).max() < 0.005
+    assert truths[2] == truths[0]
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
