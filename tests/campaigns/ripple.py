@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from motord.identification.disturbances.asynchronous_line import asynchronous_lines, with_leakage
+from motord.identification.disturbances.asynchronous_line import asynchronous_lines
+from motord.identification.disturbances.leakage import lines_in_average, with_leakage
 from motord.identification.operating_points import prepare
 from motord.identification.point_ripple import PointRipple, point_ripple
 from tests.campaigns import seeds
@@ -51,7 +52,8 @@ def with_hum(turns: int, seed: int) -> tuple[PointRipple, PointRipple, float]:
         point.ticks["torque_Nm"] += hum_Nm * np.sin(phase_rad)
         samples = prepare(point, one.motor.counts)
         found.append(point_ripple(samples, one.motor, one.sensor))
-    lines = asynchronous_lines(samples, bench.motor.counts)
+    own = asynchronous_lines(samples, bench.motor.counts)
+    lines = lines_in_average(own, (), samples, found[1])
     held = with_leakage(found[1], lines, samples, bench.motor, bench.sensor)
     return found[1], held, found[0].rms_percent
 

@@ -23,11 +23,17 @@ from motord.identification.torque_sensor import order_below_resonance, response
 
 @dataclass(frozen=True)
 class AsynchronousLine:
-    """A sine in the torque that is not locked to the rotor; stderr_Nm: of its amplitude."""
+    """A sine in the torque that is not locked to the rotor; stderr_Nm: of its amplitude.
+
+    sure: False so near to an order that the fit may have found a fraction of the amplitude.
+    """
+
+    JSON: ClassVar = ("frequency_Hz", "amplitude_Nm", "stderr_Nm")
 
     frequency_Hz: float
     amplitude_Nm: float
     stderr_Nm: float
+    sure: bool = True
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,8 @@ class PointRipple:
     faults: signals that are not right. mean_Nm: mean torque, None if the sensor does not pass it.
     asynchronous_lines: what is not locked to the rotor, where it was looked for;
     asynchronous_percent: the largest amplitude of these; leakage_percent: by how much they change
-    the RMS error at most, which stderr_percent holds.
+    the RMS error at most, which stderr_percent holds, noise_stderr_percent without it;
+    bias_percent: by how much they make it larger on average.
     """
 
     JSON: ClassVar = (
@@ -64,7 +71,9 @@ class PointRipple:
     even_odd_Nm: np.ndarray
     faults: tuple[SignalFault, ...] = ()
     mean_Nm: float | None = None
+    noise_stderr_percent: float | None = None
     leakage_percent: float = 0.0
+    bias_percent: float = 0.0
     asynchronous_percent: float = 0.0
     asynchronous_lines: tuple[AsynchronousLine, ...] = ()
 
@@ -146,22 +155,24 @@ def ripple_of(
     if len(samples.turns) < 2:
         noise_Nm[:] = np.nan
     rms_Nm, stderr_Nm = repeating_rms(even_odd, noise_Nm)
+    percent = 100 / motor.rated_torque_Nm
+    stderr_percent = percent * stderr_Nm if len(samples.turns) > 1 else None
     count = samples.count[samples.whole]
     sums, hits = np.bincount(count, steady_Nm), np.bincount(count)
-    percent = 100 / motor.rated_torque_Nm
     return PointRipple(
         torque_Nm=samples.torque_set_Nm,
         speed_Hz=samples.speed_set_Hz,
         compensate=samples.compensate,
         turns=len(samples.turns),
         rms_percent=percent * rms_Nm,
-        stderr_percent=percent * stderr_Nm if len(samples.turns) > 1 else None,
+        stderr_percent=stderr_percent,
         raw_percent=rms_error_percent(sums[hits > 0] / hits[hits > 0], motor.rated_torque_Nm),
         order=order,
         line_Nm=even_odd.mean(axis=0),
         noise_Nm=noise_Nm,
         even_odd_Nm=even_odd,
         faults=samples.faults,
+        noise_stderr_percent=stderr_percent,
     )
 
 

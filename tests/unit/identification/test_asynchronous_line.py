@@ -1,17 +1,17 @@
 """Lines that are not locked to the rotor; the coverage with them is `tests.campaigns.ripple`."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from motord.identification.disturbances.asynchronous_line import (
-    asynchronous_lines,
-    lines_near_orders,
-    with_leakage,
-)
+from motord.identification.disturbances.asynchronous_line import asynchronous_lines
+from motord.identification.disturbances.leakage import lines_in_average, with_leakage
+from motord.identification.disturbances.periodogram import Periodogram
 from motord.identification.operating_points import Samples, prepare
-from motord.identification.point_ripple import point_ripple
+from motord.identification.point_ripple import AsynchronousLine, PointRipple, point_ripple
 from tests.campaigns.ripple import SMOOTH, holds, with_hum
 from tests.unit.identification.synthetic_bench import Bench
 
@@ -66,14 +66,120 @@ def test_a_line_on_an_order_is_known_from_other_speeds() -> None:
     assert asynchronous_lines(locked, COUNTS) == ()
     known = asynchronous_lines(away, COUNTS)
     near = [replace(line, frequency_Hz=hum_Hz) for line in known]
-    assert lines_near_orders(near, (), locked) == tuple(near)
-    assert lines_near_orders(near, near, locked) == ()
-    far = [replace(line, frequency_Hz=50.5 * locked.speed_Hz) for line in known]
-    assert lines_near_orders(far, (), locked) == ()
     ripple = point_ripple(locked, BENCH.motor, BENCH.sensor)
+    assert lines_in_average((), near, locked, ripple) == tuple(near)
+    assert lines_in_average(near, near, locked, ripple) == tuple(near)
+    resolution_Hz = locked.speed_Hz / len(locked.turns)
+    for apart, taken in ((0.25, True), (0.6, False), (3.0, False)):
+        other = [replace(line, frequency_Hz=hum_Hz + apart * resolution_Hz) for line in known]
+        assert bool(lines_in_average((), other, locked, ripple)) == taken
     quiet = point_ripple(samples(6), BENCH.motor, BENCH.sensor).rms_percent
     assert not holds(ripple, quiet)
     assert holds(with_leakage(ripple, near, locked, BENCH.motor, BENCH.sensor), quiet)
+
+
+SHARP = replace(BENCH, torque_noise_Nm=0.002, drift_Nm=0.005)
+
+
+def hum_at_order(seed: int, apart: float, part: float) -> tuple[Samples, PointRipple, float]:
+    """Return 7 turns with hum so many resolutions from order 51; the RMS error without it.
+
+    part: amplitude over the rated torque.
+    """
+    point = SHARP.point(2.0, 0.97, 7.3, seed)
+    before = prepare(point, COUNTS)
+    hum_Hz = before.speed_Hz * (51 + apart / len(before.turns))
+    phase_rad = 2e-9 * np.pi * hum_Hz * point.ticks["t_ns"] + 1.0
+    point.ticks["torque_Nm"] += part * BENCH.motor.rated_torque_Nm * np.sin(phase_rad)
+    one = prepare(point, COUNTS)
+    ripple, quiet = (point_ripple(each, BENCH.motor, BENCH.sensor) for each in (one, before))
+    return one, ripple, quiet.rms_percent
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("part", [0.001, 0.005, 0.02])
+def test_hum_near_an_order_has_the_amplitude_that_other_speeds_show(seed: int, part: float) -> None:
+    """The point's own fit may have a small part of it, 0.2 to 0.4 of the resolution away."""
+    for apart in (0.0, 0.03, 0.06, 0.09, 0.12, 0.15):
+        one, ripple, quiet = hum_at_order(seed, apart, part)
+        hum_Hz = one.speed_Hz * (51 + (apart + 0.01) / len(one.turns))
+        known = AsynchronousLine(hum_Hz, part * BENCH.motor.rated_torque_Nm, 1e-4)
+        lines = lines_in_average(asynchronous_lines(one, COUNTS), [known], one, ripple)
+        half = 1.96 * with_leakage(ripple, lines, one, BENCH.motor, BENCH.sensor).stderr_percent
+        off = abs(ripple.rms_percent - quiet)
+        assert off > 2 * 1.96 * ripple.stderr_percent  # what the noise alone allows
+        assert off < half < 9 * off
+
+
+@pytest.mark.parametrize("apart", [0.04, 0.12, 0.2])
+def test_a_line_near_an_order_may_be_all_that_there_is(apart: float) -> None:
+    """Where no other speed shows its amplitude."""
+    one, ripple, quiet = hum_at_order(2, apart, 0.005)
+    own = asynchronous_lines(one, COUNTS)
+    assert own
+    assert not own[0].sure
+    lines = lines_in_average(own, (), one, ripple)
+    half = 1.96 * with_leakage(ripple, lines, one, BENCH.motor, BENCH.sensor).stderr_percent
+    assert abs(ripple.rms_percent - quiet) < half < 6 * abs(ripple.rms_percent - quiet)
+
+
+def test_noise_of_a_resonance_is_no_line() -> None:
+    """Torsional resonances of Q 10 and 50 near order 48: 3 to 4 lines a point before."""
+    found = []
+    for quality in (10, 50):
+        for seed in range(8):
+            point = BENCH.point(2.0, 1.0, 6.3, seed)
+            pole = np.exp(2e-3 * np.pi * 48.5 * (1j - 0.5 / quality))
+            white = np.random.default_rng(100 + seed).standard_normal(point.ticks.size + 2000)
+            ringing = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], white)[2000:]
+            point.ticks["torque_Nm"] += 0.018 * ringing / ringing.std()
+            found.append(asynchronous_lines(prepare(point, COUNTS), COUNTS))
+    assert sum(map(bool, found)) <= 1
+
+
+def test_an_order_that_grows_is_no_line() -> None:
+    for part in (0.02, 0.05, 0.1):
+        point = SHARP.point(2.0, 1.0, 6.3, 7)
+        angle_rad = 2 * np.pi * point.ticks["encoder_count"] / COUNTS
+        grown = 1 + part * np.linspace(-1, 1, angle_rad.size)
+        point.ticks["torque_Nm"] += 0.2 * grown * np.sin(48 * angle_rad)
+        assert asynchronous_lines(prepare(point, COUNTS), COUNTS) == ()
+
+
+def test_two_lines_together_change_no_more_than_is_stated() -> None:
+    """At each of 36 pairs of phases, on orders that ripple and on the same one."""
+    quiet = replace(SHARP, torque_noise_Nm=0.0, current_noise_A=0.0, drift_Nm=0.0)
+    point = quiet.point(2.0, 0.97, 6.3, 1)
+    before = prepare(point, COUNTS)
+    truth = point_ripple(before, BENCH.motor, BENCH.sensor).rms_percent
+    t_s = 1e-9 * point.ticks["t_ns"]
+    for orders in ((48.02, 16.01), (48.02, 48.03)):
+        share = []
+        for phases_rad in np.ndindex(6, 6):
+            moved = replace(point, ticks=point.ticks.copy())
+            for order, phase in zip(orders, phases_rad, strict=True):
+                wave = np.sin(2 * np.pi * order * before.speed_Hz * t_s + np.pi / 3 * phase)
+                moved.ticks["torque_Nm"] += 0.006 * wave
+            one = prepare(moved, COUNTS)
+            lines = [AsynchronousLine(order * one.speed_Hz, 0.006, 0.0) for order in orders]
+            ripple = point_ripple(one, BENCH.motor, BENCH.sensor)
+            found = with_leakage(ripple, lines, one, BENCH.motor, BENCH.sensor)
+            share.append(abs(found.rms_percent - truth) / found.leakage_percent)
+        assert 0.4 < max(share) <= 1.0
+
+
+def test_the_floor_of_many_samples_takes_little_memory() -> None:
+    point = BENCH.point(2.0, 1.0, 60.3, 1)
+    one = prepare(point, COUNTS)
+    rest_Nm = np.random.default_rng(1).standard_normal(one.t_s[one.whole].size)
+    periodogram = Periodogram(one, rest_Nm)
+    tracemalloc.start()
+    floor = periodogram.floor_at(48.5)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert rest_Nm.size > 55_000
+    assert peak < 20e6
+    assert 0.8 < floor.variance_Nm2 < 2.0
 
 
 def test_intervals_hold_under_hum() -> None:

@@ -14,7 +14,7 @@ to have been compensated out of phase.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,13 +23,11 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.subject import Subject
 from motord.findings import Finding
-from motord.identification.disturbances.asynchronous_line import (
-    asynchronous_lines,
-    lines_near_orders,
-    with_leakage,
-)
+from motord.identification.disturbances.asynchronous_line import asynchronous_lines
+from motord.identification.disturbances.leakage import lines_in_average, with_leakage
 from motord.identification.operating_points import Samples, prepare, require_currents
 from motord.identification.point_ripple import (
+    AsynchronousLine,
     PointRipple,
     point_ripple,
     repeating_rms,
@@ -101,45 +99,79 @@ class MeshRipple:
         ]
 
 
+class _Shown(NamedTuple):
+    """Lines that a point shows that are not locked to the rotor, and at which torque."""
+
+    torque_Nm: float
+    lines: tuple[AsynchronousLine, ...]
+
+
 def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
     """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
     runs = tuple(runs)
-    found = [
-        point_ripple(samples, subject.motor, subject.sensor) for samples in _samples(runs, subject)
-    ]
-    return with_asynchronous(found, runs, subject)
+    found, shown = [], []
+    for samples in _samples(runs, subject):
+        found.append(point_ripple(samples, subject.motor, subject.sensor))
+        shown.append(_shown(samples, subject))
+    return with_asynchronous(found, shown, runs, subject)
 
 
 def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -> list[Explained]:
     """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
     runs = tuple(runs)
-    found = [
-        explain(samples, subject.motor, subject.sensor, calibration)
-        for samples in _samples(runs, subject)
-    ]
-    measured = with_asynchronous([one.measured for one in found], runs, subject)
+    found, shown = [], []
+    for samples in _samples(runs, subject):
+        found.append(explain(samples, subject.motor, subject.sensor, calibration))
+        shown.append(_shown(samples, subject))
+    measured = with_asynchronous([one.measured for one in found], shown, runs, subject)
     return [replace(one, measured=point) for one, point in zip(found, measured, strict=True)]
 
 
+def _shown(samples: Samples, subject: Subject) -> _Shown:
+    return _Shown(samples.torque_set_Nm, asynchronous_lines(samples, subject.motor.counts))
+
+
 def with_asynchronous(
-    found: Sequence[PointRipple], runs: Sequence[Run], subject: Subject
+    found: Sequence[PointRipple],
+    shown: Sequence[_Shown],
+    runs: Sequence[Run],
+    subject: Subject,
 ) -> list[PointRipple]:
     """Return the ripples of the runs' points with the lines that are not locked to the rotor.
 
     A line that is as near to an order as a point resolves is known of it from other speeds alone:
-    so the points are read again with what all of them show. Raises IdentifyError.
+    so, where there are lines, the points are read again. Raises IdentifyError.
     """
-    motor, sensor = subject.motor, subject.sensor
-    own = [asynchronous_lines(samples, motor.counts) for samples in _samples(runs, subject)]
-    every = [line for lines in own for line in lines]
-    if not every:
+    if not any(one.lines for one in shown):
         return list(found)
-    points = zip(found, own, _samples(runs, subject), strict=True)
+    motor, sensor = subject.motor, subject.sensor
+    points = zip(found, shown, _samples(runs, subject), strict=True)
     return [
         with_leakage(
-            ripple, (*lines, *lines_near_orders(every, lines, samples)), samples, motor, sensor
+            ripple,
+            lines_in_average(own.lines, _others(shown, place, samples), samples, ripple),
+            samples,
+            motor,
+            sensor,
         )
-        for ripple, lines, samples in points
+        for place, (ripple, own, samples) in enumerate(points)
+    ]
+
+
+def _others(shown: Sequence[_Shown], place: int, samples: Samples) -> list[AsynchronousLine]:
+    """Return the lines of other points than that of a place.
+
+    Of other torques only those that are seen at its own torque, too.
+    """
+    resolution_Hz = samples.speed_Hz / len(samples.turns)
+    torque_Nm = shown[place].torque_Nm
+    at_torque = [one for shows in shown if shows.torque_Nm == torque_Nm for one in shows.lines]
+    return [
+        line
+        for other, shows in enumerate(shown)
+        for line in shows.lines
+        if other != place
+        and any(abs(line.frequency_Hz - one.frequency_Hz) < resolution_Hz for one in at_torque)
     ]
 
 

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from motord.config import load, packaged
 from motord.experiments.ripple import estimate
 from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import Subject
+from motord.identification.operating_points import Samples
+from motord.identification.point_ripple import AsynchronousLine
 from motord.recording.reader import open_run
 from tests.support.wrong_signals import change_recording
 from tests.unit.experiments.conftest import Recorded
@@ -72,8 +75,10 @@ def test_an_rms_error_that_noise_hides_is_a_finding(
 ) -> None:
     [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
     assert findings([point]) == ()
-    seen = replace(point, rms_percent=rms_percent, stderr_percent=stderr_percent)
+    seen = replace(point, rms_percent=rms_percent, noise_stderr_percent=stderr_percent)
     assert [one.name for one in findings([point, seen])] == ["noise-hides-ripple"] * hidden
+    hum = replace(point, rms_percent=rms_percent, stderr_percent=stderr_percent)
+    assert findings([point, hum]) == ()  # what is not of noise
 
 
 @pytest.mark.parametrize(
@@ -120,11 +125,78 @@ def test_hum_that_is_not_locked_to_the_rotor_is_named_and_in_the_interval(
         assert after.asynchronous_lines[0].frequency_Hz == pytest.approx(50, abs=0.05)
         off = abs(after.rms_percent - before.rms_percent)
         assert off < 1.96 * after.stderr_percent
-        square = after.stderr_percent**2 - after.leakage_percent**2 / 2
-        outside += off > 1.96 * square**0.5
+        assert after.noise_stderr_percent < after.stderr_percent
+        outside += off > 1.96 * after.noise_stderr_percent
     assert outside > 0  # without what is known of the line
     [found] = [one for one in findings(humming) if one.name == "asynchronous-line"]
-    assert " 50 Hz " in found.meaning
-    assert found.severity == "warning"
+    assert " 50.0 Hz " in found.meaning
+    assert "mains" in found.action
+    assert found.severity == ("serious" if amplitude_Nm == 0.2 else "warning")  # 0.24 % RMS
     assert found.value == pytest.approx(100 * amplitude_Nm / subject.motor.rated_torque_Nm, rel=0.2)
     assert "asynchronous-line" not in {one.name for one in findings(clean)}
+
+
+@pytest.mark.parametrize(
+    ("leakage_percent", "bias_percent", "severity"),
+    [(0.01, 0.0, "note"), (0.2, 0.01, "warning"), (0.3, 0.15, "serious"), (0.3, 0.25, "serious")],
+)
+def test_what_a_line_is_worth(
+    recorded: Recorded, leakage_percent: float, bias_percent: float, severity: str
+) -> None:
+    """A bias is 0.3 of the RMS error where the line is as large as the ripple."""
+    [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
+    seen = replace(
+        point,
+        rms_percent=0.5,
+        noise_stderr_percent=0.1,
+        stderr_percent=float(np.hypot(0.1, leakage_percent / 2**0.5)),
+        leakage_percent=leakage_percent,
+        bias_percent=bias_percent,
+        asynchronous_percent=0.5,
+        asynchronous_lines=(AsynchronousLine(50.0, 0.03, 0.001),),
+    )
+    assert [one.severity for one in findings([seen])] == [severity]
+
+
+@pytest.mark.parametrize(
+    ("at_Hz", "said", "advised"),
+    [
+        (lambda speed_Hz: 7.31 * speed_Hz, "a line at 7.31 orders, at all speeds,", "a belt"),
+        (lambda speed_Hz: 50 + 0.01 * speed_Hz, "a line at 50.0 Hz", "mains hum"),
+        (lambda speed_Hz: 1234.5, "a line at 1234.5 Hz", "mains hum"),
+    ],
+)
+def test_a_line_is_named_by_what_is_constant(
+    recorded: Recorded, at_Hz: Callable[[float], float], said: str, advised: str
+) -> None:
+    [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
+    points = [
+        replace(
+            point,
+            speed_Hz=speed_Hz,
+            asynchronous_percent=0.5,
+            asynchronous_lines=(AsynchronousLine(at_Hz(speed_Hz), 0.03, 0.001),),
+        )
+        for speed_Hz in (0.6, 0.8, 1.0)
+    ]
+    [found] = findings(points)
+    assert said in found.meaning
+    assert advised in found.action
+
+
+def test_of_other_torques_count_lines_that_are_seen_at_its_own(
+    recorded: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line that other points show is in the interval of the points at its torque alone."""
+    subject, run_ = Subject.of_config(load()), open_run(recorded.on)
+    plain = estimate.ripples([run_], subject)
+    far = [one for one in plain if one.speed_Hz != 1.0]
+    assert far
+
+    def lines(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
+        shows = samples.torque_set_Nm == plain[0].torque_Nm and samples.speed_set_Hz != 1.0
+        return (AsynchronousLine(50 * samples.speed_Hz, 0.03, 0.001),) * shows
+
+    monkeypatch.setattr(estimate, "asynchronous_lines", lines)
+    for one in estimate.ripples([run_], subject):
+        assert one.torque_Nm == plain[0].torque_Nm or not one.asynchronous_lines
