@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from motord.identification.disturbances.asynchronous_line import asynchronous_lines
 from motord.identification.disturbances.leakage import lines_in_average, with_leakage
 from motord.identification.disturbances.periodogram import Periodogram
 from motord.identification.operating_points import Samples, prepare
 from motord.identification.point_ripple import AsynchronousLine, PointRipple, point_ripple
-from tests.campaigns.ripple import SMOOTH, holds, with_hum
+from tests.campaigns.ripple import SMOOTH, holds, lines_of_noise, with_hum
 from tests.unit.identification.synthetic_bench import Bench
 
 BENCH = Bench(truth=SMOOTH, torque_noise_Nm=0.02, drift_Nm=0.02, fine_Hz=1000)
@@ -125,15 +124,7 @@ def test_a_line_near_an_order_may_be_all_that_there_is(apart: float) -> None:
 
 def test_noise_of_a_resonance_is_no_line() -> None:
     """Torsional resonances of Q 10 and 50 near order 48: 3 to 4 lines a point before."""
-    found = []
-    for quality in (10, 50):
-        for seed in range(8):
-            point = BENCH.point(2.0, 1.0, 6.3, seed)
-            pole = np.exp(2e-3 * np.pi * 48.5 * (1j - 0.5 / quality))
-            white = np.random.default_rng(100 + seed).standard_normal(point.ticks.size + 2000)
-            ringing = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], white)[2000:]
-            point.ticks["torque_Nm"] += 0.018 * ringing / ringing.std()
-            found.append(asynchronous_lines(prepare(point, COUNTS), COUNTS))
+    found = [lines_of_noise(seed, quality) for quality in (10.0, 50.0) for seed in range(8)]
     assert sum(map(bool, found)) <= 1
 
 

@@ -41,7 +41,7 @@ NEIGHBOURS = 96
 FLOOR_STEP = 24
 """Resolved frequencies from one median of the floor to the next."""
 
-BESIDE = np.r_[-10:-1, 2:11]
+AROUND = np.r_[-10:-1, 2:11]
 """Places, in resolved frequencies from a line, of the values that make the floor near it."""
 
 LEFT = np.r_[-8:0, 1:9]
@@ -104,7 +104,7 @@ class Periodogram:
         beyond = np.flatnonzero(ratio > _limit(self._trials, values / MEDIAN_VARIANCE))
         beyond = beyond[np.argsort(-ratio[beyond])]
         for best in beyond:
-            near = self._near(int(best), BESIDE)
+            near = self._near(int(best), AROUND)
             if self._whole[best] > near.least_ratio * near.variance_Nm2:
                 return float(self._frequency_Hz[best])
         skirted = beyond[self._apart[beyond] < SKIRTED]
