@@ -100,9 +100,10 @@ class MeshRipple:
 
 
 class _Shown(NamedTuple):
-    """Lines that a point shows that are not locked to the rotor, and at which torque."""
+    """Lines that a point shows that are not locked to the rotor, at which torque and speed."""
 
     torque_Nm: float
+    speed_Hz: float
     lines: tuple[AsynchronousLine, ...]
 
 
@@ -128,7 +129,8 @@ def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -
 
 
 def _shown(samples: Samples, subject: Subject) -> _Shown:
-    return _Shown(samples.torque_set_Nm, asynchronous_lines(samples, subject.motor.counts))
+    lines = asynchronous_lines(samples, subject.motor.counts)
+    return _Shown(samples.torque_set_Nm, samples.speed_Hz, lines)
 
 
 def with_asynchronous(
@@ -161,18 +163,27 @@ def with_asynchronous(
 def _others(shown: Sequence[_Shown], place: int, samples: Samples) -> list[AsynchronousLine]:
     """Return the lines of other points than that of a place.
 
-    Of other torques only those that are seen at its own torque, too.
+    Of other torques only those that are seen at its own torque, too. Not those that are of the same
+    order here: they turn with the rotor (a belt), and are seen here at another frequency.
     """
+    here = shown[place]
     resolution_Hz = samples.speed_Hz / len(samples.turns)
-    torque_Nm = shown[place].torque_Nm
-    at_torque = [one for shows in shown if shows.torque_Nm == torque_Nm for one in shows.lines]
-    return [
-        line
-        for other, shows in enumerate(shown)
-        for line in shows.lines
-        if other != place
-        and any(abs(line.frequency_Hz - one.frequency_Hz) < resolution_Hz for one in at_torque)
-    ]
+    at_torque = [one for shows in shown if shows.torque_Nm == here.torque_Nm for one in shows.lines]
+    found = []
+    for other, shows in enumerate(shown):
+        for line in shows.lines if other != place else ():
+            scaled = replace(line, frequency_Hz=line.frequency_Hz * here.speed_Hz / shows.speed_Hz)
+            turns = _any_at(scaled, here.lines, resolution_Hz)
+            if _any_at(line, here.lines if turns else at_torque, resolution_Hz):
+                found.append(line)
+    return found
+
+
+def _any_at(
+    line: AsynchronousLine, lines: Iterable[AsynchronousLine], resolution_Hz: float
+) -> bool:
+    """Return whether any of the lines is at the frequency of one."""
+    return any(abs(line.frequency_Hz - one.frequency_Hz) < resolution_Hz for one in lines)
 
 
 def _samples(runs: Iterable[Run], subject: Subject) -> Iterator[Samples]:

@@ -184,19 +184,28 @@ def test_a_line_is_named_by_what_is_constant(
     assert advised in found.action
 
 
-def test_of_other_torques_count_lines_that_are_seen_at_its_own(
+def test_lines_of_other_points_that_count(
     recorded: Recorded, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A line that other points show is in the interval of the points at its torque alone."""
+    """Of 50 Hz at the torque where another speed shows it; of a belt at none."""
     subject, run_ = Subject.of_config(load()), open_run(recorded.on)
     plain = estimate.ripples([run_], subject)
-    far = [one for one in plain if one.speed_Hz != 1.0]
-    assert far
+    fastest = max(one.speed_Hz for one in plain)
+    assert any(one.speed_Hz != fastest for one in plain)
+    first = plain[0].torque_Nm
 
-    def lines(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
-        shows = samples.torque_set_Nm == plain[0].torque_Nm and samples.speed_set_Hz != 1.0
-        return (AsynchronousLine(50 * samples.speed_Hz, 0.03, 0.001),) * shows
+    def hum(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
+        shows = samples.torque_set_Nm == first and samples.speed_set_Hz != fastest
+        return (AsynchronousLine(50 * fastest, 0.03, 0.001),) * shows
 
-    monkeypatch.setattr(estimate, "asynchronous_lines", lines)
+    monkeypatch.setattr(estimate, "asynchronous_lines", hum)
     for one in estimate.ripples([run_], subject):
-        assert one.torque_Nm == plain[0].torque_Nm or not one.asynchronous_lines
+        assert bool(one.asynchronous_lines) == (one.torque_Nm == first)
+
+    def belt(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
+        return (AsynchronousLine(7.5 * samples.speed_Hz, 0.03, 0.001),)
+
+    monkeypatch.setattr(estimate, "asynchronous_lines", belt)
+    for one in estimate.ripples([run_], subject):
+        [line] = one.asynchronous_lines
+        assert line.frequency_Hz == pytest.approx(7.5 * one.speed_Hz, rel=0.01)
