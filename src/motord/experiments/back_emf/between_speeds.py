@@ -19,6 +19,7 @@ of freedom, also where it is no more than turns explain: of few speeds it may be
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -155,6 +156,16 @@ def delay_with_scatter(
         float(velocity_rad_s.size - 2),
     )
     return Delay(delay.age_s, float(np.sqrt(variance)), float(freedom))
+
+
+def correlated_freedom(*parts: tuple[float, float]) -> float:
+    """Return the degrees of freedom of the sum of variances that are known by the same scatter.
+
+    parts: standard error and degrees of freedom.
+    """
+    total = max(sum(stderr**2 for stderr, _ in parts), LEAST_VARIANCE)
+    root = sum(stderr**2 / total / sqrt(max(freedom, 1.0)) for stderr, freedom in parts)
+    return 1 / root**2 if root > 0 else min(freedom for _, freedom in parts)
 
 
 def _sum(

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
-from motord.experiments.back_emf.between_speeds import Delay
+from motord.experiments.back_emf.between_speeds import Delay, correlated_freedom
 from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
@@ -158,14 +158,17 @@ class MeasuredBackEmf:
         )
 
     def _phase_freedom(self, place: int, across_rad: float) -> float:
-        """Return Welch and Satterthwaite's of the error across the line and that of the age."""
+        """Return the degrees of freedom of the error across the line together with the age's.
+
+        Both rest on the same scatter between speeds: estimates of variance that are fully
+        correlated, for which Welch and Satterthwaite's has the square of the sum.
+        """
         freedom = float(self.freedom[place, 1])
         if self.delay_s is None:
             return freedom
-        squares = np.array([across_rad, self.turned_stderr_rad[place]]) ** 2
-        share = squares / max(float(squares.sum()), 1e-300)
-        inverse = float((share**2 / np.maximum([freedom, self.delay_s.freedom], 1.0)).sum())
-        return 1 / inverse if inverse > 0 else freedom
+        return correlated_freedom(
+            (across_rad, freedom), (float(self.turned_stderr_rad[place]), self.delay_s.freedom)
+        )
 
     @property
     def phases(self) -> dict[str, list[PhaseHarmonic]]:

@@ -9,6 +9,7 @@ from motord.config import AccuracyConfig
 from motord.experiments.back_emf.between_speeds import (
     Delay,
     average,
+    correlated_freedom,
     delay_with_scatter,
     distinct_speeds,
 )
@@ -301,8 +302,13 @@ def test_a_phase_that_drifts_is_in_the_interval_of_the_age(
         )
         half.append(coverage_factor(delay.freedom) * delay.stderr_s)
         held_age.append(abs(delay.age_s) < half[-1])
-        stderr = np.hypot(found.mean_stderr[0, 1], order * delay.stderr_s * velocity_rad_s.mean())
-        factor = coverage_factor(min(found.freedom[0, 1], delay.freedom))
+        across, turned = found.mean_stderr[0, 1], order * delay.stderr_s * velocity_rad_s.mean()
+        stderr = np.hypot(across, turned)
+        freedom = correlated_freedom((across, found.freedom[0, 1]), (turned, delay.freedom))
+        fewest, most = sorted((found.freedom[0, 1], delay.freedom))
+        assert fewest <= freedom * (1 + 1e-9)
+        assert freedom <= max(most, 1.0) * (1 + 1e-9)
+        factor = coverage_factor(freedom)
         held_phase.append(abs(np.angle(found.line[0].mean())) < factor * stderr)
     assert np.mean(held_age) >= 0.95 - 0.022  # two standard errors of the trials
     assert np.mean(held_phase) >= 0.95 - 0.022

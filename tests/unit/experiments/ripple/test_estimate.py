@@ -189,14 +189,20 @@ def test_lines_of_other_points_that_count(
 ) -> None:
     """Of 50 Hz at the torque where another speed shows it; of a belt at none."""
     subject, run_ = Subject.of_config(load()), open_run(recorded.on)
-    plain = estimate.ripples([run_], subject)
-    fastest = max(one.speed_Hz for one in plain)
-    assert any(one.speed_Hz != fastest for one in plain)
-    first = plain[0].torque_Nm
+    speeds_Hz: dict[tuple[float, float], float] = {}
+
+    def none(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
+        speeds_Hz[samples.torque_set_Nm, samples.speed_set_Hz] = samples.speed_Hz
+        return ()
+
+    monkeypatch.setattr(estimate, "asynchronous_lines", none)
+    estimate.ripples([run_], subject)
+    first, fastest = min(torque for torque, _ in speeds_Hz), max(speed for _, speed in speeds_Hz)
+    assert len({torque for torque, _ in speeds_Hz}) == len({speed for _, speed in speeds_Hz}) == 2
 
     def hum(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
         shows = samples.torque_set_Nm == first and samples.speed_set_Hz != fastest
-        return (AsynchronousLine(50 * fastest, 0.03, 0.001),) * shows
+        return (AsynchronousLine(50 * speeds_Hz[first, fastest], 0.03, 0.001),) * shows
 
     monkeypatch.setattr(estimate, "asynchronous_lines", hum)
     for one in estimate.ripples([run_], subject):
