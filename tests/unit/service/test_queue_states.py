@@ -55,6 +55,10 @@ class PlayedPlans:
         self.active, self.refused = False, False
         self.begun = []
 
+    @property
+    def concluded(self):
+        return not self.active
+
     def run_of(self, run_id):
         return self.view if self.view and self.view.run_id == run_id else None
 

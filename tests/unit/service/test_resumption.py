@@ -83,7 +83,7 @@ def refused(service, name, /, **arguments):
 
 
 def run_to_end(service, token):
-    until(service, token, lambda: not service.bench.plans.active)
+    until(service, token, lambda: service.bench.plans.concluded)
     return service.bench.plans.view
 
 
@@ -513,7 +513,8 @@ def test_however_a_plan_ends_its_view_and_its_journal_agree(days, how, found):
     run_until_closing(service, token)
     service.run_s(0.2, token)
     view, plans = service.bench.plans.view, service.bench.plans
-    assert (view.state, view.recorded, plans.active) == ("ending", True, True)
+    assert (view.state, view.recorded) == ("ending", True)
+    assert (plans.active, plans.closing) == (False, True)
     assert service.journal.log.state == ""
     torque_Nm = service.bench.setpoint.torque_Nm
     plans.pause()
@@ -526,7 +527,7 @@ def test_however_a_plan_ends_its_view_and_its_journal_agree(days, how, found):
     service.sink.missing = "" if found == "died" else found
     service.sink.on_closing()
     view, [segment] = plans.view, service.journal.log.segments
-    assert not plans.active
+    assert plans.concluded
     assert view.state == ("failed" if found and state == "done" else state)
     assert (segment.state, segment.message) == (view.state, view.message)
     assert view.recorded is (not found)

@@ -226,8 +226,7 @@ class Bench:
         if stalled and not self._stalled:
             why = f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
             self.events.emit("fault", why)
-            self.plans.end(why)
-            self.manual.rest()
+            self._end_plan(why)
         self._stalled = stalled
 
     def _check_suspended(self, now_ns: int) -> None:
@@ -237,6 +236,12 @@ class Bench:
             return
         why = f"the supervisor did not run for {gap_ns / 1e9:.1f} s, and the drive was stopped"
         self.events.emit("fault", why)
+        self._end_plan(why)
+
+    def _end_plan(self, why: str) -> None:
+        """End a plan at once and disable the bench; of an operator's set-point nothing remains."""
+        if self.plans.active:
+            self.setpoint.request(Request.DISABLE)
         self.plans.end(why)
         self.manual.rest()
 

@@ -149,10 +149,6 @@ class Resumption:
             )
         self._journal_error = error
 
-    def follow_closing(self, look: Callable[[], None]) -> None:
-        """Have `look` called in every step while a recording closes, with ticks or without."""
-        self._recording.on_closing = look
-
     def plan_closing(self, view: PlanView) -> None:
         """The plan ends, with the state and message of `view`: its recording is closed."""
         self._recording.plan_progress(view)

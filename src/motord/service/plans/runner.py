@@ -2,7 +2,8 @@
 
 A detached plan is its own commander: while it runs and nobody holds the lease, the lease shows as
 held by the plan, and losing a lease does not end it. Any other plan ends with the lease of whoever
-is in command. However a plan ends, it is over once its recording is closed, or is known not to be.
+is in command. However a plan ends, from then on it commands nothing; it is over once its recording
+is closed, or is known not to be.
 """
 
 from collections.abc import Callable
@@ -68,13 +69,23 @@ class PlanRunner:
         self._waiting: WaitingPlan | None = None
         self._under_way: int | None = None
         self._ended: dict[str, Any] | None = None  # how, while its recording is being closed
-        journal.follow_closing(self.conclude)
         self.estimator: EstimatorLink | None = None
         self.view: PlanView | None = None
         """Progress of the plan under way or of the last one."""
         self.mesh: MeshView | None = None
         """Its operating points."""
         self.active = False
+        """True while a plan commands the bench."""
+
+    @property
+    def closing(self) -> bool:
+        """True while the recording of a plan that has ended is being closed."""
+        return self._ended is not None
+
+    @property
+    def concluded(self) -> bool:
+        """True if there is no plan that commands the bench or whose recording closes."""
+        return not self.active and not self.closing
 
     @property
     def detached(self) -> bool:
@@ -97,7 +108,7 @@ class PlanRunner:
         check: Plan | None = None,
         run_id: str = "",
     ) -> PlanView:
-        """Begin a plan with the next look. None may be under way.
+        """Begin a plan with the next look. The one before must be `concluded`.
 
         `serial` is that of the motor, "" for the bench file's; `before` says what there was of it,
         if `plan` is only its rest; `check` is run first, and the plan fails if that fails.
@@ -127,7 +138,6 @@ class PlanRunner:
     def _begin(self, plan: Plan, view: PlanView, notes: str, points: MeshView) -> PlanView:
         """Begin a plan, or the check before it; `view` is that of the plan."""
         self._executor, self._enabled, self._points_passed_on = Executor(plan), None, 0
-        self._ended = None
         self.mesh = points
         if self.estimator is not None:
             self.estimator.begin(plan)
@@ -141,9 +151,6 @@ class PlanRunner:
         """Advance the plan by one observation and put what it demands into the set-point."""
         executor = self._executor
         if executor is None or not self.active:
-            return
-        if self._ended is not None:
-            self.conclude()
             return
         if self.estimator is not None and self.estimator.precision is not None:
             seen = replace(seen, precision=self.estimator.precision)
@@ -160,8 +167,8 @@ class PlanRunner:
             self._show(executor.progress())
 
     def _close(self, progress: dict[str, Any]) -> None:
-        """End the recording of a plan that ends with `progress`."""
-        self._ended = progress
+        """Command nothing any more, and end the recording of a plan that ends with `progress`."""
+        self.active, self._ended = False, progress
         if self.estimator is not None:
             self.estimator.end()
         self._setpoint.rest()
@@ -193,34 +200,34 @@ class PlanRunner:
 
     def unrecorded(self, why: str) -> None:
         """Abort a plan whose points are not recorded."""
-        if self.active and self.view is not None and self._ended is None:
+        if self.active and self.view is not None:
             self._journal.points_missing()
             self.view = self.view.model_copy(update={"recorded": False})
             self.abort(why)
 
     def pause(self) -> None:
         """Ramp to zero and wait."""
-        if self._executor is not None and self._ended is None:
+        if self._executor is not None and self.active:
             self._executor.pause()
             self._show(self._executor.progress())
 
     def resume(self) -> None:
         """Go on after a pause."""
-        if self._executor is not None and self._ended is None:
+        if self._executor is not None and self.active:
             self._executor.resume()
             self._show(self._executor.progress())
 
     def abort(self, why: str) -> None:
         """Ramp down, disable, end."""
         executor = self._executor
-        if executor is None or not self.active or self._ended is not None or executor.over:
+        if executor is None or not self.active or executor.over:
             return
         executor.abort(why)
         self._show(executor.progress())
 
     def end(self, why: str, state: Literal["aborted", "failed"] = "failed") -> None:
         """End at once: the bench is stopped, or no longer there for the plan to ramp down."""
-        if self._executor is None or not self.active or self._ended is not None:
+        if self._executor is None or not self.active:
             return
         self._close({**self._executor.progress(), "state": state, "message": why, "eta_s": 0.0})
 
@@ -276,7 +283,6 @@ class PlanRunner:
         return {**progress, **counts}
 
     def _finish(self) -> None:
-        self.active = False
         if self.mesh is not None:
             self.mesh, self._under_way = mesh.with_under_way(self.mesh, None), None
         if self.view is not None:

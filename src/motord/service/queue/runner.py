@@ -189,7 +189,7 @@ class QueueRunner:
         """Note how the plan has ended, if it has."""
         plans, view = self._bench.plans, self._bench.plans.view
         ours = view if view is not None and view.run_id == attempt.run_id else None
-        if ours is not None and plans.active:
+        if ours is not None and not plans.concluded:
             return
         run_id, began_ns = attempt.run_id, attempt.began_ns
         if ours is None or not ours.over:
@@ -243,7 +243,7 @@ class QueueRunner:
         queue, plans, running = self.queue, self._bench.plans, self.queue.running
         left_s = sum(item.estimate_s for item in queue.items)
         message = self._message
-        if running is not None and plans.active and plans.view is not None:
+        if running is not None and not plans.concluded and plans.view is not None:
             left_s += plans.view.eta_s - running.estimate_s
         elif self._waits is not None and self._active and running is None:
             left_s += self._waits[1].left_s(self._unix_ns())

@@ -24,6 +24,7 @@ from motord.service.rpc.preconditions import (
     plan_active,
     plan_devices,
     plan_goes_on,
+    recording_closed,
     zero_torque,
 )
 
@@ -160,6 +161,7 @@ class PlanControl:
     def _check_startable(self, plan: Plan) -> None:
         bench = self._bench
         can_be_enabled(bench)
+        recording_closed(bench)
         not_ramping_down(bench)
         zero_torque(bench, "a plan begins with an open brake")
         if fault := bench.drive_fault if plan.needs == "drive" else bench.device_fault:
@@ -190,7 +192,7 @@ class PlanControl:
         For a thread that may wait, before `resume`: it reads recordings. Raises RpcError.
         """
         request = rpc.parse(rpc.PLAN_RESUME, payload)
-        return request, None if self._bench.plans.active else self.prepare_rest()
+        return request, self.prepare_rest() if self._bench.plans.concluded else None
 
     def prepare_rest(self) -> PreparedPlan:
         """Return what remains of the plan in the journal; for a thread. Raises RpcError."""
@@ -201,7 +203,7 @@ class PlanControl:
     def resume(self, request: rpc.PlanResume, context: RpcContext) -> PlanProgress:
         """Go on after a pause, or with what remains of a plan that was interrupted."""
         bench = self._bench
-        if bench.plans.active:
+        if not bench.plans.concluded:
             plan_goes_on(bench)
             bench.events.emit("plan", f"resumed by {context.holder}")
             bench.plans.resume()
@@ -216,6 +218,7 @@ class PlanControl:
         """Go on with what remains of a plan, which may be nothing. Raises RpcError."""
         remaining = prepared.remaining
         assert remaining is not None
+        recording_closed(self._bench)
         self._not_stopped_since(prepared)
         if remaining.plan.points:
             self._start_remaining(remaining, holder, detached=detached)
@@ -238,7 +241,7 @@ class PlanControl:
             detached=detached, serial=note.serial, before=remaining,
         )  # fmt: skip
 
-    @handles(rpc.PLAN_DISCARD, no_plan, no_queue)
+    @handles(rpc.PLAN_DISCARD, no_plan, recording_closed, no_queue)
     def discard(self, request: rpc.WithToken, context: RpcContext) -> PlanName:
         """Forget a plan that was interrupted."""
         name = self._resumption.discard()

@@ -29,6 +29,14 @@ def no_plan(bench: Bench) -> None:
         )
 
 
+def recording_closed(bench: Bench) -> None:
+    """No recording of a plan that has ended is being closed; NotYetError: one is."""
+    view = bench.plans.view
+    if bench.plans.closing and view is not None:
+        what = f"plan {view.plan} has ended, and its recording is still being closed"
+        raise _not_yet(bench, f"{what}; try again in a moment", "plan_running")
+
+
 def no_queue(bench: Bench) -> None:
     """The queue of plans does not begin plans by itself."""
     if bench.queue.active:
@@ -37,8 +45,8 @@ def no_queue(bench: Bench) -> None:
 
 
 def plan_active(bench: Bench) -> None:
-    """A plan is under way."""
-    if not bench.plans.active:
+    """A plan is under way, or ends."""
+    if bench.plans.concluded:
         raise RpcError("refused", "no plan is under way")
 
 
@@ -87,7 +95,10 @@ def zero_torque(bench: Bench, why: str) -> None:
 
 
 def _ramps_still(bench: Bench, what: str, code: Code = "refused") -> NotYetError:
-    message = f"{what}; try again in a moment, or `motord stop`"
+    return _not_yet(bench, f"{what}; try again in a moment, or `motord stop`", code)
+
+
+def _not_yet(bench: Bench, message: str, code: Code) -> NotYetError:
     return NotYetError(code, message, bench.config.longest_wind_down_s)
 
 

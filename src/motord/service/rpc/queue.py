@@ -114,7 +114,7 @@ class QueueOperation:
             if bench.state is State.ENABLED:
                 raise RpcError("refused", "disable the bench first: the queue may have to wait")
             bench.manual.rest()
-        if self._resumption.interrupted and not bench.plans.active:
+        if self._resumption.interrupted and bench.plans.concluded:
             run = self._resumption.view()
             if run is not None and run.run_id != first.run_id:
                 raise RpcError("refused", f"not started: {self._resumption.summary()}")
