@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from motord.recorder.blackbox import BlackBoxRequest, checked_event
+from motord.recorder.ring_source import Mark
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.untrusted import parse_json
 
 TIME_MAX_NS = (1 << 63) - 1
+MARKED = ("tick", "t_ns", "missed")
 
 Command = Mapping[str, Any]
 
@@ -47,7 +49,9 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
                 command["metadata"],
                 str(command["reason"]),
                 now_s,
-                first_tick=_first_tick(command),
+                first_tick=_first_tick(command) or 0,
+                newest=_newest(command),
+                to_end=bool(command["to_end"]),
             )
         case "stop":
             session.stop(str(command.get("reason", "asked to")), now_s)
@@ -81,6 +85,11 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
 def _first_tick(command: Command) -> int | None:
     first_tick = command.get("first_tick")
     return None if first_tick is None else int(first_tick)
+
+
+def _newest(command: Command) -> Mark | None:
+    newest = command["newest"]
+    return None if newest is None else Mark(**{name: int(newest[name]) for name in MARKED})
 
 
 def _timed(command: Command) -> dict[str, Any]:

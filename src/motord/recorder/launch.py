@@ -10,6 +10,7 @@ from motord.process.one_thread import ONE_THREAD
 from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import M, MessageReader, RecorderReport
+from motord.recorder.ring_source import Mark
 from motord.recording.json_encoding import to_line
 
 BACKLOG_MAX_BYTES = 4 << 20
@@ -85,11 +86,14 @@ class RecorderLink(PipedChild[RecorderReport]):
         metadata: Mapping[str, object],
         reason: str,
         *,
-        first_tick: int | None = None,
+        first_tick: int | None,
+        newest: Mark | None,
+        to_end: bool,
     ) -> None:
         """Record what is missing of a recording that has ended, as `Session.finish` does."""
         about = {"out": str(stem), "metadata": metadata, "first_tick": first_tick}
-        self.send({"do": "finish", "reason": reason, **about})
+        last = {"newest": vars(newest) if newest is not None else None, "to_end": to_end}
+        self.send({"do": "finish", "reason": reason, **about, **last})
 
     def stop(self, reason: str) -> None:
         """End the recording."""

@@ -14,7 +14,7 @@ from motord.recorder.pipe_lines import LineReader
 TEXT_MAX = 16_384
 """Characters of a path or of an error; the recorder cuts off the rest."""
 OUTCOMES_MAX = 8
-"""Black boxes, or files that were closed after a kill, whose outcome a report has."""
+"""Black boxes, files that were closed after a kill, or recordings, whose outcome a report has."""
 
 RATE_PER_S = 200.0
 BURST = 2000.0
@@ -35,9 +35,9 @@ class RecorderReport(Message):
 
     file: the newest file by its final name, path: by the name that it has now, with `.part` while
     it is not whole. obstacle: why nothing could be recorded now, though nothing is. lost: ticks
-    that were overwritten, or vanished with a file. closed: the recording that was closed last, by
-    its path without number and suffix. blackboxes: path of each to "" once it is written, else why
-    it is not. leftovers: files that were not ended in order, and what became of each.
+    that were overwritten, or vanished with a file. closed: the recordings that were closed last,
+    by their paths without number and suffix. blackboxes: path of each to "" once it is written,
+    else why it is not. leftovers: files that were not ended in order, and what became of each.
     """
 
     recording: bool
@@ -48,7 +48,7 @@ class RecorderReport(Message):
     ticks: Count = 0
     bytes: Count = 0
     lost: Count = 0
-    closed: Text = ""
+    closed: Annotated[list[Text], Field(max_length=OUTCOMES_MAX)] = []
     error: Text = ""
     blackboxes: Outcomes = {}
     leftovers: Outcomes = {}

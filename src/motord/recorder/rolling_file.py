@@ -15,17 +15,19 @@ from motord.wire.ticks.blocks import Block
 
 GOES_ON = "goes on in the next file"
 """How the reason begins for which a file was closed that is not the last of its recording."""
+FOR_SPACE = "the recording was ended"
+"""How the reason ends for which a file was closed before its recording was to end."""
 
 
 def closed_in_order(stem: Path) -> bool:
-    """Return whether the newest file of a recording is its last, and whole."""
+    """Return whether the newest file of a recording is its last, as was asked for, and whole."""
     files = numbers(stem)
     path = file_name(stem, files[-1] if files else 0)
     try:
         reason = str(open_run(path).end.get("reason", GOES_ON))
     except RecordError:
         return False
-    return not reason.startswith(GOES_ON)
+    return not reason.startswith(GOES_ON) and not reason.endswith(FOR_SPACE)
 
 
 @dataclass
@@ -101,6 +103,8 @@ class RollingFile:
         """
         if len(piece.block):
             self._announce(piece, ended_by)
+        elif piece.resumed is not None:  # what was lost was lost then
+            self._last_ns = max(self._last_ns, piece.resumed.t_ns)
         self.ticks(piece.block, piece.lost)
         self.step(now_s)
 
@@ -179,7 +183,7 @@ class RollingFile:
         return ""
 
     def _end_for_space(self, short: str) -> None:
-        reason = f"{self.stem.parent}: {short}; the recording was ended"
+        reason = f"{self.stem.parent}: {short}; {FOR_SPACE}"
         self.event(self._last_ns, "recording_ended", reason)
         self.close(reason)
         self.error = self.error or reason

@@ -7,7 +7,8 @@ from pathlib import Path
 from motord.config import RecordingConfig
 from motord.recorder.background import Background
 from motord.recorder.blackbox_writer import BlackBoxWriter
-from motord.recorder.protocol import TEXT_MAX, note_outcome
+from motord.recorder.finishing import missing_of
+from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, note_outcome
 from motord.recorder.ring_source import Mark, RingPiece, RingSource, last_mark, neighbours
 from motord.recorder.rolling_file import RollingFile, closed_in_order
 from motord.recording import storage
@@ -43,8 +44,8 @@ class Session:
     disk ended is begun again in a new file once that is possible; the ticks between, and those of a
     file that has vanished, come from the ring or are counted as lost. `boxes` are the black boxes,
     with a thread of their own; `metadata` is that of the newest recording, `error` why the newest
-    command or recording failed; `closed` the stem of the recording that was closed last, as "" in
-    the beginning. Nothing here reads a clock.
+    command or recording failed; `closed` the recordings that were closed last, by their stems, the
+    newest at the end. Nothing here reads a clock.
     """
 
     def __init__(self, ring: Path, settings: RecordingConfig) -> None:
@@ -65,7 +66,7 @@ class Session:
         self._leftovers: dict[str, str] = {}
         self.boxes = BlackBoxWriter(ring, settings)
         self.metadata: Mapping[str, object] = {}
-        self.closed = ""
+        self.closed: list[str] = []
 
     @property
     def over(self) -> bool:
@@ -90,6 +91,7 @@ class Session:
         that ended where this one begins. Raises RecordError; it is then tried again by `step`.
         """
         self.close(f"the recording {stem.name} began", now_s)
+        self.closed = [closed for closed in self.closed if closed != str(stem)]
         self._target = _Target(stem, metadata, first_tick)
         self._retry_s, self._ended_by = RETRY_FIRST_S, ""
         self._before = None
@@ -202,19 +204,27 @@ class Session:
         reason: str,
         now_s: float,
         *,
-        first_tick: int | None = None,
+        first_tick: int = 0,
+        newest: Mark | None = None,
+        to_end: bool = False,
     ) -> None:
-        """Record what the ring has of a recording that ended after its recorder had died.
+        """Record what the ring has of a recording that has ended, as `missing_of` says.
 
-        Nothing, if that one closed it before. Raises RecordError as `start` does.
+        Nothing, if it is closed; what goes on is ended. Raises RecordError.
         """
+        self.stop(f"the recording {stem.name} is finished", now_s)
         if closed_in_order(stem):
-            self.closed = str(stem)
+            self._note_closed(stem)
             return
-        try:
-            self.start(stem, metadata, now_s, resume=True, first_tick=first_tick)
-        finally:
-            self.stop(reason, now_s)
+        self.metadata, self._recording = metadata, None
+        piece = missing_of(self._ring, stem, first_tick, newest, to_end=to_end)
+        self._recording = recording = RollingFile(stem, metadata, self._settings, now_s)
+        self.error = ""
+        recording.take(piece, now_s)
+        self.stop(reason, now_s)
+        if self._newest is not None and len(piece.block):  # else the files are asked
+            ends = (self._newest, Mark.of(piece.block[-1]))
+            self._newest = max(ends, key=lambda mark: mark.t_ns)
 
     def stop(self, reason: str, now_s: float) -> None:
         """End the recording and stop reading the ring."""
@@ -227,7 +237,11 @@ class Session:
         if recording is not None and recording.open:
             self._close(recording, reason, now_s)
         if recording is not None and recording.closed and not recording.error:
-            self.closed = str(recording.stem)
+            self._note_closed(recording.stem)
+
+    def _note_closed(self, stem: Path) -> None:
+        others = [closed for closed in self.closed if closed != str(stem)]
+        self.closed = [*others, str(stem)][-OUTCOMES_MAX:]
 
     def _close(self, recording: RollingFile, reason: str, now_s: float) -> None:
         if self._disk.full:
@@ -254,7 +268,7 @@ class Session:
             "recording": going_on,
             **tally,
             **({} if going_on or not self._obstacle else {"obstacle": self._obstacle[:TEXT_MAX]}),
-            **({"closed": self.closed} if self.closed else {}),
+            **({"closed": list(self.closed)} if self.closed else {}),
             "error": (self.error or (recording.error if recording else "") or problem)[:TEXT_MAX],
             **({"leftovers": dict(self._leftovers)} if self._leftovers else {}),
             **({"blackboxes": dict(self.boxes.outcomes)} if self.boxes.outcomes else {}),

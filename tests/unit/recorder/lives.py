@@ -213,7 +213,7 @@ class Bench:
     def poll(self, now_ns: int) -> list[Any]:
         return []
 
-    def stop(self, name: str) -> None:
+    def stop(self, name: str, timeout_s: float) -> None:
         """SIGTERM. A process that is not up yet would be ended by it."""
         if self._recorder is not None:
             self._guard(lambda recorder: recorder.end(self.now_s))

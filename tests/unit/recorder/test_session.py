@@ -83,6 +83,13 @@ class Bench:
     def stop(self) -> None:
         self.do(do="stop", reason="done")
 
+    def finish(self, last: int | None = None, **more: Any) -> None:
+        """Finish the recording, which ended with tick `last`, or with the newest one."""
+        tick = tick_block(1, self.published - 1 if last is None else last)[0]
+        newest = {"tick": int(tick["tick"]), "t_ns": int(tick["t_ns"]), "missed": 0}
+        about = {"metadata": METADATA, "reason": "done", "newest": newest, "to_end": False}
+        self.do(do="finish", out=str(self.stem), **(about | more))
+
     def report(self) -> dict[str, Any]:
         return self.session.report()
 
@@ -120,7 +127,8 @@ def test_ticks_from_the_start_on_are_recorded_once(bench):
     assert report == {
         "recording": False, "file": str(bench.files()[0]), "path": str(bench.files()[0]),
         "files": 1, "ticks": 530,
-        "bytes": bench.files()[0].stat().st_size, "lost": 0, "closed": str(bench.stem), "error": "",
+        "bytes": bench.files()[0].stat().st_size, "lost": 0, "error": "",
+        "closed": [str(bench.stem)],
     }  # fmt: skip
     block = np.concatenate(list(run.blocks()))
     expected = tick_block(530, 20)
@@ -409,14 +417,14 @@ def test_a_recording_that_ended_without_its_recorder_is_finished_by_the_next(ben
     bench.step(1.1)
     bench.loop(60)
     bench.session = bench.new_session()
-    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done")
+    bench.finish()
     bench.loop(10)
     bench.step()
     assert bench.recorded() == list(range(160))
     assert [f.name for f in bench.files()] == ["day-000.mcap.part", "day-001.mcap"]
     assert open_run(bench.files()[1]).end["reason"] == "done"
     report = bench.report()
-    assert (report["recording"], report["closed"]) == (False, str(bench.stem))
+    assert (report["recording"], report["closed"]) == (False, [str(bench.stem)])
 
 
 def test_one_that_was_closed_by_its_recorder_is_left_as_it_is(bench):
@@ -425,9 +433,9 @@ def test_one_that_was_closed_by_its_recorder_is_left_as_it_is(bench):
     bench.stop()
     bench.session = bench.new_session()
     bench.loop(60)
-    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done", first_tick=0)
+    bench.finish(first_tick=0)
     assert bench.recorded() == list(range(100))
-    assert bench.report()["closed"] == str(bench.stem)
+    assert bench.report()["closed"] == [str(bench.stem)]
     assert [f.name for f in bench.files()] == ["day-000.mcap"]
 
 
@@ -447,21 +455,21 @@ def test_one_whose_recorder_died_between_two_files_is_not_closed(tmp_path, monke
     monkeypatch.setattr(storage, "free_bytes", lambda folder: PLENTY)
     assert [f.name for f in bench.files()] == ["day-000.mcap"]
     bench.session = bench.new_session()
-    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done")
+    bench.finish()
     assert bench.recorded() == list(range(80))
-    assert bench.report()["closed"] == str(bench.stem)
+    assert bench.report()["closed"] == [str(bench.stem)]
 
 
 def test_one_of_which_there_is_no_file_begins_with_its_first_tick(bench):
     bench.loop(100)
-    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done", first_tick=60)
+    bench.finish(first_tick=60)
     assert bench.recorded() == list(range(60, 100))
 
 
 def test_one_that_cannot_be_finished_is_reported_and_not_tried_for_ever(bench):
     bench.loop(10)
     FreeSpace.bytes = 0
-    bench.do(do="finish", out=str(bench.stem), metadata=METADATA, reason="done", first_tick=0)
+    bench.finish(first_tick=0)
     assert "nothing is recorded" in bench.report()["error"]
     FreeSpace.bytes = PLENTY
     bench.loop(10)

@@ -18,7 +18,14 @@ FULL = "cannot write it: No space left on device"
 
 
 class Link:
-    """A recorder that takes every command."""
+    """A recorder that takes every command, and what it has sent."""
+
+    def __init__(self):
+        self.sent = []
+
+    def reports(self, _now_ns):
+        sent, self.sent = self.sent, []
+        return sent
 
     def __getattr__(self, _command):
         return lambda *_, **__: None
@@ -43,8 +50,8 @@ class Closing:
 
     def at(self, now_s, **report):
         if report:
-            self.recorder.report = RecorderReport(**report)
-            self.recorder.reported_ns = round(now_s * 1e9)
+            self.recorder.link.sent = [RecorderReport(**report)]
+            self.recorder._take_reports(self.recorder.link, round(now_s * 1e9))
         self.control._now_ns = round(now_s * 1e9)
         return self.control.unrecorded()
 
@@ -57,7 +64,7 @@ def test_it_is_known_when_the_file_is_closed(tmp_path):
     closing = Closing(tmp_path).ended()
     assert closing.at(1.0) is None
     assert closing.at(2.0, recording=True, file=closing.file) is None  # sent before it was asked to
-    assert closing.at(3.0, recording=False, file=closing.file, closed=closing.stem) == ""
+    assert closing.at(3.0, recording=False, file=closing.file, closed=[closing.stem]) == ""
 
 
 def test_another_recording_that_has_begun_says_nothing_of_it(tmp_path):
@@ -65,8 +72,8 @@ def test_another_recording_that_has_begun_says_nothing_of_it(tmp_path):
     other = str(tmp_path / "other-000.mcap")
     report = {"recording": True, "file": other, "error": "of the other"}
     assert closing.at(2.0, **report) is None
-    assert closing.at(3.0, **report, closed=closing.stem) == ""
-    assert closing.at(4.0, **report, closed="a later one") == ""
+    assert closing.at(3.0, **report, closed=[closing.stem]) == ""
+    assert closing.at(4.0, **report, closed=["a later one"]) == ""
 
 
 @pytest.mark.parametrize("how", ["error", "leftovers"])
@@ -92,7 +99,7 @@ def test_a_recorder_that_has_died_has_a_successor_that_closes_it(tmp_path):
     closing.recorder._pid = 2
     assert closing.at(late_s, recording=False) is None
     assert closing.at(late_s + 1.0) is None
-    assert closing.at(late_s + 2.0, recording=False, closed=closing.stem) == ""
+    assert closing.at(late_s + 2.0, recording=False, closed=[closing.stem]) == ""
 
 
 def test_a_successor_that_does_not_close_it_either_is_waited_for_as_long(tmp_path):
@@ -115,7 +122,7 @@ def test_a_recorder_without_a_successor_has_recorded_nothing(tmp_path):
 
 def test_what_is_not_closed_when_the_daemon_ends_is_not(tmp_path):
     closing = Closing(tmp_path).ended()
-    closing.recorder.stop = lambda: None
+    closing.recorder.await_closed = closing.recorder.stop = lambda: None
     reported = []
     closing.control.on_closing = lambda: reported.append(closing.control.unrecorded())
     closing.control.stop()

@@ -73,7 +73,7 @@ class Children:
             self.running = None
         return []
 
-    def stop(self, _name):
+    def stop(self, _name, _timeout_s):
         self.stopped += 1
 
 
@@ -202,7 +202,7 @@ def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
     recorder.say(recording=True, file="run-000.mcap", error="")
     bench.recording.step(0)
     closed = str(bench.recording.recorder.task.stem)
-    recorder.say(recording=False, file="run-000.mcap", closed=closed, error="")
+    recorder.say(recording=False, file="run-000.mcap", closed=[closed], error="")
     bench.recording.stop()
     commands = [command["kind"] for command in recorder.received()]
     assert commands == ["start", "timing", "stop"]

@@ -157,15 +157,19 @@ class Children:
         child = self._children[name]
         child.bad_messages, child.dropped_messages = bad, dropped
 
-    def stop(self, name: str) -> str:
-        """End a child: SIGTERM, after its time SIGKILL; it stays down. Returns how it ended."""
+    def stop(self, name: str, timeout_s: float | None = None) -> str:
+        """End a child: SIGTERM, after its time SIGKILL; it stays down. Returns how it ended.
+
+        `timeout_s`: less than its time, if there is no more.
+        """
         child = self._children[name]
         child.stopping, child.start_at_ns = True, None
         if child.process is None:
             return child.how
         child.process.send_signal(signal.SIGTERM)
         try:
-            code = child.process.wait(child.row.stop_timeout_s)
+            own_s = child.row.stop_timeout_s
+            code = child.process.wait(own_s if timeout_s is None else min(own_s, timeout_s))
         except subprocess.TimeoutExpired:
             child.process.send_signal(signal.SIGKILL)
             code = child.process.wait()

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from motord.service.recording.ended import failure
 from motord.service.recording.session import RecorderSession
 
 
@@ -36,15 +37,10 @@ class ClosingRecording:
 
     def _reported(self) -> str | None:
         """Return what the recorder says of it, None if it does not."""
-        report, name = self._recorder.report, self._stem.name
-        if report.closed == str(self._stem):
+        if str(self._stem) in self._recorder.ended.closed:
             return ""
-        for path, outcome in report.leftovers.items():
-            if Path(path).name.startswith(name):
-                return outcome
-        if self._recorder.reported_ns <= self._since_ns or report.recording:
-            return None
-        return (report.error or None) if Path(report.file).name.startswith(name) else None
+        new = self._recorder.reported_ns > self._since_ns
+        return (failure(self._stem, self._recorder.report) or None) if new else None
 
     def _late(self, now_ns: int) -> bool:
         """Return whether it takes too long; a successor that has come has all of the time again."""
@@ -57,8 +53,9 @@ class ClosingRecording:
         )
 
     def _not_closed(self, *, last: bool) -> str:
-        if last:
-            return "not closed before the daemon ended"
-        if not self._recorder.up:
+        recorder = self._recorder
+        if not recorder.up and not last:
             return "the recorder does not record"
-        return f"not closed within {self._limit_s:g} s: does the disk answer?"
+        when = "before the daemon ended" if last else f"within {self._limit_s:g} s"
+        why = recorder.report.error or ("" if last else "does the disk answer?")
+        return f"not closed {when}" + (f": {why}" if why else "")

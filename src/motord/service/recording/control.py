@@ -18,6 +18,7 @@ import numpy as np
 from motord.api.messages import RecordingView
 from motord.api.plan_messages import PlanView
 from motord.config import ChannelConfig, Config
+from motord.recorder.ring_source import Mark
 from motord.recording.file_names import file_name
 from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
@@ -25,7 +26,8 @@ from motord.sequencing import Plan
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.closing import ClosingRecording
-from motord.service.recording.session import RecorderSession, RecordingTask
+from motord.service.recording.ended import RecordingTask
+from motord.service.recording.session import RecorderSession
 from motord.service.recording.state_log import Destination, NamedState, StateLog
 from motord.service.recording.timing_log import TimingLog
 
@@ -66,7 +68,6 @@ class RecordingControl:
         self._config = config
         self._described = describe(config, toml)  # versions of packages: it takes a while
         self._unix_ns = unix_ns
-        self._newest_tick = 0
         self._now_ns = self._recorded_ns = self._powered_ns = 0
         self._plan = False
         self._plan_progress: tuple[object, ...] = ()
@@ -82,7 +83,7 @@ class RecordingControl:
 
     def loop_down(self) -> None:
         """Begin nothing new; what remains of the loop's ticks goes into the file under way."""
-        self._loop_up = False
+        self._loop_up, self.recorder.loop_over = False, True
 
     def end(self, why: str) -> None:
         """End the recording under way."""
@@ -123,11 +124,13 @@ class RecordingControl:
 
     def stop(self) -> None:
         """End the recorder; it takes what the loop has still written and closes its file."""
+        self.loop_down()
         self.end("the daemon shut down")
-        self.recorder.stop()
+        self.recorder.await_closed()
         if self._closing is not None:
             self._closing.unrecorded(self._now_ns, last=True)
-            self.on_closing()
+            self.on_closing()  # journalled before a recorder that hangs is waited for
+        self.recorder.stop()
 
     def view(self) -> RecordingView:
         """Return what is recorded now."""
@@ -198,7 +201,7 @@ class RecordingControl:
         auto = self._config.recording.auto
         if self._loop_up and auto and (auto == "always" or self._enabled or self._driven()):
             self._powered_ns = self._now_ns
-            self._begin("", {})
+            self._begin("", {}, first_tick=self._newest_tick + 1)
         else:
             self.end(f"plan {view.plan} {view.state}")
 
@@ -228,7 +231,8 @@ class RecordingControl:
         enabled = block["state"] == State.ENABLED
         if len(block):
             self._loop_up = True
-            self._enabled, self._newest_tick = bool(enabled[-1]), int(block["tick"][-1])
+            self._enabled = bool(enabled[-1])
+            self.recorder.newest, self.recorder.loop_over = Mark.of(block[-1]), False
         if self._plan or not self._config.recording.auto:
             return
         always, task = self._config.recording.auto == "always", self.recorder.task
@@ -239,6 +243,11 @@ class RecordingControl:
                 self._begin("", {}, first_tick=self._ticks_before(powered, BEFORE_S))
         elif task is not None and now_ns - self._powered_ns >= AFTER_S * 1e9:
             self.end("the bench is not powered any more")
+
+    @property
+    def _newest_tick(self) -> int:
+        newest = self.recorder.newest
+        return newest.tick if newest is not None else 0
 
     @property
     def _unrecorded_max_s(self) -> float:

@@ -7,7 +7,6 @@ ended meanwhile, or whose end that one did not confirm, it finishes.
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,11 @@ from motord.api.messages import Event
 from motord.config import ChannelConfig
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
+from motord.recorder.ring_source import Mark
 from motord.service.host.child_faults import ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
+from motord.service.recording.ended import EndedRecordings, RecordingTask
 
 RECORDER = "recorder"
 EVENTS_MAX = 1000
@@ -28,42 +29,27 @@ CLOSE_S = 2.0
 """Time for a recorder to close its file before it is ended."""
 UP_S = 8.0
 """Time for the successor of one that died to be up then, if there is something to close."""
-ENDED_MAX = 4
-"""Recordings that are remembered until a recorder confirms that they are closed."""
+STOP_S, KILL_S = 10.0, 1.0
+"""Time for all of that and for the end of the process, and the least for that: the service manager
+gives the whole daemon 20 s."""
+FINISH_AGAIN_NS = 2_000_000_000
+"""Time after which a recorder that has nothing to record is asked again for what has ended."""
 _POLL_S = 0.01
 NO_REPORT = RecorderReport(recording=False)
 
 
-@dataclass(frozen=True)
-class RecordingTask:
-    """A recording: files `stem`-000.mcap and so on, from `first_tick` if the ring still has it."""
-
-    stem: Path
-    metadata: Mapping[str, Any]
-    first_tick: int | None = None
-
-
-@dataclass(frozen=True)
-class EndedRecording:
-    """A recording that ended at `t_ns` (Unix ns), and why; it may not be closed yet."""
-
-    task: RecordingTask
-    why: str
-    t_ns: int
-
-
 class RecorderSession:
-    """Sends commands and events to the recorder and reads its reports; only `stop` waits.
+    """Sends commands and events to the recorder and reads its reports; only its end waits.
 
-    `task` is the recording under way. `error` says why it fails; `reported_ns` is monotonic. The
-    ring holds ticks for `ring_s`: a recording that ended longer ago cannot be finished.
+    `task` is the recording under way, `ended` are those that may not be closed. `error` says why it
+    fails; `reported_ns` is monotonic. `newest` is the newest tick of the loop, whose ring holds
+    ticks for `ring_s`; with `loop_over` no more come.
     """
 
     def __init__(
         self, children: Children, events: EventLog, unix_ns: Callable[[], int], ring_s: float
     ) -> None:
         self._children = children
-        self._ring_ns = round(ring_s * 1e9)
         self._events = events
         self._unix_ns = unix_ns
         self._pid: int | None = None
@@ -74,7 +60,11 @@ class RecorderSession:
         self._faults = ChildFaults(RECORDER, children, events)
         self.link: RecorderLink | None = None
         self.task: RecordingTask | None = None
-        self._ended: deque[EndedRecording] = deque(maxlen=ENDED_MAX)
+        self.ended = EndedRecordings(events, unix_ns, ring_s)
+        self.newest: Mark | None = None
+        self.loop_over = False
+        self._now_ns = self._asked_ns = 0
+        self._end_s = 0.0
         self.report = NO_REPORT
         self.reported_ns = 0
         self.error = ""
@@ -118,17 +108,27 @@ class RecorderSession:
             follow(self.link)
 
     def step(self, now_ns: int) -> None:
-        """Take the reports; send the task again to a recorder that had dropped commands."""
+        """Take the reports; ask again for what commands that were dropped were about."""
+        self._now_ns = now_ns
         if self.link is None:
             return
         self._take_reports(self.link, now_ns)
         self._faults.step(self.link.received, now_ns, self.link.commands.dropped)
-        if self.link.commands.dropped > self._dropped and not self.link.commands.waiting:
-            self._dropped = self.link.commands.dropped
-            if self.task is not None:
-                self._send_task(resume=True)
-            else:
+        commands = self.link.commands
+        if commands.dropped > self._dropped and not commands.waiting:
+            self._dropped = commands.dropped
+            if self.task is None:
                 self.link.stop("what was to be recorded has ended")
+        elif not self._idle or not self.ended or now_ns - self._asked_ns < FINISH_AGAIN_NS:
+            return
+        self._send_ended(self.link)
+        self._send_task(resume=True)
+
+    @property
+    def _idle(self) -> bool:
+        """True if the recorder is up and has nothing to record, or cannot."""
+        cannot = bool(self.report.error) and not self.report.recording
+        return self.up and (self.task is None or cannot)
 
     def begin(self, task: RecordingTask) -> None:
         """Begin a recording; the one under way ends."""
@@ -164,29 +164,25 @@ class RecorderSession:
         if self.link is not None and self.task is not None:
             self._send_reading(self.link, t_ns, channel, content)
 
-    def stop(self) -> None:
-        """End the process, once it has closed its files or `CLOSE_S` is over.
+    def await_closed(self) -> None:
+        """Wait until all is closed: for a recorder `CLOSE_S`, until there is one `UP_S`.
 
-        One that has died is started again, for `UP_S`, if it had not closed them.
+        One that has died is started again meanwhile. What the ring does not reach back to, and one
+        that reports an error, are not waited for.
         """
-        self._await_closed()
-        self._children.stop(RECORDER)
-        while self._ended:
-            self._give_up(self._ended.popleft())
         if self.link is not None:
-            self.link.close()
-            self.link = None
-
-    def _await_closed(self) -> None:
-        """Wait until all is closed: for a recorder `CLOSE_S`, until there is one `UP_S`."""
-        up_end_s, close_end_s = time.monotonic() + UP_S, None
-        while self._ended:
+            self._take_reports(self.link, time.monotonic_ns())
+        self.ended.give_up_old()
+        begun_ns = time.monotonic_ns()
+        self._end_s = begun_ns / 1e9 + STOP_S
+        up_end_s, close_end_s = begun_ns / 1e9 + UP_S, None
+        while self.ended:
             now_s = time.monotonic()
             if self.up and close_end_s is None:
-                close_end_s = now_s + CLOSE_S
+                close_end_s = min(now_s + CLOSE_S, self._end_s - KILL_S)
             if now_s >= (up_end_s if close_end_s is None else close_end_s):
                 return
-            if self.report.error and not self.report.recording:
+            if self.reported_ns > begun_ns and self.report.error and not self.report.recording:
                 return
             time.sleep(_POLL_S)
             for end in self._children.poll(time.monotonic_ns()):
@@ -198,10 +194,20 @@ class RecorderSession:
             if self.link is not None:
                 self._take_reports(self.link, time.monotonic_ns())
 
+    def stop(self) -> None:
+        """End the process, after `await_closed` and within what that has left of `STOP_S`."""
+        self._children.stop(RECORDER, max(KILL_S, self._end_s - time.monotonic()))
+        if self.link is not None:
+            self._take_reports(self.link, time.monotonic_ns())
+        self.ended.give_up_all()
+        if self.link is not None:
+            self.link.close()
+            self.link = None
+
     def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
         for report in link.reports(now_ns):
             self.report, self.reported_ns = report, now_ns
-            self._forget_closed(report)
+            self.ended.take(report)
             self.on_report(report)
             if report.error and report.error != self.error:
                 self._events.emit("recording", f"the recorder says: {report.error}")
@@ -212,26 +218,12 @@ class RecorderSession:
             self._leftovers = dict(report.leftovers)
 
     def _note_end(self, task: RecordingTask, why: str) -> None:
-        self._ended.append(EndedRecording(task, why, self._unix_ns()))
+        self.ended.add(task, why, self.newest, to_end=self.loop_over)
+        self._asked_ns = self._now_ns
 
     def _send_ended(self, link: RecorderLink) -> None:
-        """Have what has ended and is not closed finished, as far as the ring reaches back to it."""
-        while self._ended and self._unix_ns() - self._ended[0].t_ns > self._ring_ns:
-            self._give_up(self._ended.popleft())
-        for ended in self._ended:
-            task = ended.task
-            link.finish(task.stem, task.metadata, ended.why, first_tick=task.first_tick)
-
-    def _give_up(self, ended: EndedRecording) -> None:
-        name = ended.task.stem.name
-        self._events.emit("recording", f"{name} was not closed: its last ticks may be missing")
-
-    def _forget_closed(self, report: RecorderReport) -> None:
-        """Forget the recording that was closed last, and those that ended before it."""
-        closed = [str(ended.task.stem) for ended in self._ended]
-        if report.closed in closed:
-            for _ in range(closed.index(report.closed) + 1):
-                self._ended.popleft()
+        self.ended.send(link)
+        self._asked_ns = self._now_ns
 
     def _send_task(self, *, resume: bool) -> None:
         link, task = self.link, self.task

@@ -1,0 +1,96 @@
+"""What is missing of a recording that ended without its recorder, out of the ring."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from motord.recorder.ring_source import (
+    NEIGHBOURS,
+    Mark,
+    RingPiece,
+    after,
+    last_mark,
+    places,
+)
+from motord.recording.errors import RecordError
+from motord.recording.file_names import file_name, newest_others, numbers, stem_of, whole_of
+from motord.recording.reader import open_run_unfinished_or_not
+from motord.schema import TICK_DTYPE
+from motord.shm.ring import RingReader
+from motord.shm.shared_records import SharedFileError
+from motord.wire.ticks.blocks import Block
+
+
+def missing_of(
+    ring: Path, stem: Path, first_tick: int, newest: Mark | None, *, to_end: bool
+) -> RingPiece:
+    """Return the ticks of the recording `stem` that the ring has and no file, and how many no more.
+
+    It began with `first_tick`. `newest` is the tick with which it ended, None if there was none by
+    then; with `to_end` the loop had ended, and all that it published later belongs to it, too. A
+    ring without that tick is another loop's, or does not reach back to it.
+    """
+    mark = last_mark(stem)
+    block, overwritten = _ticks_of(ring)
+    if newest is None or not (here := places(block, newest)).size:
+        return RingPiece(block[:0], _between(first_tick, mark, newest), resumed=mark or newest)
+    if not to_end:
+        block = block[: int(here[0]) + 1]
+    oldest = int(block["tick"][0])
+    block = _in_no_other(block, stem)
+    if mark is not None:
+        fresh, lost = after(block, mark)
+        return RingPiece(fresh, lost, resumed=mark)
+    fresh = block[block["tick"] >= first_tick]
+    return RingPiece(fresh, max(0, oldest - first_tick) if overwritten else 0)
+
+
+def _ticks_of(ring: Path) -> tuple[Block, bool]:
+    """Return all that the ring has, shape (n,), and whether there was more before."""
+    try:
+        reader = RingReader(ring, "oldest")
+    except SharedFileError:
+        return np.empty(0, TICK_DTYPE), False
+    block, _ = reader.read()
+    return block, reader.position > len(block)
+
+
+def _between(first_tick: int, mark: Mark | None, newest: Mark | None) -> int:
+    """Return how many ticks there were after `mark`, or from the first, up to `newest`."""
+    if newest is None:
+        return 0
+    if mark is None:
+        return max(0, newest.tick - first_tick + 1)
+    return max(0, newest.tick - mark.tick - (newest.missed - mark.missed))
+
+
+def _in_no_other(block: Block, stem: Path) -> Block:
+    """Return the ticks of `block` that are not in the newest other recordings next to `stem`."""
+    for first, last in _spans_of_others(stem):
+        if places(block, first).size or places(block, last).size:
+            block = block[(block["tick"] < first.tick) | (block["tick"] > last.tick)]
+    return block
+
+
+def _spans_of_others(stem: Path) -> Iterator[tuple[Mark, Mark]]:
+    """Yield the first and the last tick of each of them."""
+    stems = {stem_of(whole_of(path)) for path in newest_others(stem, NEIGHBOURS)}
+    for other in stems - {None}:
+        assert other is not None
+        marks = _first_mark(other), last_mark(other)
+        if marks[0] is not None and marks[1] is not None:
+            yield marks[0], marks[1]
+
+
+def _first_mark(stem: Path) -> Mark | None:
+    """Return the first tick in the oldest file of a recording that has any."""
+    for number in numbers(stem):
+        try:
+            run = open_run_unfinished_or_not(file_name(stem, number))
+            block = next(iter(run.blocks(["tick", "t_ns", "missed"])), None)
+        except RecordError:
+            continue
+        if block is not None and len(block):
+            return Mark.of(block[0])
+    return None
