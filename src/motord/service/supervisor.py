@@ -33,8 +33,11 @@ from motord.shm.tables import TablesWriter
 PERIOD_NS = 10_000_000
 EARLY_NS = 1_000_000
 """Between two steps requests are carried out as they come, so long apart."""
+SHUTTING_DOWN = "the daemon is shutting down"
 RAMP_MARGIN_S = 1.0
 STOP_NS = 300_000_000
+CLOSED_NS = 2_000_000_000
+"""Time for the recording of a plan to be closed before the daemon ends; the bench is OFF."""
 RECORDER_START_NS = 20_000_000_000
 
 
@@ -126,7 +129,10 @@ class Supervisor:
         return not stopping()
 
     def ramp_down(self, why: str) -> None:
-        """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short."""
+        """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short.
+
+        Then, with no more requests, wait for the recording of a plan that has ended by this.
+        """
         bench, limits = self.bench, self.bench.config.limits
         bench.events.emit("daemon", f"shutting down: {why}")
         if bench.queue.active:
@@ -138,6 +144,8 @@ class Supervisor:
         bench.stop("the daemon shut down")
         over = (DriveState.OFF, DriveState.TRIPPED)
         self.run_until(lambda: bench.state in over, STOP_NS)
+        self.dispatcher.close(SHUTTING_DOWN)
+        self.run_until(lambda: bench.plans.concluded, CLOSED_NS)
 
     def emergency(self, error: Exception) -> str:
         """Take the current away at once after an error in the program; return it in a line.
@@ -165,7 +173,7 @@ class Supervisor:
 
     def take_down(self) -> None:
         """Take no more requests, end the loop, then the recorder, which by then has everything."""
-        self.dispatcher.close("the daemon is shutting down")
+        self.dispatcher.close(SHUTTING_DOWN)
         if self.gateway is not None:
             self.gateway.stop(self.clock_ns())
         if self.channels is not None:
@@ -176,6 +184,8 @@ class Supervisor:
         self.children.stop(LOOP)
         self.publisher.step(self.loop.read()[0], self.clock_ns())
         self.recording.stop()
+        with self.guard.part("publisher", now_ns := self.clock_ns()):
+            self.publisher.publish_documents(now_ns)  # how a plan has ended
 
     def run_until(self, done: Callable[[], object], limit_ns: int | None = None) -> None:
         """Step until `done()` is true, for `limit_ns` at most; a late step is not made up for."""

@@ -152,8 +152,11 @@ def test_a_bug_in_the_supervisor_takes_the_current_before_the_daemon_ends(
     if listener_too:
         played.supervisor.bench.events.listeners.append(buggy)
         played.supervisor.bench.loop_fault = ""
+    stopping = []
+    played.supervisor.notifier.stopping = stopping.append  # the watchdog would not wait
     with pytest.raises(daemon.SupervisorFailedError, match="of a bug; stopped, the traceback"):
         daemon.supervise(played.supervisor, daemon.StopSignal(), lambda: None)
+    assert "of a bug" in stopping[-1]
     assert Request.STOP in played.asked
     assert played.asked.index(Request.STOP) == len(played.asked) - 1
     assert any(r.exc_info and r.exc_info[0] is ZeroDivisionError for r in caplog.records)

@@ -20,6 +20,7 @@ from motord.sequencing.settings import COMPENSATE
 from motord.service import build as service
 from motord.service.host.systemd import Notifier
 from motord.service.processes import PROCESSES
+from motord.service.recording import session
 from motord.service.rpc.dispatcher import Call
 from motord.service.rpc.plans import PlanControl
 from motord.shm.mailbox import MailboxReader
@@ -541,15 +542,67 @@ def test_the_end_disables_and_answers_everybody(played):
     played.supervisor.step = play_the_loop
     played.supervisor.ramp_down("SIGTERM")
     assert {2, 3} <= set(requests)
-    waiting = played.bring("enable", token="x")
-    played.supervisor.take_down()
     with pytest.raises(RpcError, match="shutting down"):
-        waiting.wait(0)
+        played.bring("enable", token="x")
+    played.supervisor.take_down()
     with pytest.raises(RpcError, match="shutting down"):
         played.bring("stop")
     assert played.loops[0].signals == [signal.SIGTERM]
     assert played.recorders[0].signals == [signal.SIGTERM]
     assert "shutting down: SIGTERM" in played.messages()
+
+
+def test_how_a_plan_ended_with_the_daemon_is_known_before_the_recorder_ends(played, monkeypatch):
+    monkeypatch.setattr(session, "CLOSE_S", 0.0)
+    supervisor, plans = played.supervisor, played.supervisor.bench.plans
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate")
+    [start] = played.recorders[0].received("start")
+    played.recorders[0].report(file=f"{start['out']}-000.mcap")
+    played.step(2)
+    published, at_stop, stop = [], {}, supervisor.children.stop
+
+    def stopped(name, *limit):
+        at_stop[name] = plans.view.state
+        return stop(name, *limit)
+
+    supervisor.children.stop = stopped
+    supervisor.publisher.telemetry.json = lambda name, text: published.append((name, text))
+    supervisor.bench.stop("the daemon shut down")
+    played.step()
+    assert plans.closing
+    supervisor.take_down()
+    assert (at_stop["loop"], at_stop["recorder"]) == ("ending", "aborted")
+    newest = [json.loads(text) for name, text in published if name == "plan"][-1]
+    assert newest["state"] == "aborted"
+    assert "the daemon shut down; not recorded in full: not closed" in newest["message"]
+
+
+def test_the_end_waits_a_little_for_the_recording_of_a_plan_and_nobody_is_in_command(played):
+    supervisor = played.supervisor
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate")
+    [start] = played.recorders[0].received("start")
+    played.recorders[0].report(file=f"{start['out']}-000.mcap")
+    played.step(2)
+    step = supervisor.step
+
+    def play_on():
+        played.now_ns += 10_000_000
+        played.loops[0].tick(State.OFF)
+        if played.recorders[0].received("stop"):
+            with pytest.raises(RpcError, match="shutting down"):
+                played.bring("enable", token=token)
+            played.recorders[0].report(recording=False, closed=[start["out"]])
+        step()
+
+    supervisor.step = play_on
+    supervisor.ramp_down("SIGTERM")
+    assert supervisor.bench.plans.concluded
+    assert supervisor.bench.plans.view.state == "aborted"
+    assert supervisor.bench.plans.view.recorded
 
 
 def test_an_installed_calibration_is_in_force_from_the_start(tmp_path, monkeypatch):
