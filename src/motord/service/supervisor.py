@@ -78,6 +78,8 @@ class Supervisor:
             if self.loop.follow():
                 self.bench.loop_up()
         block, lost = self.loop.read()
+        with part("recording", now_ns):
+            self.recording.note_newest(block)
         with part("processes", now_ns):
             for end in self.children.poll(now_ns):
                 self._process_ended(end)

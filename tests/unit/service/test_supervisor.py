@@ -552,6 +552,25 @@ def test_the_end_disables_and_answers_everybody(played):
     assert "shutting down: SIGTERM" in played.messages()
 
 
+def test_the_tick_by_which_a_plan_ends_is_part_of_its_recording(tmp_path, monkeypatch):
+    played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate")
+    [start] = played.recorders[0].received("start")
+    played.step(20)
+    played.recorders[0].code = -signal.SIGKILL
+    while not played.supervisor.bench.plans.closing:
+        played.step(1, State.TRIPPED)
+    tripped_at = played.loops[0].number - 1
+    while len(played.recorders) == 1:
+        played.step(1, State.TRIPPED)
+    played.step(1, State.TRIPPED)
+    [finish] = played.recorders[1].received("finish")
+    assert (finish["out"], finish["newest"]["tick"]) == (start["out"], tripped_at)
+    played.close()
+
+
 def test_how_a_plan_ended_with_the_daemon_is_known_before_the_recorder_ends(played, monkeypatch):
     monkeypatch.setattr(session, "CLOSE_S", 0.0)
     supervisor, plans = played.supervisor, played.supervisor.bench.plans

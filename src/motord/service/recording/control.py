@@ -122,6 +122,11 @@ class RecordingControl:
         if self._closing is not None:
             self.on_closing()
 
+    def note_newest(self, block: np.ndarray) -> None:
+        """Note the newest tick, with which a recording ends that ends now."""
+        if len(block):
+            self.recorder.newest = Mark.of(block[-1])
+
     def stop(self) -> None:
         """End the recorder; it takes what the loop has still written and closes its file."""
         self.loop_down()
@@ -232,7 +237,8 @@ class RecordingControl:
         if len(block):
             self._loop_up = True
             self._enabled = bool(enabled[-1])
-            self.recorder.newest, self.recorder.loop_over = Mark.of(block[-1]), False
+            self.recorder.loop_over = False
+            self.note_newest(block)
         if self._plan or not self._config.recording.auto:
             return
         always, task = self._config.recording.auto == "always", self.recorder.task
