@@ -20,7 +20,7 @@ from motord.results.field_names import label_elements, number_elements
 NOT_RESULTS = frozenset(
     {
         *("motor", "told", "left_out", "unreached", "learned", "degrees_of_freedom", "freedom"),
-        *("repetitions", "time_series"),
+        *("repetitions", "time_series", "leakage_percent"),
     }
 )
 """Keys of what an analysis was given, did not use, or states of its errors, and of curves."""

@@ -28,7 +28,7 @@ def test_an_analysis_is_stored_once_with_what_it_is_of(recorded: Recorded, tmp_p
     store = tmp_path / "store"
     code, out, said = run(analyse, "verify", recorded.on, recorded.off, "--json", "--store", store)
     assert code == 0
-    assert said.startswith(f"stored 36 figures in {store}/verify-")
+    assert said.startswith(f"stored 44 figures in {store}/verify-")
     rows = stored(store)
     motor = load().motor
     common = {name: rows[0][name] for name in list(rows[0])[:8]}

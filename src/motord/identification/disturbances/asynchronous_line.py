@@ -29,6 +29,10 @@ fitted at up to 0.4."""
 STANDS_OUT = 4.0
 """Standard errors that the amplitude of a line has at least, by itself and by its frequency."""
 
+SECTORS = 64
+"""Parts of a turn each of which has samples, or there is no average over turns that could leave a
+line: a track of the encoder is stuck, which has findings of its own."""
+
 MOST_LINES = 4
 MOST_TRIED = 6
 ROUNDS = 4
@@ -37,7 +41,8 @@ ROUNDS = 4
 
 def asynchronous_lines(samples: Samples, counts: int) -> tuple[AsynchronousLine, ...]:
     """Return the lines beyond chance, strongest first. One turn alone shows none."""
-    if len(samples.turns) < 2:
+    sectors = np.bincount(samples.count[samples.whole] * SECTORS // counts, minlength=SECTORS)
+    if len(samples.turns) < 2 or not sectors.all():
         return ()
     fewest = min(end - first for first, end in samples.turns)
     highest = max(resolved_order(fewest, counts, fewest), 1)
