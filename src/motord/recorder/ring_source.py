@@ -133,6 +133,7 @@ class RingSource:
             successor = self._attach("oldest")
             if successor is not None:
                 self._reader, self._new_ring = successor, True
+                self._first_tick, self._recorded = 0, ()  # numbers of the ring before
                 block, lost = successor.read(self._at_once)
         return self._piece(block, lost)
 

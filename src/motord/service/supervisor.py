@@ -80,9 +80,12 @@ class Supervisor:
         block, lost = self.loop.read()
         with part("recording", now_ns):
             self.recording.note_newest(block)
+        recorded = block
         with part("processes", now_ns):
             for end in self.children.poll(now_ns):
                 self._process_ended(end)
+                if end.process.name == LOOP:
+                    recorded = block[:0]  # of a loop that is gone: no recording begins with them
         with part("requests", now_ns):
             self.dispatcher.take(now_ns)
         if self.channels is not None:
@@ -102,7 +105,9 @@ class Supervisor:
             if self.gateway is not None:
                 self.gateway.step(now_ns)
         with part("recording", now_ns):
-            self.recording.step(now_ns, block)
+            self.recording.step(now_ns, recorded)
+            if self.bench.plans.closing:
+                self.bench.plans.conclude()
         with part("publisher", now_ns):
             self.publisher.step(block, now_ns)
         with part("service manager", now_ns):
@@ -133,7 +138,8 @@ class Supervisor:
     def ramp_down(self, why: str) -> None:
         """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short.
 
-        Then, with no more requests, wait for the recording of a plan that has ended by this.
+        Then, with no more requests, wait for the recording of a plan that has ended by this, if the
+        bench is OFF.
         """
         bench, limits = self.bench, self.bench.config.limits
         bench.events.emit("daemon", f"shutting down: {why}")
@@ -147,7 +153,8 @@ class Supervisor:
         over = (DriveState.OFF, DriveState.TRIPPED)
         self.run_until(lambda: bench.state in over, STOP_NS)
         self.dispatcher.close(SHUTTING_DOWN)
-        self.run_until(lambda: bench.plans.concluded, CLOSED_NS)
+        if bench.state in over:
+            self.run_until(lambda: bench.plans.concluded, CLOSED_NS)
 
     def emergency(self, error: Exception) -> str:
         """Take the current away at once after an error in the program; return it in a line.

@@ -553,6 +553,19 @@ def test_a_lost_ring_is_no_new_ring(bench):
     assert bench.recorded() == list(range(10))
 
 
+def test_the_first_tick_of_one_loop_is_none_of_the_next(bench):
+    """Or its ticks, which begin at 0, would be left out until they came to that number."""
+    bench.loop(50)
+    bench.start(first_tick=1000)
+    bench.step()
+    bench.ring = RingWriter(bench.ring_path, CAPACITY)
+    bench.loop(5, first=0)
+    bench.step()
+    bench.step()
+    bench.stop()
+    assert bench.recorded() == [0, 1, 2, 3, 4]
+
+
 # --- space and errors
 
 

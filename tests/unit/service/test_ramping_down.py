@@ -63,6 +63,23 @@ def test_who_commands_next_need_not_wait_for_the_ramp(service, name, how):
     assert service.bench.plans.active or service.bench.state is State.ENABLED
 
 
+@pytest.mark.parametrize("last", ["disable", "plan/abort"])
+@pytest.mark.parametrize("name", NEXT)
+def test_what_was_to_come_after_the_ramp_does_not_if_it_is_disabled_again(service, name, last):
+    token = next_in_command(service, under_torque(service), "disable")
+    pending = service.begin(name, token=token, **NEXT[name])
+    service.step(5)
+    assert pending.outcome is None
+    service.begin("disable", token="of nobody")
+    service.step()
+    assert pending.outcome is None
+    service.begin(last, token=token)
+    service.run_s(3.0, token)
+    assert service.bench.state is State.READY
+    assert not service.bench.plans.active
+    assert f"{last} came after it" in str(pending.outcome)
+
+
 def test_a_plan_begins_once_a_torque_that_was_set_to_zero_is_zero(service):
     token = under_torque(service)
     service.ask("set", token=token, torque_Nm=0.0)

@@ -335,6 +335,21 @@ def test_everything_is_recorded_always_if_the_bench_file_says_so(tmp_path, monke
     played.close()
 
 
+def test_a_loop_that_is_gone_begins_no_recording_with_its_last_ticks(tmp_path, monkeypatch):
+    """One that began so would wait for the numbers of that loop among those of the next."""
+    played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": "always"})
+    played.up()
+    played.step(5)
+    played.loops[0].tick(State.OFF, 20)
+    played.loops[0].code = -9
+    played.step()
+    played.step(3)
+    commands = [c["do"] for c in played.recorders[0].received() if c["do"] in ("start", "stop")]
+    assert commands == ["start", "stop"]
+    assert played.supervisor.recording.settled
+    played.close()
+
+
 def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     played.up()

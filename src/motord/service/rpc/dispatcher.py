@@ -13,7 +13,16 @@ from typing import Any, Generic, TypeVar
 
 from motord.api.errors import Code, RpcError
 from motord.api.replies import RpcReply
-from motord.api.requests import STOP, ReplyT, RequestT, Rpc, RpcRequest, WithToken
+from motord.api.requests import (
+    DISABLE,
+    PLAN_ABORT,
+    STOP,
+    ReplyT,
+    RequestT,
+    Rpc,
+    RpcRequest,
+    WithToken,
+)
 from motord.service.bench.bench import Bench
 
 Outcome = RpcReply | RpcError
@@ -226,14 +235,23 @@ class Dispatcher:
 
     def give_up(self, why: str) -> None:
         """Refuse the waiting calls."""
-        for call in [*(held for held, _ in self._held), *(one for one, _, _ in self._waiting)]:
+        self._give_up_held(why)
+        for call, _, _ in self._waiting:
             call.reply(RpcError("refused", f"{call.name}: {why}"))
-        self._held, self._waiting = [], []
+        self._waiting = []
+
+    def _give_up_held(self, why: str) -> None:
+        """Refuse the calls that are to be tried again: what was requested last is what counts."""
+        for call, _ in self._held:
+            call.reply(RpcError("refused", f"{call.name}: {why}"))
+        self._held = []
 
     def _carry_out(self, call: Call, now_ns: int) -> RpcReply | Wait[Any]:
         handler, request, holder = self.handlers[call.name], call.request, ""
         if isinstance(request, WithToken):
             holder = self._bench.lease.require(request.token, now_ns).holder
+        if call.name in (DISABLE.name, PLAN_ABORT.name):
+            self._give_up_held(f"{call.name} came after it")
         for need in handler.needs:
             need(self._bench)
         return handler.function(request, RpcContext(now_ns, holder, call.prepared))
