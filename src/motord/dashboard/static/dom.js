@@ -55,7 +55,7 @@ export function setAttribute(node, name, value) {
 
 /** A control that is to have the focus once it is allowed, and what has it meanwhile. @type {{id: string, meanwhile: Element} | null} */
 let focusNext = null;
-for (const input of ["keydown", "pointerdown"]) document.addEventListener(input, () => { focusNext = null; }, { capture: true });
+const forgetNext = () => { focusNext = null; };
 
 /** Disable a control and say why. @param {any} control @param {string} why "" enables it */
 export function allow(control, why) {
@@ -73,6 +73,7 @@ export function allow(control, why) {
  */
 export function focusOnceAllowed(control, meanwhile) {
   focusNext = control.disabled ? { id: control.id, meanwhile } : null;
+  for (const input of ["keydown", "pointerdown"]) document.addEventListener(input, forgetNext, { capture: true });
   (control.disabled ? meanwhile : control).focus();
 }
 

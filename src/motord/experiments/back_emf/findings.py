@@ -101,7 +101,7 @@ def _age(found: MeasuredBackEmf, driven: Sequence[Driven]) -> Iterator[Finding]:
         )  # fmt: skip
         return
     signed_Hz = np.array([one.direction * one.speed_Hz for one in driven])
-    speeds = int(distinct_speeds(signed_Hz).max()) + 1
+    speeds = np.unique(distinct_speeds(signed_Hz)).size if driven else LEAST_SPEEDS
     if speeds < LEAST_SPEEDS:
         yield Finding(
             "phase-drift-not-seen", speeds, LEAST_SPEEDS, "speeds", "warning",
