@@ -112,7 +112,7 @@ def build(
     recording.recorder.on_report = boxes.report
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     bench = Bench(config, mailbox, slow_devices(config, events), events, resumption)
-    bench.monitor.on_trip, recording.on_closing = boxes.trip, bench.plans.conclude
+    bench.monitor.on_trip = boxes.trip
     check_drivers(config.channels)
     channels = (
         ChannelLink(bench.channels, children, events, recording.channel)

@@ -79,13 +79,10 @@ class Supervisor:
                 self.bench.loop_up()
         block, lost = self.loop.read()
         with part("recording", now_ns):
-            self.recording.note_newest(block)
-        recorded = block
+            self.recording.take_ticks(block)
         with part("processes", now_ns):
             for end in self.children.poll(now_ns):
                 self._process_ended(end)
-                if end.process.name == LOOP:
-                    recorded = block[:0]  # of a loop that is gone: no recording begins with them
         with part("requests", now_ns):
             self.dispatcher.take(now_ns)
         if self.channels is not None:
@@ -105,9 +102,8 @@ class Supervisor:
             if self.gateway is not None:
                 self.gateway.step(now_ns)
         with part("recording", now_ns):
-            self.recording.step(now_ns, recorded)
-            if self.bench.plans.closing:
-                self.bench.plans.conclude()
+            self.recording.step(now_ns)
+            self.bench.plans.conclude()
         with part("publisher", now_ns):
             self.publisher.step(block, now_ns)
         with part("service manager", now_ns):
@@ -192,7 +188,9 @@ class Supervisor:
             self.tracker.stop()
         self.children.stop(LOOP)
         self.publisher.step(self.loop.read()[0], self.clock_ns())
-        self.recording.stop()
+        self.recording.close()
+        self.bench.plans.conclude()  # journalled before a recorder that hangs is waited for
+        self.recording.recorder.stop()
         with self.guard.part("publisher", now_ns := self.clock_ns()):
             self.publisher.publish_documents(now_ns)  # how a plan has ended
 

@@ -232,7 +232,8 @@ class Bench:
             self.now_s += STEP_S
             block = self._publish()
             self._revive()
-            self.control.step(self._now_ns(), block)
+            self.control.take_ticks(block)
+            self.control.step(self._now_ns())
             if self.steps == self.kill_at:
                 self._kill()
             self._guard(lambda recorder: recorder.step(self.now_s))
@@ -246,7 +247,8 @@ class Bench:
     def end(self) -> None:
         """End the daemon: the loop, then the recorder."""
         self._ring.close()
-        self.control.stop()
+        self.control.close()
+        self.control.recorder.stop()
 
     def close(self) -> None:
         """Let go of everything."""

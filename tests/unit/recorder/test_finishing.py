@@ -156,7 +156,8 @@ def test_the_plan_that_followed_keeps_its_beginning(lives):
     last = lives._tick
     for _ in range(6):  # it does nothing more
         lives.now_s += 0.1
-        lives.control.step(lives._now_ns(), lives._publish())
+        lives.control.take_ticks(lives._publish())
+        lives.control.step(lives._now_ns())
     lives._kill()
     lives.step(16)
     lives.state = State.OFF

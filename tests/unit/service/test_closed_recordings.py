@@ -122,11 +122,9 @@ def test_a_recorder_without_a_successor_has_recorded_nothing(tmp_path):
 
 def test_what_is_not_closed_when_the_daemon_ends_is_not(tmp_path):
     closing = Closing(tmp_path).ended()
-    closing.recorder.await_closed = closing.recorder.stop = lambda: None
-    reported = []
-    closing.control.on_closing = lambda: reported.append(closing.control.unrecorded())
-    closing.control.stop()
-    assert reported == ["not closed before the daemon ended"]
+    closing.recorder.await_closed = lambda: None
+    closing.control.close()
+    assert closing.control.unrecorded() == "not closed before the daemon ended"
 
 
 def test_a_disk_that_does_not_answer_is_no_recording(tmp_path):

@@ -158,7 +158,8 @@ def test_what_the_recorder_closes_as_it_is_ended_is_closed(bench, monkeypatch):
     bench.recording.step(0)
     [stem] = ended(bench, died=False)
     bench.children.stop = lambda *_: recorder.say(recording=False, closed=[stem])
-    bench.recording.stop()
+    bench.recording.close()
+    bench.recording.recorder.stop()
     assert messages(bench) == []
 
 
@@ -210,7 +211,8 @@ def test_an_error_that_comes_meanwhile_ends_it(bench, clock):
 def test_what_the_ring_does_not_reach_back_to_is_not_waited_for(bench, clock):
     [stem] = ended(bench)
     bench.now_ns += round(bench.ring_s * 1e9) + 1
-    bench.recording.stop()
+    bench.recording.close()
+    bench.recording.recorder.stop()
     assert clock.now_s == 1000.0
     assert f"{stem.rsplit('/', 1)[1]} was not closed" in messages(bench)[-1]
 
@@ -231,7 +233,8 @@ def test_recorders_that_die_one_after_the_other_hold_up_the_end_for_a_bounded_ti
 
     another.since_s = clock.now_s
     clock.meanwhile = another
-    bench.recording.stop()
+    bench.recording.close()
+    bench.recording.recorder.stop()
     [(at_s, timeout_s)] = stopped
     assert at_s + timeout_s <= 1000.0 + session.STOP_S + session.KILL_S
 

@@ -525,7 +525,7 @@ def test_however_a_plan_ends_its_view_and_its_journal_agree(days, how, found):
     if found == "died":
         service.resumption.recorder(None)
     service.sink.missing = "" if found == "died" else found
-    service.sink.on_closing()
+    plans.conclude()
     view, [segment] = plans.view, service.journal.log.segments
     assert plans.concluded
     assert view.state == ("failed" if found and state == "done" else state)

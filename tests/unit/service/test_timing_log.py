@@ -13,7 +13,7 @@ from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, State
 from motord.service.host.events import EventLog
 from motord.service.recording import session
-from motord.service.recording.control import RecordingControl
+from motord.service.recording.control import NO_TICKS, RecordingControl
 from motord.service.recording.timing_log import EVERY_NS
 from motord.shm.time_count import count_time
 from motord.shm.timing import Timing, TimingSummary, total
@@ -100,7 +100,9 @@ class Bench:
     def power_on(self):
         tick = np.zeros(1, TICK_DTYPE)
         tick["state"] = State.ENABLED
-        self.recording.step(0, tick)
+        self.recording.take_ticks(tick)
+        self.recording.step(0)
+        self.recording.take_ticks(NO_TICKS)
 
     def loop(self):
         self.live = Timing.create(self.path)
@@ -203,7 +205,8 @@ def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
     bench.recording.step(0)
     closed = str(bench.recording.recorder.task.stem)
     recorder.say(recording=False, file="run-000.mcap", closed=[closed], error="")
-    bench.recording.stop()
+    bench.recording.close()
+    bench.recording.recorder.stop()
     commands = [command["kind"] for command in recorder.received()]
     assert commands == ["start", "timing", "stop"]
     assert bench.children.stopped == 1
@@ -226,7 +229,8 @@ def test_a_recorder_that_closes_nothing_is_waited_for_no_longer_than_that(
         bench.children.poll(0)
         bench.recording.step(0)
     name = bench.recording.recorder.task.stem.name
-    bench.recording.stop()
+    bench.recording.close()
+    bench.recording.recorder.stop()
     assert bench.children.stopped == 1
     messages = [event.message for event in bench.events.recent()]
     assert messages == [f"{name} was not closed: its last ticks may be missing"]

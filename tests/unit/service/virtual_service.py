@@ -34,7 +34,6 @@ class RecordedSink:
     def __init__(self):
         self.started, self.points, self.progress, self.over = [], [], [], []
         self.missing = ""
-        self.on_closing = lambda: None
 
     def plan_started(self, plan, view, notes):
         self.started.append((plan, view, notes))
@@ -171,7 +170,6 @@ class VirtualService:
             lambda: self.now_ns,
         )  # fmt: skip
         self.bench = Bench(self.config, self.loop, devices or {}, self.events, self.resumption)
-        self.sink.on_closing = self.bench.plans.conclude
         if not safe:
             self.bench.fault_stop = fail
         self.restarts = 0
@@ -205,7 +203,7 @@ class VirtualService:
             self.bench.step(self.loop.run(), lost, self.now_ns)
             self.queue.step(self.now_ns)
             self.dispatcher.step(self.now_ns)
-            self.sink.on_closing()
+            self.bench.plans.conclude()
             self.journal.settle()
             self.queue.file.settle()
 

@@ -41,12 +41,12 @@ NO_TICKS = np.empty(0, TICK_DTYPE)
 
 
 class RecordingControl:
-    """Decides what the recorder records. No call but `stop` waits for it.
+    """Decides what the recorder records. No call but `close` waits for it.
 
     The loop counts its timing in the file `timing`. `calibration_*` and `realtime` go into the
     metadata of the next recording; `driven` says whether the external drive turns the bench;
     `state` is recorded whenever it changes; `on_plan_unrecorded` is called with the reason when a
-    plan has to end, `on_closing` in every step while the recording of one that is over closes.
+    plan has to end.
     """
 
     def __init__(
@@ -73,17 +73,17 @@ class RecordingControl:
         self._plan_progress: tuple[object, ...] = ()
         self._closing: ClosingRecording | None = None
         self._enabled = self._loop_up = False
+        self._ticks = NO_TICKS
         self.recorder = RecorderSession(children, events, unix_ns, config.loop.ring_s)
         self._timing = TimingLog(timing, self.recorder.event)
         self._states, self._state = StateLog(self.recorder.state), state
         self._calibration_id, self._realtime = calibration_id, realtime
         self._calibration_findings = calibration_findings
         self._driven, self._on_plan_unrecorded = driven, on_plan_unrecorded
-        self.on_closing: Callable[[], None] = lambda: None
 
     def loop_down(self) -> None:
         """Begin nothing new; what remains of the loop's ticks goes into the file under way."""
-        self._loop_up, self.recorder.loop_over = False, True
+        self._loop_up, self.recorder.loop_over, self._ticks = False, True, NO_TICKS
 
     def end(self, why: str) -> None:
         """End the recording under way."""
@@ -109,33 +109,35 @@ class RecordingControl:
             return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
         return recorder.report.obstacle if not recorder.report.recording else ""
 
-    def step(self, now_ns: int, block: np.ndarray = NO_TICKS) -> None:
-        """Follow bench and recorder. `now_ns` is monotonic, `block` the new ticks, shape (n,)."""
+    def take_ticks(self, block: np.ndarray) -> None:
+        """Take the new ticks, shape (n,): what ends from now on ends with them."""
+        self._ticks = block
+        if len(block):
+            self._loop_up, self.recorder.loop_over = True, False
+            self._enabled = bool(block["state"][-1] == State.ENABLED)
+            self.recorder.newest = Mark.of(block[-1])
+
+    def step(self, now_ns: int) -> None:
+        """Follow bench and recorder; `now_ns` is monotonic."""
         self._now_ns = now_ns
         self.recorder.follow_process()
-        self._follow_power(block, now_ns)
+        self._follow_power(now_ns)
         self._check_plan(now_ns)
         if self.recorder.link is not None and self.recorder.task is not None:
             self._timing.step(self._unix_ns())
         self._log_state(now_ns)
         self.recorder.step(now_ns)
-        if self._closing is not None:
-            self.on_closing()
 
-    def note_newest(self, block: np.ndarray) -> None:
-        """Note the newest tick, with which a recording ends that ends now."""
-        if len(block):
-            self.recorder.newest = Mark.of(block[-1])
+    def close(self) -> None:
+        """End what is recorded, with what the loop has still written, and wait until it is closed.
 
-    def stop(self) -> None:
-        """End the recorder; it takes what the loop has still written and closes its file."""
+        `unrecorded` is known then.
+        """
         self.loop_down()
         self.end("the daemon shut down")
         self.recorder.await_closed()
         if self._closing is not None:
             self._closing.unrecorded(self._now_ns, last=True)
-            self.on_closing()  # journalled before a recorder that hangs is waited for
-        self.recorder.stop()
 
     def view(self) -> RecordingView:
         """Return what is recorded now."""
@@ -231,14 +233,9 @@ class RecordingControl:
         before_ns = round(BEFORE_S * 1e9)
         self._states.step(self._state(now_ns), destination, self._unix_ns(), before_ns)
 
-    def _follow_power(self, block: np.ndarray, now_ns: int) -> None:
+    def _follow_power(self, now_ns: int) -> None:
         """Begin and end the recordings of manual operation."""
-        enabled = block["state"] == State.ENABLED
-        if len(block):
-            self._loop_up = True
-            self._enabled = bool(enabled[-1])
-            self.recorder.loop_over = False
-            self.note_newest(block)
+        block, enabled = self._ticks, self._ticks["state"] == State.ENABLED
         if self._plan or not self._config.recording.auto:
             return
         always, task = self._config.recording.auto == "always", self.recorder.task
