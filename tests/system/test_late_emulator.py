@@ -136,3 +136,27 @@ def test_an_emulator_that_is_preempted_before_it_sends_listens_first(
             world.now_ns += STEP_MAX_NS
             world._step()
     assert set(stated) == {0}
+
+
+def test_a_drive_that_is_off_says_so_however_late_its_emulator_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each of its rounds takes so long that another command to be off has come meanwhile."""
+    with enabled(tmp_path, monkeypatch) as (service, world, _, ages_ns):
+        bench = world.emulator.bench
+        sense, began_ns = bench.sense, 0
+
+        def held_up():
+            if world.now_ns == began_ns:  # the first time in a round
+                service.loop.rig.safe_stop()
+                world.now_ns += HELD_UP_NS
+            return sense()
+
+        monkeypatch.setattr(bench, "sense", held_up)
+        for turn in range(13):
+            if turn == 3:  # it is off
+                ages_ns.clear()
+            world.now_ns += STEP_MAX_NS
+            began_ns = world.now_ns
+            world._step()
+    assert len(ages_ns) >= 9

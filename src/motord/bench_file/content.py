@@ -124,12 +124,28 @@ def _of_a_real_bench(tables: Tables) -> Tables:
     return {
         "limits.torque_rate_Nm_per_s": torque_Nm,
         "limits.trip_torque_Nm": _three_digits(2 * largest_Nm),
-        "limits.torque_error_Nm": torque_Nm,
+        "limits.torque_error_Nm": _torque_error_Nm(tables),
         "limits.trip_current_A": _three_digits(4 / 3 * current_A),
         "limits.i2t_current_A": _three_digits(2 / 3 * current_A),
         "plans.calibrate.torques_Nm": torques_Nm,
         "plans.verify.torques_Nm": torques_Nm,
     }
+
+
+def _torque_error_Nm(tables: Tables) -> float:
+    """Return what a motor that is not calibrated stays within, and a dead torque sensor does not.
+
+    The latter as far as the high-pass of the sensor lets it: if it does not, it is left out.
+    """
+    torque_Nm = tables["limits"]["torque_Nm"]
+    limits = LimitsConfig(
+        torque_Nm=torque_Nm, torque_rate_Nm_per_s=torque_Nm, trip_torque_Nm=2 * torque_Nm
+    )
+    sensor = check_table(TorqueSensorConfig, "torque_sensor", tables["torque_sensor"])
+    dead_Nm = dead_sensor_error_Nm(limits, sensor.highpass_time_constant_s)
+    if dead_Nm < TORQUE_ERROR * torque_Nm:
+        dead_Nm = dead_sensor_error_Nm(limits, 0.0)
+    return _three_digits(0.9 * dead_Nm)
 
 
 def _of_an_example(tables: Tables) -> Tables:

@@ -43,6 +43,7 @@ def check(
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
     findings += [*probe_devices(bench), probe_endpoints(bench), probe_recordings(bench)]
+    findings += judge_torque_sensor(bench)
     rights, host = _realtime(bench) if rt else ([], [])
     lines = [f"{f['what']}: {'ok, ' if f['ok'] else ''}{f['message']}" for f in findings]
     lines += [f"real time: {right['line']}" for right in rights]
@@ -70,6 +71,25 @@ def probe_devices(bench: "Config") -> list[Finding]:
             ]
     except RunDirError as error:
         return [{"what": "devices", "ok": False, "message": str(error)}]
+
+
+def judge_torque_sensor(bench: "Config") -> list[Finding]:
+    """Say if a torque sensor that stays at zero would not trip: a high-pass may hide it."""
+    from motord.config.rules.interlocks import dead_sensor_error_Nm
+
+    limits, tau_s = bench.limits, bench.torque_sensor.highpass_time_constant_s
+    dead_Nm = dead_sensor_error_Nm(limits, tau_s)
+    if limits.greatest_torque_error_Nm < dead_Nm:
+        return []
+    remedy = "raise torque_rate_Nm_per_s, or lower torque_error_s"
+    if dead_Nm > 0.0:
+        remedy = f"make torque_error_Nm less than {dead_Nm:.3g}, or {remedy}"
+    message = (
+        f"one that stays at zero trips at no torque: its high-pass of {tau_s:g} s leaves too "
+        f"little of [limits] torque_Nm = {limits.torque_Nm:g} that is reached at "
+        f"{limits.torque_rate_Nm_per_s:g} Nm/s; {remedy}, to have it noticed"
+    )
+    return [{"what": "torque sensor", "ok": True, "message": message}]
 
 
 def probe_endpoints(bench: "Config") -> Finding:

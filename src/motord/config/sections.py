@@ -13,6 +13,7 @@ from motord.config.experiments import Plans
 from motord.config.motor import MotorConfig, TorqueSensorConfig
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.timing import (
+    CURRENT_ERROR,
     INTERVALS_MIN,
     JUMP_MAX_RAD,
     ORDER_S,
@@ -22,6 +23,7 @@ from motord.config.timing import (
     SILENCE_MAX_S,
     SUPERVISOR_ACTS_S,
     SUPERVISOR_TIMEOUT_MIN_S,
+    TORQUE_ERROR,
 )
 from motord.config.tracking import TrackingConfig
 from motord.config.zenoh import ZenohConfig
@@ -110,14 +112,26 @@ class LimitsConfig(Section):
     """How far an encoder sample may be from where the speed would have taken the rotor in 5 ms. At
     least as far as a sound one is, by its counts and the observer's lag, at 100 rad/s^2."""
     current_error_A: Positive | None = None
-    """How far a sensed current may be from its command; left out: a quarter of current_A."""
+    """How far a sensed current may be from its command; left out: a quarter of current_A. Less than
+    0.86 of current_A, or a drive without any current would not trip."""
     current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
     """How long it may be further off; at least a period of the loop."""
     torque_error_Nm: Positive | None = None
     """How far the measured torque may be from the set-point, besides a fifth of it and what induced
-    offsets of the currents make at most, as of the plan `align`; left out: 0.3 torque_Nm."""
+    offsets of the currents make at most, as of the plan `align`; left out: 0.3 torque_Nm. Less than
+    0.8 of torque_Nm, or a torque sensor that stays at zero would not trip."""
     torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
     """How long it may be further off; at least until a step of the torque has settled and shows."""
+
+    @property
+    def greatest_current_error_A(self) -> float:
+        """How far a sensed current may be from its command."""
+        return self.current_error_A or CURRENT_ERROR * self.current_A
+
+    @property
+    def greatest_torque_error_Nm(self) -> float:
+        """How far the measured torque may be from the set-point, besides TORQUE_SHARE of it."""
+        return self.torque_error_Nm or TORQUE_ERROR * self.torque_Nm
 
     @property
     def ramp_down_Nm_per_s(self) -> float:

@@ -1,4 +1,4 @@
-"""The times, rates and angles within which every interlock keeps its stated time.
+"""The times, rates, angles and shares within which every interlock keeps its stated time.
 
 The fields of a bench file are bounded by them, and so are the rules between several fields
 (`config.rules`).
@@ -61,3 +61,15 @@ CHANNELS_MAX = 64
 SLOW_SILENCE_MAX_S = 10.0
 """Within this time a channel beyond its trip limit, or silent, ends the current, and a brake or a
 drive that does not answer takes the torque to zero."""
+CURRENT_ERROR, TORQUE_ERROR = 0.25, 0.3
+"""Of limits.current_A and torque_Nm: how far off current and torque may be where nothing is said.
+"""
+TORQUE_SHARE = 0.2
+"""Part of the torque set-point by which the measured torque may be off, besides torque_error_Nm."""
+
+_ROUNDING = 1e-9
+
+
+def is_below(given: float, least: float) -> bool:
+    """Return whether a value is below its bound, by more than decimal fractions are rounded."""
+    return given < (1.0 - _ROUNDING) * least

@@ -13,9 +13,6 @@ from motord.learned import COEFFICIENTS_MAX, LearnedTorque
 if TYPE_CHECKING:
     from motord.calibration import Calibration
 
-CURRENT_ERROR, TORQUE_ERROR = 0.25, 0.3
-"""Parts of limits.current_A and limits.torque_Nm by which currents and torque may be off."""
-
 
 def build(
     config: Config, calibration: "Calibration | None" = None
@@ -89,8 +86,8 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.bus_V_min, p.bus_V_max = limits.bus_V_min, limits.bus_V_max
     p.encoder_jump_rad = limits.encoder_jump_rad
     p.link_errors_per_s = limits.link_errors_per_s
-    p.current_error_A = limits.current_error_A or CURRENT_ERROR * limits.current_A
-    p.torque_error_Nm = limits.torque_error_Nm or TORQUE_ERROR * limits.torque_Nm
+    p.current_error_A = limits.greatest_current_error_A
+    p.torque_error_Nm = limits.greatest_torque_error_Nm
     p.settling_ns = settling_ns(config)
     oldest_s = config.inverter.stale_after_s + 1e-9 * settling_ns(config)
     # a tick may be late by a period, and two commands count at least

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from motord.config.timing import TORQUE_SHARE
 from motord.control.park import turned
-from motord.control.types import TORQUE_SHARE
 from motord.jit import jit
 
 CUT_MEMORY_S = 1.0

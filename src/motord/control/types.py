@@ -64,8 +64,6 @@ COMMAND = record_dtype(
     ]
 )
 
-TORQUE_SHARE = 0.2
-"""Part of the torque set-point by which the measured torque may be off, besides torque_error_Nm."""
 COMMANDS_MAX = math.ceil((SILENCE_MAX_S + (1 + SETTLING_LAGS) * DELAY_MAX_S) * RATE_MAX_HZ) + 2
 """Commands remembered at most; of a bench `PARAMETERS.commands`, enough for its oldest feedback."""
 

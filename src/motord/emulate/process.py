@@ -41,6 +41,8 @@ from motord.wire.can.codec import MessageCodec
 CATCH_UP_NS = 200_000_000
 BOARD_STATUS_HZ = 20
 INVERTER_STATUS_HZ = 100
+ENDED_BY_OFF = InverterStatus.READY | InverterStatus.ENABLE_LINE | InverterStatus.COMMAND_TIMEOUT
+"""What a command to be off ends."""
 
 
 def _timeline(config: Config, faults: Timeline | None, firmware: Path | None) -> Timeline:
@@ -258,8 +260,9 @@ class Emulator:
         held_up, newest = self._freshness.held_up(now_ns), self._freshness.newest(at_ns, now_ns)
         if held_up and newest:
             self._listen(time.monotonic_ns())
-        outdated = held_up and (not newest or self.bench.is_to_be_off)
         status = self.bench.inverter_status(reading)
+        turned_off = bool(status & ENDED_BY_OFF) and self.bench.is_to_be_off
+        outdated = held_up and (not newest or turned_off)
         if self._feedback.due(at_ns):
             if not outdated and self._freshness.currents_leave(at_ns, now_ns):
                 self._send(self._fast, reading, status, at_ns)

@@ -28,9 +28,6 @@ def make_config(**sections: Any) -> Config:
         ],
     }
     motor.update(sections.pop("motor", {}))
-    # the bench below does not answer its commands: no current flows, no torque is made
-    lenient = {"current_error_A": 1e6, "torque_error_Nm": 1e6}
-    sections["limits"] = lenient | sections.get("limits", {})
     return Config.model_validate({"motor": motor, **sections})
 
 
@@ -39,6 +36,11 @@ class Bench:
         self.config = config or make_config()
         tables = parameters.build(self.config, calibration)
         self.parameters, self.back_emf, self.cogging_Nm, self.learned_Nm = tables
+        # it does not answer its commands: no current flows, no torque is made
+        limits = self.config.limits
+        for name in ("current_error_A", "torque_error_Nm"):
+            if getattr(limits, name) is None:
+                self.parameters[name] = 1e6
         self.memory = new_memory()
         self.feedback = np.zeros(1, FEEDBACK)
         self.setpoint = np.zeros(1, SETPOINT)

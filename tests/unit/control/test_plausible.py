@@ -117,7 +117,8 @@ class Limited(Bench):
     """
 
     def __init__(self, current_A: float, lag_s: float) -> None:
-        limits = {"current_A": current_A, "torque_error_Nm": 1.5}
+        errors = {"current_error_A": 0.5 * current_A, "torque_error_Nm": 1.5}
+        limits = {"current_A": current_A, **errors}
         super().__init__(make_config(limits=limits))
         self.dead = False
         self._keeps = math.exp(-self.period_ns * 1e-9 / lag_s) if lag_s else 0.0

@@ -1,5 +1,6 @@
 """What must hold so that interlocks of the loop keep their stated times and trip for a reason."""
 
+import math
 from collections.abc import Iterator
 
 from motord.config.rules.encoder import (
@@ -7,10 +8,17 @@ from motord.config.rules.encoder import (
     position_is_unambiguous,
     speed_is_resolved,
 )
-from motord.config.sections import Sections
-from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SETTLING_LAGS, SILENCE_MAX_S
+from motord.config.sections import LimitsConfig, Sections
+from motord.config.timing import (
+    DELAY_MAX_S,
+    INTERVALS_MIN,
+    SETTLING_LAGS,
+    SILENCE_MAX_S,
+    TORQUE_SHARE,
+    is_below,
+)
 
-_ROUNDING = 1e-9
+DEAD_PHASE = math.sqrt(3.0) / 2.0
 
 
 def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
@@ -24,21 +32,21 @@ def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
         ("[bridge] heartbeat_timeout_s", config.bridge.heartbeat_timeout_s, period_s,
          "heartbeats come"),
     ):  # fmt: skip
-        if limit_s < (1.0 - _ROUNDING) * INTERVALS_MIN * interval_s:
+        if is_below(limit_s, INTERVALS_MIN * interval_s):
             yield (
                 f"{name} = {limit_s:g} is too short: {what} every {interval_s:g} s, and one may be "
                 f"lost; make it at least {INTERVALS_MIN * interval_s:g}, or raise the rates"
             )
     inverter = config.inverter
     least_s = inverter.feedback_age_s + INTERVALS_MIN * period_s
-    if inverter.feedback_age_s and inverter.stale_after_s < (1.0 - _ROUNDING) * least_s:
+    if inverter.feedback_age_s and is_below(inverter.stale_after_s, least_s):
         yield (
             f"[inverter] stale_after_s = {inverter.stale_after_s:g} is too short for feedback that "
             f"is feedback_age_s = {inverter.feedback_age_s:g} old when it comes: it would always "
             f"be stale; make it at least {least_s:g}"
         )
     patience_s = config.bench.rig_patience_s
-    if patience_s is not None and patience_s < (1.0 - _ROUNDING) * INTERVALS_MIN * period_s:
+    if patience_s is not None and is_below(patience_s, INTERVALS_MIN * period_s):
         yield (
             f"[bench] rig_patience_s = {patience_s:g} is too short: commands come every "
             f"{period_s:g} s, and the rig's time would stand still between them; make it at least "
@@ -69,7 +77,7 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
          "no drive and no enable line could be ready so soon, and say so in a message of "
          "which one may be lost"),
     ):  # fmt: skip
-        if given_s < (1.0 - _ROUNDING) * least_s:
+        if is_below(given_s, least_s):
             yield f"{name} = {given_s:g} is too short: {why}; make it at least {least_s:g}"
     frames_per_s = config.loop.rate_Hz + config.sample_rate_Hz
     if limits.link_errors_per_s > frames_per_s:
@@ -80,6 +88,43 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
         )
 
 
+def dead_sensor_error_Nm(limits: LimitsConfig, highpass_time_constant_s: float) -> float:
+    """Return the limits.torque_error_Nm below which a torque sensor that stays at zero trips.
+
+    At the set-point T = torque_Nm, of which a share is allowed anyway. A high-pass of the sensor
+    with the time constant tau leaves r tau (1 - exp(-T / (r tau))) of it when it is reached at the
+    rate r, and exp(-t / tau) of that after the time t that the error may last.
+    """
+    tau_s, expected_Nm = highpass_time_constant_s, limits.torque_Nm
+    if tau_s:
+        ramp_Nm = limits.torque_rate_Nm_per_s * tau_s
+        expected_Nm = -ramp_Nm * math.expm1(-limits.torque_Nm / ramp_Nm)
+        expected_Nm *= math.exp(-limits.torque_error_s / tau_s)
+    return expected_Nm - TORQUE_SHARE * limits.torque_Nm
+
+
+def what_is_dead_is_beyond_its_limit(config: Sections) -> Iterator[str]:
+    """A drive without any current, and a sensor at zero that passes the mean, trip at full torque.
+
+    Of three currents 120 degrees apart the largest is at least DEAD_PHASE of their amplitude.
+    """
+    limits = config.limits
+    most_A = DEAD_PHASE * limits.current_A
+    if limits.greatest_current_error_A >= most_A:
+        yield (
+            f"[limits] current_error_A = {limits.current_error_A:g} is too large: a drive without "
+            f"any current would seem to follow current_A = {limits.current_A:g}; make it less than "
+            f"{most_A:.4g}"
+        )
+    most_Nm = dead_sensor_error_Nm(limits, 0.0)
+    if limits.greatest_torque_error_Nm >= most_Nm:
+        yield (
+            f"[limits] torque_error_Nm = {limits.torque_error_Nm:g} is too large: a torque sensor "
+            f"that stays at zero would seem to show torque_Nm = {limits.torque_Nm:g}, of which a "
+            f"fifth is allowed besides; make it less than {most_Nm:.4g}"
+        )
+
+
 def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
     """No setting lets an interlock lose its stated time, or trip where nothing is wrong."""
     yield from timeouts_outlast_a_lost_message(config)
@@ -87,3 +132,4 @@ def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
     yield from speed_is_resolved(config)
     yield from a_sound_encoder_never_jumps(config)
     yield from errors_last_longer_than_they_may(config)
+    yield from what_is_dead_is_beyond_its_limit(config)

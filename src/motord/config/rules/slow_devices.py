@@ -4,11 +4,10 @@ from collections.abc import Iterator
 
 from motord.config.devices.slow_devices import BRAKE_MARGIN_K, register_counts, shares_line
 from motord.config.sections import Sections
-from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S, INTERVALS_MIN
+from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S, INTERVALS_MIN, is_below
 
 STEP_MAX = 0.02
 """Of the largest set-point, between two that can be written: they are rounded."""
-_ROUNDING = 1e-9
 
 
 def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
@@ -32,7 +31,7 @@ def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
     if config.brake.driver == "modbus" and brake is not None and shares_line(modbus, brake):
         wait_s, waits = wait_s + brake.timeout_s, "timeout_s, and that of the brake on its line"
     most_s = DRIVE_FALLS_S - DRIVE_REACTS_S - config.setpoint_valid_s
-    if watchdog_s + wait_s > most_s * (1 + _ROUNDING):
+    if is_below(most_s, watchdog_s + wait_s):
         yield (
             f"[drive.modbus] watchdog_s = {watchdog_s:g} and {waits} ({wait_s:g} s) are "
             f"too long: the rotor's speed has to fall within {DRIVE_FALLS_S:g} s if the daemon "
@@ -57,7 +56,7 @@ def a_lost_answer_is_no_silence(config: Sections) -> Iterator[str]:
         if other.driver == "modbus" and other.modbus and shares_line(modbus, other.modbus):
             wait_s += other.modbus.timeout_s
         least_s = INTERVALS_MIN * section.poll_s + wait_s
-        if section.stale_after_s < (1 - _ROUNDING) * least_s:
+        if is_below(section.stale_after_s, least_s):
             yield (
                 f"[{name}] stale_after_s = {section.stale_after_s:g} is too short: it is read "
                 f"every {section.poll_s:g} s, one answer may be lost, and that is waited for "
@@ -78,7 +77,8 @@ def registers_reach_the_limits(config: Sections) -> Iterator[str]:
             continue
         step, kind = modbus.setpoint_scale, modbus.setpoint_kind
         least, greatest = (step * count for count in register_counts(kind))
-        if not least <= low < high <= greatest * (1 + _ROUNDING) or step > STEP_MAX * high:
+        within = least <= low < high and not is_below(greatest, high)
+        if not within or step > STEP_MAX * high:
             yield (
                 f'[{name}.modbus] setpoint_kind = "{kind}" with setpoint_scale = {step:g} holds '
                 f"{least:g} to {greatest:g} in steps of {step:g}; it takes {low:g} to {high:g} in "

@@ -5,15 +5,13 @@ import time
 
 from motord.config import CanBusConfig, ChannelConfig, ConfigError
 from motord.config.channel_sources import CanSource
-from motord.config.timing import INTERVALS_MIN
+from motord.config.timing import INTERVALS_MIN, is_below
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
 from motord.hal.channel_source import RawSample
 from motord.wire.can.dbc import signal_codec
-
-_ROUNDING = 1e-9
 
 
 class ListeningPort:
@@ -66,7 +64,7 @@ class CanChannel:
         if why := channel.beyond_reach(*self._codec.steps(source.signal)[:2]):
             raise ConfigError(f"{source.dbc}: {source.signal} could never trip at {why}")
         least_s = INTERVALS_MIN * self._codec.cycle_s + channel.period_s
-        if self._codec.cycle_s and channel.timeout_s < (1.0 - _ROUNDING) * least_s:
+        if self._codec.cycle_s and is_below(channel.timeout_s, least_s):
             raise ConfigError(
                 f"{source.dbc}: {source.signal} comes every {self._codec.cycle_s:g} s "
                 f"(GenMsgCycleTime) and is read every {channel.period_s:g} s, and one may be lost: "

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.control.types import TORQUE_SHARE
+from motord.config.timing import TORQUE_SHARE
 from motord.schema import BridgeStatus, InverterStatus, State, Trip
 
 ValuesAndLimits = Mapping[str, Mapping[str, float]]

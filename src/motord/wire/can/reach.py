@@ -8,13 +8,18 @@ import math
 from collections.abc import Iterator
 
 from motord.config import Config, ConfigError
-from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SILENCE_MAX_S, SLOW_FEEDBACK_MAX_S
+from motord.config.timing import (
+    DELAY_MAX_S,
+    INTERVALS_MIN,
+    SILENCE_MAX_S,
+    SLOW_FEEDBACK_MAX_S,
+    is_below,
+)
 from motord.wire.can.canopen import SYNC, heartbeat, nmt_start
 from motord.wire.can.codec import InverterCodec
 
 STEP_MAX = 0.02
 """Of [limits] current_A, between two currents that can be commanded: they are rounded."""
-_ROUNDING = 1e-9
 _DQ_PER_PHASE = 2.0 / math.sqrt(3.0)
 """Largest length along d and q of currents in a star none of which is above 1."""
 
@@ -114,7 +119,7 @@ def _cycles(codec: InverterCodec, config: Config) -> Iterator[str]:
             first_s = DELAY_MAX_S + age_s + least_s
             waits.append(("[loop] enable_timeout_s", enabled_s, first_s, math.inf))
         for name, given_s, needed_s, most_s in waits:
-            if given_s < (1.0 - _ROUNDING) * needed_s:
+            if is_below(given_s, needed_s):
                 remedy = "have the drive send it more often, and correct the DBC, which states that"
                 if needed_s <= most_s:
                     remedy += f"; or make it at least {needed_s:g}"
