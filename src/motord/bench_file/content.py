@@ -8,9 +8,12 @@ from typing import Any
 from motord.bench_file.parsing import parse
 from motord.bench_file.questions import BACK_EMF, QUESTIONS, Question, get, is_real
 from motord.bench_file.templates import Tables, Template, inverter_tables
-from motord.config import ConfigError, MotorConfig, resolve
+from motord.config import ConfigError, MotorConfig, TorqueSensorConfig, resolve
 from motord.config.reading import check_table
+from motord.config.rules.interlocks import dead_sensor_error_Nm
+from motord.config.sections import LimitsConfig
 from motord.config.text.descriptions import field_of
+from motord.config.timing import TORQUE_ERROR
 
 Answers = Mapping[str, str]
 """What was answered, as text, by key."""

@@ -16,6 +16,9 @@ END_S = 2.0
 _CHUNK_BYTES = 1 << 16
 _SOCKET_BYTES = 1 << 20
 """What either side may send before the other reads it. When the firmware's is full QEMU waits."""
+_LINK_BYTES = 16_384
+"""What Linux takes for some forty frames: heartbeats that a machine is too slow for are lost, as on
+a wire, instead of closing its line seconds later."""
 _FEED_BYTES = 4096
 """What Linux takes for about ten frames: pins have a level and no queue, so that a machine which
 is too slow for all of them sees the rig some milliseconds late, and never a second."""
@@ -39,6 +42,7 @@ class Qemu:
                 ours.setblocking(False)
                 for end in (ours, other):
                     end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
+            self.link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _LINK_BYTES)
             self.feed.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _FEED_BYTES)
             command = _command_line(image, [other.fileno() for other in theirs])
             self._process = subprocess.Popen(
