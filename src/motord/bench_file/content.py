@@ -13,7 +13,6 @@ from motord.config.reading import check_table
 from motord.config.rules.interlocks import dead_sensor_error_Nm
 from motord.config.sections import LimitsConfig
 from motord.config.text.descriptions import field_of
-from motord.config.timing import TORQUE_ERROR
 
 Answers = Mapping[str, str]
 """What was answered, as text, by key."""
@@ -23,6 +22,9 @@ Ask = Callable[[Question, str], str]
 
 SMALL = 1 / 3
 """Of the rated torque, to begin with."""
+
+LEAST_ERROR = 0.1
+"""Of the torque, below which an error of it may be that of a sound sensor."""
 
 
 def adapt(
@@ -146,7 +148,7 @@ def _torque_error_Nm(tables: Tables) -> float:
     )
     sensor = check_table(TorqueSensorConfig, "torque_sensor", tables["torque_sensor"])
     dead_Nm = dead_sensor_error_Nm(limits, sensor.highpass_time_constant_s)
-    if dead_Nm < TORQUE_ERROR * torque_Nm:
+    if dead_Nm < LEAST_ERROR * torque_Nm:
         dead_Nm = dead_sensor_error_Nm(limits, 0.0)
     return _three_digits(0.9 * dead_Nm)
 

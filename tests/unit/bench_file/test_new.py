@@ -14,7 +14,9 @@ from motord.bench_file.new import new_bench_file
 from motord.bench_file.questions import QUESTIONS, Question, get
 from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
+from motord.cli.check import judge_torque_sensor
 from motord.config import ConfigError, load, packaged
+from motord.config.rules.interlocks import dead_sensor_error_Nm
 from motord.config.text.descriptions import field_of
 
 WHERE = Path("/nowhere/first.toml")
@@ -157,6 +159,26 @@ def test_a_device_on_modbus_tcp(device: str) -> None:
     table = text.partition(f"[{device}.modbus]")[2].partition("\n\n")[0]
     assert "serial_port" not in table
     assert "baud" not in table
+
+
+@pytest.mark.parametrize("tau_s", [0.0, 0.7, 2.0, 20.0])
+@pytest.mark.parametrize("torque_Nm", ["0.3", "6", "41.7"])
+def test_a_dead_torque_sensor_is_noticed(tau_s: float, torque_Nm: str) -> None:
+    answers = {"torque_sensor__highpass_time_constant_s": str(tau_s)}
+    _, config = bench("serial-bridge", limits__torque_Nm=torque_Nm, **answers)
+    limits = config.limits
+    assert 0.2 * limits.torque_Nm < limits.greatest_torque_error_Nm
+    assert limits.greatest_torque_error_Nm < dead_sensor_error_Nm(limits, tau_s)
+    assert judge_torque_sensor(config) == []
+
+
+def test_a_high_pass_that_hides_a_dead_torque_sensor_is_named() -> None:
+    answers = {"torque_sensor__highpass_time_constant_s": "0.2"}
+    _, config = bench("serial-bridge", limits__torque_Nm="6", **answers)
+    [finding] = judge_torque_sensor(config)
+    assert finding["ok"]
+    assert "trips at no torque: its high-pass of 0.2 s" in finding["message"]
+    assert "raise torque_rate_Nm_per_s, or lower torque_error_s" in finding["message"]
 
 
 def test_what_was_answered_needs_no_check() -> None:

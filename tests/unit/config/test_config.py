@@ -203,6 +203,8 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("limits", "trip_speed_rad_s = 786.0", "make it at most 785"),
         ("limits", "current_error_s = 1.1", "limits.current_error_s"),
         ("limits", "torque_error_s = 1.1", "limits.torque_error_s"),
+        ("limits", "current_error_A = 17.33", "a drive without any current"),
+        ("limits", "torque_error_Nm = 4.8", "make it less than 4.8"),
     ],
 )
 def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, line, says) -> None:
@@ -218,9 +220,10 @@ def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, lin
         ("limits", "link_errors_per_s = 1.0"),
         ("limits", "link_errors_per_s = 2000.0"),
         ("loop", "enable_timeout_s = 0.022"),
+        ("limits", "current_error_A = 17.32\ntorque_error_Nm = 4.79"),
     ],
 )
-def test_the_least_that_is_named_is_accepted(tmp_path: Path, section: str, lines: str) -> None:
+def test_the_bound_that_is_named_is_accepted(tmp_path: Path, section: str, lines: str) -> None:
     table = f"[{section}]\n"
     read(tmp_path, BENCH.replace(table, table + lines + "\n"))
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motord.config.rules.interlocks import dead_sensor_error_Nm
 from motord.control.parameters import watched_tracks
 from motord.schema import Compensate, Flag, Request, State, Trip
 from tests.support.properties import examples
@@ -117,8 +118,7 @@ class Limited(Bench):
     """
 
     def __init__(self, current_A: float, lag_s: float) -> None:
-        errors = {"current_error_A": 0.5 * current_A, "torque_error_Nm": 1.5}
-        limits = {"current_A": current_A, **errors}
+        limits = {"current_A": current_A, "torque_error_Nm": 1.5}
         super().__init__(make_config(limits=limits))
         self.dead = False
         self._keeps = math.exp(-self.period_ns * 1e-9 / lag_s) if lag_s else 0.0
@@ -194,7 +194,8 @@ def test_torque_means_nothing_while_none_is_applied() -> None:
 
 
 def test_torque_that_is_limited_on_purpose_is_no_fault() -> None:
-    bench = at_torque(4.0, limits={"current_A": 3.0, "trip_current_A": 40.0})
+    limits = {"current_A": 3.0, "trip_current_A": 40.0, "current_error_A": 2.5}
+    bench = at_torque(4.0, limits=limits)
     bench.error_Nm = -3.0
     assert until_trip(bench, 300)[0] == 0
 
@@ -366,3 +367,29 @@ def test_no_false_trips_in_normal_operation(
         bench.error_Nm = draw.normal(0.0, 0.1)
         tick = bench.ticks(1)
         assert tick.state == State.ENABLED, (number, Trip(int(tick.trip_bits)))
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    ("tau_s", "part", "trips"),
+    [
+        (0.0, 0.99, True),
+        (0.5, 0.99, True),
+        (0.5, 1.2, False),
+        (2.0, 0.99, True),
+        (2.0, 1.02, False),
+    ],
+)
+def test_a_sensor_that_stays_at_zero_trips_below_the_error_that_is_stated(
+    tau_s: float, part: float, trips: bool
+) -> None:
+    """While the set-point rises more of it may pass the high-pass than once it is reached."""
+    limits = {"torque_rate_Nm_per_s": 40.0, "torque_error_s": 0.1}
+    sensor = {"highpass_time_constant_s": tau_s}
+    config = make_config(limits=limits, torque_sensor=sensor)
+    limits["torque_error_Nm"] = part * dead_sensor_error_Nm(config.limits, tau_s)
+    bench = Bench(make_config(limits=limits, torque_sensor=sensor))
+    bench.enable(torque_Nm=config.limits.torque_Nm)
+    bench.run(1000)
+    assert bool(bench.tick["state"][0] == State.TRIPPED) is trips
+    assert Trip(int(bench.tick["first_trip"][0])) is (Trip.TORQUE_IMPLAUSIBLE if trips else Trip(0))

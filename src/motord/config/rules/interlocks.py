@@ -89,7 +89,7 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
 
 
 def dead_sensor_error_Nm(limits: LimitsConfig, highpass_time_constant_s: float) -> float:
-    """Return the limits.torque_error_Nm below which a torque sensor that stays at zero trips.
+    """Return the torque_error_Nm below which a torque sensor that stays at zero trips for sure.
 
     At the set-point T = torque_Nm, of which a share is allowed anyway. A high-pass of the sensor
     with the time constant tau leaves r tau (1 - exp(-T / (r tau))) of it when it is reached at the
