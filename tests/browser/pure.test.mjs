@@ -473,3 +473,36 @@ test("waits of the queue as they are entered", () => {
   }
   for (const one of waitsOf("until 06:00; winding_C below 40", 60)) assert.deepEqual(waitsOf(waitText(one).replace(/,.*/, ""), 60), [one]);
 });
+
+test("a control that is not allowed yet gets the focus once it is, unless the person went on", async (t) => {
+  const { allow, focusOnceAllowed } = await load("dom.js");
+  const inputs = new EventTarget();
+  const documents = { activeElement: null, addEventListener: inputs.addEventListener.bind(inputs) };
+  const before = Object.getOwnPropertyDescriptor(globalThis, "document");
+  Object.defineProperty(globalThis, "document", { value: documents, configurable: true });
+  t.after(() => (before ? Object.defineProperty(globalThis, "document", before) : delete globalThis.document));
+  const stub = (id, disabled) => {
+    const made = { id, disabled, dataset: {}, focus: () => (documents.activeElement = made), hasAttribute: () => false, getAttribute: () => null, setAttribute: () => {} };
+    return made;
+  };
+  const focused = (act) => {
+    const [start, other, list] = [stub("start", true), stub("other", true), stub("list", false)];
+    focusOnceAllowed(start, list);
+    assert.equal(documents.activeElement, list);
+    act({ start, other, list });
+    return documents.activeElement?.id;
+  };
+  assert.equal(focused(({ start }) => allow(start, "")), "start");
+  assert.equal(focused(({ start }) => allow(start, "the bench is enabled")), "list");
+  assert.equal(focused(({ other }) => allow(other, "")), "list");
+  assert.equal(focused(({ start, other }) => [allow(other, ""), allow(start, "wait"), allow(start, "")]), "start");
+  // made anew meanwhile, as the list is: its id says which it is
+  assert.equal(focused(() => allow(stub("start", true), "")), "start");
+  for (const kind of ["keydown", "pointerdown"]) {
+    assert.equal(focused(({ start }) => [inputs.dispatchEvent(new Event(kind)), allow(start, "")]), "list");
+  }
+  assert.equal(focused(({ start, other }) => [other.focus(), allow(start, "")]), "other");
+  // and once only
+  assert.equal(focused(({ start, list }) => [allow(start, ""), list.focus(), allow(start, "wait"), allow(start, "")]), "list");
+  assert.equal(focused(({ start, list }) => [focusOnceAllowed(stub("other", false), list), allow(start, "")]), "other");
+});
