@@ -152,7 +152,7 @@ def test_the_plan_that_followed_keeps_its_beginning(lives):
     lives.enabled(5)
     lives.state = State.ENABLED
     lives.step()
-    lives.control.plan_started(PLAN, VIEW, "")  # type: ignore[arg-type]
+    lives.control.plan_started(PLAN, VIEW, "")
     last = lives._tick
     for _ in range(6):  # it does nothing more
         lives.now_s += 0.1
@@ -161,7 +161,7 @@ def test_the_plan_that_followed_keeps_its_beginning(lives):
     lives._kill()
     lives.step(16)
     lives.state = State.OFF
-    lives.control.plan_closing(VIEW)  # type: ignore[arg-type]
+    lives.control.plan_closing(VIEW)
     lives.step(20)
     lives.end()
     by_hand, plan, _ = recorded_once(lives).values()
@@ -173,13 +173,13 @@ def test_the_plan_that_followed_keeps_its_beginning(lives):
 
 def test_what_is_recorded_after_a_plan_begins_where_that_ended(lives):
     lives.step(2)
-    lives.control.plan_started(PLAN, VIEW, "")  # type: ignore[arg-type]
+    lives.control.plan_started(PLAN, VIEW, "")
     lives.enabled(4)
     lives.state = State.ENABLED
     lives._kill()
     lives.step()
     last = lives._tick
-    lives.control.plan_closing(VIEW)  # type: ignore[arg-type]
+    lives.control.plan_closing(VIEW)
     lives.enabled(14)
     lives.step(20)
     lives.end()

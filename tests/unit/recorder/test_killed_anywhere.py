@@ -2,22 +2,29 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from motord.api.plan_messages import PlanView
 from motord.schema import State
+from motord.sequencing.demand import OperatingPoint
+from motord.sequencing.motions import Motion
+from motord.sequencing.plan import Plan
 from tests.unit.recorder.lives import MARGIN_STEPS, STEP_TICKS, Bench
 
 pytestmark = pytest.mark.slow
 
 SOON, LATE = 1, 2 * MARGIN_STEPS
 """When a killed recorder has a successor: at once, or when what it recorded has ended."""
-PLAN = SimpleNamespace(name="verify", settings={}, points=())
-VIEW = SimpleNamespace(
-    started_by="anna", run_id="1", continues="", serial="", plan="verify", state="done"
-)
+
+
+def _no_motion(_points: tuple[OperatingPoint, ...]) -> Motion[None]:
+    yield from ()
+
+
+PLAN = Plan("verify", points=(), motion=_no_motion, point_s=lambda _: 0.0, settings={})
+VIEW = PlanView(plan="verify", state="done", started_by="anna", run_id="1")
 
 
 def by_hand(bench: Bench) -> None:
@@ -34,10 +41,10 @@ def with_a_plan(bench: Bench) -> None:
     """Manual operation, a plan in the midst of it, manual operation."""
     bench.step(2)
     bench.enabled(3)
-    bench.control.plan_started(PLAN, VIEW, "")  # type: ignore[arg-type]
+    bench.control.plan_started(PLAN, VIEW, "")
     bench.enabled(4)
     bench.state = State.ENABLED
-    bench.control.plan_over(VIEW)  # type: ignore[arg-type]
+    bench.control.plan_over(VIEW)
     bench.enabled(3)
 
 

@@ -5,15 +5,14 @@ from types import SimpleNamespace
 import pytest
 
 from motord import config
+from motord.api.plan_messages import PlanView
 from motord.recorder.protocol import RecorderReport
 from motord.service.host.events import EventLog
 from motord.service.recording.control import RecordingControl
 from motord.service.recording.session import NO_REPORT
 
 PLAN = SimpleNamespace(name="verify", settings={}, points=())
-VIEW = SimpleNamespace(
-    started_by="anna", run_id="1", continues="", serial="", plan="verify", state="done"
-)
+VIEW = PlanView(plan="verify", state="done", started_by="anna", run_id="1")
 FULL = "cannot write it: No space left on device"
 
 
