@@ -1,4 +1,4 @@
-"""`[[channels]]`: quantities that are read slowly, beside the ticks, with limits of their own."""
+"""`[[channels]]`: quantities that are read slowly, apart from ticks, with limits of their own."""
 
 from collections.abc import Iterator
 from itertools import pairwise

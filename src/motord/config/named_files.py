@@ -51,7 +51,7 @@ def resolve(base: Path, file: Path) -> Path:
 
 
 def keep(path: Path, text: str, kept: Path) -> None:
-    """Keep the text of the bench file at `path` as `kept`, and copies beside it of what it names.
+    """Keep the text of the bench file at `path` as `kept`, and next to it copies of what it names.
 
     So a process that is started again goes on with what the others read. A file of which no copy
     can be had or kept, for want of space say, is read anew. Raises OSError for `kept` itself.
@@ -66,7 +66,7 @@ def keep(path: Path, text: str, kept: Path) -> None:
 
 
 def as_kept(file: Path, kept: Path) -> Path:
-    """Return the file, or its copy beside `kept` if there is one and the file is another by now."""
+    """Return the file, or its copy next to `kept` if there is one and the file changed since."""
     copy = _copy(file, kept)
     if not copy.exists():
         return file

@@ -54,7 +54,7 @@ def check_text(path: Path, text: str) -> Config:
 def load_started(path: Path, kept: Path) -> tuple[Config, str]:
     """Return the bench of a daemon that runs, and the text of its bench file. Raises ConfigError.
 
-    kept: the text as the daemon read it, beside copies of the files that it names
+    kept: the text as the daemon read it, next to copies of the files that it names
     (`named_files.keep`); bench file and files may have been edited since. Where there are none, no
     daemon having run, they are read themselves.
     """

@@ -30,7 +30,7 @@ class RunDir:
         self.bench = bench
         self.path = (base or base_directory()) / bench
         self.bench_file = self.path / "bench.toml"
-        """The text of the bench file as the daemon read it; beside it the files that it names."""
+        """The text of the bench file as the daemon read it; next to it the files that it names."""
         self.ring = self.path / "ring"
         """The tick ring, written by the loop."""
         self.setpoint = self.path / "setpoint"

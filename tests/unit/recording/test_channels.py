@@ -1,4 +1,4 @@
-"""Slow channels in recordings: topics with clocks of their own, beside the ticks."""
+"""Slow channels in recordings: topics with clocks of their own, apart from the ticks."""
 
 import csv
 

@@ -171,7 +171,7 @@ class MeasuredCogging:
 
     @property
     def speed_results(self) -> tuple[SpeedResult, ...]:
-        """What each speed gave, beside the mean."""
+        """What each speed gave, compared with the mean."""
         return tuple(SpeedResult(one, self.error_percent(one)) for one in self.speeds)
 
     @property

@@ -5,8 +5,8 @@ The average over N turns keeps of a line of d turns' frequencies beyond an order
 The line is sought in what the average leaves: periodogram over its floor, over 1 - D^2, which the
 average leaves of it; its largest value against chance by Fisher's test (Fisher 1929; of a coloured
 floor Percival and Walden 1993, 10.9). Nearer to an order than NEAREST of the resolution it is not
-distinguished from a ripple that changes from turn to turn, and nearer than SURE_FROM what is left
-of it may be fitted with a fraction of its amplitude.
+distinguished from a ripple that changes from turn to turn, and nearer than SURE_FROM its
+residual may be fitted with a fraction of its amplitude.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ NEAREST = 0.1
 """Distance from the nearest order, in parts of the resolution, beyond which a line is fitted."""
 
 SURE_FROM = 0.45
-"""The same, beyond which its amplitude is known by the fit: what is left of lines within 0.1 was
+"""The same, beyond which its amplitude is known by the fit: residuals of lines within 0.1 were
 fitted at up to 0.4."""
 
 STANDS_OUT = 4.0
@@ -56,14 +56,15 @@ def asynchronous_lines(samples: Samples, counts: int) -> tuple[AsynchronousLine,
             break
         tried_Hz.append(frequency_Hz)
         fit = _fitted(samples, rest_Nm, frequency_Hz, (highest, counts))
-        left = Periodogram(samples, fit.left_Nm)
-        floor = left.floor_at(fit.frequency_Hz)
+        residual = Periodogram(samples, fit.residual_Nm)
+        floor = residual.floor_at(fit.frequency_Hz)
         line = fit.line(samples, floor.variance_Nm2)
         apart = from_order(samples, line.frequency_Hz) > 1.001 * NEAREST
-        gain = float(rest_Nm @ rest_Nm - fit.left_Nm @ fit.left_Nm) / (2 * floor.variance_Nm2)
+        removed_Nm2 = float(rest_Nm @ rest_Nm - fit.residual_Nm @ fit.residual_Nm)
+        gain = removed_Nm2 / (2 * floor.variance_Nm2)
         if apart and line.amplitude_Nm > STANDS_OUT * line.stderr_Nm and gain > floor.least_ratio:
             found.append(line)
-            rest_Nm, periodogram = fit.left_Nm, left
+            rest_Nm, periodogram = fit.residual_Nm, residual
     return tuple(sorted(found, key=lambda line: -line.amplitude_Nm))
 
 
@@ -80,12 +81,12 @@ def waves(samples: Samples, frequency_Hz: float) -> tuple[np.ndarray, np.ndarray
 
 
 class _Fit(NamedTuple):
-    """A line: frequency, amplitude with its variance for noise of 1, what it leaves (n,)."""
+    """A line: frequency, amplitude with its variance for noise of 1, residual (n,)."""
 
     frequency_Hz: float
     amplitude_Nm: float
     variance: float
-    left_Nm: np.ndarray
+    residual_Nm: np.ndarray
 
     def line(self, samples: Samples, noise_Nm2: float) -> AsynchronousLine:
         """Return it with its standard error by the variance of white noise."""

@@ -30,8 +30,8 @@ def export(
 ) -> int:
     """Write the ticks of `run` (or the truth of a simulated rig) and return how many.
 
-    Slow channels are columns beside the ticks, each row with the newest reading of its time. After
-    them come name and settings of the recording's plan, the same in all rows.
+    Slow channels are columns after those of the ticks, each row with the newest reading of its
+    time. After them come name and settings of the recording's plan, the same in all rows.
 
     The end of the name of `output`, one of WRITERS, chooses the format. Raises RecordError if it
     exists or cannot be written, and for columns that the recording does not have.

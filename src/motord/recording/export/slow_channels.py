@@ -1,4 +1,4 @@
-"""Slow channels as columns beside the ticks: each row has the newest reading of its time."""
+"""Slow channels as further columns of the ticks: each row has the newest reading of its time."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
