@@ -4,13 +4,18 @@ A fading-memory tracking filter of second order: both poles at exp(-bandwidth dt
 whatever time has passed between samples; after a long gap the speed is the mean over the gap.
 Samples that the speed cannot explain are not used, and counted. The estimate is as old as the
 newest sample used (`m.t_ns`), and who uses it asks for its age.
+
+Acquisition: the filter starts at the speed 0, and locks on to a rotor that turns at most at e times
+the plausible jump times the bandwidth, at less where samples are rare. After RESYNC_SAMPLES
+implausible samples it starts afresh, unless enabled, at the mean speed of samples that follow each
+other.
 """
 
 import math
 
 import numpy as np
 
-from motord.config.timing import JUMP_MAX_RAD, STEADY_S
+from motord.config.timing import JUMP_MAX_RAD, POSITION_AGE_MAX_S, STEADY_S
 from motord.control.states import STATE
 from motord.jit import jit
 
@@ -20,6 +25,14 @@ RESTART_S = 1.0
 
 RESYNC_SAMPLES = 3
 """Implausible samples in a row after which the observer starts afresh from the encoder."""
+
+SLOW = 0.25
+"""Part of a plausible jump by which a rotor may turn in a time constant of the filter, for the
+filter to start at the speed 0: the rest is left to the encoder's counts."""
+
+ACQUISITION = 3.0
+"""Time constants of the filter over which the mean speed of a faster rotor is taken: by then the
+encoder's counts move it by no more than they move the filter's speed."""
 
 
 @jit
@@ -60,20 +73,19 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
     dt_s = (t_ns - m.t_ns) * 1e-9
     if dt_s == 0.0 and m.tracking:
         return
-    if not m.tracking or dt_s > RESTART_S or dt_s < 0.0:
+    if not m.tracking or dt_s < 0.0 or (dt_s > RESTART_S and not m.acquiring):
         if m.state == STATE.ENABLED:
             m.implausible = min(int(m.implausible) + 1, RESYNC_SAMPLES + 1)
         elif count >= 0:
-            _start(m, t_ns, angle_rad)
+            _start(m, t_ns, angle_rad, 0.0)
         return
     ahead_rad = m.angle_rad + m.speed_rad_s * dt_s
     error_rad = wrap_difference(angle_rad - ahead_rad)
     allowed_rad = min(p.encoder_jump_rad * max(dt_s / STEADY_S, 1.0), JUMP_MAX_RAD)
-    if count < 0 or abs(error_rad) > allowed_rad:
-        implausible = int(m.implausible) + 1
-        m.implausible = implausible
-        if count >= 0 and implausible > RESYNC_SAMPLES and m.state != STATE.ENABLED:
-            _start(m, t_ns, angle_rad)
+    if count < 0 or m.acquiring or abs(error_rad) > allowed_rad:
+        m.implausible = int(m.implausible) + 1
+        if count >= 0:
+            _acquire(p, m, t_ns, angle_rad)
         return
     m.implausible = 0
     m.t_ns = t_ns
@@ -83,10 +95,41 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
 
 
 @jit
-def _start(m: np.record, t_ns: int, angle_rad: float) -> None:
+def _acquire(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
+    """Take an implausible sample; start afresh after RESYNC_SAMPLES of them, unless enabled.
+
+    Samples follow each other if the rotor turned by no more than JUMP_MAX_RAD in between. Once
+    acquiring, no sample is compared with what was known before: by chance one would agree.
+    """
+    turned_rad = wrap_difference(angle_rad - m.seen_rad)
+    since_s = (t_ns - m.seen_ns) * 1e-9
+    follows = 0.0 < since_s <= POSITION_AGE_MAX_S and abs(turned_rad) <= JUMP_MAX_RAD
+    swept_rad, from_ns = 0.0, t_ns
+    if follows and m.implausible > 1:
+        swept_rad, from_ns = m.swept_rad + turned_rad, m.swept_from_ns
+    m.seen_ns, m.seen_rad = t_ns, angle_rad
+    m.swept_rad, m.swept_from_ns = swept_rad, from_ns
+    if m.implausible <= RESYNC_SAMPLES or m.state == STATE.ENABLED:
+        return
+    m.acquiring = 1
+    over_s = (t_ns - from_ns) * 1e-9
+    w_rad_s = p.observer_bandwidth_rad_s
+    slow_rad_s = SLOW * p.encoder_jump_rad * min(w_rad_s, 1.0 / STEADY_S)
+    if abs(swept_rad) + TWO_PI / p.counts <= slow_rad_s * over_s:
+        _start(m, t_ns, angle_rad, 0.0)
+    elif over_s * w_rad_s >= ACQUISITION:
+        _start(m, t_ns, angle_rad, swept_rad / over_s)
+        m.implausible = RESYNC_SAMPLES  # until the next sample agrees
+        m.swept_rad = 0.0
+        m.swept_from_ns = t_ns
+
+
+@jit
+def _start(m: np.record, t_ns: int, angle_rad: float, speed_rad_s: float) -> None:
     m.tracking = 1
+    m.acquiring = 0
     m.implausible = 0
     m.tracks_ns = 0  # the track monitor starts over, too
     m.t_ns = t_ns
     m.angle_rad = angle_rad
-    m.speed_rad_s = 0.0
+    m.speed_rad_s = speed_rad_s

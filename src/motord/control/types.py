@@ -132,6 +132,11 @@ MEMORY = record_dtype(
         ("t_inverter_ns", "i8"),
         ("angle_rad", "f8"),  # at t_ns, 0 to 2 pi
         ("speed_rad_s", "f8"),
+        # acquisition: the newest implausible sample, and by how much the rotor turned since when
+        ("seen_ns", "i8"),
+        ("seen_rad", "f8"),
+        ("swept_rad", "f8"),
+        ("swept_from_ns", "i8"),
         ("torque_set_Nm", "f8"),  # after ramp and limits
         ("heat_s", "f8", (3,)),  # I2t accumulator of each phase
         ("recent_link_errors", "f8"),  # link errors of about the last second
@@ -164,6 +169,7 @@ MEMORY = record_dtype(
         ("encoder_count", "i4"),
         ("started", "u1"),  # the first tick is over
         ("tracking", "u1"),  # the observer has an angle
+        ("acquiring", "u1"),  # it looks for the speed at which to start afresh
         ("arming", "u1"),  # READY, on the way to ENABLED
         ("stopping", "u1"),  # ENABLED, ramping to READY
         ("not_compared", "u4"),  # conditions that this tick's feedback says nothing of

@@ -1,0 +1,188 @@
+"""The observer locks on to a rotor that turns already, and a faulty encoder stays implausible."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from motord.config import Config
+from motord.config.rules.encoder import least_jump_rad, speed_resolution_rad_s
+from motord.config.timing import JUMP_MAX_RAD, TURN_PER_SAMPLE_MAX_RAD
+from motord.control.observer import ACQUISITION, RESYNC_SAMPLES
+from motord.schema import Request, State, Trip
+from tests.unit.control.bench import Bench, make_config
+
+IMPLAUSIBLE = int(Trip.ENCODER_IMPLAUSIBLE)
+
+
+def config_of(
+    rate_Hz: int = 1000,
+    trip_speed_rad_s: float = 700.0,
+    counts: int = 4096,
+    bandwidth_Hz: float = 30.0,
+    jump_rad: float | None = 0.15,
+) -> Config:
+    """Return a bench; without `jump_rad` with the least that is legal."""
+    sections = {
+        "loop": {"rate_Hz": rate_Hz, "observer_bandwidth_Hz": bandwidth_Hz},
+        "bridge": {"rate_Hz": rate_Hz, "stale_after_s": max(0.02, 2.0 / rate_Hz)},
+        "motor": {"counts": counts},
+    }
+    limits = {"trip_speed_rad_s": trip_speed_rad_s}
+    if jump_rad is None:
+        loose = make_config(limits=limits | {"encoder_jump_rad": JUMP_MAX_RAD}, **sections)
+        jump_rad = least_jump_rad(loose)
+    return make_config(limits=limits | {"encoder_jump_rad": jump_rad}, **sections)
+
+
+def time_to_lock_s(config: Config) -> float:
+    """Return the time within which a start at the speed 0 fails, and one at the mean speed holds.
+
+    The filter gives up within two time constants, or half a turn; two tries at the mean speed.
+    """
+    constant_s = 1.0 / (2 * math.pi * config.loop.observer_bandwidth_Hz)
+    tries_s = 2 * max(ACQUISITION * constant_s, RESYNC_SAMPLES * config.sample_interval_s)
+    return tries_s + 2 * constant_s + (2 * RESYNC_SAMPLES + 4) * config.sample_interval_s
+
+
+def turning(config: Config, speed_rad_s: float, angle_rad: float = 1.0) -> Bench:
+    bench = Bench(config)
+    bench.speed_rad_s, bench.angle_rad = speed_rad_s, angle_rad
+    return bench
+
+
+def ticks(config: Config, time_s: float) -> int:
+    return math.ceil(time_s * config.loop.rate_Hz)
+
+
+@pytest.mark.parametrize("speed_rad_s", [-690.0, -80.0, 65.0, 90.0, 300.0, 690.0])
+def test_a_loop_that_starts_while_the_rotor_turns_fast_locks(speed_rad_s: float) -> None:
+    bench = turning(config_of(), speed_rad_s)
+    bench.run(ticks(bench.config, time_to_lock_s(bench.config)))
+    for _ in range(200):
+        tick = bench.run()
+        assert Trip(int(tick["trip_bits"])) == 0
+    assert float(tick["speed_rad_s"]) == pytest.approx(speed_rad_s, abs=0.5)
+    assert abs(math.remainder(float(tick["angle_rad"]) - bench.angle_rad, math.tau)) < 0.01
+
+
+@given(
+    rate_Hz=st.sampled_from([100, 150, 200, 333, 1000, 2000, 5000, 20_000])
+    | st.integers(100, 20000),
+    part=st.floats(-0.75, 0.75),
+    trip_part=st.floats(0.02, 0.999),
+    counts=st.sampled_from([64, 100, 512, 4096, 65536, 2**20]),
+    bandwidth_Hz=st.sampled_from([15.0, 30.0, 100.0, 500.0, 3000.0]),
+    least=st.booleans(),
+    angle_rad=st.floats(0.0, math.tau),
+)
+@settings(max_examples=100)
+def test_it_locks_at_every_legal_speed(
+    rate_Hz: int,
+    part: float,
+    trip_part: float,
+    counts: int,
+    bandwidth_Hz: float,
+    least: bool,
+    angle_rad: float,
+) -> None:
+    """At every rate, count, bandwidth and plausible jump: in time, and at the right speed."""
+    trip_rad_s = min(trip_part * TURN_PER_SAMPLE_MAX_RAD * rate_Hz, 2000.0)
+    try:
+        jump_rad = None if least else JUMP_MAX_RAD
+        config = config_of(rate_Hz, trip_rad_s, counts, bandwidth_Hz, jump_rad)
+    except ValidationError:  # test_config has the reasons
+        assume(False)
+    bench = turning(config, part * trip_rad_s, angle_rad)
+    bench.run(ticks(config, time_to_lock_s(config)))
+    off_rad_s = 2.0 * speed_resolution_rad_s(config) + 0.01 * trip_rad_s
+    settled = ticks(config, 10.0 / (2 * math.pi * bandwidth_Hz))
+    for _ in range(settled + 100):
+        tick = bench.run()
+        assert not int(tick["trip_bits"]) & IMPLAUSIBLE
+    assert Trip(int(tick["trip_bits"])) == 0
+    assert float(tick["speed_rad_s"]) == pytest.approx(bench.speed_rad_s, abs=off_rad_s)
+
+
+@pytest.mark.parametrize("rate_Hz", [100, 1000, 20_000])
+@pytest.mark.parametrize("turn_rad", [-1.2, -0.8, -0.3, 0.22, 0.5, 0.78, 1.0, 1.2])
+def test_a_rotor_that_is_too_fast_from_the_start_is_over_speed(
+    rate_Hz: int, turn_rad: float
+) -> None:
+    """Up to 1.5 times the fastest limit that is legal at the rate: it shows in every tick."""
+    config = config_of(rate_Hz, 20.0)
+    bench = turning(config, turn_rad * rate_Hz)
+    bench.run(ticks(config, time_to_lock_s(config)))
+    for _ in range(ticks(config, 0.2) + 20):
+        tick = bench.run()
+        assert int(tick["trip_bits"]) & Trip.OVER_SPEED
+    assert Trip(int(tick["trip_bits"])) == Trip.OVER_SPEED
+
+
+@pytest.mark.parametrize("counts", [64, 4096])
+@pytest.mark.parametrize(("rate_Hz", "least"), [(100, 0.6), (1000, 0.95), (20_000, 0.99)])
+def test_a_random_encoder_stays_implausible(rate_Hz: int, least: float, counts: int) -> None:
+    """It was so after every fourth sample only. At 100 Hz 0.4 rad are plausible between samples."""
+    config = config_of(rate_Hz, 40.0, counts, jump_rad=0.2)
+    bench, draw = turning(config, 0.0), np.random.default_rng(rate_Hz + counts)
+    bench.run(100)
+    bench.count_at = lambda angle_rad: int(draw.integers(0, counts))
+    bench.run(50)
+    shown = [bool(int(bench.run()["trip_bits"]) & IMPLAUSIBLE) for _ in range(3000)]
+    assert np.mean(shown) > least
+
+
+def test_an_encoder_that_jumps_at_rest_is_taken_as_soon_as_before() -> None:
+    """Four samples show a rotor at rest well enough: nothing is waited for."""
+    bench = turning(config_of(), 0.0)
+    bench.run(100)
+    bench.angle_rad += 1.0
+    shown = [int(bench.run()["trip_bits"]) & IMPLAUSIBLE for _ in range(5)]
+    assert shown == [0, 0, IMPLAUSIBLE, 0, 0]
+
+
+def test_a_rotor_that_jumped_while_it_turned_is_locked_on_to_again() -> None:
+    bench = turning(config_of(), 0.0)
+    bench.run(100)
+    bench.speed_rad_s = 400.0
+    bench.run(ticks(bench.config, time_to_lock_s(bench.config)))
+    assert bench.run()["trip_bits"] == 0
+    bench.angle_rad += 2.0
+    bench.run(ticks(bench.config, time_to_lock_s(bench.config)))
+    tick = bench.run(100)
+    assert tick["trip_bits"] == 0
+    assert float(tick["speed_rad_s"]) == pytest.approx(400.0, abs=0.5)
+
+
+def test_enabled_it_never_starts_afresh() -> None:
+    """What holds of an enabled bench holds of one that turns fast: three samples trip."""
+    bench = turning(config_of(), 0.0)
+    bench.enable()
+    bench.speed_rad_s = 400.0
+    states = [int(bench.run()["state"]) for _ in range(RESYNC_SAMPLES)]
+    assert states == [State.ENABLED] * 2 + [State.TRIPPED]
+    assert bench.tick["first_trip"][0] == Trip.ENCODER_IMPLAUSIBLE
+    bench.run(ticks(bench.config, time_to_lock_s(bench.config)))
+    bench.ask(Request.RESET)
+    assert bench.run()["state"] == State.READY
+    assert float(bench.tick["speed_rad_s"][0]) == pytest.approx(400.0, abs=5.0)
+
+
+def test_no_position_for_a_while_is_no_rest() -> None:
+    """Codes that are no position: afterwards the speed is that of now, not of before."""
+    bench = turning(config_of(counts=4000), 300.0)
+    bench.run(ticks(bench.config, time_to_lock_s(bench.config)))
+    count_at = bench.count_at
+    bench.count_at = lambda angle_rad: 4050
+    for _ in range(RESYNC_SAMPLES - 1):
+        bench.run()
+    for _ in range(200):
+        assert int(bench.run()["trip_bits"]) & IMPLAUSIBLE
+    bench.count_at, bench.speed_rad_s = count_at, -300.0
+    bench.run(ticks(bench.config, time_to_lock_s(bench.config)))
+    tick = bench.run(100)
+    assert tick["trip_bits"] == 0
+    assert float(tick["speed_rad_s"]) == pytest.approx(-300.0, abs=0.5)
