@@ -135,6 +135,7 @@ def test_a_random_encoder_stays_implausible(rate_Hz: int, least: float, counts: 
     assert np.mean(shown) > least
 
 
+@pytest.mark.kernel
 def test_an_encoder_that_jumps_at_rest_is_taken_as_soon_as_before() -> None:
     """Four samples show a rotor at rest well enough: nothing is waited for."""
     bench = turning(config_of(), 0.0)
@@ -144,6 +145,7 @@ def test_an_encoder_that_jumps_at_rest_is_taken_as_soon_as_before() -> None:
     assert shown == [0, 0, IMPLAUSIBLE, 0, 0]
 
 
+@pytest.mark.kernel
 def test_a_rotor_that_jumped_while_it_turned_is_locked_on_to_again() -> None:
     bench = turning(config_of(), 0.0)
     bench.run(100)
@@ -157,6 +159,7 @@ def test_a_rotor_that_jumped_while_it_turned_is_locked_on_to_again() -> None:
     assert float(tick["speed_rad_s"]) == pytest.approx(400.0, abs=0.5)
 
 
+@pytest.mark.kernel
 def test_enabled_it_never_starts_afresh() -> None:
     """What holds of an enabled bench holds of one that turns fast: three samples trip."""
     bench = turning(config_of(), 0.0)
@@ -171,6 +174,7 @@ def test_enabled_it_never_starts_afresh() -> None:
     assert float(bench.tick["speed_rad_s"][0]) == pytest.approx(400.0, abs=5.0)
 
 
+@pytest.mark.kernel
 def test_no_position_for_a_while_is_no_rest() -> None:
     """Codes that are no position: afterwards the speed is that of now, not of before."""
     bench = turning(config_of(counts=4000), 300.0)
