@@ -6,6 +6,8 @@ import pytest
 from motord.identification.variance_components import VarianceComponents
 from motord.intervals import (
     coverage_factor,
+    f_quantile,
+    f_tail,
     freedom_of,
     plus_minus,
     standard_uncertainty,
@@ -23,6 +25,12 @@ def test_coverage_factors_are_those_of_the_tables(freedom: float | None, factor:
 
 def test_quantiles_of_one_side() -> None:
     assert t_quantile(0.95, 4) == pytest.approx(2.13185, rel=1e-5)
+
+
+def test_the_tail_of_f_is_the_rest_of_its_quantile() -> None:
+    assert f_tail(f_quantile(0.99, 2, 30.5), 2, 30.5) == pytest.approx(0.01, rel=1e-9)
+    tails = f_tail([-1e-9, 0.0, 3.3158, np.inf], 2, 30)  # F(0.95; 2, 30) of the tables
+    assert tails.tolist() == pytest.approx([1.0, 1.0, 0.05, 0.0], rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,12 @@ from itertools import groupby
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
 from motord.config import TorqueSensorConfig
 from motord.experiments.ilc.seen import SeenRipple
 from motord.identification import IdentifyError
 from motord.identification.torque_sensor import MOUNT_SHARE
+from motord.intervals import f_tail
 from motord.learned import MAX_ORDERS
 
 FALSE_SHARE = 0.002
@@ -70,7 +70,7 @@ def shown(points: Sequence[SeenRipple]) -> tuple[int, ...]:
         square[here] += np.abs(line_Nm) ** 2 / np.maximum(point.noise_Nm, 1e-30) ** 2
         size[here] = np.maximum(size[here], np.abs(line_Nm))
         seen[here] += 1
-    p_values = stats.f.sf(square / seen, 2 * seen, NOISE_FREEDOM * seen)
+    p_values = f_tail(square / seen, 2 * seen, NOISE_FREEDOM * seen)
     good = np.flatnonzero(p_values < FALSE_SHARE / highest)
     return tuple(int(place) + 1 for place in good[np.argsort(-size[good])])
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from motord.config import AccelerationConfig, TorqueSensorConfig
 from motord.experiments.inertia.torque_step import TorqueStep, read_step
@@ -170,7 +170,7 @@ def _few(steps: int) -> Iterator[Finding]:
 
 def _scatter(scatter: float, noise: float, freedom: int) -> Iterator[Finding]:
     """Yield a finding where steps differ by more than the noise that each was seen to have."""
-    limit = noise * sqrt(float(chi2.ppf(1 - RARE, freedom)) / freedom)
+    limit = noise * sqrt(2 * float(gammaincinv(freedom / 2, 1 - RARE)) / freedom)
     if scatter > limit:
         yield Finding(
             "steps-scatter", scatter, limit, "kg m2", "warning",

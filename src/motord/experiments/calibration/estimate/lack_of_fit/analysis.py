@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.lack_of_fit.departures import (
@@ -41,10 +40,10 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     Regression,
 )
 from motord.experiments.calibration.estimate.turn_spectrum import orders_averaged, smooth_noise
+from motord.intervals import f_tail
 
 MODELLED_SHARE = 1e-6
 """Part of the strongest order's square from which on the model's columns are at an order."""
-
 
 POWERS = (0, 1, 2)
 """Powers of the torque with which what is left may grow."""
@@ -249,8 +248,8 @@ def left_orders(
         x = (torque_Nm**power)[:, None] / noise_Nm
         gained = np.abs((x * y).sum(axis=0)) ** 2 / np.maximum((x**2).sum(axis=0), 1e-300)
         else_left = ((np.abs(y) ** 2).sum(axis=0) - gained) / max(points - 1, 1)
-        against_noise = stats.f.sf(gained, 2, freedom)
-        against_rest = stats.f.sf(gained / np.maximum(else_left, 1e-9), 2, 2 * max(points - 1, 1))
+        against_noise = f_tail(gained, 2, freedom)
+        against_rest = f_tail(gained / np.maximum(else_left, 1e-9), 2, 2 * max(points - 1, 1))
         p_values.append(np.maximum(against_noise, against_rest if points > 1 else 0.0))
     power = np.argmin(p_values, axis=0)
     p_value = np.min(p_values, axis=0) * len(POWERS)

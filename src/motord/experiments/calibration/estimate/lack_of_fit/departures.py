@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING, Effect
 from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import (
@@ -22,6 +22,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     WeighedRows,
 )
 from motord.identification.variance_components import MOST_FREEDOM
+from motord.intervals import f_tail
 
 FALSE_SHARE = 0.002
 """Probability that noise is taken for a departure, or for an order, over all that are tried."""
@@ -237,7 +238,7 @@ def _significant(evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain
         freedom = min(samples, noise.freedom(so_far.apart(effect), so_far.directions))
         if gain.terms and _p_value(gain, freedom) <= level:
             t, freedom = so_far.robust_t(rows, effect)
-            if 2 * stats.t.sf(abs(t), freedom) <= level:
+            if 2 * stdtr(freedom, -abs(t)) <= level:
                 sigmas = float(min(np.sqrt(gain.chi_square), abs(t)))
                 return _Shown(number, sigmas, noise.scatter.variance)
     return None
@@ -292,4 +293,4 @@ def _gain_variance(evidence: Evidence, chosen: Sequence[int]) -> float:
 
 def _p_value(gain: Gain, freedom: float) -> float:
     """Return the probability of so much by chance; freedom: of the noise's estimate."""
-    return float(stats.f.sf(gain.chi_square / gain.terms, gain.terms, freedom))
+    return float(f_tail(gain.chi_square / gain.terms, gain.terms, freedom))

@@ -5,14 +5,14 @@ from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri, ndtri
 
 from motord.calibration import Harmonic
 from motord.experiments.calibration.estimate.more_orders.search import Search
 from motord.experiments.calibration.estimate.more_orders.trial import FALSE_SHARE, OrderTrial
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.findings import Finding
-from motord.intervals import t_quantile
+from motord.intervals import f_quantile, t_quantile
 
 HINT = 0.01
 """Probability by chance below which an order that did not enter still counts for the offsets."""
@@ -82,7 +82,7 @@ def significant(harmonics: Sequence[Harmonic]) -> tuple[int, ...]:
         h.order
         for h in harmonics
         if (h.amplitude_Nm / max(h.stderr_Nm or 0.0, 1e-300)) ** 2
-        > 2 * stats.f.isf(share, 2, h.degrees_of_freedom or MANY)
+        > 2 * f_quantile(1.0 - share, 2, h.degrees_of_freedom or MANY)
     )
 
 
@@ -138,7 +138,7 @@ def _hidden(found: Search) -> Iterator[Finding]:
             yield Finding(
                 name="common-offset-or-cogging",
                 value=1e3 * trial.part_Nm,
-                limit=1e3 * stats.norm.isf(HINT / 2) * trial.part_stderr_Nm,
+                limit=1e3 * -float(ndtri(HINT / 2)) * trial.part_stderr_Nm,
                 unit="mNm",
                 severity="warning",
                 meaning=f"there seems to be cogging torque of order {trial.order}, and an offset "
@@ -189,7 +189,7 @@ def _imitated(trial: OrderTrial, level: float) -> str:
             f"cogging order {trial.order}: taken as none, though less than {100 * HINT:g} % "
             "probable by chance; the offsets' intervals hold what they would be with it"
         )
-    most_Nm = float(np.sqrt(stats.chi2.isf(level, 2))) * trial.stderr_Nm
+    most_Nm = float(np.sqrt(chdtri(2, level))) * trial.stderr_Nm
     return (
         f"cogging order {trial.order}: taken as none; less than {1e3 * most_Nm:.2g} mNm would not "
         f"be noticed, and moves the currents' offsets by up to "

@@ -16,13 +16,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from motord.calibration import AddedOrder
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import cluster_variance
 from motord.experiments.calibration.estimate.least_squares.normal_equations import BETA
 from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.turn_spectrum import orders_averaged
+from motord.intervals import f_tail
 
 FALSE_SHARE = 0.002
 """Probability that noise makes any order enter, over all that are tried."""
@@ -154,14 +154,14 @@ def _chance(problem: Weighted, effect: np.ndarray, size: np.ndarray, gain: float
     share = (np.abs(effect) ** 2).sum(axis=(0, 2))
     share /= share.sum()
     noise_freedom = points / (share**2 / (2 * orders_averaged(orders))).sum()
-    by_noise = stats.f.sf(gain / terms, terms, noise_freedom)
+    by_noise = f_tail(gain / terms, terms, noise_freedom)
     scatter = float(share @ (problem.scatter / np.maximum(problem.scatter, 1.0)))
     freedom = 2 * max(points - 1, 1) / (share**2).sum()
-    by_scatter = stats.f.sf(gain / terms / max(scatter, 1e-300), terms, freedom)
+    by_scatter = f_tail(gain / terms / max(scatter, 1e-300), terms, freedom)
     along = effect.conj() @ size
     white = (np.abs(along) ** 2).sum(axis=1)
     variance, freedom = cluster_variance(problem.groups, 2 * along, white)
-    by_turns = stats.f.sf(gain**2 / variance / terms, terms, freedom) if variance else 0.0
+    by_turns = f_tail(gain**2 / variance / terms, terms, freedom) if variance else 0.0
     return float(max(by_noise, by_scatter, by_turns))
 
 
