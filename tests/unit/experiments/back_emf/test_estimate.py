@@ -21,7 +21,7 @@ from motord.identification.cluster_robust_ls import ClusterFit, Regressors
 from motord.identification.operating_points import PointData
 from motord.intervals import coverage_factor
 from tests.campaigns.back_emf import BOUND_PERCENT, errors, measured
-from tests.campaigns.driven import MOTORS, REPORT, Motor, inverter_apart, ticks_of
+from tests.campaigns.driven import MOTORS, REPORT, Motor, bench_of, inverter_apart, ticks_of
 
 
 def test_the_simulated_rig_within_the_bound() -> None:
@@ -53,7 +53,7 @@ def points() -> list[PointData]:
 
 
 def test_an_age_that_the_recording_does_not_state_is_found(points: list[PointData]) -> None:
-    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    motor = bench_of(REPORT)[0].motor
     late = []
     for point in points:
         ticks = point.ticks[4::4].copy()
@@ -83,7 +83,7 @@ def test_an_age_that_the_recording_does_not_state_is_found(points: list[PointDat
 def test_a_fundamental_far_from_the_configured_one_is_a_finding(
     points: list[PointData], part: float, moved_counts: int, size_percent: float | None, said: str
 ) -> None:
-    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    motor = bench_of(REPORT)[0].motor
     changed = [replace(point, ticks=point.ticks.copy()) for point in points]
     for point in changed:
         point.ticks["encoder_count"] = (point.ticks["encoder_count"] + moved_counts) % motor.counts
@@ -97,7 +97,7 @@ def test_a_fundamental_far_from_the_configured_one_is_a_finding(
 
 
 def test_samples_that_repeat_one_of_the_inverter_count_once(points: list[PointData]) -> None:
-    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    motor = bench_of(REPORT)[0].motor
     held = []
     for point in points:
         ticks = point.ticks.copy()
@@ -113,7 +113,7 @@ def test_samples_that_repeat_one_of_the_inverter_count_once(points: list[PointDa
 
 
 def test_an_order_that_is_no_multiple_of_the_pole_pairs_is_kept(points: list[PointData]) -> None:
-    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    motor = bench_of(REPORT)[0].motor
     bent = []
     for point in points:
         ticks = point.ticks[::4].copy()
@@ -128,7 +128,7 @@ def test_an_order_that_is_no_multiple_of_the_pole_pairs_is_kept(points: list[Poi
 
 
 def test_what_cannot_be_identified_is_refused(points: list[PointData]) -> None:
-    config, _, _ = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)
+    config, _ = bench_of(REPORT)
     motor, point = config.motor, points[1]
     with pytest.raises(IdentifyError, match="no good operating point"):
         measure([], motor)
@@ -144,7 +144,7 @@ def test_what_cannot_be_identified_is_refused(points: list[PointData]) -> None:
 
 
 def test_voltages_of_other_pole_pairs_or_of_none_are_refused(points: list[PointData]) -> None:
-    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    motor = bench_of(REPORT)[0].motor
     for pole_pairs in (4, 7, 16):
         with pytest.raises(IdentifyError, match=f"8 periods a turn, where .* {pole_pairs}: "):
             measure(points, motor.model_copy(update={"pole_pairs": pole_pairs}))
@@ -231,7 +231,7 @@ def test_what_moves_all_phases_from_speed_to_speed_is_in_the_interval(
 
 
 def test_back_emf_is_that_of_the_reference_temperature(points: list[PointData]) -> None:
-    plain = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    plain = bench_of(REPORT)[0].motor
     keys = {"back_emf_temperature_percent_per_K": -0.1, "back_emf_reference_C": 20.0}
     motor = plain.model_copy(update=keys)
     before = measure(points, motor)
@@ -322,7 +322,7 @@ def test_a_phase_that_drifts_is_in_the_interval_of_the_age(
 
 def test_two_speeds_do_not_show_a_phase_that_drifts(points: list[PointData]) -> None:
     """However often they are taken; a third one does."""
-    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    motor = bench_of(REPORT)[0].motor
     found = measure(points, motor)
     assert found.delay_s is not None
     for takes in (points, [*points, *points]):
@@ -378,7 +378,7 @@ def test_few_turns_show_noise_that_holds_over_a_turn_and_fewer_are_a_finding(
         )
         z.append(delay_s / stderr_s)
     assert 0.5 < np.median(np.abs(z)) < 6  # 0.67 of many turns alike in the phases
-    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    motor = bench_of(REPORT)[0].motor
     short = [
         replace(point, ticks=point.ticks[: int(2.6 * 4000 / point.speed_Hz)]) for point in points
     ]
