@@ -11,7 +11,7 @@ from motord.recording.mcap.compression import CONTENT_MAX_BYTES
 from motord.recording.mcap.message_array import MessageArray
 from motord.recording.mcap.structure import ChunkEntry
 from motord.schema import Record
-from motord.wire.ticks.blocks import Block, BlockCodec
+from motord.wire.ticks.blocks import Block, codec_of
 from motord.wire.ticks.lanes import Lanes
 from motord.wire.ticks.pattern import Bytes
 
@@ -22,7 +22,7 @@ class Table:
     def __init__(self, source: ChunkSource, layout: MessageArray | None, record: Record) -> None:
         self._source = source
         self._layout = layout
-        self._codec = BlockCodec(record) if layout is None else layout.codec
+        self._codec = codec_of(record) if layout is None else layout.codec
 
     @property
     def columns(self) -> tuple[str, ...]:

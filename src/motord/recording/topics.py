@@ -9,7 +9,7 @@ from mcap.records import Channel, Schema
 from motord.recording import event_log
 from motord.recording.json_encoding import JsonSchema
 from motord.schema import TICK, TRUTH, Record
-from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.blocks import codec_of
 from motord.wire.ticks.proto_text import descriptor_set
 
 PROTOBUF = "protobuf"
@@ -44,7 +44,7 @@ class Topic:
 
 
 def _block_topic(number: int, record: Record) -> Topic:
-    size = {MESSAGE_BYTES: str(BlockCodec(record).size)}
+    size = {MESSAGE_BYTES: str(codec_of(record).size)}
     topic = f"/{record.name.lower()}"
     return Topic(
         Schema(

@@ -16,7 +16,7 @@ from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.mcap.message_array import MessageArray
 from motord.recording.topics import Topic
 from motord.schema import TICK, TRUTH
-from motord.wire.ticks.blocks import Block, BlockCodec
+from motord.wire.ticks.blocks import Block, codec_of
 
 FORMAT = "1"
 """Version of what the metadata records and topics mean; readers refuse one they do not know."""
@@ -50,8 +50,8 @@ class RunWriter:
         self._counts: dict[int, int] = {}
         self._span: dict[str, object] = {}
         self._channels: dict[str, Topic] = {}
-        self._tick_layout = MessageArray(topics.TICKS.number, BlockCodec(TICK))
-        self._truth_layout = MessageArray(topics.TRUTHS.number, BlockCodec(TRUTH))
+        self._tick_layout = MessageArray(topics.TICKS.number, codec_of(TICK))
+        self._truth_layout = MessageArray(topics.TRUTHS.number, codec_of(TRUTH))
         try:
             self.metadata(METADATA, {"format": FORMAT, **metadata})
             self._declare(topics.TICKS)

@@ -24,7 +24,7 @@ from motord.recording.mcap.salvage import Salvage
 from motord.recording.mcap.schema_repair import repair_schemas
 from motord.recording.mcap.structure import ChunkEntry, Structure
 from motord.recording.mcap.summary import read_summary
-from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.blocks import codec_of
 from motord.wire.ticks.proto_text import read_record
 
 _READ_AT_ONCE_BYTES = 1 << 20
@@ -174,7 +174,7 @@ class ChunkSource:
             except ValueError:
                 continue
             if record.fields:
-                yield number, MessageArray(number, BlockCodec(record))
+                yield number, MessageArray(number, codec_of(record))
 
 
 def _open(path: Path) -> int:

@@ -8,7 +8,7 @@ from mcap.records import Channel, Schema
 from motord.recording import topics
 from motord.recording.mcap.structure import Structure
 from motord.recording.topics import Topic
-from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.blocks import codec_of
 from motord.wire.ticks.proto_text import read_record
 
 
@@ -42,6 +42,6 @@ def _usable(schema: Schema | None, channel: Channel | None, topic: Topic) -> boo
     except (ValueError, KeyError):
         return False
     pairs = zip(found.fields, topic.record.fields, strict=False)  # fields are only ever appended
-    return claimed_bytes == BlockCodec(found).size and all(
+    return claimed_bytes == codec_of(found).size and all(
         (a.number, a.name, a.kind) == (b.number, b.name, b.kind) for a, b in pairs
     )
