@@ -3,6 +3,11 @@
     beta = (X' X)^-1 X' y,    cov = (X' X)^-1 (sum_g X_g' e_g e_g' X_g) (X' X)^-1 G / (G - 1)
 
 Errors may be correlated in any way within a turn, not between turns.
+
+With few clusters that is too small: what is left of a cluster e_g is smaller than its errors by the
+cluster's leverage H_g = X_g (X' X)^-1 X_g'. `BiasReducedFit` takes (I - H_g)^-1/2 e_g in its place
+(bias-reduced linearisation, CR2), with Satterthwaite's degrees of freedom for errors that are
+independent (Bell and McCaffrey 2002).
 """
 
 from dataclasses import dataclass
@@ -17,6 +22,10 @@ FEWEST_TURNS = 3
 """The same where the errors of several speeds, each of few turns, are taken together: the larger of
 both counts, which white noise makes a little too wide, and coloured noise does not make narrow."""
 
+LEAST_LEFT = 1e-8
+"""Share of a column that other clusters determine, below which a cluster alone determines it: what
+the fit leaves there is nothing, and says nothing of the errors."""
+
 
 @dataclass(frozen=True)
 class ClusterFit:
@@ -26,6 +35,26 @@ class ClusterFit:
     covariance: np.ndarray
     rest: np.ndarray
     noise: float
+
+
+@dataclass(frozen=True)
+class BiasReducedFit(ClusterFit):
+    """A fit with bias-reduced cluster-robust covariance (CR2).
+
+    Columns are times root (p, p), a root of (X' X)^-1; of these, leverage (g, p, p) is X_g' X_g,
+    and adjustment (g, p, p) what (I - H_g)^-1/2 makes of them.
+    """
+
+    root: np.ndarray
+    leverage: np.ndarray
+    adjustment: np.ndarray
+
+    def freedom(self, contrast: np.ndarray) -> float:
+        """Return Satterthwaite's degrees of freedom of contrast (p,) times the solution."""
+        weights = self.adjustment @ (self.root.T @ contrast)
+        crossed = np.einsum("gij,gj->gi", self.leverage, weights)
+        form = np.diag(np.einsum("gi,gi->g", weights, crossed)) - crossed @ crossed.T
+        return float(np.trace(form) ** 2 / max(float((form**2).sum()), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -67,6 +96,26 @@ class Regressors:
         scores = np.array([self.columns[a:b].T @ rest[a:b] for a, b in pairwise(edges)])
         more = _inflation(self.inverse @ scores.T, np.diag(white), self.least_turns)
         return ClusterFit(solution, white * np.outer(more, more), rest, noise)
+
+    def fit_bias_reduced(self, values: np.ndarray) -> BiasReducedFit:
+        """Fit values (n,); the covariance is that of how the clusters differ (CR2) alone."""
+        fit = self.fit(values)
+        scale = np.sqrt(np.maximum(np.diag(self.inverse), 1e-300))
+        sizes, vectors = np.linalg.eigh(self.inverse / np.outer(scale, scale))
+        root = scale[:, None] * vectors * np.sqrt(np.maximum(sizes, 0.0))
+        edges = list(pairwise([*self.first, fit.rest.size]))
+        parts = [self.columns[a:b] @ root for a, b in edges]
+        leverage = np.array([part.T @ part for part in parts])
+        shares, axes = np.linalg.eigh(leverage)
+        left = 1.0 - shares
+        factor = np.where(left > LEAST_LEFT, np.maximum(left, LEAST_LEFT) ** -0.5, 0.0)
+        adjustment = np.einsum("gik,gk,gjk->gij", axes, factor, axes)
+        scores = [part.T @ fit.rest[a:b] for part, (a, b) in zip(parts, edges, strict=True)]
+        influence = root @ np.einsum("gij,gj->ig", adjustment, np.array(scores))
+        covariance = influence @ influence.T
+        return BiasReducedFit(
+            fit.solution, covariance, fit.rest, fit.noise, root, leverage, adjustment
+        )
 
     def one_more(self, fit: ClusterFit, column: np.ndarray) -> tuple[float, float]:
         """Return the coefficient, and its variance, that one more column (n,) would get.

@@ -1,7 +1,7 @@
 """The linear fit of coast-downs of one direction, and which orders of cogging torque it has."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -202,10 +202,6 @@ def _cluster_robust(columns: np.ndarray, cluster: np.ndarray, values: np.ndarray
     sample, and moves a fit of smooth columns less.
     """
     regressors = Regressors.of(columns, cluster)
-    fit = regressors.fit(values)
-    clusters = regressors.first.size
-    if clusters < LEAST_TURNS:
-        return fit
-    scores = np.add.reduceat(columns * fit.rest[:, None], regressors.first)
-    influence = regressors.inverse @ scores.T
-    return replace(fit, covariance=influence @ influence.T * clusters / (clusters - 1))
+    if regressors.first.size < LEAST_TURNS:
+        return regressors.fit(values)
+    return regressors.fit_bias_reduced(values)

@@ -1,6 +1,7 @@
 """Friction of each direction from its coast-downs, by least squares with cluster-robust errors.
 
-A cluster is one coast-down; t quantiles have one degree of freedom less than there are clusters.
+A cluster is one coast-down. From six on the covariance is bias-reduced (CR2), with Satterthwaite's
+degrees of freedom; below, t quantiles have one degree of freedom less than there are clusters.
 The Stribeck speed w_s is searched, and the part is kept if it stands out among all speeds tried.
 """
 
@@ -31,7 +32,7 @@ from motord.experiments.friction.result import (
     Windage,
 )
 from motord.identification import IdentifyError
-from motord.identification.cluster_robust_ls import ClusterFit
+from motord.identification.cluster_robust_ls import BiasReducedFit, ClusterFit
 from motord.intervals import SERIOUS_BIAS, coverage_factor, t_quantile
 
 LEAST_COAST_DOWNS = 3
@@ -66,15 +67,15 @@ def measure(coasts: Sequence[CoastDown], motor: MotorConfig, inertia: Inertia) -
 class _StatedFit:
     """The fit of a direction, with half of the 95 % interval of each coefficient, over the inertia.
 
-    at_rad_s: w_s of its Stribeck part, 0 for none; quantile: of Student's t, 97.5 %. stated (p,):
-    halves as the coast-downs differ; half (p,): with what the model lacks.
+    at_rad_s: w_s of its Stribeck part, 0 for none; quantile (p,): of Student's t, 97.5 %. stated
+    (p,): halves as the coast-downs differ; half (p,): with what the model lacks.
     """
 
     group: CoastDownFit
     fit: ClusterFit
     lack: WindageFit
     at_rad_s: float
-    quantile: float
+    quantile: np.ndarray
     stated: np.ndarray
     half: np.ndarray
 
@@ -89,7 +90,9 @@ class _StatedFit:
         if at_rad_s:
             fit = group.with_stribeck(speeds, at_rad_s, scale)
         lack = lack_of_fit(group, speeds, at_rad_s, scale)
-        quantile = _quantile(group, 0.975)
+        quantile = np.array(
+            [_quantile(group, fit, 0.975, one) for one in np.eye(fit.solution.size)]
+        )
         stated = quantile * np.sqrt(np.diag(fit.covariance))
         half = lack.widened(stated, np.eye(stated.size))
         return cls(group, fit, lack, at_rad_s, quantile, stated, half)
@@ -99,7 +102,8 @@ class _StatedFit:
         half, of_inertia, j = float(self.half[number]), inertia.relative_uncertainty, inertia.kg_m2
         value = float(self.fit.solution[number])
         whole = hypot(half, coverage_factor() * of_inertia * value)
-        return j * value, j * whole, j * hypot(half / self.quantile, of_inertia * value)
+        stderr = hypot(half / float(self.quantile[number]), of_inertia * value)
+        return j * value, j * whole, j * stderr
 
     def stribeck(self, inertia: Inertia) -> Stribeck | None:
         """Return the Stribeck part, None if it has none."""
@@ -109,7 +113,7 @@ class _StatedFit:
         of_speed = float(self.half[-1])
         return Stribeck(
             *_interval(value, half), *_interval(self.at_rad_s, of_speed),
-            stderr, of_speed / self.quantile,
+            stderr, of_speed / float(self.quantile[-1]),
         )  # fmt: skip
 
     def cogging(self, inertia: Inertia) -> tuple[CoggingLine, ...]:
@@ -165,18 +169,24 @@ def _search_stribeck(
     fits = [group.with_stribeck(speeds, float(at)) for at in tried]
     part = np.array([fit.solution[-1] for fit in fits])
     stderr = np.sqrt([fit.covariance[-1, -1] for fit in fits])
-    upper = (np.maximum(part, 0.0) + _quantile(group, 0.975) * stderr) * np.exp(
-        -((low / tried) ** 2)
-    )
+    last = np.eye(fits[0].solution.size)[-1]
+    quantile = np.array([_quantile(group, fit, 0.975, last) for fit in fits])
+    upper = (np.maximum(part, 0.0) + quantile * stderr) * np.exp(-((low / tried) ** 2))
     best = int(np.argmin([fit.rest @ fit.rest for fit in fits]))
-    least = _quantile(group, 1 - STRIBECK_LEVEL / STRIBECK_SPEEDS)
+    least = _quantile(group, fits[best], 1 - STRIBECK_LEVEL / STRIBECK_SPEEDS, last)
     if part[best] < least * stderr[best]:
         return 0.0, float(upper.max())
     return group.best_stribeck(speeds, tried), float(upper.max())
 
 
-def _quantile(group: CoastDownFit, probability: float) -> float:
-    return t_quantile(probability, len(group.coasts) - 1)
+def _quantile(
+    group: CoastDownFit, fit: ClusterFit, probability: float, contrast: np.ndarray
+) -> float:
+    """Return the quantile of Student's t for contrast (p,) times the solution of a fit."""
+    freedom = float(len(group.coasts) - 1)
+    if isinstance(fit, BiasReducedFit):
+        freedom = min(fit.freedom(contrast), freedom)
+    return t_quantile(probability, freedom)
 
 
 def _interval(value: float, half: float) -> tuple[float, float, float]:
@@ -219,12 +229,13 @@ def _curve_point(found: _StatedFit, speed_rad_s: float, inertia: Inertia, sign: 
         weights[-2:] = np.exp(-ratio) * np.array([1.0, fit.solution[-2] * 2 * ratio / at_rad_s])
         seen[-1] = 0.0  # a change of w_s, of which there is none at the best
     value = float(weights @ seen)
-    half = found.quantile * float(np.sqrt(weights @ fit.covariance @ weights))
+    quantile = _quantile(found.group, fit, 0.975, weights)
+    half = quantile * float(np.sqrt(weights @ fit.covariance @ weights))
     half = float(found.lack.widened(half, weights, direct=speed_rad_s**2))
     of_inertia = inertia.relative_uncertainty * value
     whole = hypot(half, coverage_factor() * of_inertia)
     low, high = sorted((sign * (value - whole), sign * (value + whole)))
-    stderr = hypot(half / found.quantile, of_inertia)
+    stderr = hypot(half / quantile, of_inertia)
     return CurvePoint(sign * speed_rad_s, sign * value * j, low * j, high * j, stderr * j)
 
 

@@ -1,0 +1,42 @@
+"""The bias-reduced cluster-robust covariance against its definition."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, fractional_matrix_power
+
+from motord.identification.cluster_robust_ls import Regressors
+
+SIZES = (3, 5, 9, 14, 8, 11, 10)
+
+
+def test_covariance_and_freedom_are_those_of_bell_and_mccaffrey() -> None:
+    rng = np.random.default_rng(0)
+    cluster = np.repeat(np.arange(len(SIZES)), SIZES)
+    columns = rng.standard_normal((cluster.size, 3)) * [1.0, 1e3, 1e-3]
+    values = rng.standard_normal(cluster.size)
+    found = Regressors.of(columns, cluster).fit_bias_reduced(values)
+
+    solved = np.linalg.inv(columns.T @ columns) @ columns.T
+    left = np.eye(cluster.size) - columns @ solved
+    blocks = [np.flatnonzero(cluster == one) for one in range(len(SIZES))]
+    adjusted = solved @ block_diag(
+        *(fractional_matrix_power(left[np.ix_(rows, rows)], -0.5).real for rows in blocks)
+    )
+    rest = left @ values
+    influence = np.array([adjusted[:, rows] @ rest[rows] for rows in blocks]).T
+    assert found.solution == pytest.approx(solved @ values)
+    assert found.covariance == pytest.approx(influence @ influence.T, rel=1e-9)
+    for contrast in (*np.eye(3), np.array([1.0, 1e3, -1e-3])):
+        along = contrast @ adjusted
+        form = np.array([left[:, rows] @ along[rows] for rows in blocks])
+        sizes = np.linalg.eigvalsh(form @ form.T)
+        assert found.freedom(contrast) == pytest.approx(sizes.sum() ** 2 / (sizes**2).sum())
+
+
+def test_what_one_cluster_alone_determines_is_finite() -> None:
+    cluster = np.repeat(np.arange(6), 4)
+    columns = np.column_stack([np.ones(24), (cluster == 2) * np.arange(24.0)])
+    values = np.random.default_rng(1).standard_normal(24)
+    found = Regressors.of(columns, cluster).fit_bias_reduced(values)
+    assert np.isfinite(found.covariance).all()
+    assert all(np.isfinite(found.freedom(contrast)) for contrast in np.eye(2))
