@@ -38,6 +38,9 @@ LEAST_STRIBECK = 0.05
 
 STRIBECK_ROUNDS = 3
 
+OWN = 2
+"""Columns that each coast-down has of its own: Coulomb and viscous friction."""
+
 
 @dataclass(frozen=True)
 class CoastDownFit:
@@ -105,14 +108,28 @@ class CoastDownFit:
         """Return by how much the Bayesian information criterion falls with one more order."""
         pairs = zip(self.coasts, self.q_rad, strict=True)
         more = np.concatenate([c.projected(c.twice(np.array([order]), q)[:, 2:]) for c, q in pairs])
-        return self.gain_of(
-            _cluster_robust(np.hstack([self.columns, more]), self.cluster, self.values)
-        )
+        return self.gain_with(more)
 
-    def gain_of(self, wider: ClusterFit) -> float:
-        """Return by how much the Bayesian information criterion falls with two more columns."""
-        n, rest = self.values.size, self.fit.rest
-        return float(n * np.log((rest @ rest) / (wider.rest @ wider.rest)) - 2 * np.log(n))
+    def gain_with(self, more: np.ndarray) -> float:
+        """Return by how much the Bayesian information criterion falls with two more parameters.
+
+        more (n, 1) or (n, 2): their columns; a Stribeck part has one, and its speed is searched.
+        Each coast-down has Coulomb and viscous friction of its own here: what friction differs by
+        from one to the next is no white noise, and other columns would seem to explain it.
+        """
+        shared = self.columns[:, OWN:]
+        columns, values = beyond_own(
+            self.columns[:, :OWN],
+            np.hstack([shared, more]),
+            self.values,
+            np.flatnonzero(np.diff(self.cluster, prepend=-1)),
+        )
+        wider = Regressors.of(columns, self.cluster).fit(values).rest
+        rest = values
+        if shared.shape[1]:
+            rest = Regressors.of(columns[:, : shared.shape[1]], self.cluster).fit(values).rest
+        n = values.size
+        return float(n * np.log((rest @ rest) / (wider @ wider)) - 2 * np.log(n))
 
     def with_stribeck(
         self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float = 0.0
@@ -192,7 +209,21 @@ def _apparent_stribeck(group: CoastDownFit) -> float:
     low, high = min(float(s.min()) for s in speeds), max(float(s.max()) for s in speeds)
     tried = stribeck_speeds(max(low, LEAST_STRIBECK * high), high)
     best = group.best_stribeck(speeds, tried)
-    return best if group.gain_of(group.with_stribeck(speeds, best)) > 0 else 0.0
+    more = group.and_stribeck(speeds, best, 0.0)[:, group.columns.shape[1] :]
+    return best if group.gain_with(more) > 0 else 0.0
+
+
+def beyond_own(
+    own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what each coast-down's own columns do not explain of the others and of the values."""
+    left = []
+    for rows in np.split(np.arange(values.size), first[1:]):
+        q = np.linalg.qr(own[rows])[0]
+        both = np.column_stack([common[rows], values[rows]])
+        left.append(both - q @ (q.T @ both))
+    every = np.concatenate(left)
+    return every[:, :-1], every[:, -1]
 
 
 def _cluster_robust(columns: np.ndarray, cluster: np.ndarray, values: np.ndarray) -> ClusterFit:

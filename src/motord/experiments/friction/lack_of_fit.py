@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.friction.coast_down_fit import CoastDownFit
+from motord.experiments.friction.coast_down_fit import OWN, CoastDownFit, beyond_own
 from motord.identification.cluster_robust_ls import Regressors
 from motord.intervals import t_quantile
 
@@ -21,9 +21,6 @@ LEVEL = 0.002
 
 ROUNDING = 1e-9
 """Of Coulomb friction, at the highest speed: less is of the arithmetic, in data without noise."""
-
-OWN = 2
-"""Columns that each coast-down has of its own: Coulomb and viscous friction."""
 
 
 @dataclass(frozen=True)
@@ -108,24 +105,11 @@ def windage_instead(
     first = np.flatnonzero(np.diff(group.cluster, prepend=-1))
     left = []
     for columns in (np.column_stack([group.columns, square]), stribeck):
-        rest, values = _beyond_own(columns[:, :OWN], columns[:, OWN:], group.values, first)
+        rest, values = beyond_own(columns[:, :OWN], columns[:, OWN:], group.values, first)
         shared = np.linalg.lstsq(rest, values)[0]
         left.append(max(float(((values - rest @ shared) ** 2).sum()), 1e-300))
     number = group.values.size
     return bool(number * np.log(left[0] / left[1]) < np.log(number))
-
-
-def _beyond_own(
-    own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what each coast-down's own columns do not explain of the others and of the values."""
-    left = []
-    for rows in np.split(np.arange(values.size), first[1:]):
-        q = np.linalg.qr(own[rows])[0]
-        both = np.column_stack([common[rows], values[rows]])
-        left.append(both - q @ (q.T @ both))
-    every = np.concatenate(left)
-    return every[:, :-1], every[:, -1]
 
 
 def _of_each(
@@ -135,7 +119,7 @@ def _of_each(
 
     Each coast-down has coefficients of its own columns; those of the others are common to all.
     """
-    rest, rest_values = _beyond_own(own, common, values, first)
+    rest, rest_values = beyond_own(own, common, values, first)
     shared = np.linalg.lstsq(rest, rest_values)[0] if common.shape[1] else np.zeros(0)
     found = []
     for rows in np.split(np.arange(values.size), first[1:]):

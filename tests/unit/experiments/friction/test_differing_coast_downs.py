@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import CoastDownFit
-from tests.unit.experiments.friction.coasting import INERTIA, Rotor, of_seeds
+from tests.unit.experiments.friction.coasting import INERTIA, Rotor, friction, of_seeds
 
 TRIALS, NUMBER = 120, 6
 ROUNDS = 4
@@ -35,3 +36,9 @@ def test_the_covariance_is_as_large_as_the_errors_are() -> None:
     square = np.mean([(one.solution - truth) ** 2 for one in fits], axis=0)
     stated = np.mean([np.diag(one.covariance) for one in fits], axis=0)
     assert (stated > 0.9 * square).all()
+
+
+def test_friction_that_differs_is_not_taken_for_cogging_torque() -> None:
+    for coasts in islice(trials(0.01), 6):
+        (one,) = friction(list(coasts)).directions
+        assert not one.cogging
