@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from motord.config.timing import JUMP_MAX_RAD, POSITION_AGE_MAX_S, STEADY_S
+from motord.config.timing import JUMP_MAX_RAD, STEADY_S
 from motord.control.states import STATE
 from motord.jit import jit
 
@@ -81,9 +81,10 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
         return
     ahead_rad = m.angle_rad + m.speed_rad_s * dt_s
     error_rad = wrap_difference(angle_rad - ahead_rad)
-    allowed_rad = min(p.encoder_jump_rad * max(dt_s / STEADY_S, 1.0), JUMP_MAX_RAD)
-    if count < 0 or m.acquiring or abs(error_rad) > allowed_rad:
-        m.implausible = int(m.implausible) + 1
+    if count < 0 or m.acquiring or abs(error_rad) > _plausible_jump_rad(p, dt_s):
+        if m.implausible == 0:
+            m.seen_ns = 0  # what was seen of an earlier fault is no part of this one
+        m.implausible = min(int(m.implausible) + 1, RESYNC_SAMPLES + 1)
         if count >= 0:
             _acquire(p, m, t_ns, angle_rad)
         return
@@ -98,21 +99,13 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
 def _acquire(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
     """Take an implausible sample; start afresh after RESYNC_SAMPLES of them, unless enabled.
 
-    Samples follow each other if the rotor turned by no more than JUMP_MAX_RAD in between. Once
-    acquiring, no sample is compared with what was known before: by chance one would agree.
+    Once acquiring, no sample is compared with what was known before: by chance one would agree.
     """
-    turned_rad = wrap_difference(angle_rad - m.seen_rad)
-    since_s = (t_ns - m.seen_ns) * 1e-9
-    follows = 0.0 < since_s <= POSITION_AGE_MAX_S and abs(turned_rad) <= JUMP_MAX_RAD
-    swept_rad, from_ns = 0.0, t_ns
-    if follows and m.implausible > 1:
-        swept_rad, from_ns = m.swept_rad + turned_rad, m.swept_from_ns
-    m.seen_ns, m.seen_rad = t_ns, angle_rad
-    m.swept_rad, m.swept_from_ns = swept_rad, from_ns
+    _sweep(p, m, t_ns, angle_rad)
     if m.implausible <= RESYNC_SAMPLES or m.state == STATE.ENABLED:
         return
     m.acquiring = 1
-    over_s = (t_ns - from_ns) * 1e-9
+    swept_rad, over_s = m.swept_rad, (t_ns - m.swept_from_ns) * 1e-9
     w_rad_s = p.observer_bandwidth_rad_s
     slow_rad_s = SLOW * p.encoder_jump_rad * min(w_rad_s, 1.0 / STEADY_S)
     if abs(swept_rad) + TWO_PI / p.counts <= slow_rad_s * over_s:
@@ -122,6 +115,31 @@ def _acquire(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
         m.implausible = RESYNC_SAMPLES  # until the next sample agrees
         m.swept_rad = 0.0
         m.swept_from_ns = t_ns
+
+
+@jit
+def _sweep(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
+    """Add to the angle swept by samples that follow each other, or begin anew with the last step.
+
+    They follow each other within RESTART_S, at most JUMP_MAX_RAD apart, as the mean speed of the
+    sweep explains: a step from a sample that was wrong to one that is right is none of the rotor's.
+    """
+    turned_rad = wrap_difference(angle_rad - m.seen_rad)
+    since_s = (t_ns - m.seen_ns) * 1e-9
+    before_s = (m.seen_ns - m.swept_from_ns) * 1e-9
+    if not 0.0 < since_s <= RESTART_S or abs(turned_rad) > JUMP_MAX_RAD:
+        m.swept_rad, m.swept_from_ns = 0.0, t_ns
+    else:
+        explained_rad = m.swept_rad / before_s * since_s if before_s > 0.0 else turned_rad
+        if abs(turned_rad - explained_rad) > _plausible_jump_rad(p, since_s):
+            m.swept_rad, m.swept_from_ns = 0.0, m.seen_ns
+        m.swept_rad += turned_rad
+    m.seen_ns, m.seen_rad = t_ns, angle_rad
+
+
+@jit
+def _plausible_jump_rad(p: np.record, dt_s: float) -> float:
+    return min(p.encoder_jump_rad * max(dt_s / STEADY_S, 1.0), JUMP_MAX_RAD)
 
 
 @jit

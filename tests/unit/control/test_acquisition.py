@@ -190,3 +190,61 @@ def test_no_position_for_a_while_is_no_rest() -> None:
     tick = bench.run(100)
     assert tick["trip_bits"] == 0
     assert float(tick["speed_rad_s"]) == pytest.approx(-300.0, abs=0.5)
+
+
+def test_samples_that_are_rare_for_a_while_are_taken() -> None:
+    """As those of a busy computer: a bench that is not stale can be enabled again."""
+    sections = {"bridge": {"stale_after_s": 0.2}, "loop": {"rate_Hz": 1000}}
+    bench = turning(make_config(**sections), 0.0)
+    bench.run(100)
+    bench.angle_rad += 2.0
+    for _ in range(10):
+        bench.run(39, healthy=False)
+        bench.run()
+    assert Trip(int(bench.tick["trip_bits"][0])) == 0
+
+
+@pytest.mark.parametrize("speed_rad_s", [0.0, 5.0, 300.0])
+def test_after_noise_no_speed_is_shown_that_is_not_there(speed_rad_s: float) -> None:
+    """The step from a wrong sample to a right one is none of the rotor's."""
+    config, draw = config_of(trip_speed_rad_s=700.0), np.random.default_rng(7)
+    for _ in range(60):
+        bench = turning(config, speed_rad_s)
+        bench.run(200)
+        count_at = bench.count_at
+        bench.count_at = lambda angle_rad: int(draw.integers(0, 4096))
+        bench.run(8)
+        bench.count_at = count_at
+        wrong = 0
+        for _ in range(60):
+            tick = bench.run()
+            plausible = not int(tick["trip_bits"]) & IMPLAUSIBLE
+            wrong += plausible and abs(float(tick["speed_rad_s"]) - speed_rad_s) > 30.0
+        assert wrong < RESYNC_SAMPLES  # samples that agreed by chance
+
+
+def test_a_fault_of_before_is_no_part_of_the_next_one() -> None:
+    """A code that is no position comes first: no sample of before it has anything to say."""
+    bench = turning(config_of(counts=4000), 0.0)
+    bench.run(100)
+    bench.angle_rad += 1.6
+    bench.run()
+    bench.angle_rad -= 1.6
+    bench.run(10)
+    count_at = bench.count_at
+    bench.count_at = lambda angle_rad: 4050
+    bench.run()
+    bench.count_at = count_at
+    bench.angle_rad += 3.1
+    speeds_rad_s = [float(bench.run()["speed_rad_s"]) for _ in range(60)]
+    assert max(map(abs, speeds_rad_s)) < 10.0
+
+
+def test_a_fault_that_lasts_for_ever_stays_one() -> None:
+    bench = turning(config_of(counts=4000), 0.0)
+    bench.run(100)
+    bench.count_at = lambda angle_rad: 4050
+    bench.run(10)
+    bench.memory["implausible"] = min(int(bench.memory["implausible"][0]), 2**32 - 2)
+    assert all(int(bench.run()["trip_bits"]) & IMPLAUSIBLE for _ in range(5))
+    assert int(bench.memory["implausible"][0]) == RESYNC_SAMPLES + 1
