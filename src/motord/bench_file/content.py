@@ -140,11 +140,13 @@ def _of_a_real_bench(tables: Tables) -> Tables:
 def _torque_error_Nm(tables: Tables) -> float:
     """Return what a motor that is not calibrated stays within, and a dead torque sensor does not.
 
-    The latter as far as the high-pass of the sensor lets it: if it does not, it is left out.
+    As far as the sensor's high-pass leaves more than LEAST_ERROR of the torque: below that, as if
+    it had none, and `motord check` says what it hides.
     """
     torque_Nm = tables["limits"]["torque_Nm"]
+    lasting = {k: v for k, v in tables["limits"].items() if k == "torque_error_s"}
     limits = LimitsConfig(
-        torque_Nm=torque_Nm, torque_rate_Nm_per_s=torque_Nm, trip_torque_Nm=2 * torque_Nm
+        torque_Nm=torque_Nm, torque_rate_Nm_per_s=torque_Nm, trip_torque_Nm=2 * torque_Nm, **lasting
     )
     sensor = check_table(TorqueSensorConfig, "torque_sensor", tables["torque_sensor"])
     dead_Nm = dead_sensor_error_Nm(limits, sensor.highpass_time_constant_s)

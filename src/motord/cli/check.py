@@ -43,12 +43,13 @@ def check(
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
     findings += [*probe_devices(bench), probe_endpoints(bench), probe_recordings(bench)]
-    findings += judge_torque_sensor(bench)
+    notes = hidden_faults(bench)
     rights, host = _realtime(bench) if rt else ([], [])
     lines = [f"{f['what']}: {'ok, ' if f['ok'] else ''}{f['message']}" for f in findings]
+    lines += [f"note: {note}" for note in notes]
     lines += [f"real time: {right['line']}" for right in rights]
     lines += [f"{'host' if f['good'] else 'host, could be better'}: {f['line']}" for f in host]
-    result = {"findings": findings, "realtime": rights, "host": host}
+    result = {"findings": findings, "notes": notes, "realtime": rights, "host": host}
     print_result(result, "\n".join(lines), as_json)
     wrong = [finding["what"] for finding in findings if not finding["ok"]]
     if wrong:
@@ -73,23 +74,39 @@ def probe_devices(bench: "Config") -> list[Finding]:
         return [{"what": "devices", "ok": False, "message": str(error)}]
 
 
-def judge_torque_sensor(bench: "Config") -> list[Finding]:
-    """Say if a torque sensor that stays at zero would not trip: a high-pass may hide it."""
+def hidden_faults(bench: "Config") -> list[str]:
+    """Return which dead sensor or drive may go unnoticed by these limits, and what would show it.
+
+    Neither is wrong: a gentle ramp, a low limit or a sensor's high-pass leave little to see.
+    """
+    from motord.config.rules.bounds import rounded_down
     from motord.config.rules.interlocks import dead_sensor_error_Nm
 
-    limits, tau_s = bench.limits, bench.torque_sensor.highpass_time_constant_s
-    dead_Nm = dead_sensor_error_Nm(limits, tau_s)
-    if limits.greatest_torque_error_Nm < dead_Nm:
-        return []
-    remedy = "raise torque_rate_Nm_per_s, or lower torque_error_s"
-    if dead_Nm > 0.0:
-        remedy = f"make torque_error_Nm less than {dead_Nm:.3g}, or {remedy}"
-    message = (
-        f"one that stays at zero trips at no torque: its high-pass of {tau_s:g} s leaves too "
-        f"little of [limits] torque_Nm = {limits.torque_Nm:g} that is reached at "
-        f"{limits.torque_rate_Nm_per_s:g} Nm/s; {remedy}, to have it noticed"
-    )
-    return [{"what": "torque sensor", "ok": True, "message": message}]
+    limits, tau_s, notes = bench.limits, bench.torque_sensor.highpass_time_constant_s, []
+    currents_A = bench.motor.largest_currents_A(limits.torque_Nm)
+    least_A = min(float(currents_A.min()), limits.current_A)
+    if limits.greatest_current_error_A >= least_A:
+        notes.append(
+            f"a drive without any current may go unnoticed: [limits] torque_Nm takes no more than "
+            f"{least_A:.3g} A at some angles, and {limits.greatest_current_error_A:g} A may be "
+            f"missing; current_error_A less than {rounded_down(least_A):g} would show it"
+        )
+    reached_Nm = limits.torque_Nm * min(1.0, limits.current_A / float(currents_A.max()))
+    dead_Nm = dead_sensor_error_Nm(limits.model_copy(update={"torque_Nm": reached_Nm}), tau_s)
+    if limits.greatest_torque_error_Nm >= dead_Nm:
+        shown = "a faster torque_rate_Nm_per_s or a shorter torque_error_s"
+        if dead_Nm > 0.0:
+            shown = f"torque_error_Nm less than {rounded_down(dead_Nm):g}, or {shown},"
+        notes.append(
+            "a torque sensor that stays at zero may go unnoticed: of the torque that [limits] let "
+            f"be reached, {reached_Nm:.3g} Nm at {limits.torque_rate_Nm_per_s:g} Nm/s, its "
+            f"high-pass of {tau_s:g} s leaves too little; {shown} would show it"
+            if tau_s
+            else "a torque sensor that stays at zero may go unnoticed: [limits] current_A lets "
+            f"{reached_Nm:.3g} Nm be reached; torque_error_Nm less than {rounded_down(dead_Nm):g} "
+            "would show it"
+        )
+    return notes
 
 
 def probe_endpoints(bench: "Config") -> Finding:

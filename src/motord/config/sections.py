@@ -113,13 +113,14 @@ class LimitsConfig(Section):
     least as far as a sound one is, by its counts and the observer's lag, at 100 rad/s^2."""
     current_error_A: Positive | None = None
     """How far a sensed current may be from its command; left out: a quarter of current_A. Less than
-    0.86 of current_A, or a drive without any current would not trip."""
+    0.866 of current_A, or a drive without any current would not trip at full current."""
     current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
     """How long it may be further off; at least a period of the loop."""
     torque_error_Nm: Positive | None = None
     """How far the measured torque may be from the set-point, besides a fifth of it and what induced
     offsets of the currents make at most, as of the plan `align`; left out: 0.3 torque_Nm. Less than
-    0.8 of torque_Nm, or a torque sensor that stays at zero would not trip."""
+    0.8 of torque_Nm, or a torque sensor that stays at zero would not trip. `motord check` says
+    what a high-pass hides nevertheless."""
     torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
     """How long it may be further off; at least until a step of the torque has settled and shows."""
 

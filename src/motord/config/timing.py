@@ -66,10 +66,3 @@ CURRENT_ERROR, TORQUE_ERROR = 0.25, 0.3
 """
 TORQUE_SHARE = 0.2
 """Part of the torque set-point by which the measured torque may be off, besides torque_error_Nm."""
-
-_ROUNDING = 1e-9
-
-
-def is_below(given: float, least: float) -> bool:
-    """Return whether a value is below its bound, by more than decimal fractions are rounded."""
-    return given < (1.0 - _ROUNDING) * least

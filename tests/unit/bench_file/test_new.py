@@ -14,8 +14,8 @@ from motord.bench_file.new import new_bench_file
 from motord.bench_file.questions import QUESTIONS, Question, get
 from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
-from motord.cli.check import judge_torque_sensor
-from motord.config import ConfigError, load, packaged
+from motord.cli.check import hidden_faults
+from motord.config import Config, ConfigError, load, packaged
 from motord.config.rules.interlocks import dead_sensor_error_Nm
 from motord.config.text.descriptions import field_of
 
@@ -169,16 +169,31 @@ def test_a_dead_torque_sensor_is_noticed(tau_s: float, torque_Nm: str) -> None:
     limits = config.limits
     assert 0.2 * limits.torque_Nm < limits.greatest_torque_error_Nm
     assert limits.greatest_torque_error_Nm < dead_sensor_error_Nm(limits, tau_s)
-    assert judge_torque_sensor(config) == []
+    assert not [note for note in hidden_faults(config) if "torque sensor" in note]
 
 
 def test_a_high_pass_that_hides_a_dead_torque_sensor_is_named() -> None:
     answers = {"torque_sensor__highpass_time_constant_s": "0.2"}
     _, config = bench("serial-bridge", limits__torque_Nm="6", **answers)
-    [finding] = judge_torque_sensor(config)
-    assert finding["ok"]
-    assert "trips at no torque: its high-pass of 0.2 s" in finding["message"]
-    assert "raise torque_rate_Nm_per_s, or lower torque_error_s" in finding["message"]
+    [note] = hidden_faults(config)
+    assert "a torque sensor that stays at zero may go unnoticed" in note
+    assert "its high-pass of 0.2 s leaves too little; torque_error_Nm less than" in note
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"current_error_A": 21.0}, "a drive without any current may go unnoticed"),
+        ({"current_error_A": 16.4}, "16.4 A may be missing; current_error_A less than 16.3"),
+        ({"current_A": 12.0, "torque_error_Nm": 4.2}, "current_A lets 3.79 Nm be reached"),
+    ],
+)
+def test_what_limits_hide_is_named(changed: dict[str, float], says: str) -> None:
+    config = load(packaged("sim.toml"))
+    limits = {**config.limits.model_dump(exclude_unset=True), **changed}
+    sensor = {"highpass_time_constant_s": 0.0}
+    tables = {**config.model_dump(exclude_unset=True), "limits": limits, "torque_sensor": sensor}
+    assert says in " ".join(hidden_faults(Config.model_validate(tables)))
 
 
 def test_what_was_answered_needs_no_check() -> None:

@@ -81,11 +81,18 @@ class MotorConfig(Section):
 
     def rated_current_A(self) -> float:
         """Return the peak of the phase currents that make rated torque with least copper loss."""
+        return float(self.largest_currents_A(self.rated_torque_Nm).max())
+
+    def largest_currents_A(self, torque_Nm: float) -> np.ndarray:
+        """Return the largest phase current at angles 2 pi n / counts (counts,) for a torque.
+
+        Of the currents that make it with least copper loss.
+        """
         k = self.back_emf_table()
         if self.connection == "star":
             k = k - k.mean(axis=1, keepdims=True)
         power = np.maximum((k**2).sum(axis=1, keepdims=True), 1e-12)
-        return float(np.abs(self.rated_torque_Nm * k / power).max())
+        return np.asarray(np.abs(torque_Nm * k / power).max(axis=1))
 
     def back_emf_table(self) -> np.ndarray:
         """Return k, shape (counts, 3), V s/rad: back-EMF over speed at angles 2 pi n / counts.

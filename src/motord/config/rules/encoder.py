@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from motord.config.rules.bounds import rounded_up
 from motord.config.sections import Sections
 from motord.config.timing import (
     ACCELERATION_RAD_S2,
@@ -72,7 +73,7 @@ def a_sound_encoder_never_jumps(config: Sections) -> Iterator[str]:
     limits, least_rad = config.limits, least_jump_rad(config)
     if limits.encoder_jump_rad >= least_rad:
         return
-    remedy = f"make it at least {_rounded_up(least_rad):g}"
+    remedy = f"make it at least {rounded_up(least_rad):g}"
     if least_rad > JUMP_MAX_RAD:
         remedy = "lower observer_bandwidth_Hz or trip_speed_rad_s, or take an encoder that is finer"
     yield (
@@ -108,11 +109,5 @@ def speed_is_resolved(config: Sections) -> Iterator[str]:
             f"move the observed one by up to {off_rad_s:.3g} rad/s, so that a rotor at a set-point "
             f"could seem to be beyond [limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g}, or "
             "a faster one within it; lower the bandwidth, or make trip_speed_rad_s at least "
-            f"{_rounded_up(off_rad_s / SPEED_RESOLUTION_MAX):g}"
+            f"{rounded_up(off_rad_s / SPEED_RESOLUTION_MAX):g}"
         )
-
-
-def _rounded_up(least: float) -> float:
-    """Return a bound in three digits that is not below it."""
-    step = 10.0 ** (math.floor(math.log10(least)) - 2)
-    return math.ceil(least / step) * step

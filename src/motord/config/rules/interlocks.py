@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from motord.config.rules.bounds import is_below, rounded_down
 from motord.config.rules.encoder import (
     a_sound_encoder_never_jumps,
     position_is_unambiguous,
@@ -15,7 +16,6 @@ from motord.config.timing import (
     SETTLING_LAGS,
     SILENCE_MAX_S,
     TORQUE_SHARE,
-    is_below,
 )
 
 DEAD_PHASE = math.sqrt(3.0) / 2.0
@@ -91,37 +91,41 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
 def dead_sensor_error_Nm(limits: LimitsConfig, highpass_time_constant_s: float) -> float:
     """Return the torque_error_Nm below which a torque sensor that stays at zero trips for sure.
 
-    At the set-point T = torque_Nm, of which a share is allowed anyway. A high-pass of the sensor
-    with the time constant tau leaves r tau (1 - exp(-T / (r tau))) of it when it is reached at the
-    rate r, and exp(-t / tau) of that after the time t that the error may last.
+    At the set-point T up to torque_Nm that shows it best; a share of T is allowed anyway. A
+    high-pass of the sensor with the time constant tau leaves r tau (1 - exp(-T / (r tau))) of it
+    when it is reached at the rate r, and exp(-t / tau) of that after the time t that the error may
+    last. Their difference is largest at T = r tau ln(exp(-t / tau) / share).
     """
-    tau_s, expected_Nm = highpass_time_constant_s, limits.torque_Nm
-    if tau_s:
-        ramp_Nm = limits.torque_rate_Nm_per_s * tau_s
-        expected_Nm = -ramp_Nm * math.expm1(-limits.torque_Nm / ramp_Nm)
-        expected_Nm *= math.exp(-limits.torque_error_s / tau_s)
-    return expected_Nm - TORQUE_SHARE * limits.torque_Nm
+    tau_s, most_Nm = highpass_time_constant_s, limits.torque_Nm
+    if not tau_s:
+        return (1.0 - TORQUE_SHARE) * most_Nm
+    ramp_Nm, lasting = limits.torque_rate_Nm_per_s * tau_s, math.exp(-limits.torque_error_s / tau_s)
+    if lasting <= TORQUE_SHARE:
+        return 0.0
+    best_Nm = min(ramp_Nm * math.log(lasting / TORQUE_SHARE), most_Nm)
+    return -ramp_Nm * math.expm1(-best_Nm / ramp_Nm) * lasting - TORQUE_SHARE * best_Nm
 
 
 def what_is_dead_is_beyond_its_limit(config: Sections) -> Iterator[str]:
-    """A drive without any current, and a sensor at zero that passes the mean, trip at full torque.
+    """A drive without any current trips at full current, and a sensor at zero at full torque.
 
-    Of three currents 120 degrees apart the largest is at least DEAD_PHASE of their amplitude.
+    Of three currents 120 degrees apart the largest is at least DEAD_PHASE of their amplitude. What
+    a high-pass hides of the torque, and limits below those, is for `motord check` to name.
     """
     limits = config.limits
     most_A = DEAD_PHASE * limits.current_A
-    if limits.greatest_current_error_A >= most_A:
+    if not is_below(limits.greatest_current_error_A, most_A):
         yield (
             f"[limits] current_error_A = {limits.current_error_A:g} is too large: a drive without "
             f"any current would seem to follow current_A = {limits.current_A:g}; make it less than "
-            f"{most_A:.4g}"
+            f"{rounded_down(most_A):g}"
         )
     most_Nm = dead_sensor_error_Nm(limits, 0.0)
-    if limits.greatest_torque_error_Nm >= most_Nm:
+    if not is_below(limits.greatest_torque_error_Nm, most_Nm):
         yield (
             f"[limits] torque_error_Nm = {limits.torque_error_Nm:g} is too large: a torque sensor "
             f"that stays at zero would seem to show torque_Nm = {limits.torque_Nm:g}, of which a "
-            f"fifth is allowed besides; make it less than {most_Nm:.4g}"
+            f"fifth is allowed besides; make it less than {rounded_down(most_Nm):g}"
         )
 
 

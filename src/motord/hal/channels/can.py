@@ -5,7 +5,8 @@ import time
 
 from motord.config import CanBusConfig, ChannelConfig, ConfigError
 from motord.config.channel_sources import CanSource
-from motord.config.timing import INTERVALS_MIN, is_below
+from motord.config.rules.bounds import is_below
+from motord.config.timing import INTERVALS_MIN
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import CanBus
