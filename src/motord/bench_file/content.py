@@ -23,8 +23,8 @@ Ask = Callable[[Question, str], str]
 SMALL = 1 / 3
 """Of the rated torque, to begin with."""
 
-LEAST_ERROR = 0.1
-"""Of the torque, below which an error of it may be that of a sound sensor."""
+LEAST_ERROR = 0.2
+"""Of the torque, to begin with 7 % of the rated one: a smaller error may be cogging torque."""
 
 
 def adapt(
