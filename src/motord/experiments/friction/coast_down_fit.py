@@ -1,15 +1,16 @@
 """The linear fit of coast-downs of one direction, and which orders of cogging torque it has."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from motord.config import MotorConfig
 from motord.experiments.friction.coast_down import CoastDown
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, beyond_own
 from motord.identification import IdentifyError
-from motord.identification.cluster_robust_ls import LEAST_TURNS, ClusterFit, Regressors
+from motord.identification.cluster_robust_ls import Regressors
 from motord.identification.orders import allowed_orders
 
 SHAFT_ORDERS = (1, 2)
@@ -38,9 +39,6 @@ LEAST_STRIBECK = 0.05
 
 STRIBECK_ROUNDS = 3
 
-OWN = 2
-"""Columns that each coast-down has of its own: Coulomb and viscous friction."""
-
 
 @dataclass(frozen=True)
 class CoastDownFit:
@@ -55,7 +53,7 @@ class CoastDownFit:
     values: np.ndarray
     columns: np.ndarray
     cluster: np.ndarray
-    fit: ClusterFit
+    fit: TwoStepFit
 
     @classmethod
     def of(
@@ -77,13 +75,22 @@ class CoastDownFit:
             more = [one.projected(part) for one, part in zip(coasts, parts, strict=True)]
             columns = np.hstack([columns, np.concatenate(more)])
         cluster = np.repeat(np.arange(len(coasts)), [one.t_s.size for one in coasts])
-        fit = _cluster_robust(columns, cluster, values)
-        rests = np.split(fit.rest, np.flatnonzero(np.diff(cluster)) + 1)
+        fit = TwoStepFit.of(columns, cluster, values)
+        group = cls(coasts, order, tuple(q_rad), values, columns, cluster, fit)
         fitted = tuple(
             (1 - RELAXATION) * q + RELAXATION * (one.q_rad - rest)
-            for (one, q), rest in zip(pairs, rests, strict=True)
+            for (one, q), rest in zip(pairs, group.split(fit.own_rest), strict=True)
         )
-        return cls(coasts, order, fitted, values, columns, cluster, fit)
+        return replace(group, q_rad=fitted)
+
+    @property
+    def first(self) -> np.ndarray:
+        """Return the first row of each coast-down (g,)."""
+        return np.flatnonzero(np.diff(self.cluster, prepend=-1))
+
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return values (n,), rows of all coast-downs, of each."""
+        return np.split(values, self.first[1:])
 
     def settled(self, at_rad_s: float) -> "CoastDownFit":
         """Return the fit with its own angle within the integrals."""
@@ -107,7 +114,9 @@ class CoastDownFit:
     def gain(self, order: int) -> float:
         """Return by how much the Bayesian information criterion falls with one more order."""
         pairs = zip(self.coasts, self.q_rad, strict=True)
-        more = np.concatenate([c.projected(c.twice(np.array([order]), q)[:, 2:]) for c, q in pairs])
+        more = np.concatenate(
+            [c.projected(c.twice(np.array([order]), q)[:, OWN:]) for c, q in pairs]
+        )
         return self.gain_with(more)
 
     def gain_with(self, more: np.ndarray) -> float:
@@ -117,26 +126,22 @@ class CoastDownFit:
         Each coast-down has Coulomb and viscous friction of its own here: what friction differs by
         from one to the next is no white noise, and other columns would seem to explain it.
         """
-        shared = self.columns[:, OWN:]
-        columns, values = beyond_own(
-            self.columns[:, :OWN],
-            np.hstack([shared, more]),
-            self.values,
-            np.flatnonzero(np.diff(self.cluster, prepend=-1)),
-        )
-        wider = Regressors.of(columns, self.cluster).fit(values).rest
-        rest = values
-        if shared.shape[1]:
-            rest = Regressors.of(columns[:, : shared.shape[1]], self.cluster).fit(values).rest
-        n = values.size
-        return float(n * np.log((rest @ rest) / (wider @ wider)) - 2 * np.log(n))
+        n = self.values.size
+        return float(n * np.log(self._misfit() / self._misfit(more)) - 2 * np.log(n))
+
+    def _misfit(self, more: np.ndarray | None = None) -> float:
+        """Return the squares that a fit with own friction leaves, with more columns (n, m)."""
+        columns = self.columns if more is None else np.hstack([self.columns, more])
+        common, values = beyond_own(columns[:, :OWN], columns[:, OWN:], self.values, self.first)
+        rest = Regressors.of(common, self.cluster).fit(values).rest
+        return float(rest @ rest)
 
     def with_stribeck(
         self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float = 0.0
-    ) -> ClusterFit:
+    ) -> TwoStepFit:
         """Fit a Stribeck part of w_s `at_rad_s`, too; with `scale` (S/J) w_s is free around it."""
         columns = self.and_stribeck(speeds_rad_s, at_rad_s, scale)
-        return _cluster_robust(columns, self.cluster, self.values)
+        return TwoStepFit.of(columns, self.cluster, self.values)
 
     def and_stribeck(
         self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
@@ -150,8 +155,8 @@ class CoastDownFit:
         """Return the w_s that fits best, near the best of those `tried` (n,), rising."""
 
         def misfit(at_rad_s: float) -> float:
-            rest = self.with_stribeck(speeds_rad_s, at_rad_s).rest
-            return float(rest @ rest)
+            columns = self.and_stribeck(speeds_rad_s, at_rad_s, 0.0)
+            return self._misfit(columns[:, self.columns.shape[1] :])
 
         best = int(np.argmin([misfit(float(at)) for at in tried]))
         bounds = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
@@ -211,28 +216,3 @@ def _apparent_stribeck(group: CoastDownFit) -> float:
     best = group.best_stribeck(speeds, tried)
     more = group.and_stribeck(speeds, best, 0.0)[:, group.columns.shape[1] :]
     return best if group.gain_with(more) > 0 else 0.0
-
-
-def beyond_own(
-    own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what each coast-down's own columns do not explain of the others and of the values."""
-    left = []
-    for rows in np.split(np.arange(values.size), first[1:]):
-        q = np.linalg.qr(own[rows])[0]
-        both = np.column_stack([common[rows], values[rows]])
-        left.append(both - q @ (q.T @ both))
-    every = np.concatenate(left)
-    return every[:, :-1], every[:, -1]
-
-
-def _cluster_robust(columns: np.ndarray, cluster: np.ndarray, values: np.ndarray) -> ClusterFit:
-    """Return the fit with the covariance of how the coast-downs differ alone, if they are enough.
-
-    That of white noise is no lower limit for it: the encoder's rounding changes from sample to
-    sample, and moves a fit of smooth columns less.
-    """
-    regressors = Regressors.of(columns, cluster)
-    if regressors.first.size < LEAST_TURNS:
-        return regressors.fit(values)
-    return regressors.fit_bias_reduced(values)

@@ -31,8 +31,8 @@ from motord.experiments.friction.result import (
     Stribeck,
     Windage,
 )
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit
 from motord.identification import IdentifyError
-from motord.identification.cluster_robust_ls import BiasReducedFit, ClusterFit
 from motord.intervals import SERIOUS_BIAS, coverage_factor, t_quantile
 
 LEAST_COAST_DOWNS = 3
@@ -72,7 +72,7 @@ class _StatedFit:
     """
 
     group: CoastDownFit
-    fit: ClusterFit
+    fit: TwoStepFit
     lack: WindageFit
     at_rad_s: float
     quantile: np.ndarray
@@ -90,9 +90,7 @@ class _StatedFit:
         if at_rad_s:
             fit = group.with_stribeck(speeds, at_rad_s, scale)
         lack = lack_of_fit(group, speeds, at_rad_s, scale)
-        quantile = np.array(
-            [_quantile(group, fit, 0.975, one) for one in np.eye(fit.solution.size)]
-        )
+        quantile = np.array([_quantile(fit, 0.975, one) for one in np.eye(fit.solution.size)])
         stated = quantile * np.sqrt(np.diag(fit.covariance))
         half = lack.widened(stated, np.eye(stated.size))
         return cls(group, fit, lack, at_rad_s, quantile, stated, half)
@@ -119,7 +117,7 @@ class _StatedFit:
     def cogging(self, inertia: Inertia) -> tuple[CoggingLine, ...]:
         """Return the orders that are fitted along."""
         orders = self.group.orders
-        parts = inertia.kg_m2 * self.fit.solution[2 : 2 + 2 * orders.size].reshape(-1, 2)
+        parts = inertia.kg_m2 * self.fit.solution[OWN : OWN + 2 * orders.size].reshape(-1, 2)
         lines = zip(orders, np.hypot(*parts.T), strict=True)
         return tuple(CoggingLine(int(order), float(line)) for order, line in lines)
 
@@ -170,23 +168,18 @@ def _search_stribeck(
     part = np.array([fit.solution[-1] for fit in fits])
     stderr = np.sqrt([fit.covariance[-1, -1] for fit in fits])
     last = np.eye(fits[0].solution.size)[-1]
-    quantile = np.array([_quantile(group, fit, 0.975, last) for fit in fits])
+    quantile = np.array([_quantile(fit, 0.975, last) for fit in fits])
     upper = (np.maximum(part, 0.0) + quantile * stderr) * np.exp(-((low / tried) ** 2))
-    best = int(np.argmin([fit.rest @ fit.rest for fit in fits]))
-    least = _quantile(group, fits[best], 1 - STRIBECK_LEVEL / STRIBECK_SPEEDS, last)
+    best = int(np.argmin([fit.own_rest @ fit.own_rest for fit in fits]))
+    least = _quantile(fits[best], 1 - STRIBECK_LEVEL / STRIBECK_SPEEDS, last)
     if part[best] < least * stderr[best]:
         return 0.0, float(upper.max())
     return group.best_stribeck(speeds, tried), float(upper.max())
 
 
-def _quantile(
-    group: CoastDownFit, fit: ClusterFit, probability: float, contrast: np.ndarray
-) -> float:
+def _quantile(fit: TwoStepFit, probability: float, contrast: np.ndarray) -> float:
     """Return the quantile of Student's t for contrast (p,) times the solution of a fit."""
-    freedom = float(len(group.coasts) - 1)
-    if isinstance(fit, BiasReducedFit):
-        freedom = min(fit.freedom(contrast), freedom)
-    return t_quantile(probability, freedom)
+    return t_quantile(probability, fit.freedom(contrast))
 
 
 def _interval(value: float, half: float) -> tuple[float, float, float]:
@@ -222,14 +215,14 @@ def _curve(
 def _curve_point(found: _StatedFit, speed_rad_s: float, inertia: Inertia, sign: int) -> CurvePoint:
     fit, at_rad_s, j = found.fit, found.at_rad_s, inertia.kg_m2
     weights = np.zeros(fit.solution.size)
-    weights[:2] = 1.0, speed_rad_s
+    weights[:OWN] = 1.0, speed_rad_s
     seen = fit.solution.copy()
     if at_rad_s:
         ratio = (speed_rad_s / at_rad_s) ** 2
         weights[-2:] = np.exp(-ratio) * np.array([1.0, fit.solution[-2] * 2 * ratio / at_rad_s])
         seen[-1] = 0.0  # a change of w_s, of which there is none at the best
     value = float(weights @ seen)
-    quantile = _quantile(found.group, fit, 0.975, weights)
+    quantile = _quantile(fit, 0.975, weights)
     half = quantile * float(np.sqrt(weights @ fit.covariance @ weights))
     half = float(found.lack.widened(half, weights, direct=speed_rad_s**2))
     of_inertia = inertia.relative_uncertainty * value
@@ -240,10 +233,9 @@ def _curve_point(found: _StatedFit, speed_rad_s: float, inertia: Inertia, sign: 
 
 
 def _coast_fits(
-    group: CoastDownFit, fit: ClusterFit, speeds: Sequence[np.ndarray]
+    group: CoastDownFit, fit: TwoStepFit, speeds: Sequence[np.ndarray]
 ) -> tuple[CoastFit, ...]:
-    edges = np.cumsum([one.t_s.size for one in group.coasts])[:-1]
     return tuple(
         CoastFit(one.t_s, one.q_rad, speed, rest)
-        for one, speed, rest in zip(group.coasts, speeds, np.split(fit.rest, edges), strict=True)
+        for one, speed, rest in zip(group.coasts, speeds, group.split(fit.rest), strict=True)
     )

@@ -6,9 +6,7 @@ from math import hypot, pi, sqrt
 from motord.config import MotorConfig
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.findings import Finding
-
-FEW_COAST_DOWNS = 6
-"""Coast-downs of a direction from which on the errors are taken from how they differ."""
+from motord.identification.cluster_robust_ls import LEAST_TURNS
 
 RESIDUAL_COUNTS = 2.0
 """RMS of the residual, in that of the encoder's rounding, above which the model is not enough."""
@@ -29,9 +27,9 @@ def findings(
 def _of_direction(
     one: DirectionalFriction, motor: MotorConfig, inertia: Inertia
 ) -> Iterator[Finding]:
-    if one.coast_downs < FEW_COAST_DOWNS:
+    if one.coast_downs < LEAST_TURNS:
         yield Finding(
-            "few coast-downs", one.coast_downs, FEW_COAST_DOWNS, "coast-downs", "warning",
+            "few coast-downs", one.coast_downs, LEAST_TURNS, "coast-downs", "warning",
             f"{one.direction}: what differs between coast-downs is not in the intervals",
             "raise repeats",
         )  # fmt: skip

@@ -4,7 +4,7 @@ How coast-downs differ says nothing of what the model lacks in all of them alike
 s W q'^2. Next to a Coulomb and a viscous part of its own each coast-down gives a coefficient
 W_g/J; their mean, by information, is tested by t with one degree of freedom less than there are
 coast-downs. Friction that differs from one to the next does not matter to it. What a column x of
-coefficient W/J, left out, adds to the fitted figures is X^+ x W/J.
+coefficient W/J, left out, adds to the fitted figures is what the fit makes of x W/J as values.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.friction.coast_down_fit import OWN, CoastDownFit, beyond_own
-from motord.identification.cluster_robust_ls import Regressors
+from motord.experiments.friction.coast_down_fit import CoastDownFit
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, beyond_own
 from motord.intervals import t_quantile
 
 LEVEL = 0.002
@@ -74,9 +74,8 @@ def lack_of_fit(
     if at_rad_s:
         columns = group.and_stribeck(speeds_rad_s, at_rad_s, scale)
     square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
-    narrow = Regressors.of(columns, group.cluster)
     own = np.column_stack([columns[:, :OWN], square])
-    coefficients, information = _of_each(own, columns[:, OWN:], group.values, narrow.first)
+    coefficients, information = _of_each(own, columns[:, OWN:], group.values, group.first)
     weight = information / information.sum()
     mean = float(weight @ coefficients)
     number = len(group.coasts)
@@ -88,7 +87,7 @@ def lack_of_fit(
         mean,
         t_quantile(1 - LEVEL / 2, number - 1) * stderr,
         t_quantile(0.975, number - 1) * stderr,
-        -narrow.inverse @ (columns.T @ square),
+        -TwoStepFit.of(columns, group.cluster, square).solution,
     )
 
 
@@ -102,10 +101,9 @@ def windage_instead(
     pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
     square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
     stribeck = group.and_stribeck(speeds_rad_s, at_rad_s, scale)
-    first = np.flatnonzero(np.diff(group.cluster, prepend=-1))
     left = []
     for columns in (np.column_stack([group.columns, square]), stribeck):
-        rest, values = beyond_own(columns[:, :OWN], columns[:, OWN:], group.values, first)
+        rest, values = beyond_own(columns[:, :OWN], columns[:, OWN:], group.values, group.first)
         shared = np.linalg.lstsq(rest, values)[0]
         left.append(max(float(((values - rest @ shared) ** 2).sum()), 1e-300))
     number = group.values.size
