@@ -4,10 +4,11 @@
 
 Errors may be correlated in any way within a turn, not between turns.
 
-With few clusters that is too small: what is left of a cluster e_g is smaller than its errors by the
-cluster's leverage H_g = X_g (X' X)^-1 X_g'. `BiasReducedFit` takes (I - H_g)^-1/2 e_g in its place
-(bias-reduced linearisation, CR2), with Satterthwaite's degrees of freedom for errors that are
-independent (Bell and McCaffrey 2002).
+Where the leverages H_g = X_g (X' X)^-1 X_g' of few clusters differ, that is too small: what is left
+of a cluster, e_g, is the smaller the more the cluster weighs. `BiasReducedFit` takes
+(I - H_g)^-1/2 e_g in its place (bias-reduced linearisation, CR2), with Satterthwaite's degrees of
+freedom (Bell and McCaffrey 2002). Both follow from a working model, errors that are independent.
+What one cluster alone determines leaves nothing; it has the variance of white noise.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ both counts, which white noise makes a little too wide, and coloured noise does 
 
 LEAST_LEFT = 1e-8
 """Share of a column that other clusters determine, below which a cluster alone determines it: what
-the fit leaves there is nothing, and says nothing of the errors."""
+the fit leaves there is nothing and says nothing of the errors, which are taken for white noise."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +43,24 @@ class BiasReducedFit(ClusterFit):
     """A fit with bias-reduced cluster-robust covariance (CR2).
 
     Columns are times root (p, p), a root of (X' X)^-1; of these, leverage (g, p, p) is X_g' X_g,
-    and adjustment (g, p, p) what (I - H_g)^-1/2 makes of them.
+    and adjustment (g, p, p) what (I - H_g)^-1/2 makes of them. alone (m, p): directions of the
+    solution that one cluster alone determines, as far as white noise moves them.
     """
 
     root: np.ndarray
     leverage: np.ndarray
     adjustment: np.ndarray
+    alone: np.ndarray
 
     def freedom(self, contrast: np.ndarray) -> float:
         """Return Satterthwaite's degrees of freedom of contrast (p,) times the solution."""
         weights = self.adjustment @ (self.root.T @ contrast)
         crossed = np.einsum("gij,gj->gi", self.leverage, weights)
         form = np.diag(np.einsum("gi,gi->g", weights, crossed)) - crossed @ crossed.T
-        return float(np.trace(form) ** 2 / max(float((form**2).sum()), 1e-300))
+        white = float(((self.alone @ contrast) ** 2).sum())
+        of_noise = max(self.rest.size - self.solution.size, 1)
+        squares = float((form**2).sum()) + white**2 / of_noise
+        return float((np.trace(form) + white) ** 2 / max(squares, 1e-300))
 
 
 @dataclass(frozen=True)
@@ -108,13 +114,15 @@ class Regressors:
         leverage = np.array([part.T @ part for part in parts])
         shares, axes = np.linalg.eigh(leverage)
         left = 1.0 - shares
-        factor = np.where(left > LEAST_LEFT, np.maximum(left, LEAST_LEFT) ** -0.5, 0.0)
+        known = left > LEAST_LEFT
+        factor = np.where(known, np.maximum(left, LEAST_LEFT) ** -0.5, 0.0)
         adjustment = np.einsum("gik,gk,gjk->gij", axes, factor, axes)
         scores = [part.T @ fit.rest[a:b] for part, (a, b) in zip(parts, edges, strict=True)]
         influence = root @ np.einsum("gij,gj->ig", adjustment, np.array(scores))
-        covariance = influence @ influence.T
+        alone = np.swapaxes(axes, 1, 2)[~known] @ root.T
+        covariance = influence @ influence.T + fit.noise**2 * alone.T @ alone
         return BiasReducedFit(
-            fit.solution, covariance, fit.rest, fit.noise, root, leverage, adjustment
+            fit.solution, covariance, fit.rest, fit.noise, root, leverage, adjustment, alone
         )
 
     def one_more(self, fit: ClusterFit, column: np.ndarray) -> tuple[float, float]:

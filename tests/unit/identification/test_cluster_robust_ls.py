@@ -33,10 +33,17 @@ def test_covariance_and_freedom_are_those_of_bell_and_mccaffrey() -> None:
         assert found.freedom(contrast) == pytest.approx(sizes.sum() ** 2 / (sizes**2).sum())
 
 
-def test_what_one_cluster_alone_determines_is_finite() -> None:
+@pytest.mark.parametrize("second", [np.arange(24.0), np.ones(24)], ids=["ramp", "dummy"])
+def test_what_one_cluster_alone_determines_has_the_variance_of_white_noise(
+    second: np.ndarray,
+) -> None:
     cluster = np.repeat(np.arange(6), 4)
-    columns = np.column_stack([np.ones(24), (cluster == 2) * np.arange(24.0)])
-    values = np.random.default_rng(1).standard_normal(24)
-    found = Regressors.of(columns, cluster).fit_bias_reduced(values)
-    assert np.isfinite(found.covariance).all()
-    assert all(np.isfinite(found.freedom(contrast)) for contrast in np.eye(2))
+    columns = np.column_stack([np.ones(24), (cluster == 2) * second])
+    regressors = Regressors.of(columns, cluster)
+    # the covariance is quadratic in the values, so of white noise the mean is a sum over samples
+    each = [regressors.fit_bias_reduced(one) for one in np.eye(24)]
+    stated = np.diag(sum(one.covariance for one in each))
+    true = np.diag(np.linalg.inv(columns.T @ columns))
+    assert (stated > 0.5 * true).all()
+    most = 5 + 22  # of six clusters and of the noise
+    assert all(1 <= each[0].freedom(contrast) <= most for contrast in np.eye(2))
