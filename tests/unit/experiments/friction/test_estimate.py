@@ -7,11 +7,12 @@ import pytest
 
 from motord.experiments.analysis import encode
 from motord.experiments.friction.coast_down import CoastDown
+from motord.experiments.friction.coast_down_fit import fitted
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor, freedom_of
 from tests.campaigns.friction import ROTORS, coverage, recordings, trial
-from tests.unit.experiments.friction.coasting import INERTIA, Rotor, coast_downs, friction
+from tests.unit.experiments.friction.coasting import INERTIA, MOTOR, Rotor, coast_downs, friction
 
 STRIBECK = Rotor(stribeck_Nm=0.02, cogging=((16, 0.002, 0.0),))
 
@@ -131,10 +132,22 @@ def test_each_point_of_the_curve_has_its_standard_uncertainty(
         of_inertia = relative_uncertainty * point.torque_Nm
         of_fit = np.sqrt(point.stderr_Nm**2 - of_inertia**2)
         half = (point.high_Nm - point.low_Nm) / 2
-        # Satterthwaite's degrees of freedom: fewer than the five that six coast-downs have at most
+        # Satterthwaite's degrees of freedom: the five that six coast-downs have are the most
         low, high = (np.hypot(coverage_factor(n) * of_fit, k * of_inertia) for n in (5, 3))
         assert low * (1 - 1e-6) < half < high
     assert encode(one.curve[0])["stderr_Nm"] == one.curve[0].stderr_Nm
+
+
+def test_the_curve_has_the_degrees_of_freedom_of_its_fit() -> None:
+    coasts = coast_downs(
+        np.random.default_rng(7), Rotor(cogging=()), 6, start_rad_s=8.0, stop_rad_s=0.6
+    )
+    (one,) = friction(coasts).directions
+    group, _ = fitted(tuple(coasts), MOTOR)
+    of_fit = [group.fit.freedom(np.array([1.0, point.speed_rad_s])) for point in one.curve]
+    stated = [freedom_of((p.high_Nm - p.low_Nm) / 2, p.stderr_Nm) for p in one.curve]
+    assert stated == pytest.approx(of_fit, rel=1e-6)
+    assert min(of_fit) < 4.8
 
 
 def test_the_curve_holds_the_truth_as_often_as_it_says() -> None:
@@ -142,10 +155,9 @@ def test_the_curve_holds_the_truth_as_often_as_it_says() -> None:
     rng, held = np.random.default_rng(17), []
     for _ in range(20):
         (one,) = friction(coast_downs(rng, Rotor(cogging=()), 8)).directions
-        t = coverage_factor(7)
         held.append(
             [
-                abs(point.torque_Nm - 0.03 - 0.002 * point.speed_rad_s) < t * point.stderr_Nm
+                holds(point.low_Nm, 0.03 + 0.002 * point.speed_rad_s, point.high_Nm)
                 for point in one.curve
             ]
         )
