@@ -139,7 +139,7 @@ def _sweep(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
 
 @jit
 def _plausible_jump_rad(p: np.record, dt_s: float) -> float:
-    return min(p.encoder_jump_rad * max(dt_s / STEADY_S, 1.0), JUMP_MAX_RAD)
+    return float(min(p.encoder_jump_rad * max(dt_s / STEADY_S, 1.0), JUMP_MAX_RAD))
 
 
 @jit
