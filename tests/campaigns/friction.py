@@ -23,7 +23,7 @@ BIAS_MAX = 0.3
 
 ROTORS = {
     "no cogging torque": (Rotor(cogging=()), 0.99),
-    "cogging torque": (Rotor(), 1.0),  # it is fitted along, and intervals are too wide by half
+    "cogging torque": (Rotor(), 1.0),  # it is fitted along, and intervals are wider than needed
 }
 """Rotors, and the largest share of intervals that may hold the truth."""
 

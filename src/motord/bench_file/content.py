@@ -150,7 +150,7 @@ def _torque_error_Nm(tables: Tables) -> float:
     )
     sensor = check_table(TorqueSensorConfig, "torque_sensor", tables["torque_sensor"])
     dead_Nm = dead_sensor_error_Nm(limits, sensor.highpass_time_constant_s)
-    if dead_Nm < LEAST_ERROR * torque_Nm:
+    if 0.9 * dead_Nm < LEAST_ERROR * torque_Nm:
         dead_Nm = dead_sensor_error_Nm(limits, 0.0)
     return _three_digits(0.9 * dead_Nm)
 

@@ -30,6 +30,10 @@ SLOW = 0.25
 """Part of a plausible jump by which a rotor may turn in a time constant of the filter, for the
 filter to start at the speed 0: the rest is left to the encoder's counts."""
 
+UNAMBIGUOUS_RAD = 0.75 * math.pi
+"""At the speed limit a rotor turns by less between samples that tell its direction: one that is
+well beyond the limit is not taken for a slow one."""
+
 ACQUISITION = 3.0
 """Time constants of the filter over which the mean speed of a faster rotor is taken: by then the
 encoder's counts move it by no more than they move the filter's speed."""
@@ -121,17 +125,20 @@ def _acquire(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
 def _sweep(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
     """Add to the angle swept by samples that follow each other, or begin anew with the last step.
 
-    They follow each other within RESTART_S, at most JUMP_MAX_RAD apart, as the mean speed of the
-    sweep explains: a step from a sample that was wrong to one that is right is none of the rotor's.
+    They follow each other if the speed limit turns the rotor by no more than UNAMBIGUOUS_RAD in
+    between, at most JUMP_MAX_RAD apart, as the mean speed of the sweep explains: a step from a
+    sample that was wrong to one that is right is none of the rotor's. That mean is of two samples
+    each of which may be off by a plausible jump.
     """
     turned_rad = wrap_difference(angle_rad - m.seen_rad)
     since_s = (t_ns - m.seen_ns) * 1e-9
     before_s = (m.seen_ns - m.swept_from_ns) * 1e-9
-    if not 0.0 < since_s <= RESTART_S or abs(turned_rad) > JUMP_MAX_RAD:
+    ambiguous = since_s * p.trip_speed_rad_s > UNAMBIGUOUS_RAD or since_s > RESTART_S
+    if since_s <= 0.0 or ambiguous or abs(turned_rad) > JUMP_MAX_RAD:
         m.swept_rad, m.swept_from_ns = 0.0, t_ns
     else:
         explained_rad = m.swept_rad / before_s * since_s if before_s > 0.0 else turned_rad
-        if abs(turned_rad - explained_rad) > _plausible_jump_rad(p, since_s):
+        if abs(turned_rad - explained_rad) > min(2 * _plausible_jump_rad(p, since_s), JUMP_MAX_RAD):
             m.swept_rad, m.swept_from_ns = 0.0, m.seen_ns
         m.swept_rad += turned_rad
     m.seen_ns, m.seen_rad = t_ns, angle_rad

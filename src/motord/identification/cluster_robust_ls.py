@@ -44,23 +44,31 @@ class BiasReducedFit(ClusterFit):
 
     Columns are times root (p, p), a root of (X' X)^-1; of these, leverage (g, p, p) is X_g' X_g,
     and adjustment (g, p, p) what (I - H_g)^-1/2 makes of them. alone (m, p): directions of the
-    solution that one cluster alone determines, as far as white noise moves them.
+    solution that one cluster alone determines, as far as white noise moves them. influence (p, g):
+    by how much each cluster moves the solution, as what the fit leaves shows.
     """
 
     root: np.ndarray
     leverage: np.ndarray
     adjustment: np.ndarray
     alone: np.ndarray
+    influence: np.ndarray
 
     def freedom(self, contrast: np.ndarray) -> float:
         """Return Satterthwaite's degrees of freedom of contrast (p,) times the solution."""
+        of_noise = max(self.rest.size - self.solution.size, 1)
+        return satterthwaite(self.form(contrast), self.white(contrast), of_noise)
+
+    def form(self, contrast: np.ndarray) -> np.ndarray:
+        """Return what independent errors of variance 1 make of the clusters' influences (g, g)."""
         weights = self.adjustment @ (self.root.T @ contrast)
         crossed = np.einsum("gij,gj->gi", self.leverage, weights)
-        form = np.diag(np.einsum("gi,gi->g", weights, crossed)) - crossed @ crossed.T
-        white = float(((self.alone @ contrast) ** 2).sum())
-        of_noise = max(self.rest.size - self.solution.size, 1)
-        squares = float((form**2).sum()) + white**2 / of_noise
-        return float((np.trace(form) + white) ** 2 / max(squares, 1e-300))
+        own = np.einsum("gi,gi->g", weights, crossed)
+        return np.asarray(np.diag(own) - crossed @ crossed.T)
+
+    def white(self, contrast: np.ndarray) -> float:
+        """Return what they make of what one cluster alone determines."""
+        return float(((self.alone @ contrast) ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,8 @@ class Regressors:
         alone = np.swapaxes(axes, 1, 2)[~known] @ root.T
         covariance = influence @ influence.T + fit.noise**2 * alone.T @ alone
         return BiasReducedFit(
-            fit.solution, covariance, fit.rest, fit.noise, root, leverage, adjustment, alone
+            *(fit.solution, covariance, fit.rest, fit.noise),
+            *(root, leverage, adjustment, alone, influence),
         )
 
     def one_more(self, fit: ClusterFit, column: np.ndarray) -> tuple[float, float]:
@@ -139,6 +148,15 @@ class Regressors:
         return coefficient, white * float(
             _inflation(influence, np.array([white]), self.least_turns)[0]
         ) ** 2
+
+
+def satterthwaite(form: np.ndarray, white: float, of_noise: int) -> float:
+    """Return the degrees of freedom of a variance by clusters, form (g, g), and by noise.
+
+    white: the part by noise, whose own are of_noise.
+    """
+    squares = float((form**2).sum()) + white**2 / of_noise
+    return float((np.trace(form) + white) ** 2 / max(squares, 1e-300))
 
 
 def _inflation(influence: np.ndarray, white: np.ndarray, least_turns: int) -> np.ndarray:

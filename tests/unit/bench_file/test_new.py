@@ -177,7 +177,8 @@ def test_a_high_pass_that_hides_a_dead_torque_sensor_is_named() -> None:
     _, config = bench("serial-bridge", limits__torque_Nm="6", **answers)
     [note] = hidden_faults(config)
     assert "a torque sensor that stays at zero may go unnoticed" in note
-    assert "its high-pass of 0.2 s leaves too little; torque_error_Nm less than" in note
+    assert "its high-pass of 0.2 s leaves too little of the 6 Nm" in note
+    assert re.search(r"torque_error_Nm less than 0\.\d+ or a shorter torque_error_s$", note)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +186,11 @@ def test_a_high_pass_that_hides_a_dead_torque_sensor_is_named() -> None:
     [
         ({"current_error_A": 21.0}, "a drive without any current may go unnoticed"),
         ({"current_error_A": 16.4}, "16.4 A may be missing; current_error_A less than 16.3"),
-        ({"current_A": 12.0, "torque_error_Nm": 4.2}, "current_A lets 3.79 Nm be reached"),
+        (
+            {"current_A": 12.0, "torque_error_Nm": 4.2},
+            "[limits] let no more than 3.79 Nm be reached; what would show it: "
+            "torque_error_Nm less than 3.02",
+        ),
     ],
 )
 def test_what_limits_hide_is_named(changed: dict[str, float], says: str) -> None:
@@ -194,6 +199,26 @@ def test_what_limits_hide_is_named(changed: dict[str, float], says: str) -> None
     sensor = {"highpass_time_constant_s": 0.0}
     tables = {**config.model_dump(exclude_unset=True), "limits": limits, "torque_sensor": sensor}
     assert says in " ".join(hidden_faults(Config.model_validate(tables)))
+
+
+def hidden(**sections: Any) -> str:
+    tables = load(packaged("sim.toml")).model_dump(exclude_unset=True)
+    for name, section in sections.items():
+        tables[name] = {**tables.get(name, {}), **section}
+    return " ".join(hidden_faults(Config.model_validate(tables)))
+
+
+def test_a_high_pass_that_hides_all_has_no_value_that_would_show_it() -> None:
+    note = hidden(torque_sensor={"highpass_time_constant_s": 0.05})
+    assert note.endswith("what would show it: a shorter torque_error_s")
+
+
+@pytest.mark.parametrize("tau_s", [0.0, 2.0])
+def test_a_motor_that_makes_no_torque_at_some_angles_can_be_checked(tau_s: float) -> None:
+    third = {"connection": "star", "back_emf": [{"order": 3, "amplitude_V_s_per_rad": 0.2}]}
+    note = hidden(motor=third, torque_sensor={"highpass_time_constant_s": tau_s})
+    assert "a drive without any current may go unnoticed" in note
+    assert "nothing would show it there" in note
 
 
 def test_what_was_answered_needs_no_check() -> None:

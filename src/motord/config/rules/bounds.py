@@ -11,13 +11,13 @@ def is_below(given: float, least: float) -> bool:
 
 
 def rounded_up(least: float) -> float:
-    """Return a bound in three digits that is not below it."""
+    """Return a bound > 0 in three digits that is not below it."""
     step = _third_digit(least)
     return math.ceil(least / step) * step
 
 
 def rounded_down(most: float) -> float:
-    """Return a bound in three digits that is not above it."""
+    """Return a bound > 0 in three digits that is not above it."""
     step = _third_digit(most)
     return math.floor(most / step * (1.0 + _ROUNDING)) * step
 

@@ -8,9 +8,9 @@ coast-down its own, and then F and b, one of each for all, to what the common co
     c = (Z' Z)^-1 Z' y,    beta = (X' X)^-1 X' (y - C c)
 
 X: columns of F and b, C: the common ones, Z: what is left of C beyond X of each coast-down. What
-friction differs by does not move c, and c moves beta by M = -(X' X)^-1 X' C:
-
-    cov beta = cov of (y - C c on X) + M cov(c) M',    cov(beta, c) = M cov(c)
+friction differs by does not move c, and c moves beta by M = -(X' X)^-1 X' C. So what a coast-down
+has for an influence b on c, and a on the second fit, is a + M b on beta; the covariance is the sum
+of the squares of (a + M b, b) over the coast-downs: errors may be correlated within one in any way.
 """
 
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ from motord.identification.cluster_robust_ls import (
     BiasReducedFit,
     ClusterFit,
     Regressors,
+    satterthwaite,
 )
 
 OWN = 2
@@ -51,10 +52,7 @@ class TwoStepFit(ClusterFit):
         common = _cluster_robust(Regressors.of(free, cluster), free_values)
         friction = _cluster_robust(regressors, values - more @ common.solution)
         through = -regressors.inverse @ (own.T @ more)
-        moved = through @ common.covariance
-        covariance = np.block(
-            [[friction.covariance + moved @ through.T, moved], [moved.T, common.covariance]]
-        )
+        covariance = _covariance(friction, common, through)
         solution = np.concatenate([friction.solution, common.solution])
         return cls(
             solution, covariance, friction.rest, friction.noise,
@@ -64,17 +62,15 @@ class TwoStepFit(ClusterFit):
     def freedom(self, contrast: np.ndarray) -> float:
         """Return the degrees of freedom of contrast (p,) times the solution.
 
-        Those of both steps by Welch and Satterthwaite, at most one less than coast-downs.
+        Satterthwaite's of both steps, at most one less than coast-downs.
         """
-        most = float(self.clusters - 1)
-        first = contrast[OWN:] + self.through.T @ contrast[:OWN]
-        total = squares = 0.0
-        for fit, weights in ((self.friction, contrast[:OWN]), (self.common, first)):
-            variance = float(weights @ fit.covariance @ weights)
-            if variance > 0:
-                of_fit = fit.freedom(weights) if isinstance(fit, BiasReducedFit) else most
-                total, squares = total + variance, squares + variance**2 / of_fit
-        return min(total**2 / squares, most) if squares else most
+        most, friction, common = float(self.clusters - 1), self.friction, self.common
+        if not (isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit)):
+            return most
+        own, first = contrast[:OWN], contrast[OWN:] + self.through.T @ contrast[:OWN]
+        form = friction.form(own) + common.form(first)
+        white = friction.white(own) + common.white(first)
+        return min(satterthwaite(form, white, self.rest.size - self.solution.size), most)
 
 
 def beyond_own(
@@ -91,6 +87,20 @@ def beyond_own(
         left.append(both - q @ (q.T @ both))
     every = np.concatenate(left)
     return every[:, :-1], every[:, -1]
+
+
+def _covariance(friction: ClusterFit, common: ClusterFit, through: np.ndarray) -> np.ndarray:
+    """Return the covariance (p, p) of both steps; of few coast-downs, that of white noise."""
+    if isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit):
+        moved = through @ common.influence
+        influence = np.vstack([friction.influence + moved, common.influence])
+        nothing = np.zeros((len(friction.alone), common.solution.size))
+        first = friction.noise * np.hstack([friction.alone, nothing])
+        second = common.noise * np.hstack([common.alone @ through.T, common.alone])
+        return np.asarray(influence @ influence.T + first.T @ first + second.T @ second)
+    moved = through @ common.covariance
+    both = [[friction.covariance + moved @ through.T, moved], [moved.T, common.covariance]]
+    return np.block(both)
 
 
 def _cluster_robust(regressors: Regressors, values: np.ndarray) -> ClusterFit:
