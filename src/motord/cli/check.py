@@ -10,17 +10,12 @@ from motord.cli.common_options import AsJson, BenchFile
 from motord.cli.console import explain_first_run, fail, print_result
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
-
-    import numpy as np
 
     from motord.config import ChannelConfig, Config
     from motord.hal.channel_source import ChannelSource
 
 LOOK_S = 0.02
-LEAST_CURRENT = 0.02
-"""Of [limits] current_A: a smaller error is noise."""
 IN_USE = "in use: by a daemon that runs, or another program"
 Finding = dict[str, Any]
 
@@ -41,6 +36,7 @@ def check(
     Nothing is enabled or set.
     """
     from motord.config import load
+    from motord.config.rules.hidden_faults import hidden_faults
 
     bench = load(config)
     explain_first_run(silent=as_json)
@@ -77,60 +73,6 @@ def probe_devices(bench: "Config") -> list[Finding]:
             ]
     except RunDirError as error:
         return [{"what": "devices", "ok": False, "message": str(error)}]
-
-
-def hidden_faults(bench: "Config") -> list[str]:
-    """Return which dead sensor or drive may go unnoticed by these limits, and what would show it.
-
-    Neither is wrong: a gentle ramp, a low limit or a sensor's high-pass leave little to see.
-    """
-    currents_A = bench.motor.largest_currents_A(bench.limits.torque_Nm)
-    return [*_hidden_drive(bench, currents_A), *_hidden_torque_sensor(bench, currents_A)]
-
-
-def _hidden_drive(bench: "Config", currents_A: "np.ndarray") -> "Iterator[str]":
-    from motord.config.rules.bounds import rounded_down
-
-    limits, least_A = bench.limits, min(float(currents_A.min()), bench.limits.current_A)
-    if limits.greatest_current_error_A < least_A:
-        return
-    shown = "nothing would show it there"
-    if least_A > LEAST_CURRENT * limits.current_A:
-        shown = f"current_error_A less than {rounded_down(least_A):g} would show it"
-    yield (
-        f"a drive without any current may go unnoticed: [limits] torque_Nm takes no more than "
-        f"{least_A:.3g} A at some angles, and {limits.greatest_current_error_A:g} A may be "
-        f"missing; {shown}"
-    )
-
-
-def _hidden_torque_sensor(bench: "Config", currents_A: "np.ndarray") -> "Iterator[str]":
-    from motord.config.rules.bounds import rounded_down
-    from motord.config.rules.interlocks import dead_sensor_error_Nm
-
-    limits, tau_s = bench.limits, bench.torque_sensor.highpass_time_constant_s
-    most_A = max(float(currents_A.max()), limits.current_A)
-    reached_Nm = limits.torque_Nm * limits.current_A / most_A
-    reached = limits.model_copy(update={"torque_Nm": reached_Nm})
-    dead_Nm = dead_sensor_error_Nm(reached, tau_s)
-    if limits.greatest_torque_error_Nm < dead_Nm:
-        return
-    at_once = reached.model_copy(update={"torque_rate_Nm_per_s": 1e12})
-    remedies = [f"torque_error_Nm less than {rounded_down(dead_Nm):g}"] if dead_Nm > 0.0 else []
-    if tau_s:
-        if limits.greatest_torque_error_Nm < dead_sensor_error_Nm(at_once, tau_s):
-            remedies.append("a faster torque_rate_Nm_per_s")
-        remedies.append("a shorter torque_error_s")
-    cause = f"[limits] let no more than {reached_Nm:.3g} Nm be reached"
-    if tau_s:
-        cause = (
-            f"its high-pass of {tau_s:g} s leaves too little of the {reached_Nm:.3g} Nm that "
-            f"[limits] let be reached at {limits.torque_rate_Nm_per_s:g} Nm/s"
-        )
-    yield (
-        f"a torque sensor that stays at zero may go unnoticed: {cause}; what would show it: "
-        + " or ".join(remedies)
-    )
 
 
 def probe_endpoints(bench: "Config") -> Finding:

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from motord.config.timing import JUMP_MAX_RAD, STEADY_S
+from motord.config.timing import JUMP_MAX_RAD, SAMPLE_TIME_S, STEADY_S
 from motord.control.states import STATE
 from motord.jit import jit
 
@@ -127,8 +127,7 @@ def _sweep(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
 
     They follow each other if the speed limit turns the rotor by no more than UNAMBIGUOUS_RAD in
     between, at most JUMP_MAX_RAD apart, as the mean speed of the sweep explains: a step from a
-    sample that was wrong to one that is right is none of the rotor's. That mean is of two samples
-    each of which may be off by a plausible jump.
+    sample that was wrong to one that is right is none of the rotor's. Of the times, all may be off.
     """
     turned_rad = wrap_difference(angle_rad - m.seen_rad)
     since_s = (t_ns - m.seen_ns) * 1e-9
@@ -138,7 +137,8 @@ def _sweep(p: np.record, m: np.record, t_ns: int, angle_rad: float) -> None:
         m.swept_rad, m.swept_from_ns = 0.0, t_ns
     else:
         explained_rad = m.swept_rad / before_s * since_s if before_s > 0.0 else turned_rad
-        if abs(turned_rad - explained_rad) > min(2 * _plausible_jump_rad(p, since_s), JUMP_MAX_RAD):
+        off_rad = _plausible_jump_rad(p, since_s) + 2 * SAMPLE_TIME_S * p.trip_speed_rad_s
+        if abs(turned_rad - explained_rad) > min(off_rad, JUMP_MAX_RAD):
             m.swept_rad, m.swept_from_ns = 0.0, m.seen_ns
         m.swept_rad += turned_rad
     m.seen_ns, m.seen_rad = t_ns, angle_rad

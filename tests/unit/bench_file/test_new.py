@@ -14,8 +14,8 @@ from motord.bench_file.new import new_bench_file
 from motord.bench_file.questions import QUESTIONS, Question, get
 from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
-from motord.cli.check import hidden_faults
 from motord.config import Config, ConfigError, load, packaged
+from motord.config.rules.hidden_faults import hidden_faults
 from motord.config.rules.interlocks import dead_sensor_error_Nm
 from motord.config.text.descriptions import field_of
 
@@ -178,7 +178,8 @@ def test_a_high_pass_that_hides_a_dead_torque_sensor_is_named() -> None:
     [note] = hidden_faults(config)
     assert "a torque sensor that stays at zero may go unnoticed" in note
     assert "its high-pass of 0.2 s leaves too little of the 6 Nm" in note
-    assert re.search(r"torque_error_Nm less than 0\.\d+ or a shorter torque_error_s$", note)
+    both = "both a faster torque_rate_Nm_per_s and a shorter torque_error_s"
+    assert re.search(rf"torque_error_Nm less than 0\.\d+ or {both}$", note)
 
 
 @pytest.mark.parametrize(
@@ -208,9 +209,27 @@ def hidden(**sections: Any) -> str:
     return " ".join(hidden_faults(Config.model_validate(tables)))
 
 
-def test_a_high_pass_that_hides_all_has_no_value_that_would_show_it() -> None:
-    note = hidden(torque_sensor={"highpass_time_constant_s": 0.05})
-    assert note.endswith("what would show it: a shorter torque_error_s")
+@pytest.mark.parametrize(
+    ("tau_s", "changed", "shown"),
+    [
+        (0.05, {}, "both a faster torque_rate_Nm_per_s and a shorter torque_error_s"),
+        (0.5, {"torque_rate_Nm_per_s": 5.0}, "a faster torque_rate_Nm_per_s"),
+        (0.2, {"torque_error_Nm": 0.3, "torque_error_s": 0.3}, "a shorter torque_error_s"),
+        (0.002, {"torque_error_Nm": 4.7}, "nothing"),
+    ],
+)
+def test_what_would_show_a_dead_torque_sensor_does(
+    tau_s: float, changed: dict[str, float], shown: str
+) -> None:
+    sensor = {"highpass_time_constant_s": tau_s}
+    note = hidden(torque_sensor=sensor, limits=changed)
+    assert shown in note.partition("what would show it: ")[2]
+    changes = {"faster": {"torque_rate_Nm_per_s": 1e6}, "shorter": {"torque_error_s": 0.003}}
+    for word, setting in changes.items():
+        if word in shown:
+            changed = changed | setting
+    if shown != "nothing":
+        assert "torque sensor" not in hidden(torque_sensor=sensor, limits=changed)
 
 
 @pytest.mark.parametrize("tau_s", [0.0, 2.0])

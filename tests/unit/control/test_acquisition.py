@@ -219,6 +219,16 @@ def test_a_fast_rotor_is_not_taken_for_a_slow_one_where_samples_are_rare(
         assert int(tick["trip_bits"]) & (IMPLAUSIBLE | int(Trip.OVER_SPEED))
 
 
+@pytest.mark.parametrize("speed_rad_s", [20.0, 24.0])
+def test_a_bit_that_is_stuck_stays_implausible_while_the_rotor_turns(speed_rad_s: float) -> None:
+    """One of 1/32 turn, more than a plausible jump: no mean speed explains its steps."""
+    bench = turning(config_of(trip_speed_rad_s=25.0), speed_rad_s)
+    count_at = bench.count_at
+    bench.count_at = lambda angle_rad: count_at(angle_rad) & ~128  # type: ignore[method-assign]
+    bench.run(200)
+    assert all(int(bench.run()["trip_bits"]) & IMPLAUSIBLE for _ in range(1000))
+
+
 @pytest.mark.parametrize(("rate_Hz", "part"), [(1000, 0.97), (2000, 0.97), (4000, 0.97)])
 def test_it_locks_with_times_that_are_off_at_the_least_legal_jump(
     rate_Hz: int, part: float
