@@ -118,9 +118,9 @@ def started(daemon: Daemon) -> Iterator[None]:
         stack.callback(daemon.telemetry.stop)
         daemon.telemetry.start()
         stack.callback(daemon.device_threads.stop)
-        daemon.device_threads.start()
         stack.callback(supervisor.take_down)
         supervisor.start()
+        daemon.device_threads.start()  # once the supervisor can step: its orders soon expire
         scheduling.lift_threads()
         yield
 

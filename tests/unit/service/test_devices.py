@@ -169,6 +169,20 @@ def test_no_set_point_is_written_later_than_its_order_allows(seed):
             assert fresh or len(wire.exchanges) < 2 or wire.exchanges[-2:] != ["safe", "safe"]
 
 
+def test_a_supervisor_that_still_starts_is_no_fault_of_a_device():
+    """It opens devices, gives a first order, and takes a second or more for all else."""
+    wire = Wire()
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1)
+    device.open(0)
+    device.order(0.0, 0)
+    device.begin(2000 * MS)
+    device.exchange(lambda: 2000 * MS)
+    assert wire.exchanges == ["safe"]
+    view = device.view(2001 * MS)
+    assert (view.health, view.error) == ("ok", "")
+    assert device.view(3001 * MS).health == "stale"
+
+
 def test_a_driver_that_errs_in_its_safe_stop_does_not_end_the_thread():
     class Errs(Wire):
         def safe_stop(self):

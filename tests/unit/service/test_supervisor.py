@@ -413,6 +413,19 @@ def test_the_recording_of_a_plan_ends_with_it(played):
     assert commands == ["start", "stop"]
 
 
+def test_the_last_power_of_a_plan_begins_no_recording_after_it(played):
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate")
+    played.step(5, State.ENABLED)
+    played.bring("plan/abort", token=token)
+    while played.supervisor.bench.plans.active:
+        played.loops[0].tick(State.ENABLED, 10)  # in one block with the end
+        played.step(1, State.READY)
+    played.step(5, State.READY)
+    assert len(played.recorders[0].received("start")) == 1
+
+
 @pytest.mark.parametrize(
     ("report", "why"),
     [

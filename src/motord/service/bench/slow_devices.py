@@ -65,6 +65,10 @@ class SlowDevice:
     def open(self, now_ns: int) -> None:
         """Connect. Raises DeviceError."""
         self._device.open()
+        self.begin(now_ns)
+
+    def begin(self, now_ns: int) -> None:
+        """Poll from now on: its silence before that is no fault."""
         self._due_ns = self._answered_ns = now_ns
 
     def order(self, value: float, now_ns: int) -> None:
@@ -104,7 +108,8 @@ class SlowDevice:
 
     def _make_safe(self, over_ns: int) -> None:
         """Write a set-point of zero, once, `hold_s` after the order was over."""
-        self._error = UNORDERED
+        if self._reading is not None:  # else no order was written yet: the supervisor still starts
+            self._error = UNORDERED
         if self._safe or over_ns < self._hold_ns:
             return
         self._safe = True
@@ -195,6 +200,8 @@ class DeviceThreads:
 
     def start(self) -> None:
         """Start the threads."""
+        for device in self._devices:
+            device.begin(self._clock_ns())
         for thread in self._threads:
             thread.start()
 

@@ -211,6 +211,7 @@ class RecordingControl:
             self._begin("", {}, first_tick=self._newest_tick + 1)
         else:
             self.end(f"plan {view.plan} {view.state}")
+            self._ticks = NO_TICKS  # were the bench enabled in these, that was for the plan
 
     def plan_closing(self, view: PlanView) -> None:
         """End the recording of a plan, however it ends; `unrecorded` says what becomes of it."""
