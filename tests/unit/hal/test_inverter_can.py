@@ -1,5 +1,6 @@
 import time
 from collections.abc import Iterator
+from functools import cache
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +19,7 @@ from motord.hal.inverter.feedback import CanFeedback
 from motord.hal.inverter.phase_currents import CanInverter
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
+from motord.wire.can.codec import InverterCodec
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import SIGNALS, Drive, bench, can_config, encode_feedback, until
 
@@ -216,9 +218,14 @@ def test_feedback_age_is_taken_off() -> None:
         drive.close()
 
 
+@cache
+def packaged_codec() -> InverterCodec:
+    """Return the codec of the drive that `can_config` describes, compiled once."""
+    return dbc.load(can_config())
+
+
 def feedback_of(values: dict[str, float], counter: int, only: int) -> tuple[int, bytes]:
-    codec = dbc.load(can_config())
-    message, data = encode_feedback(codec, values, counter)[only]
+    message, data = encode_feedback(packaged_codec(), values, counter)[only]
     return message.key, data
 
 
@@ -229,7 +236,7 @@ VALUES = dict.fromkeys(
 
 
 def test_a_slow_message_that_stays_away_makes_all_stale() -> None:
-    state = CanFeedback(dbc.load(can_config()), 0, SILENT_AFTER_NS)
+    state = CanFeedback(packaged_codec(), 0, SILENT_AFTER_NS)
     assert len(state.missing()) == 2
     state.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
     record = new_feedback()
@@ -276,7 +283,7 @@ def test_after_a_silence_of_all_messages_the_slow_ones_have_their_time_once_more
     silent_ms: int, again_every_ms: int
 ) -> None:
     """A bus that was away, or a computer that stalled; but only once, until one has come."""
-    state = CanFeedback(dbc.load(can_config()), 0, SILENT_AFTER_NS, 1_000_000_000)
+    state = CanFeedback(packaged_codec(), 0, SILENT_AFTER_NS, 1_000_000_000)
     record = new_feedback()
     for t_ms in range(20):
         state.take(*feedback_of(VALUES, t_ms, only=0), NOW_NS + t_ms * 1_000_000)
@@ -292,7 +299,7 @@ def test_after_a_silence_of_all_messages_the_slow_ones_have_their_time_once_more
 
 
 def test_a_status_has_the_time_at_which_it_was_stated() -> None:
-    state, record = CanFeedback(dbc.load(can_config()), 1000, SILENT_AFTER_NS), new_feedback()
+    state, record = CanFeedback(packaged_codec(), 1000, SILENT_AFTER_NS), new_feedback()
     state.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
     state.take(*feedback_of(VALUES, 0, only=0), NOW_NS + 70)
     state.fill(record)
