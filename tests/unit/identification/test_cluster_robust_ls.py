@@ -17,24 +17,24 @@ def test_covariance_and_freedom_are_those_of_bell_and_mccaffrey() -> None:
     found = Regressors.of(columns, cluster).fit_bias_reduced(values)
 
     solved = np.linalg.inv(columns.T @ columns) @ columns.T
-    left = np.eye(cluster.size) - columns @ solved
+    annihilator = np.eye(cluster.size) - columns @ solved
     blocks = [np.flatnonzero(cluster == one) for one in range(len(SIZES))]
     adjusted = solved @ block_diag(
-        *(fractional_matrix_power(left[np.ix_(rows, rows)], -0.5).real for rows in blocks)
+        *(fractional_matrix_power(annihilator[np.ix_(rows, rows)], -0.5).real for rows in blocks)
     )
-    rest = left @ values
-    influence = np.array([adjusted[:, rows] @ rest[rows] for rows in blocks]).T
+    residual = annihilator @ values
+    influence = np.array([adjusted[:, rows] @ residual[rows] for rows in blocks]).T
     assert found.solution == pytest.approx(solved @ values)
     assert found.covariance == pytest.approx(influence @ influence.T, rel=1e-9)
     for contrast in (*np.eye(3), np.array([1.0, 1e3, -1e-3])):
         along = contrast @ adjusted
-        form = np.array([left[:, rows] @ along[rows] for rows in blocks])
+        form = np.array([annihilator[:, rows] @ along[rows] for rows in blocks])
         sizes = np.linalg.eigvalsh(form @ form.T)
         assert found.freedom(contrast) == pytest.approx(sizes.sum() ** 2 / (sizes**2).sum())
 
 
 @pytest.mark.parametrize("second", [np.arange(24.0), np.ones(24)], ids=["ramp", "dummy"])
-def test_what_one_cluster_alone_determines_has_the_variance_of_white_noise(
+def test_singleton_directions_have_the_variance_of_white_noise(
     second: np.ndarray,
 ) -> None:
     cluster = np.repeat(np.arange(6), 4)

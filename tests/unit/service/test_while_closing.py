@@ -101,7 +101,7 @@ def test_torque_and_power_go_at_once_while_a_recording_closes(how):
 def test_only_another_plan_waits_for_the_recording():
     service, token = closing("stop")
     assert service.ask("plan/abort", token=token)["state"] == "ending"
-    with pytest.raises(RpcError, match="is ending; what is left"):
+    with pytest.raises(RpcError, match="is ending; the remainder can be resumed"):
         service.ask("plan/resume", token=token)
     with pytest.raises(RpcError, match="its recording is still being closed") as refused:
         service.ask("plan/start", token=token, name="cogging")

@@ -154,8 +154,8 @@ def _others(
 ) -> list[int]:
     """Return orders that are no multiple of the pole pairs and stand out of the noise."""
     every = joined(samples)
-    rest = [np.concatenate([fit[phase].rest for fit in fits]) for phase in range(3)]
-    sizes = spectra(np.array(rest) / every.speed_rad_s, every.angle_rad, driven, motor)
+    residual = [np.concatenate([fit[phase].residual for fit in fits]) for phase in range(3)]
+    sizes = spectra(np.array(residual) / every.speed_rad_s, every.angle_rad, driven, motor)
     highest = sizes.shape[1]
     ratio = np.zeros(highest)
     for phase, size in enumerate(sizes):

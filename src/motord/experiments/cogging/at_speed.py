@@ -232,7 +232,7 @@ def _spectrum(
     seen = response(sensor, order * driven.speed_Hz) * cell_gain(order, motor.counts)
     if driven.direction < 0:
         seen = seen.conj()
-    return np.asarray(lines_at(cell, fit.rest, motor.counts, highest)[1:] / seen)
+    return np.asarray(lines_at(cell, fit.residual, motor.counts, highest)[1:] / seen)
 
 
 def _noise(spectrum_Nm: np.ndarray, fitted: np.ndarray, width: int = 41) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from motord.config import MotorConfig
 from motord.experiments.friction.coast_down import CoastDown
-from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, beyond_own
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, partialled_out
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import Regressors
 from motord.identification.orders import allowed_orders
@@ -78,8 +78,8 @@ class CoastDownFit:
         fit = TwoStepFit.of(columns, cluster, values)
         group = cls(coasts, order, tuple(q_rad), values, columns, cluster, fit)
         fitted = tuple(
-            (1 - RELAXATION) * q + RELAXATION * (one.q_rad - rest)
-            for (one, q), rest in zip(pairs, group.split(fit.own_rest), strict=True)
+            (1 - RELAXATION) * q + RELAXATION * (one.q_rad - residual)
+            for (one, q), residual in zip(pairs, group.split(fit.common.residual), strict=True)
         )
         return replace(group, q_rad=fitted)
 
@@ -127,14 +127,16 @@ class CoastDownFit:
         from one to the next is no white noise, and other columns would seem to explain it.
         """
         n = self.values.size
-        return float(n * np.log(self._misfit() / self._misfit(more)) - 2 * np.log(n))
+        ratio = self._residual_squares() / self._residual_squares(more)
+        return float(n * np.log(ratio) - 2 * np.log(n))
 
-    def _misfit(self, more: np.ndarray | None = None) -> float:
-        """Return the squares that a fit with own friction leaves, with more columns (n, m)."""
+    def _residual_squares(self, more: np.ndarray | None = None) -> float:
+        """Return the residual sum of squares with own friction, and with more columns (n, m)."""
         columns = self.columns if more is None else np.hstack([self.columns, more])
-        common, values = beyond_own(columns[:, :OWN], columns[:, OWN:], self.values, self.first)
-        rest = Regressors.of(common, self.cluster).fit(values).rest
-        return float(rest @ rest)
+        own, more = columns[:, :OWN], columns[:, OWN:]
+        common, values = partialled_out(own, more, self.values, self.first)
+        residual = Regressors.of(common, self.cluster).fit(values).residual
+        return float(residual @ residual)
 
     def with_stribeck(
         self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float = 0.0
@@ -156,7 +158,7 @@ class CoastDownFit:
 
         def misfit(at_rad_s: float) -> float:
             columns = self.and_stribeck(speeds_rad_s, at_rad_s, 0.0)
-            return self._misfit(columns[:, self.columns.shape[1] :])
+            return self._residual_squares(columns[:, self.columns.shape[1] :])
 
         best = int(np.argmin([misfit(float(at)) for at in tried]))
         bounds = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]

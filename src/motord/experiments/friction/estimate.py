@@ -151,7 +151,7 @@ def _direction(
         stribeck_limit_Nm=None if stribeck else limit * inertia.kg_m2,
         cogging=found.cogging(inertia),
         windage=_windage(found, high, inertia),
-        residual_rad=float(np.sqrt(np.mean(found.fit.rest**2))),
+        residual_rad=float(np.sqrt(np.mean(found.fit.residual**2))),
         curve=_curve(found, (low, high), inertia, coasts[0].direction),
         fits=_coast_fits(group, found.fit, speeds),
         coulomb_stderr_Nm=coulomb_stderr,
@@ -170,7 +170,7 @@ def _search_stribeck(
     last = np.eye(fits[0].solution.size)[-1]
     quantile = np.array([_quantile(fit, 0.975, last) for fit in fits])
     upper = (np.maximum(part, 0.0) + quantile * stderr) * np.exp(-((low / tried) ** 2))
-    best = int(np.argmin([fit.own_rest @ fit.own_rest for fit in fits]))
+    best = int(np.argmin([fit.common.residual @ fit.common.residual for fit in fits]))
     least = _quantile(fits[best], 1 - STRIBECK_LEVEL / STRIBECK_SPEEDS, last)
     if part[best] < least * stderr[best]:
         return 0.0, float(upper.max())
@@ -236,6 +236,8 @@ def _coast_fits(
     group: CoastDownFit, fit: TwoStepFit, speeds: Sequence[np.ndarray]
 ) -> tuple[CoastFit, ...]:
     return tuple(
-        CoastFit(one.t_s, one.q_rad, speed, rest)
-        for one, speed, rest in zip(group.coasts, speeds, group.split(fit.rest), strict=True)
+        CoastFit(one.t_s, one.q_rad, speed, residual)
+        for one, speed, residual in zip(
+            group.coasts, speeds, group.split(fit.residual), strict=True
+        )
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.experiments.friction.coast_down_fit import CoastDownFit
-from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, beyond_own
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, partialled_out
 from motord.intervals import t_quantile
 
 LEVEL = 0.002
@@ -101,13 +101,14 @@ def windage_instead(
     pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
     square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
     stribeck = group.and_stribeck(speeds_rad_s, at_rad_s, scale)
-    left = []
+    squares = []
     for columns in (np.column_stack([group.columns, square]), stribeck):
-        rest, values = beyond_own(columns[:, :OWN], columns[:, OWN:], group.values, group.first)
-        shared = np.linalg.lstsq(rest, values)[0]
-        left.append(max(float(((values - rest @ shared) ** 2).sum()), 1e-300))
+        own, more = columns[:, :OWN], columns[:, OWN:]
+        common, values = partialled_out(own, more, group.values, group.first)
+        residual = values - common @ np.linalg.lstsq(common, values)[0]
+        squares.append(max(float((residual**2).sum()), 1e-300))
     number = group.values.size
-    return bool(number * np.log(left[0] / left[1]) < np.log(number))
+    return bool(number * np.log(squares[0] / squares[1]) < np.log(number))
 
 
 def _of_each(
@@ -117,12 +118,12 @@ def _of_each(
 
     Each coast-down has coefficients of its own columns; those of the others are common to all.
     """
-    rest, rest_values = beyond_own(own, common, values, first)
-    shared = np.linalg.lstsq(rest, rest_values)[0] if common.shape[1] else np.zeros(0)
+    partial, partial_values = partialled_out(own, common, values, first)
+    shared = np.linalg.lstsq(partial, partial_values)[0] if common.shape[1] else np.zeros(0)
     found = []
     for rows in np.split(np.arange(values.size), first[1:]):
         q, r = np.linalg.qr(own[rows])
-        alone = values[rows] - common[rows] @ shared
-        found.append((q[:, -1] @ alone / r[-1, -1], r[-1, -1] ** 2))
+        less_common = values[rows] - common[rows] @ shared
+        found.append((q[:, -1] @ less_common / r[-1, -1], r[-1, -1] ** 2))
     coefficients, information = np.array(found).T
     return coefficients, information

@@ -3,14 +3,15 @@
 Friction differs from coast-down to coast-down; a column x of cogging torque, fitted next to a
 friction that all share, would take some of that, and the angle that follows from the fit would be
 off by milliradians. So the common columns are fitted next to Coulomb and viscous friction of each
-coast-down its own, and then F and b, one of each for all, to what the common columns leave:
+coast-down its own, and then F and b, one of each for all, to the values less these columns:
 
     c = (Z' Z)^-1 Z' y,    beta = (X' X)^-1 X' (y - C c)
 
-X: columns of F and b, C: the common ones, Z: what is left of C beyond X of each coast-down. What
-friction differs by does not move c, and c moves beta by M = -(X' X)^-1 X' C. So what a coast-down
-has for an influence b on c, and a on the second fit, is a + M b on beta; the covariance is the sum
-of the squares of (a + M b, b) over the coast-downs: errors may be correlated within one in any way.
+X: columns of F and b, C: the common ones, Z: residuals of C on X of each coast-down, which thus
+is partialled out (Frisch, Waugh and Lovell). What friction differs by does not move c, and the
+sensitivity of beta to c is M = -(X' X)^-1 X' C. So what a coast-down has for an influence b on c,
+and a on the second fit, is a + M b on beta; the covariance is the sum of the squares of
+(a + M b, b) over the coast-downs: errors may be correlated within one in any way.
 """
 
 from dataclasses import dataclass
@@ -33,12 +34,11 @@ OWN = 2
 class TwoStepFit(ClusterFit):
     """solution (p,): Coulomb and viscous friction, then the common columns' coefficients.
 
-    own_rest (n,): what is left of the values with friction of each coast-down its own; through:
-    M (2, p - 2); friction, common: both steps.
+    sensitivity: M (2, p - 2); common: the first step, its residual that with friction of each
+    coast-down its own; friction: the second.
     """
 
-    own_rest: np.ndarray
-    through: np.ndarray
+    sensitivity: np.ndarray
     friction: ClusterFit
     common: ClusterFit
     clusters: int
@@ -48,15 +48,15 @@ class TwoStepFit(ClusterFit):
         """Fit values (n,) by columns (n, p); cluster (n,): number of each sample's coast-down."""
         own, more = columns[:, :OWN], columns[:, OWN:]
         regressors = Regressors.of(own, cluster)
-        free, free_values = beyond_own(own, more, values, regressors.first)
+        free, free_values = partialled_out(own, more, values, regressors.first)
         common = _cluster_robust(Regressors.of(free, cluster), free_values)
         friction = _cluster_robust(regressors, values - more @ common.solution)
-        through = -regressors.inverse @ (own.T @ more)
-        covariance = _covariance(friction, common, through)
+        sensitivity = -regressors.inverse @ (own.T @ more)
+        covariance = _covariance(friction, common, sensitivity)
         solution = np.concatenate([friction.solution, common.solution])
         return cls(
-            solution, covariance, friction.rest, friction.noise,
-            common.rest, through, friction, common, regressors.first.size,
+            solution, covariance, friction.residual, friction.noise,
+            sensitivity, friction, common, regressors.first.size,
         )  # fmt: skip
 
     def freedom(self, contrast: np.ndarray) -> float:
@@ -67,39 +67,39 @@ class TwoStepFit(ClusterFit):
         most, friction, common = float(self.clusters - 1), self.friction, self.common
         if not (isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit)):
             return most
-        own, first = contrast[:OWN], contrast[OWN:] + self.through.T @ contrast[:OWN]
-        form = friction.form(own) + common.form(first)
-        white = friction.white(own) + common.white(first)
-        return min(satterthwaite(form, white, self.rest.size - self.solution.size), most)
+        own, first = contrast[:OWN], contrast[OWN:] + self.sensitivity.T @ contrast[:OWN]
+        form = friction.quadratic_form(own) + common.quadratic_form(first)
+        singleton = friction.singleton_variance(own) + common.singleton_variance(first)
+        return min(satterthwaite(form, singleton, self.residual.size - self.solution.size), most)
 
 
-def beyond_own(
+def partialled_out(
     own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what each coast-down's own columns do not explain of the others and of the values.
+    """Return residuals of the common columns and of the values, on each coast-down's own columns.
 
     first (g,): the first row of each coast-down.
     """
-    left = []
+    residuals = []
     for rows in np.split(np.arange(values.size), first[1:]):
         q = np.linalg.qr(own[rows])[0]
         both = np.column_stack([common[rows], values[rows]])
-        left.append(both - q @ (q.T @ both))
-    every = np.concatenate(left)
+        residuals.append(both - q @ (q.T @ both))
+    every = np.concatenate(residuals)
     return every[:, :-1], every[:, -1]
 
 
-def _covariance(friction: ClusterFit, common: ClusterFit, through: np.ndarray) -> np.ndarray:
+def _covariance(friction: ClusterFit, common: ClusterFit, sensitivity: np.ndarray) -> np.ndarray:
     """Return the covariance (p, p) of both steps; of few coast-downs, that of white noise."""
     if isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit):
-        moved = through @ common.influence
+        moved = sensitivity @ common.influence
         influence = np.vstack([friction.influence + moved, common.influence])
-        nothing = np.zeros((len(friction.alone), common.solution.size))
-        first = friction.noise * np.hstack([friction.alone, nothing])
-        second = common.noise * np.hstack([common.alone @ through.T, common.alone])
+        nothing = np.zeros((len(friction.singletons), common.solution.size))
+        first = friction.noise * np.hstack([friction.singletons, nothing])
+        second = common.noise * np.hstack([common.singletons @ sensitivity.T, common.singletons])
         return np.asarray(influence @ influence.T + first.T @ first + second.T @ second)
-    moved = through @ common.covariance
-    both = [[friction.covariance + moved @ through.T, moved], [moved.T, common.covariance]]
+    moved = sensitivity @ common.covariance
+    both = [[friction.covariance + moved @ sensitivity.T, moved], [moved.T, common.covariance]]
     return np.block(both)
 
 

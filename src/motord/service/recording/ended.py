@@ -90,7 +90,7 @@ class EndedRecordings:
             self._give_up(self._ended.popleft())
 
     def give_up_all(self) -> None:
-        """Give up what is left: there is no more to come of a recorder."""
+        """Give up all: there is no more to come of a recorder."""
         while self._ended:
             self._give_up(self._ended.popleft())
 

@@ -55,7 +55,7 @@ def plan_goes_on(bench: Bench) -> None:
     plan_active(bench)
     view = bench.plans.view
     if view is not None and view.state == "ending":
-        raise RpcError("refused", f"plan {view.plan} is ending; what is left of it can be resumed")
+        raise RpcError("refused", f"plan {view.plan} is ending; the remainder can be resumed")
 
 
 def no_trip(bench: Bench) -> None:

@@ -33,8 +33,8 @@ def variances(group: CoastDownFit) -> np.ndarray:
     for one in range(NUMBER):
         values = np.where(group.cluster == one, group.columns[:, 0], 0.0)
         reduced = regressors.fit_bias_reduced(values)
-        pairs = zip(group.split(group.columns), group.split(reduced.rest), strict=True)
-        influence = regressors.inverse @ np.array([x.T @ rest for x, rest in pairs]).T
+        pairs = zip(group.split(group.columns), group.split(reduced.residual), strict=True)
+        influence = regressors.inverse @ np.array([x.T @ residual for x, residual in pairs]).T
         plain = (influence**2).sum(axis=1) * NUMBER / (NUMBER - 1)
         found += np.array([reduced.solution**2, np.diag(reduced.covariance), plain])
     return found
