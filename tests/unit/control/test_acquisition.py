@@ -220,18 +220,20 @@ def test_a_fast_rotor_is_not_taken_for_a_slow_one_where_samples_are_rare(
 
 
 @pytest.mark.parametrize("speed_rad_s", [20.0, 24.0])
-def test_a_bit_that_is_stuck_stays_implausible_while_the_rotor_turns(speed_rad_s: float) -> None:
+def test_a_bit_that_is_stuck_stays_implausible_while_the_rotor_turns(
+    speed_rad_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One of 1/32 turn, more than a plausible jump: no mean speed explains its steps."""
     bench = turning(config_of(trip_speed_rad_s=25.0), speed_rad_s)
     count_at = bench.count_at
-    bench.count_at = lambda angle_rad: count_at(angle_rad) & ~128  # type: ignore[method-assign]
+    monkeypatch.setattr(bench, "count_at", lambda angle_rad: count_at(angle_rad) & ~128)
     bench.run(200)
     assert all(int(bench.run()["trip_bits"]) & IMPLAUSIBLE for _ in range(1000))
 
 
 @pytest.mark.parametrize(("rate_Hz", "part"), [(1000, 0.97), (2000, 0.97), (4000, 0.97)])
 def test_it_locks_with_times_that_are_off_at_the_least_legal_jump(
-    rate_Hz: int, part: float
+    rate_Hz: int, part: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each sample's on its own by up to SAMPLE_TIME_S, and no sample is lost."""
     trip_rad_s = 0.95 * TURN_PER_SAMPLE_MAX_RAD * rate_Hz
@@ -242,7 +244,7 @@ def test_it_locks_with_times_that_are_off_at_the_least_legal_jump(
     def late_or_early(angle_rad: float) -> int:
         return count_at(angle_rad + bench.speed_rad_s * draw.uniform(-1, 1) * SAMPLE_TIME_S)
 
-    bench.count_at = late_or_early  # type: ignore[method-assign]
+    monkeypatch.setattr(bench, "count_at", late_or_early)
     bench.run(ticks(config, 4 * time_to_lock_s(config)))
     shown = [Trip(int(bench.run()["trip_bits"])) for _ in range(200)]
     assert not any(trip & Trip.ENCODER_IMPLAUSIBLE for trip in shown)
