@@ -44,6 +44,15 @@ def test_singleton_directions_have_the_variance_of_white_noise(
     each = [regressors.fit_bias_reduced(one) for one in np.eye(24)]
     stated = np.diag(sum(one.covariance for one in each))
     true = np.diag(np.linalg.inv(columns.T @ columns))
-    assert (stated > 0.5 * true).all()
-    most = 5 + 22  # of six clusters and of the noise
-    assert all(1 <= each[0].freedom(contrast) <= most for contrast in np.eye(2))
+    assert stated == pytest.approx(true)
+
+
+def test_freedom_of_a_mean_next_to_a_dummy_of_one_cluster() -> None:
+    """Of five equal clusters four for the mean; with the dummy, the noise of its cluster too."""
+    cluster = np.repeat(np.arange(6), 4)
+    columns = np.column_stack([np.ones(24), cluster == 2])
+    found = Regressors.of(columns, cluster).fit_bias_reduced(np.cos(np.arange(24)))
+    mean, singleton = 1 / 20, 1 / 4  # variances of the mean of five clusters, and of one alone
+    assert found.freedom(np.array([1.0, 0.0])) == pytest.approx(4.0)
+    expected = (mean + singleton) ** 2 / (mean**2 / 4 + singleton**2 / 22)
+    assert found.freedom(np.array([0.0, 1.0])) == pytest.approx(expected)
