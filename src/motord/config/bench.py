@@ -9,6 +9,7 @@ from pydantic import model_validator
 
 from motord.config.channel_sources import CanSource, SimulatedSource
 from motord.config.channels import line_problems
+from motord.config.rules.bounds import SettingBound
 from motord.config.rules.interlocks import interlocks_keep_their_times
 from motord.config.rules.slow_devices import (
     a_lost_answer_is_no_silence,
@@ -60,15 +61,13 @@ def bridge_fits_its_bus(config: Sections) -> Iterator[str]:
 def lease_outlasts_the_ramp(config: Sections) -> Iterator[str]:
     """No torque remains when a lease expires without renewal."""
     limits = config.limits
-    least_s = config.longest_wind_down_s + RENEWAL_S
-    if config.zenoh.lease_s < least_s:
-        yield (
-            f"[zenoh] lease_s = {config.zenoh.lease_s:g} is too short: no torque may be left "
-            f"when it ends, and the ramp from [limits] torque_Nm = {limits.torque_Nm:g} "
-            f"takes {limits.torque_Nm / limits.ramp_down_Nm_per_s:g} s, besides "
-            f"[loop] supervisor_timeout_s = {config.loop.supervisor_timeout_s:g} and the time "
-            f"for a renewal; make it at least {least_s:.2f}"
-        )
+    yield from SettingBound(
+        "[zenoh] lease_s", config.zenoh.lease_s, "at least",
+        config.longest_wind_down_s + RENEWAL_S, "too short",
+        "no torque may be left when it ends, and the ramp from [limits] torque_Nm = "
+        f"{limits.torque_Nm:g} takes {limits.torque_Nm / limits.ramp_down_Nm_per_s:g} s, besides "
+        f"[loop] supervisor_timeout_s = {config.loop.supervisor_timeout_s:g} and a renewal",
+    ).refusal()  # fmt: skip
 
 
 def dq_needs_a_star(config: Sections) -> Iterator[str]:

@@ -182,7 +182,8 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("inverter", "timeout_s = 0.0019", "commands come every 0.001 s"),
         ("inverter", "stale_after_s = 1.01", "inverter.stale_after_s"),
         ("inverter", "stale_after_s = 0.0019", "feedback comes every 0.001 s"),
-        ("inverter", "feedback_age_s = 0.02", "it would always be stale; make it at least 0.022"),
+        ("inverter", "feedback_age_s = 0.02", "feedback_age_s = 0.02 old, comes every 0.001 s"),
+        ("inverter", "feedback_age_s = 0.02", "make it at least 0.022, or raise the rates"),
         ("inverter", "actuation_delay_s = 0.021", "inverter.actuation_delay_s"),
         ("bridge", "stale_after_s = 1.01", "bridge.stale_after_s"),
         ("bridge", "stale_after_s = 0.0019", "samples come every 0.001 s"),
@@ -226,6 +227,12 @@ def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, lin
 def test_the_bound_that_is_named_is_accepted(tmp_path: Path, section: str, lines: str) -> None:
     table = f"[{section}]\n"
     read(tmp_path, BENCH.replace(table, table + lines + "\n"))
+
+
+def test_a_bound_of_many_digits_is_named_so_that_it_is_accepted(tmp_path: Path) -> None:
+    text = BENCH.replace("rate_Hz = 1000", "rate_Hz = 300") + "[inverter]\ntimeout_s = "
+    assert "make it at least 0.00667" in complaint(tmp_path, f"{text}0.0066666\n")
+    read(tmp_path, f"{text}0.00667\n")
 
 
 def test_a_lost_answer_of_a_slow_device_is_no_silence(tmp_path: Path) -> None:

@@ -1,8 +1,35 @@
 """Bounds that values of a bench file are compared with, and that messages name."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
 
 _ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class SettingBound:
+    """What a bench file lets its value `name` be; `remedy` is what helps, {} the bound (> 0)."""
+
+    name: str
+    given: float
+    side: Literal["at least", "at most", "less than"]
+    bound: float
+    excess: str
+    why: str
+    remedy: str = "make it {}"
+
+    def refusal(self) -> Iterator[str]:
+        """Yield why the value is refused and what helps, if it is beyond its bound."""
+        beyond, rounded = {
+            "at least": (is_below(self.given, self.bound), rounded_up),
+            "at most": (is_below(self.bound, self.given), rounded_down),
+            "less than": (not is_below(self.given, self.bound), rounded_down),
+        }[self.side]
+        if beyond:
+            remedy = self.remedy.format(f"{self.side} {rounded(self.bound):g}")
+            yield f"{self.name} = {self.given:g} is {self.excess}: {self.why}; {remedy}"
 
 
 def is_below(given: float, least: float) -> bool:
@@ -12,15 +39,11 @@ def is_below(given: float, least: float) -> bool:
 
 def rounded_up(least: float) -> float:
     """Return a bound > 0 in three digits that is not below it."""
-    step = _third_digit(least)
-    return math.ceil(least / step) * step
+    step = 10.0 ** (math.floor(math.log10(least)) - 2)
+    return math.ceil(least / step * (1.0 - _ROUNDING)) * step
 
 
 def rounded_down(most: float) -> float:
     """Return a bound > 0 in three digits that is not above it."""
-    step = _third_digit(most)
+    step = 10.0 ** (math.floor(math.log10(most)) - 2)
     return math.floor(most / step * (1.0 + _ROUNDING)) * step
-
-
-def _third_digit(value: float) -> float:
-    return 10.0 ** (math.floor(math.log10(value)) - 2)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from motord.config.rules.bounds import rounded_up
+from motord.config.rules.bounds import SettingBound
 from motord.config.sections import Sections
 from motord.config.timing import (
     ACCELERATION_RAD_S2,
@@ -71,43 +71,34 @@ def least_jump_rad(config: Sections) -> float:
 def a_sound_encoder_never_jumps(config: Sections) -> Iterator[str]:
     """No rotor that accelerates by ACCELERATION_RAD_S2 seems to jump."""
     limits, least_rad = config.limits, least_jump_rad(config)
-    if limits.encoder_jump_rad >= least_rad:
-        return
-    remedy = f"make it at least {rounded_up(least_rad):g}"
-    if least_rad > JUMP_MAX_RAD:
-        remedy = "lower observer_bandwidth_Hz or trip_speed_rad_s, or take an encoder that is finer"
-    yield (
-        f"[limits] encoder_jump_rad = {limits.encoder_jump_rad:g} is too small: a sound encoder "
-        f"would seem to jump by up to {least_rad:.2g} rad when the rotor accelerates by "
-        f"{ACCELERATION_RAD_S2:g} rad/s^2, with [motor] counts = {config.motor.counts}, "
-        f"[loop] observer_bandwidth_Hz = {config.loop.observer_bandwidth_Hz:g}, a sample every "
-        f"{config.sample_interval_s:g} s, [bridge] stale_after_s = {config.bridge.stale_after_s:g} "
-        f"and trip_speed_rad_s = {limits.trip_speed_rad_s:g}; {remedy}"
-    )
+    gentler = "lower observer_bandwidth_Hz or trip_speed_rad_s, or take an encoder that is finer"
+    yield from SettingBound(
+        "[limits] encoder_jump_rad", limits.encoder_jump_rad, "at least", least_rad, "too small",
+        f"a sound encoder would seem to jump by up to {least_rad:.2g} rad when the rotor "
+        f"accelerates by {ACCELERATION_RAD_S2:g} rad/s^2, with [motor] counts = "
+        f"{config.motor.counts}, [loop] observer_bandwidth_Hz = "
+        f"{config.loop.observer_bandwidth_Hz:g}, a sample every {config.sample_interval_s:g} s, "
+        f"[bridge] stale_after_s = {config.bridge.stale_after_s:g} and trip_speed_rad_s = "
+        f"{limits.trip_speed_rad_s:g}",
+        "make it {}" if least_rad <= JUMP_MAX_RAD else gentler,
+    ).refusal()  # fmt: skip
 
 
-def position_is_unambiguous(config: Sections) -> Iterator[str]:
-    """The speed limit turns the rotor at most TURN_PER_SAMPLE_MAX_RAD from sample to sample."""
-    limits, interval_s = config.limits, config.sample_interval_s
-    most_rad_s = TURN_PER_SAMPLE_MAX_RAD / interval_s
-    if limits.trip_speed_rad_s > most_rad_s:
-        yield (
-            f"[limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g} is too fast for "
-            f"{1 / interval_s:g} encoder samples a second: the rotor would turn "
-            f"{limits.trip_speed_rad_s * interval_s:.2g} rad from one to the next; make it at most "
-            f"{most_rad_s:.3g}, or raise [bridge] rate_Hz and [loop] rate_Hz"
-        )
-
-
-def speed_is_resolved(config: Sections) -> Iterator[str]:
-    """Steps of the encoder move the observed speed by less than set-points keep from the limit."""
-    limits, off_rad_s = config.limits, speed_resolution_rad_s(config)
-    if off_rad_s > SPEED_RESOLUTION_MAX * limits.trip_speed_rad_s:
-        yield (
-            f"[loop] observer_bandwidth_Hz = {config.loop.observer_bandwidth_Hz:g} is too much for "
-            f"an encoder with [motor] counts = {config.motor.counts}: at some speeds its steps "
-            f"move the observed one by up to {off_rad_s:.3g} rad/s, so that a rotor at a set-point "
-            f"could seem to be beyond [limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g}, or "
-            "a faster one within it; lower the bandwidth, or make trip_speed_rad_s at least "
-            f"{rounded_up(off_rad_s / SPEED_RESOLUTION_MAX):g}"
-        )
+def the_encoder_shows_the_greatest_speed(config: Sections) -> Iterator[str]:
+    """At the limit samples are unambiguous, and the encoder's steps are small against the limit."""
+    trip_rad_s, interval_s = config.limits.trip_speed_rad_s, config.sample_interval_s
+    off_rad_s = speed_resolution_rad_s(config)
+    yield from SettingBound(
+        "[limits] trip_speed_rad_s", trip_rad_s, "at most", TURN_PER_SAMPLE_MAX_RAD / interval_s,
+        f"too fast for {1 / interval_s:g} encoder samples a second",
+        f"the rotor would turn {trip_rad_s * interval_s:.2g} rad from one to the next",
+        "make it {}, or raise [bridge] rate_Hz and [loop] rate_Hz",
+    ).refusal()  # fmt: skip
+    yield from SettingBound(
+        "[limits] trip_speed_rad_s", trip_rad_s, "at least", off_rad_s / SPEED_RESOLUTION_MAX,
+        f"too little for an encoder with [motor] counts = {config.motor.counts}",
+        f"at some speeds its steps move the observed one by up to {off_rad_s:.3g} rad/s, so that a "
+        "rotor at a set-point could seem to be beyond the limit, or a faster one within it",
+        "lower [loop] observer_bandwidth_Hz = "
+        f"{config.loop.observer_bandwidth_Hz:g}, or make trip_speed_rad_s {{}}",
+    ).refusal()  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from motord.config.rules.bounds import rounded_down
 from motord.config.rules.interlocks import dead_sensor_error_Nm
-from motord.config.sections import Sections
+from motord.config.sections import LimitsConfig, Sections
 
 LEAST_CURRENT = 0.02
 """Of [limits] current_A: a smaller error is noise."""
@@ -37,28 +37,14 @@ def _hidden_drive(bench: Sections, currents_A: np.ndarray) -> Iterator[str]:
 
 def _hidden_torque_sensor(bench: Sections, currents_A: np.ndarray) -> Iterator[str]:
     limits, tau_s = bench.limits, bench.torque_sensor.highpass_time_constant_s
-    most_A = max(float(currents_A.max()), limits.current_A)
-    reached_Nm = limits.torque_Nm * limits.current_A / most_A
-    least_s = bench.inverter.settling_s + 1.0 / bench.loop.rate_Hz + bench.sample_interval_s
-    settings = {
-        "a faster torque_rate_Nm_per_s": {"torque_rate_Nm_per_s": 1e12},
-        "a shorter torque_error_s": {"torque_error_s": least_s},
-    }
-
-    def dead_Nm(**changes: float) -> float:
-        changed = limits.model_copy(update={"torque_Nm": reached_Nm, **changes})
-        return dead_sensor_error_Nm(changed, tau_s)
-
-    def shows(**changes: float) -> bool:
-        return limits.greatest_torque_error_Nm < dead_Nm(**changes)
-
-    if shows():
+    share = limits.current_A / max(float(currents_A.max()), limits.current_A)
+    reached_Nm = limits.torque_Nm * share
+    reached = limits.model_copy(update={"torque_Nm": reached_Nm})
+    dead_Nm = dead_sensor_error_Nm(reached, tau_s)
+    if limits.greatest_torque_error_Nm < dead_Nm:
         return
-    remedies = [f"torque_error_Nm less than {rounded_down(dead_Nm()):g}"] if dead_Nm() > 0 else []
-    remedies += [remedy for remedy, changes in settings.items() if shows(**changes)]
-    together = {key: value for changes in settings.values() for key, value in changes.items()}
-    if not any(shows(**changes) for changes in settings.values()) and shows(**together):
-        remedies.append(f"both {' and '.join(settings)}")
+    remedies = [f"torque_error_Nm less than {rounded_down(dead_Nm):g}"] if dead_Nm > 0 else []
+    remedies += _changes_that_show_it(bench, reached)
     cause = f"[limits] let no more than {reached_Nm:.3g} Nm be reached"
     if tau_s:
         cause = (
@@ -69,3 +55,22 @@ def _hidden_torque_sensor(bench: Sections, currents_A: np.ndarray) -> Iterator[s
         f"a torque sensor that stays at zero may go unnoticed: {cause}; what would show it: "
         + (" or ".join(remedies) or "nothing")
     )
+
+
+def _changes_that_show_it(bench: Sections, reached: LimitsConfig) -> list[str]:
+    """Return what would show a sensor at zero up to `reached`'s torque, alone, else together."""
+    tau_s = bench.torque_sensor.highpass_time_constant_s
+    shortest_s = bench.inverter.settling_s + 1.0 / bench.loop.rate_Hz + bench.sample_interval_s
+    faster, shorter = {"torque_rate_Nm_per_s": 1e12}, {"torque_error_s": shortest_s}
+    changes = {
+        "a faster torque_rate_Nm_per_s": faster,
+        "a shorter torque_error_s": shorter,
+        "both a faster torque_rate_Nm_per_s and a shorter torque_error_s": faster | shorter,
+    }
+    showing = [
+        name
+        for name, change in changes.items()
+        if bench.limits.greatest_torque_error_Nm
+        < dead_sensor_error_Nm(reached.model_copy(update=change), tau_s)
+    ]
+    return showing[:-1] or showing  # together they show what one of them does, too

@@ -3,11 +3,10 @@
 import math
 from collections.abc import Iterator
 
-from motord.config.rules.bounds import is_below, rounded_down
+from motord.config.rules.bounds import SettingBound
 from motord.config.rules.encoder import (
     a_sound_encoder_never_jumps,
-    position_is_unambiguous,
-    speed_is_resolved,
+    the_encoder_shows_the_greatest_speed,
 )
 from motord.config.sections import LimitsConfig, Sections
 from motord.config.timing import (
@@ -23,42 +22,32 @@ DEAD_PHASE = math.sqrt(3.0) / 2.0
 
 def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
     """Every timeout spans INTERVALS_MIN intervals of what it watches, and none SILENCE_MAX_S."""
-    loop_Hz, period_s = config.loop.rate_Hz, 1.0 / config.loop.rate_Hz
-    for name, limit_s, interval_s, what in (
-        ("[bridge] stale_after_s", config.bridge.stale_after_s, config.sample_interval_s,
-         "samples come"),
-        ("[inverter] stale_after_s", config.inverter.stale_after_s, period_s, "feedback comes"),
-        ("[inverter] timeout_s", config.inverter.timeout_s, period_s, "commands come"),
-        ("[bridge] heartbeat_timeout_s", config.bridge.heartbeat_timeout_s, period_s,
+    bridge, inverter, patience_s = config.bridge, config.inverter, config.bench.rig_patience_s
+    period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
+    overrun_ticks, feedback_s = config.loop.overrun_ticks, inverter.feedback_age_s
+    aged = f", feedback_age_s = {feedback_s:g} old," if feedback_s else ""
+    for name, given_s, age_s, interval_s, what in (
+        ("[bridge] stale_after_s", bridge.stale_after_s, 0, sample_s, "samples come"),
+        ("[inverter] stale_after_s", inverter.stale_after_s, feedback_s, period_s,
+         f"feedback{aged} comes"),
+        ("[inverter] timeout_s", inverter.timeout_s, 0, period_s, "commands come"),
+        ("[bridge] heartbeat_timeout_s", bridge.heartbeat_timeout_s, 0, period_s,
          "heartbeats come"),
     ):  # fmt: skip
-        if is_below(limit_s, INTERVALS_MIN * interval_s):
-            yield (
-                f"{name} = {limit_s:g} is too short: {what} every {interval_s:g} s, and one may be "
-                f"lost; make it at least {INTERVALS_MIN * interval_s:g}, or raise the rates"
-            )
-    inverter = config.inverter
-    least_s = inverter.feedback_age_s + INTERVALS_MIN * period_s
-    if inverter.feedback_age_s and is_below(inverter.stale_after_s, least_s):
-        yield (
-            f"[inverter] stale_after_s = {inverter.stale_after_s:g} is too short for feedback that "
-            f"is feedback_age_s = {inverter.feedback_age_s:g} old when it comes: it would always "
-            f"be stale; make it at least {least_s:g}"
-        )
-    patience_s = config.bench.rig_patience_s
-    if patience_s is not None and is_below(patience_s, INTERVALS_MIN * period_s):
-        yield (
-            f"[bench] rig_patience_s = {patience_s:g} is too short: commands come every "
-            f"{period_s:g} s, and the rig's time would stand still between them; make it at least "
-            f"{INTERVALS_MIN * period_s:g}, or leave it out"
-        )
-    overrun_s = config.loop.overrun_ticks / loop_Hz
-    if overrun_s > SILENCE_MAX_S:
-        yield (
-            f"[loop] overrun_ticks = {config.loop.overrun_ticks} at rate_Hz = {loop_Hz} lets the "
-            f"loop stand still for {overrun_s:g} s before it is a fault; make it at most "
-            f"{round(SILENCE_MAX_S * loop_Hz)} ({SILENCE_MAX_S:g} s)"
-        )
+        yield from SettingBound(
+            name, given_s, "at least", age_s + INTERVALS_MIN * interval_s, "too short",
+            f"{what} every {interval_s:g} s, and one may be lost",
+            "make it {}, or raise the rates",
+        ).refusal()  # fmt: skip
+    yield from SettingBound(
+        "[bench] rig_patience_s", math.inf if patience_s is None else patience_s, "at least",
+        INTERVALS_MIN * period_s, "too short", f"commands come every {period_s:g} s, and the "
+        "rig's time would stand still between them", "make it {}, or leave it out",
+    ).refusal()  # fmt: skip
+    yield from SettingBound(
+        "[loop] overrun_ticks", overrun_ticks, "at most", SILENCE_MAX_S / period_s, "too large",
+        f"the loop could stand still for {overrun_ticks * period_s:g} s before it is a fault",
+    ).refusal()  # fmt: skip
 
 
 def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
@@ -77,15 +66,12 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
          "no drive and no enable line could be ready so soon, and say so in a message of "
          "which one may be lost"),
     ):  # fmt: skip
-        if is_below(given_s, least_s):
-            yield f"{name} = {given_s:g} is too short: {why}; make it at least {least_s:g}"
-    frames_per_s = config.loop.rate_Hz + config.sample_rate_Hz
-    if limits.link_errors_per_s > frames_per_s:
-        yield (
-            f"[limits] link_errors_per_s = {limits.link_errors_per_s:g} lets more frames be lost "
-            f"than the loop needs, {frames_per_s:g} of feedback and samples in a second; make it "
-            "less"
-        )
+        yield from SettingBound(name, given_s, "at least", least_s, "too short", why).refusal()
+    yield from SettingBound(
+        "[limits] link_errors_per_s", limits.link_errors_per_s, "at most",
+        config.loop.rate_Hz + config.sample_rate_Hz, "too large",
+        "it lets more frames be lost than the loop needs in a second",
+    ).refusal()  # fmt: skip
 
 
 def dead_sensor_error_Nm(limits: LimitsConfig, highpass_time_constant_s: float) -> float:
@@ -113,27 +99,23 @@ def what_is_dead_is_beyond_its_limit(config: Sections) -> Iterator[str]:
     a high-pass hides of the torque, and limits below those, is for `motord check` to name.
     """
     limits = config.limits
-    most_A = DEAD_PHASE * limits.current_A
-    if not is_below(limits.greatest_current_error_A, most_A):
-        yield (
-            f"[limits] current_error_A = {limits.current_error_A:g} is too large: a drive without "
-            f"any current would seem to follow current_A = {limits.current_A:g}; make it less than "
-            f"{rounded_down(most_A):g}"
-        )
-    most_Nm = dead_sensor_error_Nm(limits, 0.0)
-    if not is_below(limits.greatest_torque_error_Nm, most_Nm):
-        yield (
-            f"[limits] torque_error_Nm = {limits.torque_error_Nm:g} is too large: a torque sensor "
-            f"that stays at zero would seem to show torque_Nm = {limits.torque_Nm:g}, of which a "
-            f"fifth is allowed besides; make it less than {rounded_down(most_Nm):g}"
-        )
+    yield from SettingBound(
+        "[limits] current_error_A", limits.greatest_current_error_A, "less than",
+        DEAD_PHASE * limits.current_A, "too large",
+        f"a drive without any current would seem to follow current_A = {limits.current_A:g}",
+    ).refusal()  # fmt: skip
+    yield from SettingBound(
+        "[limits] torque_error_Nm", limits.greatest_torque_error_Nm, "less than",
+        dead_sensor_error_Nm(limits, 0.0), "too large",
+        "a torque sensor that stays at zero would seem to show torque_Nm = "
+        f"{limits.torque_Nm:g}, of which a fifth is allowed besides",
+    ).refusal()  # fmt: skip
 
 
 def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
     """No setting lets an interlock lose its stated time, or trip where nothing is wrong."""
     yield from timeouts_outlast_a_lost_message(config)
-    yield from position_is_unambiguous(config)
-    yield from speed_is_resolved(config)
+    yield from the_encoder_shows_the_greatest_speed(config)
     yield from a_sound_encoder_never_jumps(config)
     yield from errors_last_longer_than_they_may(config)
     yield from what_is_dead_is_beyond_its_limit(config)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from motord.config.devices.slow_devices import BRAKE_MARGIN_K, register_counts, shares_line
-from motord.config.rules.bounds import is_below
+from motord.config.rules.bounds import SettingBound, is_below
 from motord.config.sections import Sections
 from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S, INTERVALS_MIN
 
@@ -38,12 +38,10 @@ def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
             f"too long: the rotor's speed has to fall within {DRIVE_FALLS_S:g} s if the daemon "
             f"hangs. Together they may be {most_s:g} s, such as 0.2 and 0.1"
         )
-    elif 2 * poll_s > watchdog_s:
-        yield (
-            f"[drive] poll_s = {poll_s:g} is too long for [drive.modbus] "
-            f"watchdog_s = {watchdog_s:g}: one failed exchange would stop the drive; "
-            f"make it at most {watchdog_s / 2:g}"
-        )
+    yield from SettingBound(
+        "[drive] poll_s", poll_s, "at most", watchdog_s / 2, "too long",
+        f"with [drive.modbus] watchdog_s = {watchdog_s:g} one failed exchange would stop the drive",
+    ).refusal()  # fmt: skip
 
 
 def a_lost_answer_is_no_silence(config: Sections) -> Iterator[str]:
@@ -56,14 +54,13 @@ def a_lost_answer_is_no_silence(config: Sections) -> Iterator[str]:
         wait_s = modbus.timeout_s
         if other.driver == "modbus" and other.modbus and shares_line(modbus, other.modbus):
             wait_s += other.modbus.timeout_s
-        least_s = INTERVALS_MIN * section.poll_s + wait_s
-        if is_below(section.stale_after_s, least_s):
-            yield (
-                f"[{name}] stale_after_s = {section.stale_after_s:g} is too short: it is read "
-                f"every {section.poll_s:g} s, one answer may be lost, and that is waited for "
-                f"{wait_s:g} s ([{name}.modbus] timeout_s, and that of another device on its "
-                f"line); make it at least {least_s:g}, or lower timeout_s"
-            )
+        yield from SettingBound(
+            f"[{name}] stale_after_s", section.stale_after_s, "at least",
+            INTERVALS_MIN * section.poll_s + wait_s, "too short",
+            f"it is read every {section.poll_s:g} s, one answer may be lost, and that is waited "
+            f"for {wait_s:g} s ([{name}.modbus] timeout_s, and that of another device on its line)",
+            "make it {}, or lower timeout_s",
+        ).refusal()  # fmt: skip
 
 
 def registers_reach_the_limits(config: Sections) -> Iterator[str]:
