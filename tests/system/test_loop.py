@@ -84,11 +84,16 @@ class Supervisor:
         *,
         beat: bool = True,
     ) -> None:
-        """Poll for `condition`, with a heartbeat and a look into the ring each time."""
+        """Poll for `condition`, with a heartbeat and a look into the ring each time.
+
+        A loop that has ended is judged by all that it has left in the ring.
+        """
         deadline_s = time.monotonic() + PATIENCE_S
+        ended = False
         while not condition():
             assert time.monotonic() < deadline_s, "the loop did not do it in time"
-            assert process.poll() is None, LoopStatus.read(self.run_dir.loop_status)
+            assert not ended, LoopStatus.read(self.run_dir.loop_status)
+            ended = process.poll() is not None
             if beat:
                 self.mailbox.write(self.setpoint)
             self.drain()
