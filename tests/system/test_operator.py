@@ -153,6 +153,7 @@ def test_after_a_takeover_others_use_the_token_of_the_winner(motord, client):
     loser = motord.start("enable")
     wait_for(client, lambda s: s.state == "ENABLED", "enabled")
     winner = motord.start("enable", "--force")
+    assert winner.stderr.readline().startswith(b"in command")  # its token is there for others
     code, _, err = finish(loser)
     assert code == 1
     assert "took over command" in err
@@ -249,8 +250,9 @@ def test_a_plan_that_is_followed_is_aborted_by_a_closed_terminal(motord, client)
     assert code == 1
     # on a busy computer it may not have begun to follow: then it is its lease that ends the plan
     assert "calibrate aborted: aborted by" in err or err == "motord: interrupted\n"
-    wait_for(client, lambda s: s.state == "READY", "disabled")
-    assert client.plan().state == "aborted"
+    # READY comes first: a plan is over when its recording is closed
+    state = wait_for(client, lambda s: s.state == "READY" and s.plan.over, "disabled")
+    assert state.plan.state == "aborted"
 
 
 @pytest.mark.parametrize("arguments", [("events",), ("events", "--json"), ("watch", "--json")])
