@@ -234,10 +234,10 @@ def test_kill_9_of_the_supervisor_ramps_down(wire):
         lease = client.lease("anna")
         lease.acquire()
         _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
-        loop = state.processes["loop"].pid
+        pids = [state.processes[name].pid for name in ("loop", "recorder")]
         os.kill(wire.daemon.ready["pid"], signal.SIGKILL)
         killed_ns = time.time_ns()
-        wait_until(lambda: not alive(loop), "the loop to leave")
+        wait_until(lambda: not any(map(alive, pids)), "the loop to leave, and its last ticks")
         go_on(wire.devices)
     ticks = wire.daemon.runs()[-1].ticks()
     ramped_ns = killed_ns + round((STALE_S + RAMP_S) * 1e9)
