@@ -8,6 +8,7 @@ import pytest
 from motord.client import ClientError
 from tests.system.daemons import (
     LONG_LEASE_S,
+    PATIENCE_S,
     daemon,
     forgive,
     stalls_from_now,
@@ -48,9 +49,10 @@ def kill_tracker(client, lease):
         lease.set(enable=True, torque_Nm=2.0, speed_Hz=1.0)
         wait_until(lambda: tracked(client) or client.state().first_trip, "turns that are tracked")
         pid = pid_of_tracker(client)
-        os.kill(pid, signal.SIGKILL)
-        wait_until(lambda ended=pid: pid_of_tracker(client) not in (ended, None), "the next")
-        state = client.state()
+        with client.subscribe_state() as states:  # the first of the next one: before its turns
+            os.kill(pid, signal.SIGKILL)
+            while (state := states.get(PATIENCE_S)).processes["tracker"].pid in (pid, None):
+                pass
         if state.state == "ENABLED":
             return state
         forgive(client, kept)
