@@ -43,7 +43,9 @@ def test_ready_then_fed_while_the_loop_makes_progress(manager, tmp_path):
             loop = client.state().processes["loop"].pid
             os.kill(loop, signal.SIGSTOP)
             try:
-                wait_for(client, lambda s: (s.loop.age_s or 0) > 0.3, "no ticks")
+                silent = wait_for(client, lambda s: (s.loop.age_s or 0) > 0.3, "no ticks")
+                # a step publishes its state first, then feeds the watchdog with its last ticks
+                wait_for(client, lambda s: s.t_ns > silent.t_ns, "the step after that")
                 drain(manager)
                 wait_for(client, lambda s: (s.loop.age_s or 0) > 1.5, "no ticks for longer")
                 assert drain(manager) == []
