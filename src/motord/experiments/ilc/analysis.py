@@ -9,6 +9,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config.devices import InverterConfig
+from motord.experiments.asynchronous_findings import asynchronous_line
 from motord.experiments.ilc.estimate import (
     Learning,
     Left,
@@ -20,12 +21,13 @@ from motord.experiments.ilc.estimate import (
     unlearned,
 )
 from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
-from motord.experiments.ilc.seen import SeenRipple, seen_by
+from motord.experiments.ilc.seen import SeenRipple, seen_points
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied
 from motord.findings import Finding, listed
 from motord.identification.operating_points import PointData, Samples, prepare
+from motord.identification.point_ripple import PointRipple
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
 from motord.recording.reader import Run
@@ -35,6 +37,9 @@ from motord.untrusted import parse_toml
 AT_LIMIT = 0.999
 """Part of its limit from which on a correction is held by it."""
 
+HELD = "it counts as noise of each order, which is not learned"
+"""Of what lines that are not locked to the rotor leave."""
+
 
 @dataclass(frozen=True)
 class LearnPass:
@@ -42,7 +47,7 @@ class LearnPass:
 
     calibration: with the corrections to apply from now on. unreached: what the torque shows and is
     not corrected; reach: how far that goes at each speed, as text. limit_Nm: that no correction
-    exceeds.
+    exceeds. ripples: of the points, with the lines that are not locked to the rotor.
     """
 
     calibration: Calibration
@@ -50,6 +55,7 @@ class LearnPass:
     unreached: tuple[Unreached, ...] = ()
     reach: tuple[str, ...] = ()
     limit_Nm: float = np.inf
+    ripples: tuple[PointRipple, ...] = ()
 
     @property
     def learned(self) -> LearnedTorque:
@@ -59,8 +65,9 @@ class LearnPass:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Of the calibration: where data depart from its model; and corrections at their limit."""
-        return (*(self.calibration.findings or ()), *self.limited())
+        """Of the calibration: where data depart from its model; and what corrections rest on."""
+        lines = asynchronous_line(self.ripples, HELD)
+        return (*(self.calibration.findings or ()), *self.limited(), *lines)
 
     def limited(self) -> Iterator[Finding]:
         """Yield a finding where a correction is at its limit, and is not what the torque needs."""
@@ -164,12 +171,8 @@ def learn(
     calibration.check_motor(subject.motor, recorded=True)
     motor, sensor = subject.motor, subject.sensor
     gain = np.array(calibration.alpha) * calibration.delta_epsilon
-    seen = [
-        seen_by(
-            _prepared(point, subject), motor, sensor, gain, learning.hold, learning.highest_order
-        )
-        for point in points
-    ]
+    taken = (_prepared(point, subject) for point in points)
+    seen = seen_points(taken, motor, sensor, gain, learning.hold, learning.highest_order)
     if not seen:
         raise AnalysisError("nothing to learn from: no good operating point in there")
     known = calibration.learned.orders if calibration.learned else ()
@@ -204,6 +207,7 @@ def learn(
         unreached=tuple(one for each in seen for one in unreached(each, orders)),
         reach=tuple(reach_text(one_each[speed], sensor) for speed in sorted(one_each)),
         limit_Nm=learning.limit_share * motor.rated_torque_Nm,
+        ripples=tuple(each.ripple for each in seen if each.ripple is not None),
     )
 
 

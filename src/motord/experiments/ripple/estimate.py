@@ -14,7 +14,7 @@ to have been compensated out of phase.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,11 +23,9 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.subject import Subject
 from motord.findings import Finding
-from motord.identification.disturbances.asynchronous_line import asynchronous_lines
-from motord.identification.disturbances.leakage import lines_in_average, with_leakage
+from motord.identification.disturbances.lines_of_points import ShownLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, require_currents
 from motord.identification.point_ripple import (
-    AsynchronousLine,
     PointRipple,
     point_ripple,
     repeating_rms,
@@ -99,22 +97,15 @@ class MeshRipple:
         ]
 
 
-class _Shown(NamedTuple):
-    """Lines that a point shows that are not locked to the rotor, at which torque and speed."""
-
-    torque_Nm: float
-    speed_Hz: float
-    lines: tuple[AsynchronousLine, ...]
-
-
 def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
     """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
     runs = tuple(runs)
     found, shown = [], []
     for samples in _samples(runs, subject):
         found.append(point_ripple(samples, subject.motor, subject.sensor))
-        shown.append(_shown(samples, subject))
-    return with_asynchronous(found, shown, runs, subject)
+        shown.append(ShownLines.of(samples, subject.motor.counts))
+    again = _samples(runs, subject)
+    return with_asynchronous(found, shown, again, subject.motor, subject.sensor)
 
 
 def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -> list[Explained]:
@@ -123,67 +114,15 @@ def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -
     found, shown = [], []
     for samples in _samples(runs, subject):
         found.append(explain(samples, subject.motor, subject.sensor, calibration))
-        shown.append(_shown(samples, subject))
-    measured = with_asynchronous([one.measured for one in found], shown, runs, subject)
+        shown.append(ShownLines.of(samples, subject.motor.counts))
+    measured = with_asynchronous(
+        [one.measured for one in found],
+        shown,
+        _samples(runs, subject),
+        subject.motor,
+        subject.sensor,
+    )
     return [replace(one, measured=point) for one, point in zip(found, measured, strict=True)]
-
-
-def _shown(samples: Samples, subject: Subject) -> _Shown:
-    lines = asynchronous_lines(samples, subject.motor.counts)
-    return _Shown(samples.torque_set_Nm, samples.speed_Hz, lines)
-
-
-def with_asynchronous(
-    found: Sequence[PointRipple],
-    shown: Sequence[_Shown],
-    runs: Sequence[Run],
-    subject: Subject,
-) -> list[PointRipple]:
-    """Return the ripples of the runs' points with the lines that are not locked to the rotor.
-
-    A line that is as near to an order as a point resolves is known of it from other speeds alone:
-    so, where there are lines, the points are read again. Raises IdentifyError.
-    """
-    if not any(one.lines for one in shown):
-        return list(found)
-    motor, sensor = subject.motor, subject.sensor
-    points = zip(found, shown, _samples(runs, subject), strict=True)
-    return [
-        with_leakage(
-            ripple,
-            lines_in_average(own.lines, _others(shown, place, samples), samples, ripple),
-            samples,
-            motor,
-            sensor,
-        )
-        for place, (ripple, own, samples) in enumerate(points)
-    ]
-
-
-def _others(shown: Sequence[_Shown], place: int, samples: Samples) -> list[AsynchronousLine]:
-    """Return the lines of other points than that of a place.
-
-    Of other torques only those that are seen at its own torque, too. Not those that are of the same
-    order here: they turn with the rotor (a belt), and are seen here at another frequency.
-    """
-    here = shown[place]
-    resolution_Hz = samples.speed_Hz / len(samples.turns)
-    at_torque = [one for shows in shown if shows.torque_Nm == here.torque_Nm for one in shows.lines]
-    found = []
-    for other, shows in enumerate(shown):
-        for line in shows.lines if other != place else ():
-            scaled = replace(line, frequency_Hz=line.frequency_Hz * here.speed_Hz / shows.speed_Hz)
-            turns = _any_at(scaled, here.lines, resolution_Hz)
-            if _any_at(line, here.lines if turns else at_torque, resolution_Hz):
-                found.append(line)
-    return found
-
-
-def _any_at(
-    line: AsynchronousLine, lines: Iterable[AsynchronousLine], resolution_Hz: float
-) -> bool:
-    """Return whether any of the lines is at the frequency of one."""
-    return any(abs(line.frequency_Hz - one.frequency_Hz) < resolution_Hz for one in lines)
 
 
 def _samples(runs: Iterable[Run], subject: Subject) -> Iterator[Samples]:

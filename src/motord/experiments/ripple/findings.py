@@ -3,30 +3,20 @@
 from collections.abc import Iterator, Sequence
 from math import hypot
 
+from motord.experiments.asynchronous_findings import asynchronous_line, half_of_noise
 from motord.experiments.signal_findings import (
     beyond_rated,
     mean_torque_scale,
     signal_findings,
 )
 from motord.findings import Finding, listed
-from motord.identification.point_ripple import AsynchronousLine, PointRipple
-from motord.intervals import SERIOUS_BIAS, coverage_factor
+from motord.identification.point_ripple import PointRipple
 
 SURE = 3.0
 """Standard errors beyond which ripple is said to have grown."""
 
 MOST_PERCENT = 100.0
 """RMS error, percent of rated, that no motor has."""
-
-LINE_PERCENT = 0.1
-"""Amplitude, percent of rated, of a line that is not locked to the rotor from which on it is said:
-what rings in a torque sensor that is compensated is below."""
-
-AS_LARGE = 1 - 0.5**0.5
-"""Part of the RMS error by which a line makes it larger that is as large as the ripple."""
-
-ALIKE = 0.01
-"""Part by which frequencies, or orders, of one line differ from point to point."""
 
 HIDDEN_PERCENT = 0.1
 """Half-width of an RMS error, percent of rated, from which on noise that exceeds it matters."""
@@ -39,7 +29,7 @@ def findings(ripples: Sequence[PointRipple]) -> tuple[Finding, ...]:
         *_scale(ripples),
         *_one_turn(ripples),
         *_hidden(ripples),
-        *_asynchronous(ripples),
+        *asynchronous_line(ripples),
         *_worse(ripples),
         *faults,
     )
@@ -75,7 +65,7 @@ def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
     hidden = [
         (half, one)
         for one in ripples
-        if (half := _half_of_noise(one)) > max(HIDDEN_PERCENT, one.rms_percent)
+        if (half := half_of_noise(one)) > max(HIDDEN_PERCENT, one.rms_percent)
     ]
     if hidden:
         worst, _ = max(hidden, key=lambda each: each[0])
@@ -87,72 +77,6 @@ def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
             "no measurement, nor are mean and worst",
             "look for what disturbs the torque sensor (mains, a loose shield); take more turns",
         )  # fmt: skip
-
-
-def _asynchronous(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
-    """Yield a finding of lines that are not locked to the rotor; a note where none matters."""
-    humming = [one for one in ripples if one.asynchronous_percent > LINE_PERCENT]
-    if humming:
-        most = max(humming, key=lambda one: one.asynchronous_percent)
-        worst = max(humming, key=lambda one: one.leakage_percent)
-        leaking = [one for one in humming if one.leakage_percent > _doubt(one)]
-        serious = any(map(_one_sided, leaking))
-        at, advice = _where(humming)
-        yield Finding(
-            "asynchronous-line", most.asynchronous_percent, LINE_PERCENT, "% of rated",
-            "serious" if serious else "warning" if leaking else "note",
-            f"{listed([one.label for one in humming])}: the torque has a line at {at} that is not "
-            "locked to the rotor; its average over the turns keeps a part, which changes the RMS "
-            f"error by up to {worst.leakage_percent:.2g} % ({worst.label}); the intervals hold that"
-            + (", but it is as large as the ripple and makes it look larger" if serious else ""),
-            f"{advice}; take more turns, or other speeds",
-        )  # fmt: skip
-
-
-def _doubt(one: PointRipple) -> float:
-    """Return what changes the RMS error (%) from which on it matters next to its noise."""
-    return SERIOUS_BIAS * _half_of_noise(one)
-
-
-def _one_sided(one: PointRipple) -> bool:
-    """Return whether the lines make the RMS error larger by more than an interval may hold."""
-    half = coverage_factor() * (one.stderr_percent or 0.0)
-    as_large = one.bias_percent > max(AS_LARGE * one.rms_percent, _doubt(one))
-    return as_large or one.bias_percent > SERIOUS_BIAS * half
-
-
-def _where(humming: Sequence[PointRipple]) -> tuple[str, str]:
-    """Return where the strongest lines are, and what to look for.
-
-    Where not the frequency, but the order is the same at all speeds it turns with the rotor.
-    """
-    lines = [max(one.asynchronous_lines, key=_amplitude_Nm) for one in humming]
-    frequencies_Hz = [line.frequency_Hz for line in lines]
-    orders = [line.frequency_Hz / one.speed_Hz for line, one in zip(lines, humming, strict=True)]
-    if not _alike(frequencies_Hz) and _alike(orders):
-        return (
-            f"{sum(orders) / len(orders):.2f} orders, at all speeds,",
-            "look for what turns with the rotor at another speed (a belt, a gear, another shaft)",
-        )
-    distinct = dict.fromkeys(f"{frequency_Hz:.1f}" for frequency_Hz in frequencies_Hz)
-    return (
-        f"{listed(list(distinct), between=', ')} Hz",
-        "look for mains hum on the torque sensor (50 or 60 Hz and multiples; shield, ground) and "
-        "vibration of the bench",
-    )
-
-
-def _alike(values: Sequence[float]) -> bool:
-    return max(values) - min(values) < ALIKE * max(values)
-
-
-def _amplitude_Nm(line: AsynchronousLine) -> float:
-    return line.amplitude_Nm
-
-
-def _half_of_noise(one: PointRipple) -> float:
-    """Return half of the 95 % interval that the RMS error has by its noise alone."""
-    return coverage_factor() * (one.noise_stderr_percent or 0.0)
 
 
 def _worse(ripples: Sequence[PointRipple]) -> Iterator[Finding]:

@@ -123,6 +123,23 @@ def with_leakage(
     )
 
 
+def noise_of_lines(
+    ripple: PointRipple, samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig
+) -> np.ndarray:
+    """Return the RMS over all phases of what lines leave at each order of a ripple (n,)."""
+    seen = response_of_orders(samples, ripple.order, motor, sensor)
+    square_Nm2 = np.zeros(seen.size)
+    for line in ripple.asynchronous_lines:
+        for wave in waves(samples, line.frequency_Hz):
+            left = (even_and_odd(samples, wave, motor.counts, seen.size) / seen).mean(axis=0)
+            square_Nm2 += _most_Nm(line) ** 2 * np.abs(left) ** 2 / 2
+    return np.asarray(np.sqrt(square_Nm2))
+
+
+def _most_Nm(line: AsynchronousLine) -> float:
+    return line.amplitude_Nm + SURE * line.stderr_Nm
+
+
 def _of_root(square: float, change: float) -> float:
     """Return by how much the root changes at most where its square does, up or down."""
     root = np.sqrt(square)
@@ -153,7 +170,7 @@ def _of_square(
         [[(one[0] * other[1].conj()).real.sum() / 2 for one in pair] for other in pair]
     )
     sizes = np.linalg.eigvalsh((cross + cross.T) / 2)
-    most_Nm = line.amplitude_Nm + SURE * line.stderr_Nm
+    most_Nm = _most_Nm(line)
     return _OfSquare(
         most_Nm * hypot(*first),
         float(most_Nm**2 * np.abs(sizes).max()),

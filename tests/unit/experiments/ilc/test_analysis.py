@@ -85,6 +85,32 @@ def test_corrections_at_their_limit_are_a_finding(first: tuple[Path, Calibration
         assert [one.name for one in found] == names
 
 
+def test_mains_hum_is_a_finding_and_is_not_learned(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    """1 % of rated at 50 Hz: what the average over turns keeps of it looks like ripple."""
+
+    def hum(ticks: np.ndarray) -> np.ndarray:
+        ticks["torque_Nm"] += 0.06 * np.sin(2 * np.pi * 50.07e-9 * ticks["t_ns"])
+        return ticks
+
+    path = change_recording(first[0], tmp_path / "hum.mcap", hum)
+    clean, humming = (learned_from(one, first[1]) for one in (first[0], path))
+    assert clean.findings == ()
+    [found] = humming.findings
+    assert (found.name, found.severity) == ("asynchronous-line", "warning")
+    assert found.value == pytest.approx(1.0, rel=0.2)
+    assert "which is not learned" in found.meaning
+    orders = sorted({*clean.learned.orders, *humming.learned.orders})
+    for one, other in zip(clean.learned.points, humming.learned.points, strict=True):
+        lines_Nm = [
+            dict(zip(done.learned.orders, point.line_Nm, strict=True))
+            for done, point in ((clean, one), (humming, other))
+        ]
+        changed_Nm = [lines_Nm[0].get(order, 0) - lines_Nm[1].get(order, 0) for order in orders]
+        assert np.linalg.norm(changed_Nm) / 2**0.5 < 1e-2  # 27 mNm if all were learned
+
+
 def test_nothing_is_learned_from_an_encoder_that_is_misread(
     first: tuple[Path, Calibration], tmp_path: Path
 ) -> None:

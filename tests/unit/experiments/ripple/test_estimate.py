@@ -11,6 +11,7 @@ from motord.config import load, packaged
 from motord.experiments.ripple import estimate
 from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import Subject
+from motord.identification.disturbances import lines_of_points
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import AsynchronousLine
 from motord.recording.reader import open_run
@@ -195,7 +196,7 @@ def test_lines_of_other_points_that_count(
         speeds_Hz[samples.torque_set_Nm, samples.speed_set_Hz] = samples.speed_Hz
         return ()
 
-    monkeypatch.setattr(estimate, "asynchronous_lines", none)
+    monkeypatch.setattr(lines_of_points, "asynchronous_lines", none)
     estimate.ripples([run_], subject)
     first, fastest = min(torque for torque, _ in speeds_Hz), max(speed for _, speed in speeds_Hz)
     assert len({torque for torque, _ in speeds_Hz}) == len({speed for _, speed in speeds_Hz}) == 2
@@ -204,14 +205,14 @@ def test_lines_of_other_points_that_count(
         shows = samples.torque_set_Nm == first and samples.speed_set_Hz != fastest
         return (AsynchronousLine(50 * speeds_Hz[first, fastest], 0.03, 0.001),) * shows
 
-    monkeypatch.setattr(estimate, "asynchronous_lines", hum)
+    monkeypatch.setattr(lines_of_points, "asynchronous_lines", hum)
     for one in estimate.ripples([run_], subject):
         assert bool(one.asynchronous_lines) == (one.torque_Nm == first)
 
     def belt(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
         return (AsynchronousLine(7.5 * samples.speed_Hz, 0.03, 0.001),)
 
-    monkeypatch.setattr(estimate, "asynchronous_lines", belt)
+    monkeypatch.setattr(lines_of_points, "asynchronous_lines", belt)
     for one in estimate.ripples([run_], subject):
         [line] = one.asynchronous_lines
         assert line.frequency_Hz == pytest.approx(7.5 * one.speed_Hz, rel=0.01)
