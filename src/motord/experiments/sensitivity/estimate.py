@@ -1,11 +1,13 @@
 """What errors of a calibration cost in ripple: theory, and the `sensitivity` plan's recordings."""
 
 from collections.abc import Iterator, Sequence
+from math import sqrt
 from typing import Any
 
 import numpy as np
 
 from motord.config import MotorConfig
+from motord.experiments.asynchronous_findings import asynchronous_line
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.sensitivity.applied import NEEDED, Applied, AppliedCompensation
 from motord.experiments.sensitivity.curves import ERRORS, RippleModel, limits, single
@@ -15,8 +17,16 @@ from motord.experiments.sensitivity.volume import INTERVALS, limit_surface, volu
 from motord.experiments.signal_findings import current_scale
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
-from motord.identification.operating_points import COMMANDS, CURRENTS, PointData, prepare, stacked
-from motord.identification.point_ripple import point_ripple
+from motord.identification.disturbances.lines_of_points import ShownLines, with_asynchronous
+from motord.identification.operating_points import (
+    COMMANDS,
+    CURRENTS,
+    PointData,
+    Samples,
+    prepare,
+    stacked,
+)
+from motord.identification.point_ripple import PointRipple, point_ripple
 from motord.identification.signal_condition import CurrentProducts
 from motord.recording.captures import COLUMNS, captures
 from motord.recording.reader import Run
@@ -75,19 +85,15 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     share = tuple(applied.gain.tolist()) if subject.motor.connection == "star" else None
     model = RippleModel.of(subject.motor, applied.tau_cog_Nm, share)
     rows: dict[str, list[tuple[float, ...]]] = {what: [] for what in IDEALS}
-    for point, induced in _points(runs):
-        values = _single(induced)
-        if not values:
-            continue
-        ripple = point_ripple(prepare(point, subject.motor.counts), subject.motor, subject.sensor)
-        expected = model.rms_percent(
-            point.torque_Nm, induced.gain, induced.offset_A, induced.cogging
-        )
-        for what, value in values.items():
-            if ripple.stderr_percent is None:
-                raise IdentifyError(f"{ripple.label}: one whole turn; take at least 2 turns")
-            row = (value, ripple.rms_percent, ripple.stderr_percent, float(expected))
-            rows[what].append(row)
+    measured = _measured(runs, subject)
+    for ripple, induced in measured:
+        if ripple.stderr_percent is None:
+            raise IdentifyError(f"{ripple.label}: one whole turn; take at least 2 turns")
+        wrong = induced.gain, induced.offset_A, induced.cogging
+        expected = float(model.rms_percent(ripple.torque_Nm, *wrong))
+        for what, value in _single(induced).items():
+            rows[what].append((value, ripple.rms_percent, ripple.stderr_percent, expected))
+    scale = subject.accuracy.torque_gain_percent / 100 / sqrt(3)
     torque_Nm, speed_Hz = places[0] if places else (DEFAULT_TORQUE_Nm, 0.0)
     return Sensitivity(
         subject=subject,
@@ -95,15 +101,35 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
         speed_Hz=speed_Hz,
         theory=theory(subject.motor, applied.tau_cog_Nm, torque_Nm),
         series=tuple(
-            series(what, IDEALS[what], *np.array(some).T)
+            series(what, IDEALS[what], *np.array(some).T, scale=scale)
             for what, some in rows.items()
             if len(some) > 1
         ),
         again=_again(runs, subject, applied, model, torque_Nm),
-        signal_findings=tuple(
-            current_scale(current_ratios, "slopes of current errors are as wrong")
+        signal_findings=(
+            *current_scale(current_ratios, "slopes of current errors are as wrong"),
+            *asynchronous_line([ripple for ripple, _ in measured]),
         ),
     )
+
+
+def _measured(runs: Sequence[Run], subject: Subject) -> list[tuple[PointRipple, Induced]]:
+    """Return the ripple of each point with a single error, or none, with what was induced."""
+    motor, sensor = subject.motor, subject.sensor
+    found, shown, errors = [], [], []
+    for samples, induced in _prepared(runs, subject):
+        found.append(point_ripple(samples, motor, sensor))
+        shown.append(ShownLines.of(samples, motor.counts))
+        errors.append(induced)
+    again = (samples for samples, _ in _prepared(runs, subject))
+    ripples = with_asynchronous(found, shown, again, motor, sensor)
+    return list(zip(ripples, errors, strict=True))
+
+
+def _prepared(runs: Sequence[Run], subject: Subject) -> Iterator[tuple[Samples, Induced]]:
+    for point, induced in _points(runs):
+        if _single(induced):
+            yield prepare(point, subject.motor.counts), induced
 
 
 def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:

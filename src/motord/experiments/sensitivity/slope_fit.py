@@ -5,6 +5,7 @@ off; points of which it is a good part belong to neither line.
 """
 
 from dataclasses import dataclass
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +20,8 @@ CLEAR_OF_FLOOR = 2.5
 class Branch:
     """A line through the points on one side: rms = at_ideal + slope (value - ideal), percent.
 
-    slope_stderr from what the line leaves, or from the points' own errors where that is more;
+    slope_stderr from what the line leaves, or from the points' own errors where that is more, and
+    from the scale of all;
     theory_slope: of a line through the theory of the same points; used (n,): which they are.
     """
 
@@ -49,6 +51,7 @@ class Branch:
 class Series:
     """One kind of error: values (n,) rising, RMS error measured, its standard error, and theory.
 
+    stderr_percent: of a point by itself, and of the scale that all points have in common.
     branches: below and above `ideal`; None where fewer than two points are clear of the floor.
     """
 
@@ -93,8 +96,14 @@ def series(
     measured_percent: np.ndarray,
     stderr_percent: np.ndarray,
     theory_percent: np.ndarray,
+    *,
+    scale: float = 0.0,
 ) -> Series:
-    """Sort the points of one kind of error and fit its two branches. All arrays (n,)."""
+    """Sort the points of one kind of error and fit its two branches. All arrays (n,).
+
+    stderr_percent: of each point by itself; scale: standard uncertainty, in parts, of the measured
+    values' scale, which all points have in common.
+    """
     order = np.argsort(value)
     x, y, error, theory = (
         column[order] for column in (value, measured_percent, stderr_percent, theory_percent)
@@ -102,13 +111,19 @@ def series(
     floor = float(y[int(np.argmin(np.abs(x - ideal)))])
     clear = theory > CLEAR_OF_FLOOR * floor
     branches = tuple(
-        _line(x - ideal, y, error, theory, clear & side) for side in (x < ideal, x > ideal)
+        _line(x - ideal, y, error, theory, clear & side, scale) for side in (x < ideal, x > ideal)
     )
-    return Series(what, ideal, x, y, error, theory, (branches[0], branches[1]))
+    stderr = np.hypot(error, scale * y)
+    return Series(what, ideal, x, y, stderr, theory, (branches[0], branches[1]))
 
 
 def _line(
-    x: np.ndarray, y: np.ndarray, error: np.ndarray, theory: np.ndarray, used: np.ndarray
+    x: np.ndarray,
+    y: np.ndarray,
+    error: np.ndarray,
+    theory: np.ndarray,
+    used: np.ndarray,
+    scale: float,
 ) -> Branch | None:
     if used.sum() < 2:
         return None
@@ -121,7 +136,7 @@ def _line(
     by_points = float(inverse[1] ** 2 @ error[used] ** 2)
     return Branch(
         slope=float(slope),
-        slope_stderr=max(by_rest, by_points) ** 0.5,
+        slope_stderr=hypot(max(by_rest, by_points) ** 0.5, scale * float(slope)),
         at_ideal=float(at_ideal),
         theory_slope=float(inverse[1] @ theory[used]),
         used=used,

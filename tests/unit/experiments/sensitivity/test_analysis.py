@@ -75,6 +75,27 @@ def test_currents_of_another_scale_are_a_finding(
     assert result.signal_findings == ()
 
 
+def test_mains_hum_is_a_finding_and_in_the_errors(
+    recording: Path, result: Sensitivity, tmp_path: Path
+) -> None:
+    """2 % of rated at 50 Hz: what the average over turns keeps of it is in all points."""
+
+    def hum(ticks: np.ndarray) -> np.ndarray:
+        ticks["torque_Nm"] += 0.12 * np.sin(2 * np.pi * 50e-9 * ticks["t_ns"])
+        return ticks
+
+    runs = [open_run(change_recording(recording, tmp_path / "hum.mcap", hum))]
+    humming = sensitivity(runs, Subject.of_runs(runs))
+    [finding] = humming.signal_findings
+    assert finding.name == "asynchronous-line"
+    assert finding.value == pytest.approx(2.0, rel=0.3)
+    gain = result.subject.accuracy.torque_gain_percent / 100 / 3**0.5
+    for one, other in zip(result.series, humming.series, strict=True):
+        off = np.abs(other.measured_percent - one.measured_percent)
+        assert (off < 1.96 * np.hypot(one.stderr_percent, other.stderr_percent)).all()
+        assert (one.stderr_percent > gain * one.measured_percent).all()
+
+
 def test_errors_that_were_induced_are_found_again(result: Sensitivity) -> None:
     again = result.again
     assert again is not None

@@ -41,6 +41,19 @@ def test_a_slope_is_as_sure_as_its_points() -> None:
     assert abs(measured(0.0, noise=0.05).branches[0].slope + 18) < 4 * noisy
 
 
+def test_the_scale_that_all_points_have_in_common_is_in_each_error() -> None:
+    """By a gain of 1 % all slopes are 1 % off, however well the points lie on their lines."""
+    value = np.array([0.8, 0.85, 0.9, 1.0])
+    theory = np.abs(value - 1) * 18.0
+    points = (value, np.hypot(theory, 0.01), np.full(4, 1e-3), theory)
+    alone, scaled = (series("alpha_a", 1.0, *points, scale=scale) for scale in (0.0, 0.01))
+    [before], [after] = ([b for b in one.branches if b] for one in (alone, scaled))
+    assert after.slope == before.slope
+    assert after.slope_stderr == pytest.approx(np.hypot(before.slope_stderr, 0.01 * before.slope))
+    together = np.hypot(alone.stderr_percent, 0.01 * alone.measured_percent)
+    assert scaled.stderr_percent == pytest.approx(together)
+
+
 def test_a_branch_under_the_floor_has_no_line() -> None:
     found = measured(3.0)
     assert found.branches == (None, None)
