@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from math import hypot, sqrt
+from math import hypot, pi, sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -97,7 +97,7 @@ class ProfileTracking:
 
     torque_uncertainty: standard uncertainty of the torque's scale, in parts (Type B), None if it
     is not known; torque_source: text of where the torque is from; signal_findings: of signals
-    and of points without a good take.
+    and of points without a good take; torque_zero_Nm: standard uncertainty of the zero (Type B).
     """
 
     JSON: ClassVar = (
@@ -125,6 +125,7 @@ class ProfileTracking:
     torque_source: str
     cycles: tuple[Cycle, ...]
     signal_findings: tuple[Finding, ...] = ()
+    torque_zero_Nm: float = 0.0
 
     @cached_property
     def speed_rms_Hz(self) -> CycleMean:
@@ -139,17 +140,26 @@ class ProfileTracking:
     @cached_property
     def energy_J(self) -> CycleMean:
         """Mechanical energy of a cycle."""
-        return _mean([one.energy_J for one in self.cycles], self.torque_uncertainty)
+        zero_J = 2 * pi * self._turns * self.torque_zero_Nm
+        return _mean([one.energy_J for one in self.cycles], self.torque_uncertainty, zero_J)
 
     @cached_property
     def power_mean_W(self) -> CycleMean:
         """Mean mechanical power."""
-        return _mean([one.power_mean_W for one in self.cycles], self.torque_uncertainty)
+        duration_s = float(np.mean([one.duration_s for one in self.cycles]))
+        zero_W = 2 * pi * self._turns / duration_s * self.torque_zero_Nm
+        return _mean([one.power_mean_W for one in self.cycles], self.torque_uncertainty, zero_W)
 
     @cached_property
     def torque_mean_Nm(self) -> CycleMean:
         """Mean torque."""
-        return _mean([one.torque_mean_Nm for one in self.cycles], self.torque_uncertainty)
+        means_Nm = [one.torque_mean_Nm for one in self.cycles]
+        return _mean(means_Nm, self.torque_uncertainty, self.torque_zero_Nm)
+
+    @property
+    def _turns(self) -> float:
+        """Turns of a cycle, forwards less backwards."""
+        return float(np.mean([one.turns for one in self.cycles]))
 
     @cached_property
     def speed_mean_Hz(self) -> CycleMean:
@@ -212,13 +222,14 @@ class ProfileTracking:
                 )  # fmt: skip
 
 
-def _mean(values: list[float], relative: float | None = 0.0) -> CycleMean:
+def _mean(values: list[float], relative: float | None = 0.0, common: float = 0.0) -> CycleMean:
     """Return the mean with its interval; relative: standard uncertainty of their scale, if known.
 
+    common: standard uncertainty of what is added to all of them alike, such as by a zero.
     What repeats from cycle to cycle does not show in their scatter: without it there is none.
     """
     mean = float(np.mean(values))
-    stderr = (relative or 0.0) * abs(mean)
+    stderr = hypot((relative or 0.0) * mean, common)
     half = coverage_factor() * stderr
     if len(values) > 1:
         scatter = float(np.std(values, ddof=1)) / sqrt(len(values))

@@ -125,6 +125,38 @@ def test_a_sensor_that_passes_the_mean_needs_no_currents(played: Played) -> None
     assert result.notes[0] == "torque: as the sensor measures it"
 
 
+def test_the_zero_of_a_sensor_that_passes_the_mean_is_in_the_intervals(
+    played: Played, tmp_path: Path
+) -> None:
+    """A zero at its limit of 50 mNm, which is alike in all cycles: their scatter shows nothing."""
+
+    def off(ticks: np.ndarray) -> np.ndarray:
+        ticks["torque_Nm"] += 0.05
+        return ticks
+
+    results = []
+    for path in (played.on, change_recording(played.on, tmp_path / "off.mcap", off)):
+        recordings = Recordings.open([path])
+        subject = recordings.subject
+        recordings.__dict__["subject"] = replace(
+            subject,
+            sensor=subject.sensor.model_copy(update={"highpass_time_constant_s": 0.0}),
+            accuracy=subject.accuracy.model_copy(update={"torque_zero_Nm": 0.05}),
+        )
+        results.append(measure(recordings, None))
+    true, found = results
+    [turned] = {
+        round(2 * np.pi * np.mean([one.turns for one in each.cycles]), 6) for each in results
+    }
+    for figure, error in (("torque_mean_Nm", 0.05), ("energy_J", 0.05 * turned)):
+        value, mean = getattr(true, figure).value, getattr(found, figure)
+        assert mean.value - value == pytest.approx(error, rel=0.01), figure
+        assert mean.low < value < mean.high, figure
+        alone = getattr(replace(found, torque_zero_Nm=0.0), figure)
+        half = np.hypot(alone.value - alone.low, 1.96 * error / np.sqrt(3))
+        assert mean.value - mean.low == pytest.approx(half, rel=1e-3), figure
+
+
 def test_what_was_asked_for_is_taken_from_the_middle_of_each_set_point() -> None:
     ticks = np.zeros(1000, TICK_DTYPE)
     t_s = np.arange(1000) * 1e-3
