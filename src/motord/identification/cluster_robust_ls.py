@@ -12,7 +12,6 @@ direction, which one cluster alone determines, has no residual: its variance is 
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -77,10 +76,9 @@ class BiasReducedFit(ClusterFit):
 
 @dataclass(frozen=True)
 class Regressors:
-    """Columns (n, p) that several values are fitted by; turn (n,): number of each sample's turn.
+    """Columns (n, p) that several values are fitted by; first (g,): the first row of each turn.
 
-    The numbers run from 0 without a gap, in order. least_turns: turns from which on how they differ
-    counts.
+    inverse: (X' X)^-1. least_turns: turns from which on how they differ counts.
     """
 
     columns: np.ndarray
@@ -90,7 +88,7 @@ class Regressors:
 
     @classmethod
     def of(
-        cls, columns: np.ndarray, turn: np.ndarray, least_turns: int = LEAST_TURNS
+        cls, columns: np.ndarray, first: np.ndarray, least_turns: int = LEAST_TURNS
     ) -> "Regressors":
         """Prepare the columns."""
         # not columns.T @ columns, for which BLAS takes its slow way with long thin matrices
@@ -98,7 +96,11 @@ class Regressors:
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         scaled = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
         inverse = scaled * np.outer(scale, scale)
-        return cls(columns, inverse, np.flatnonzero(np.diff(turn, prepend=-1)), least_turns)
+        return cls(columns, inverse, first, least_turns)
+
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return rows (n, ...) of each turn."""
+        return np.split(values, self.first[1:])
 
     def fit(self, values: np.ndarray) -> ClusterFit:
         """Fit values (n,).
@@ -110,8 +112,8 @@ class Regressors:
         residual = values - self.columns @ solution
         noise = float(np.sqrt(residual @ residual / max(residual.size - solution.size, 1)))
         homoskedastic = noise**2 * self.inverse
-        edges = np.append(self.first, residual.size)
-        scores = np.array([self.columns[a:b].T @ residual[a:b] for a, b in pairwise(edges)])
+        pairs = zip(self.split(self.columns), self.split(residual), strict=True)
+        scores = np.array([x.T @ e for x, e in pairs])
         more = _inflation(self.inverse @ scores.T, np.diag(homoskedastic), self.least_turns)
         return ClusterFit(solution, homoskedastic * np.outer(more, more), residual, noise)
 
@@ -121,15 +123,15 @@ class Regressors:
         scale = np.sqrt(np.maximum(np.diag(self.inverse), 1e-300))
         sizes, vectors = np.linalg.eigh(self.inverse / np.outer(scale, scale))
         root = scale[:, None] * vectors * np.sqrt(np.maximum(sizes, 0.0))
-        edges = list(pairwise([*self.first, fit.residual.size]))
-        parts = [self.columns[a:b] @ root for a, b in edges]
+        parts = [x @ root for x in self.split(self.columns)]
         leverage = np.array([part.T @ part for part in parts])
         shares, axes = np.linalg.eigh(leverage)
         complement = 1.0 - shares
         known = complement > SINGLETON_LIMIT
         factor = np.where(known, np.maximum(complement, SINGLETON_LIMIT) ** -0.5, 0.0)
         adjustment = np.einsum("gik,gk,gjk->gij", axes, factor, axes)
-        scores = [part.T @ fit.residual[a:b] for part, (a, b) in zip(parts, edges, strict=True)]
+        pairs = zip(parts, self.split(fit.residual), strict=True)
+        scores = [part.T @ e for part, e in pairs]
         influence = root @ np.einsum("gij,gj->ig", adjustment, np.array(scores))
         singletons = np.swapaxes(axes, 1, 2)[~known] @ root.T
         covariance = influence @ influence.T + fit.noise**2 * singletons.T @ singletons
@@ -151,6 +153,11 @@ class Regressors:
         influence = np.add.reduceat(partial * residual, self.first)[None, :] / square
         more = _inflation(influence, np.array([variance]), self.least_turns)
         return coefficient, variance * float(more[0]) ** 2
+
+
+def first_rows(number: np.ndarray) -> np.ndarray:
+    """Return the first row of each turn (g,) by the number of each row's (n,), in order from 0."""
+    return np.flatnonzero(np.diff(number, prepend=-1))
 
 
 def satterthwaite(form: np.ndarray, singleton: float, residual_freedom: int) -> float:

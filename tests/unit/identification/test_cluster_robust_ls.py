@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, fractional_matrix_power
 
-from motord.identification.cluster_robust_ls import Regressors
+from motord.identification.cluster_robust_ls import Regressors, first_rows
 
 SIZES = (3, 5, 9, 14, 8, 11, 10)
 
@@ -14,7 +14,7 @@ def test_covariance_and_freedom_are_those_of_bell_and_mccaffrey() -> None:
     cluster = np.repeat(np.arange(len(SIZES)), SIZES)
     columns = rng.standard_normal((cluster.size, 3)) * [1.0, 1e3, 1e-3]
     values = rng.standard_normal(cluster.size)
-    found = Regressors.of(columns, cluster).fit_bias_reduced(values)
+    found = Regressors.of(columns, first_rows(cluster)).fit_bias_reduced(values)
 
     solved = np.linalg.inv(columns.T @ columns) @ columns.T
     annihilator = np.eye(cluster.size) - columns @ solved
@@ -39,7 +39,7 @@ def test_singleton_directions_have_the_variance_of_white_noise(
 ) -> None:
     cluster = np.repeat(np.arange(6), 4)
     columns = np.column_stack([np.ones(24), (cluster == 2) * second])
-    regressors = Regressors.of(columns, cluster)
+    regressors = Regressors.of(columns, first_rows(cluster))
     # the covariance is quadratic in the values, so of white noise the mean is a sum over samples
     each = [regressors.fit_bias_reduced(one) for one in np.eye(24)]
     stated = np.diag(sum(one.covariance for one in each))
@@ -51,7 +51,7 @@ def test_freedom_of_a_mean_next_to_a_dummy_of_one_cluster() -> None:
     """Of five equal clusters four for the mean; with the dummy, the noise of its cluster too."""
     cluster = np.repeat(np.arange(6), 4)
     columns = np.column_stack([np.ones(24), cluster == 2])
-    found = Regressors.of(columns, cluster).fit_bias_reduced(np.cos(np.arange(24)))
+    found = Regressors.of(columns, first_rows(cluster)).fit_bias_reduced(np.cos(np.arange(24)))
     mean, singleton = 1 / 20, 1 / 4  # variances of the mean of five clusters, and of one alone
     assert found.freedom(np.array([1.0, 0.0])) == pytest.approx(4.0)
     expected = (mean + singleton) ** 2 / (mean**2 / 4 + singleton**2 / 22)

@@ -35,7 +35,12 @@ from motord.experiments.back_emf.voltages import (
 )
 from motord.experiments.magnet_temperature import UNKNOWN, ReferredBackEmf
 from motord.identification import IdentifyError
-from motord.identification.cluster_robust_ls import FEWEST_TURNS, ClusterFit, Regressors
+from motord.identification.cluster_robust_ls import (
+    FEWEST_TURNS,
+    ClusterFit,
+    Regressors,
+    first_rows,
+)
 from motord.identification.left_out import LeftOut
 from motord.identification.operating_points import PointData
 from motord.identification.orders import resolved_order
@@ -71,7 +76,7 @@ def _columns(samples: VoltageSamples, order: np.ndarray) -> np.ndarray:
 
 def fit_phases(samples: VoltageSamples, order: np.ndarray) -> list[ClusterFit]:
     """Return the fit of each phase: cos and sin of each order (V s/rad), then the offset (V)."""
-    regressors = Regressors.of(_columns(samples, order), samples.turn, FEWEST_TURNS)
+    regressors = Regressors.of(_columns(samples, order), first_rows(samples.turn), FEWEST_TURNS)
     return [regressors.fit(u_V) for u_V in samples.u_V.T]
 
 
@@ -80,7 +85,7 @@ def fit_delay(samples: VoltageSamples, order: np.ndarray) -> tuple[float, float]
 
     u(t) was k at theta - speed delay: the slope of k times speed^2 is one more column.
     """
-    regressors = Regressors.of(_columns(samples, order), samples.turn, FEWEST_TURNS)
+    regressors = Regressors.of(_columns(samples, order), first_rows(samples.turn), FEWEST_TURNS)
     found = []
     for u_V in samples.u_V.T:
         fit = regressors.fit(u_V)

@@ -21,7 +21,12 @@ import numpy as np
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification import IdentifyError
 from motord.identification.basis import cell_gain, highpass
-from motord.identification.cluster_robust_ls import FEWEST_TURNS, ClusterFit, Regressors
+from motord.identification.cluster_robust_ls import (
+    FEWEST_TURNS,
+    ClusterFit,
+    Regressors,
+    first_rows,
+)
 from motord.identification.harmonics import lines_at
 from motord.identification.orders import (
     SAMPLES_PER_COGGING_ORDER,
@@ -105,7 +110,8 @@ def at_speed(
         visit = _visits(angle_rad[rows], turn, motor.counts)
         steady = np.add.reduceat(steady, visit) / np.diff(visit, append=turn.size)[:, None]
         rows, turn = rows[visit], turn[visit]
-    fit = Regressors.of(steady[:, :-1], turn, FEWEST_TURNS).fit(steady[:, -1])
+    regressors = Regressors.of(steady[:, :-1], first_rows(turn), FEWEST_TURNS)
+    fit = regressors.fit(steady[:, -1])
     variance, line_Nm = np.diag(fit.covariance), fit.solution[0::2] - 1j * fit.solution[1::2]
     spectrum_Nm = _spectrum(angle_rad[rows], fit, driven, motor, sensor, highest)
     noise_Nm = _noise(spectrum_Nm, order)

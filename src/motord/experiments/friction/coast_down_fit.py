@@ -44,7 +44,8 @@ STRIBECK_ROUNDS = 3
 class CoastDownFit:
     """Coast-downs of one direction, fitted without a Stribeck part.
 
-    q_rad, speeds_rad_s: (n,) of each, by the fit; values, columns of all, one after the other.
+    q_rad, speeds_rad_s: (n,) of each, by the fit; values, columns of all, one after the other;
+    first (g,): the first row of each.
     """
 
     coasts: tuple[CoastDown, ...]
@@ -52,7 +53,7 @@ class CoastDownFit:
     q_rad: tuple[np.ndarray, ...]
     values: np.ndarray
     columns: np.ndarray
-    cluster: np.ndarray
+    first: np.ndarray
     fit: TwoStepFit
 
     @classmethod
@@ -74,19 +75,14 @@ class CoastDownFit:
             parts = [one.stribeck(np.gradient(q, one.t_s), at_rad_s) for one, q in pairs]
             more = [one.projected(part) for one, part in zip(coasts, parts, strict=True)]
             columns = np.hstack([columns, np.concatenate(more)])
-        cluster = np.repeat(np.arange(len(coasts)), [one.t_s.size for one in coasts])
-        fit = TwoStepFit.of(columns, cluster, values)
-        group = cls(coasts, order, tuple(q_rad), values, columns, cluster, fit)
+        first = np.cumsum([0, *(one.t_s.size for one in coasts[:-1])])
+        fit = TwoStepFit.of(columns, first, values)
+        group = cls(coasts, order, tuple(q_rad), values, columns, first, fit)
         fitted = tuple(
             (1 - RELAXATION) * q + RELAXATION * (one.q_rad - residual)
             for (one, q), residual in zip(pairs, group.split(fit.common.residual), strict=True)
         )
         return replace(group, q_rad=fitted)
-
-    @property
-    def first(self) -> np.ndarray:
-        """Return the first row of each coast-down (g,)."""
-        return np.flatnonzero(np.diff(self.cluster, prepend=-1))
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return values (n,), rows of all coast-downs, of each."""
@@ -135,7 +131,7 @@ class CoastDownFit:
         columns = self.columns if more is None else np.hstack([self.columns, more])
         own, more = columns[:, :OWN], columns[:, OWN:]
         common, values = partialled_out(own, more, self.values, self.first)
-        residual = Regressors.of(common, self.cluster).fit(values).residual
+        residual = Regressors.of(common, self.first).fit(values).residual
         return float(residual @ residual)
 
     def with_stribeck(
@@ -143,7 +139,7 @@ class CoastDownFit:
     ) -> TwoStepFit:
         """Fit a Stribeck part of w_s `at_rad_s`, too; with `scale` (S/J) w_s is free around it."""
         columns = self.and_stribeck(speeds_rad_s, at_rad_s, scale)
-        return TwoStepFit.of(columns, self.cluster, self.values)
+        return TwoStepFit.of(columns, self.first, self.values)
 
     def and_stribeck(
         self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float

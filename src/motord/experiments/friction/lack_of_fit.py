@@ -87,7 +87,7 @@ def lack_of_fit(
         mean,
         t_quantile(1 - LEVEL / 2, number - 1) * stderr,
         t_quantile(0.975, number - 1) * stderr,
-        -TwoStepFit.of(columns, group.cluster, square).solution,
+        -TwoStepFit.of(columns, group.first, square).solution,
     )
 
 
@@ -121,9 +121,9 @@ def _of_each(
     partial, partial_values = partialled_out(own, common, values, first)
     shared = np.linalg.lstsq(partial, partial_values)[0] if common.shape[1] else np.zeros(0)
     found = []
-    for rows in np.split(np.arange(values.size), first[1:]):
-        q, r = np.linalg.qr(own[rows])
-        less_common = values[rows] - common[rows] @ shared
-        found.append((q[:, -1] @ less_common / r[-1, -1], r[-1, -1] ** 2))
+    less_common = np.split(values - common @ shared, first[1:])
+    for x, y in zip(np.split(own, first[1:]), less_common, strict=True):
+        q, r = np.linalg.qr(x)
+        found.append((q[:, -1] @ y / r[-1, -1], r[-1, -1] ** 2))
     coefficients, information = np.array(found).T
     return coefficients, information

@@ -10,8 +10,8 @@ coast-down its own, and then F and b, one of each for all, to the values less th
 X: columns of F and b, C: the common ones, Z: residuals of C on X of each coast-down, which thus
 is partialled out (Frisch, Waugh and Lovell). What friction differs by does not move c, and the
 sensitivity of beta to c is M = -(X' X)^-1 X' C. So what a coast-down has for an influence b on c,
-and a on the second fit, is a + M b on beta; the covariance is the sum of the squares of
-(a + M b, b) over the coast-downs: errors may be correlated within one in any way.
+and a on the second fit, is T (a, b), T = (I, M; 0, I); the covariance is the sum of the squares of
+that over the coast-downs: errors may be correlated within one in any way.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ OWN = 2
 class TwoStepFit(ClusterFit):
     """solution (p,): Coulomb and viscous friction, then the common columns' coefficients.
 
-    sensitivity: M (2, p - 2); common: the first step, its residual that with friction of each
+    sensitivity: T (p, p), to both steps; common: the first, its residual that with friction of each
     coast-down its own; friction: the second.
     """
 
@@ -44,19 +44,20 @@ class TwoStepFit(ClusterFit):
     clusters: int
 
     @classmethod
-    def of(cls, columns: np.ndarray, cluster: np.ndarray, values: np.ndarray) -> "TwoStepFit":
-        """Fit values (n,) by columns (n, p); cluster (n,): number of each sample's coast-down."""
+    def of(cls, columns: np.ndarray, first: np.ndarray, values: np.ndarray) -> "TwoStepFit":
+        """Fit values (n,) by columns (n, p); first (g,): the first row of each coast-down."""
         own, more = columns[:, :OWN], columns[:, OWN:]
-        regressors = Regressors.of(own, cluster)
-        free, free_values = partialled_out(own, more, values, regressors.first)
-        common = _cluster_robust(Regressors.of(free, cluster), free_values)
+        regressors = Regressors.of(own, first)
+        free, free_values = partialled_out(own, more, values, first)
+        common = _cluster_robust(Regressors.of(free, first), free_values)
         friction = _cluster_robust(regressors, values - more @ common.solution)
-        sensitivity = -regressors.inverse @ (own.T @ more)
+        sensitivity = np.eye(columns.shape[1])
+        sensitivity[:OWN, OWN:] = -regressors.inverse @ (own.T @ more)
         covariance = _covariance(friction, common, sensitivity)
         solution = np.concatenate([friction.solution, common.solution])
         return cls(
             solution, covariance, friction.residual, friction.noise,
-            sensitivity, friction, common, regressors.first.size,
+            sensitivity, friction, common, first.size,
         )  # fmt: skip
 
     def freedom(self, contrast: np.ndarray) -> float:
@@ -67,9 +68,9 @@ class TwoStepFit(ClusterFit):
         most, friction, common = float(self.clusters - 1), self.friction, self.common
         if not (isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit)):
             return most
-        own, first = contrast[:OWN], contrast[OWN:] + self.sensitivity.T @ contrast[:OWN]
-        form = friction.quadratic_form(own) + common.quadratic_form(first)
-        singleton = friction.singleton_variance(own) + common.singleton_variance(first)
+        own, shared = np.split(self.sensitivity.T @ contrast, [OWN])
+        form = friction.quadratic_form(own) + common.quadratic_form(shared)
+        singleton = friction.singleton_variance(own) + common.singleton_variance(shared)
         return min(satterthwaite(form, singleton, self.residual.size - self.solution.size), most)
 
 
@@ -81,26 +82,21 @@ def partialled_out(
     first (g,): the first row of each coast-down.
     """
     residuals = []
-    for rows in np.split(np.arange(values.size), first[1:]):
-        q = np.linalg.qr(own[rows])[0]
-        both = np.column_stack([common[rows], values[rows]])
-        residuals.append(both - q @ (q.T @ both))
+    both = np.split(np.column_stack([common, values]), first[1:])
+    for x, y in zip(np.split(own, first[1:]), both, strict=True):
+        q = np.linalg.qr(x)[0]
+        residuals.append(y - q @ (q.T @ y))
     every = np.concatenate(residuals)
     return every[:, :-1], every[:, -1]
 
 
 def _covariance(friction: ClusterFit, common: ClusterFit, sensitivity: np.ndarray) -> np.ndarray:
     """Return the covariance (p, p) of both steps; of few coast-downs, that of white noise."""
+    cross = np.zeros((OWN, common.solution.size))
     if isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit):
-        moved = sensitivity @ common.influence
-        influence = np.vstack([friction.influence + moved, common.influence])
-        nothing = np.zeros((len(friction.singletons), common.solution.size))
-        first = friction.noise * np.hstack([friction.singletons, nothing])
-        second = common.noise * np.hstack([common.singletons @ sensitivity.T, common.singletons])
-        return np.asarray(influence @ influence.T + first.T @ first + second.T @ second)
-    moved = sensitivity @ common.covariance
-    both = [[friction.covariance + moved @ sensitivity.T, moved], [moved.T, common.covariance]]
-    return np.block(both)
+        cross = friction.influence @ common.influence.T
+    steps = np.block([[friction.covariance, cross], [cross.T, common.covariance]])
+    return np.asarray(sensitivity @ steps @ sensitivity.T)
 
 
 def _cluster_robust(regressors: Regressors, values: np.ndarray) -> ClusterFit:

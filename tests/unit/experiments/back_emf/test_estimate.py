@@ -17,7 +17,7 @@ from motord.experiments.back_emf.estimate import fit_delay, measure
 from motord.experiments.back_emf.voltages import VoltageSamples
 from motord.experiments.magnet_temperature import UNKNOWN
 from motord.identification import IdentifyError
-from motord.identification.cluster_robust_ls import ClusterFit, Regressors
+from motord.identification.cluster_robust_ls import ClusterFit, Regressors, first_rows
 from motord.identification.operating_points import PointData
 from motord.intervals import coverage_factor
 from tests.campaigns.back_emf import BOUND_PERCENT, errors, measured
@@ -164,7 +164,7 @@ def test_standard_errors_know_of_noise_that_holds_over_a_turn() -> None:
     apart = []
     for _ in range(200):
         noise = rng.standard_normal(4000) + rng.standard_normal(40)[turn]
-        fit = Regressors.of(columns, turn).fit(columns @ truth + noise)
+        fit = Regressors.of(columns, first_rows(turn)).fit(columns @ truth + noise)
         apart.append((fit.solution - truth) / np.sqrt(np.diag(fit.covariance)))
     rms = np.sqrt((np.array(apart) ** 2).mean(axis=0))
     assert rms[0] == pytest.approx(1.0, abs=0.25)
@@ -177,9 +177,9 @@ def test_one_more_column_is_the_same_as_fitting_it_too() -> None:
     columns = rng.standard_normal((500, 4))
     more = columns @ np.array([0.3, 0.1, -0.2, 0.0]) + rng.standard_normal(500)
     values = 0.7 * more + rng.standard_normal(500)
-    regressors = Regressors.of(columns, turn)
+    regressors = Regressors.of(columns, first_rows(turn))
     coefficient, variance = regressors.one_more(regressors.fit(values), more)
-    together = Regressors.of(np.column_stack([columns, more]), turn).fit(values)
+    together = Regressors.of(np.column_stack([columns, more]), regressors.first).fit(values)
     assert coefficient == pytest.approx(together.solution[-1])
     assert variance == pytest.approx(together.covariance[-1, -1], rel=0.05)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import CoastDownFit, fitted
@@ -23,16 +24,20 @@ def fit(coasts: list[CoastDown]) -> CoastDownFit:
     return group
 
 
+def coulomb_of_each(group: CoastDownFit) -> np.ndarray:
+    """Return values (g, n) by Coulomb friction of 1 of each coast-down alone."""
+    return block_diag(*group.split(group.columns[:, 0]))
+
+
 def variances(group: CoastDownFit) -> np.ndarray:
     """Return the true, the bias-reduced and the plain variances (3, 2) of a fit.
 
     For Coulomb friction that differs independently: all are quadratic in the values, so their
     means are sums over coast-downs whose friction alone differs.
     """
-    regressors = Regressors.of(group.columns, group.cluster)
+    regressors = Regressors.of(group.columns, group.first)
     found = np.zeros((3, 2))
-    for one in range(NUMBER):
-        values = np.where(group.cluster == one, group.columns[:, 0], 0.0)
+    for values in coulomb_of_each(group):
         reduced = regressors.fit_bias_reduced(values)
         pairs = zip(group.split(group.columns), group.split(reduced.residual), strict=True)
         influence = regressors.inverse @ np.array([x.T @ residual for x, residual in pairs]).T
@@ -75,8 +80,6 @@ def of_coulomb(group: CoastDownFit) -> tuple[np.ndarray, np.ndarray]:
 
     And their stated variances (2,), for Coulomb friction that differs independently.
     """
-    column = group.columns[:, 0]
-    values = [np.where(group.cluster == one, column, 0.0) for one in range(NUMBER)]
-    fits = [TwoStepFit.of(group.columns, group.cluster, each) for each in values]
+    fits = [TwoStepFit.of(group.columns, group.first, each) for each in coulomb_of_each(group)]
     influence = np.array([one.solution[:2] for one in fits])
     return influence, np.diag(sum(one.covariance for one in fits))[:2]

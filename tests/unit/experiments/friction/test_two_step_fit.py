@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from motord.experiments.friction.two_step_fit import TwoStepFit
+from motord.identification.cluster_robust_ls import first_rows
 
 COAST_DOWNS, SAMPLES = 6, 14
 CONTRASTS = np.array(
@@ -43,7 +44,7 @@ def test_stated_and_true_variances_agree(errors: str) -> None:
         for source in ERRORS[errors].T:
             values = np.zeros(cluster.size)
             values[cluster == one] = source
-            fit = TwoStepFit.of(columns, cluster, values)
+            fit = TwoStepFit.of(columns, first_rows(cluster), values)
             stated += np.einsum("ci,ij,cj->c", CONTRASTS, fit.covariance, CONTRASTS)
             true += (CONTRASTS @ fit.solution) ** 2
     seen = true > 1e-12 * true.max()
@@ -53,7 +54,7 @@ def test_stated_and_true_variances_agree(errors: str) -> None:
 
 def test_the_degrees_of_freedom_are_at_most_those_of_the_coast_downs() -> None:
     columns, cluster = fitted()
-    fit = TwoStepFit.of(columns, cluster, np.cos(np.arange(cluster.size)))
+    fit = TwoStepFit.of(columns, first_rows(cluster), np.cos(np.arange(cluster.size)))
     freedom = [fit.freedom(contrast) for contrast in CONTRASTS]
     assert all(1.0 <= one <= COAST_DOWNS - 1 for one in freedom)
     assert min(freedom) < COAST_DOWNS - 1.2
