@@ -15,6 +15,7 @@ from motord.control.types import SETPOINT
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.recorder.launch import RecorderLink, spawn_piped
 from motord.recorder.protocol import RecorderReport
+from motord.recorder.recording_task import RecordingTask
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
@@ -65,7 +66,7 @@ class RecordedLoop:
         command = self._run_dir.command("motord.recorder.main", self._config_path)
         self._recorder = spawn_piped(command)
         self._link = RecorderLink(self._recorder)
-        self._link.start(self.stem, {}, resume=resume)
+        self._link.start(RecordingTask(self.stem, {}), resume=resume)
         self.report = RecorderReport(recording=False)
         self.go_on(until=lambda: self.report.recording)
 

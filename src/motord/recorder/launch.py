@@ -3,13 +3,13 @@
 import os
 import subprocess
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import IO, Any, Generic
 
 from motord.process.one_thread import ONE_THREAD
 from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import M, MessageReader, RecorderReport
+from motord.recorder.recording_task import RecordingTask
 from motord.recorder.ring_source import Mark
 from motord.recording.json_encoding import to_line
 
@@ -68,32 +68,16 @@ class RecorderLink(PipedChild[RecorderReport]):
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         super().__init__(process, RecorderReport)
 
-    def start(
-        self,
-        stem: Path,
-        metadata: Mapping[str, object],
-        *,
-        resume: bool = False,
-        first_tick: int | None = None,
-    ) -> None:
-        """Begin the recording `stem`-000.mcap and so on, as `Session.start` does."""
-        where = {"out": str(stem), "resume": resume, "first_tick": first_tick}
-        self.send({"do": "start", "metadata": metadata, **where})
+    def start(self, task: RecordingTask, *, resume: bool = False) -> None:
+        """Begin a recording, as `Session.start` does."""
+        self.send({"do": "start", **_content(task), "resume": resume})
 
     def finish(
-        self,
-        stem: Path,
-        metadata: Mapping[str, object],
-        reason: str,
-        *,
-        first_tick: int | None,
-        newest: Mark | None,
-        to_end: bool,
+        self, task: RecordingTask, reason: str, *, newest: Mark | None, to_end: bool
     ) -> None:
         """Record what is missing of a recording that has ended, as `Session.finish` does."""
-        about = {"out": str(stem), "metadata": metadata, "first_tick": first_tick}
         last = {"newest": vars(newest) if newest is not None else None, "to_end": to_end}
-        self.send({"do": "finish", "reason": reason, **about, **last})
+        self.send({"do": "finish", "reason": reason, **_content(task), **last})
 
     def stop(self, reason: str) -> None:
         """End the recording."""
@@ -132,6 +116,11 @@ class RecorderLink(PipedChild[RecorderReport]):
     def blackbox_event(self, event: Mapping[str, Any]) -> None:
         """Add an event (`t_ns`, `kind`, `message`, `data`) to the boxes that are being filled."""
         self.send({"do": "blackbox_event", "t_ns": event["t_ns"], "content": event})
+
+
+def _content(task: RecordingTask) -> dict[str, object]:
+    """Return a task as commands hold it."""
+    return {"out": str(task.stem), "metadata": task.metadata, "first_tick": task.first_tick}
 
 
 def _pipe(stream: IO[bytes] | None) -> IO[bytes]:

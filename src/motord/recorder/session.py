@@ -1,7 +1,6 @@
 """The recording that goes on: ticks from the ring into files, whatever becomes of the disk."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from motord.config import RecordingConfig
@@ -9,6 +8,7 @@ from motord.recorder.background import Background
 from motord.recorder.blackbox_writer import BlackBoxWriter
 from motord.recorder.finishing import missing_of
 from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, note_outcome
+from motord.recorder.recording_task import RecordingTask
 from motord.recorder.ring_source import Mark, RingPiece, RingSource, last_mark, neighbours
 from motord.recorder.rolling_file import RollingFile, closed_in_order
 from motord.recording import storage
@@ -24,15 +24,6 @@ RETRY_MIN_BYTES = 16e6
 """Free space below which it is not begun again, so that a full disk is not filled with scraps."""
 PROBE_S = 2.0
 """Time between two looks, while nothing is recorded, whether something could be."""
-
-
-@dataclass(frozen=True)
-class _Target:
-    """What to record, from `first_tick` on if that is still in the ring."""
-
-    stem: Path
-    metadata: Mapping[str, object]
-    first_tick: int | None
 
 
 class Session:
@@ -55,7 +46,7 @@ class Session:
         self._recording: RollingFile | None = None
         self._disk = Background(BACKLOG_BYTES)
         self.error = ""
-        self._target: _Target | None = None
+        self._task: RecordingTask | None = None
         self._before: Mark | None = None  # the tick before the recording's first
         self._newest: Mark | None = None  # the last tick that was given to a recording
         self._begun_s = self._retry_at_s = 0.0
@@ -92,52 +83,52 @@ class Session:
         """
         self.close(f"the recording {stem.name} began", now_s)
         self.closed = [closed for closed in self.closed if closed != str(stem)]
-        self._target = _Target(stem, metadata, first_tick)
+        self._task = RecordingTask(stem, metadata, first_tick)
         self._retry_s, self._ended_by = RETRY_FIRST_S, ""
         self._before = None
         self.metadata = metadata
         if self._source is None or resume:
-            self._source = self._source_for(self._target, resume=resume)
-        self._begin(self._target, now_s)
+            self._source = self._source_for(self._task, resume=resume)
+        self._begin(self._task, now_s)
 
-    def _source_for(self, target: _Target, *, resume: bool) -> RingSource:
+    def _source_for(self, task: RecordingTask, *, resume: bool) -> RingSource:
         """Return where the ticks of a recording come from."""
-        first_tick = target.first_tick or 0
+        first_tick = task.first_tick or 0
         if resume:
-            mark = last_mark(target.stem)
-            others = neighbours(target.stem) if mark is None else ()
+            mark = last_mark(task.stem)
+            others = neighbours(task.stem) if mark is None else ()
             return RingSource(self._ring, "oldest", mark, others, first_tick)
-        if target.first_tick is None:
+        if task.first_tick is None:
             return RingSource(self._ring, "now")
-        known = neighbours(target.stem) if self._newest is None else (self._newest,)
+        known = neighbours(task.stem) if self._newest is None else (self._newest,)
         return RingSource(self._ring, "oldest", first_tick=first_tick, recorded=known)
 
-    def _begin(self, target: _Target, now_s: float) -> None:
+    def _begin(self, task: RecordingTask, now_s: float) -> None:
         """Make the first file. Raises RecordError."""
         self._begun_s, self._retry_at_s = now_s, now_s + self._retry_s
         self._recording = None
-        self._recording = RollingFile(target.stem, target.metadata, self._settings, now_s)
+        self._recording = RollingFile(task.stem, task.metadata, self._settings, now_s)
         self.error = ""
 
-    def _retry(self, target: _Target, now_s: float) -> None:
+    def _retry(self, task: RecordingTask, now_s: float) -> None:
         """Begin a recording anew that was ended by the disk, or could not be begun."""
         lasted = self._recording is not None and now_s - self._begun_s > RETRY_LAST_S
         self._retry_s = RETRY_FIRST_S if lasted else min(2 * self._retry_s, RETRY_LAST_S)
         if self._recording is not None:
             self.error = self._recording.error
         self._ended_by = self._ended_by or self.error
-        if self._nearly_full(target.stem.parent):
+        if self._nearly_full(task.stem.parent):
             self._retry_at_s = now_s + self._retry_s
             return
         try:
             if self._before is not None:  # ticks were read that may not be in a file
-                mark = last_mark(target.stem) or self._before
+                mark = last_mark(task.stem) or self._before
                 self._source = RingSource(self._ring, "oldest", mark)
-            self._begin(target, now_s)
+            self._begin(task, now_s)
         except RecordError as error:
             self.error = str(error)
         except OSError as error:
-            self.error = f"{error.filename or target.stem}: {error.strerror or error}"
+            self.error = f"{error.filename or task.stem}: {error.strerror or error}"
 
     def _nearly_full(self, folder: Path) -> bool:
         try:
@@ -153,11 +144,11 @@ class Session:
     def step(self, now_s: float) -> bool:
         """Have the ticks that have come written, and what is due done; True if any have come."""
         self.boxes.step(now_s)
-        recording, target = self._recording, self._target
+        recording, task = self._recording, self._task
         if recording is None or not recording.open:
             self._look_at_storage(now_s)
-            if target is not None and now_s >= self._retry_at_s and self._disk.idle:
-                self._retry(target, now_s)
+            if task is not None and now_s >= self._retry_at_s and self._disk.idle:
+                self._retry(task, now_s)
             return False
         piece = None if self._source is None or self._disk.full else self._source.read()
         if piece is not None and (len(piece.block) or piece.lost):
@@ -233,7 +224,7 @@ class Session:
 
     def close(self, reason: str, now_s: float) -> None:
         """End the recording, if there is one, with all ticks that have come."""
-        recording, self._target = self._recording, None
+        recording, self._task = self._recording, None
         if recording is not None and recording.open:
             self._close(recording, reason, now_s)
         if recording is not None and recording.closed and not recording.error:

@@ -18,6 +18,7 @@ from motord.recorder.launch import RecorderLink, spawn_piped
 from motord.recorder.main import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.recorder.pipe_lines import LineReader
 from motord.recorder.protocol import MessageReader, RecorderReport
+from motord.recorder.recording_task import RecordingTask
 from motord.recorder.session import Session
 from motord.recording.file_names import part_of
 from motord.recording.reader import open_run
@@ -286,6 +287,9 @@ class Supervisor:
         self.link = RecorderLink(self.process)
         self.last = None
 
+    def start(self, *, resume: bool = False) -> None:
+        self.link.start(RecordingTask(self.stem, METADATA), resume=resume)
+
     def loop(self, count: int) -> None:
         publish(self.ring, self.published, count)
         self.published += count
@@ -321,7 +325,7 @@ def supervisor(tmp_path: Path) -> Iterator[Supervisor]:
 
 @pytest.mark.system
 def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
-    supervisor.link.start(supervisor.stem, METADATA)
+    supervisor.start()
     supervisor.until(lambda r: r.recording)
     supervisor.loop(1000)
     supervisor.until(lambda r: r.ticks == 1000)
@@ -333,7 +337,7 @@ def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
     run = open_run(Path(supervisor.last.file))
     assert run.end["reason"] == "plan done"
     assert (len(run.events()), len(run.plan()), len(run.operating_points())) == (1, 1, 1)
-    supervisor.link.start(supervisor.stem, METADATA)
+    supervisor.start()
     supervisor.until(lambda r: r.recording)
     supervisor.loop(500)
     supervisor.ring.close()
@@ -346,7 +350,7 @@ def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
 
 @pytest.mark.system
 def test_a_killed_process_is_followed_by_one_that_goes_on(supervisor):
-    supervisor.link.start(supervisor.stem, METADATA)
+    supervisor.start()
     supervisor.until(lambda r: r.recording)
     supervisor.loop(600)
     supervisor.until(lambda r: r.bytes > 50_000)
@@ -356,7 +360,7 @@ def test_a_killed_process_is_followed_by_one_that_goes_on(supervisor):
     supervisor.end()
     supervisor.loop(200)
     supervisor.again()
-    supervisor.link.start(supervisor.stem, METADATA, resume=True)
+    supervisor.start(resume=True)
     supervisor.until(lambda r: r.recording)
     supervisor.loop(50)
     supervisor.link.close()  # as if the supervisor had died

@@ -172,6 +172,16 @@ class PlayedDaemon:
         self.recorders[-1].report(recording=False)
         self.step()
 
+    def begin_plan(self):
+        """Begin a plan that is recorded; return the token and the recorder's command to start."""
+        self.up()
+        token = self.ask("lease/acquire", holder="anna")["token"]
+        self.ask("plan/start", token=token, name="calibrate")
+        [start] = self.recorders[0].received("start")
+        self.recorders[0].report(file=f"{start['out']}-000.mcap")
+        self.step(2)
+        return token, start
+
     def record(self):
         """Be enabled, so that it is recorded; return the recorder's command to start."""
         self.step(2, State.ENABLED)
@@ -602,12 +612,7 @@ def test_the_tick_by_which_a_plan_ends_is_part_of_its_recording(tmp_path, monkey
 def test_how_a_plan_ended_with_the_daemon_is_known_before_the_recorder_ends(played, monkeypatch):
     monkeypatch.setattr(session, "CLOSE_S", 0.0)
     supervisor, plans = played.supervisor, played.supervisor.bench.plans
-    played.up()
-    token = played.ask("lease/acquire", holder="anna")["token"]
-    played.ask("plan/start", token=token, name="calibrate")
-    [start] = played.recorders[0].received("start")
-    played.recorders[0].report(file=f"{start['out']}-000.mcap")
-    played.step(2)
+    played.begin_plan()
     published, at_stop, stop = [], {}, supervisor.children.stop
 
     def stopped(name, *limit):
@@ -628,12 +633,7 @@ def test_how_a_plan_ended_with_the_daemon_is_known_before_the_recorder_ends(play
 
 def test_the_end_waits_a_little_for_the_recording_of_a_plan_and_nobody_is_in_command(played):
     supervisor = played.supervisor
-    played.up()
-    token = played.ask("lease/acquire", holder="anna")["token"]
-    played.ask("plan/start", token=token, name="calibrate")
-    [start] = played.recorders[0].received("start")
-    played.recorders[0].report(file=f"{start['out']}-000.mcap")
-    played.step(2)
+    token, start = played.begin_plan()
     step = supervisor.step
 
     def play_on():

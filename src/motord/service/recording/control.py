@@ -18,6 +18,7 @@ import numpy as np
 from motord.api.messages import RecordingView
 from motord.api.plan_messages import PlanView
 from motord.config import ChannelConfig, Config
+from motord.recorder.recording_task import RecordingTask
 from motord.recorder.ring_source import Mark
 from motord.recording.file_names import file_name
 from motord.recording.metadata import describe
@@ -26,7 +27,6 @@ from motord.sequencing import Plan
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.closing import ClosingRecording
-from motord.service.recording.ended import RecordingTask
 from motord.service.recording.session import RecorderSession
 from motord.service.recording.state_log import Destination, NamedState, StateLog
 from motord.service.recording.timing_log import TimingLog

@@ -1,13 +1,13 @@
 """Recordings that have ended and are not known to be closed: kept until they are, or given up."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
+from motord.recorder.recording_task import RecordingTask
 from motord.recorder.ring_source import Mark
 from motord.recording.file_names import stem_of, whole_of
 from motord.service.host.events import EventLog
@@ -15,15 +15,6 @@ from motord.service.host.events import EventLog
 ENDED_MAX = 4
 """Recordings that are kept until a recorder confirms that they are closed."""
 CLOSED_MAX = 16
-
-
-@dataclass(frozen=True)
-class RecordingTask:
-    """A recording: files `stem`-000.mcap and so on, from `first_tick` if the ring still has it."""
-
-    stem: Path
-    metadata: Mapping[str, Any]
-    first_tick: int | None = None
 
 
 @dataclass(frozen=True)
@@ -68,11 +59,7 @@ class EndedRecordings:
         """Have all finished, as far as the ring reaches back to them."""
         self.give_up_old()
         for ended in self._ended:
-            task = ended.task
-            link.finish(
-                task.stem, task.metadata, ended.why,
-                first_tick=task.first_tick, newest=ended.newest, to_end=ended.to_end,
-            )  # fmt: skip
+            link.finish(ended.task, ended.why, newest=ended.newest, to_end=ended.to_end)
 
     def take(self, report: RecorderReport) -> None:
         """Drop what a recorder reports as closed, or as failed: of that, too, it says why."""

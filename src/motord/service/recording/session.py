@@ -14,11 +14,12 @@ from motord.api.messages import Event
 from motord.config import ChannelConfig
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
+from motord.recorder.recording_task import RecordingTask
 from motord.recorder.ring_source import Mark
 from motord.service.host.child_faults import ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.service.recording.ended import EndedRecordings, RecordingTask
+from motord.service.recording.ended import EndedRecordings
 
 RECORDER = "recorder"
 EVENTS_MAX = 1000
@@ -229,7 +230,7 @@ class RecorderSession:
         link, task = self.link, self.task
         if link is None or task is None:
             return
-        link.start(task.stem, task.metadata, resume=resume, first_tick=task.first_tick)
+        link.start(task, resume=resume)
         now_ns = self._unix_ns()
         for t_ns, channel, content in self._readings.values():
             if not resume and now_ns - t_ns <= channel.timeout_s * 1e9:
