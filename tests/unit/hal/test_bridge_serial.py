@@ -100,8 +100,12 @@ def test_encoder_and_status_as_sent(pair: tuple[SerialBridge, Board]) -> None:
     driver, board = pair
     board.encoder_gray = 0xFFF
     board.status = int(BridgeStatus.TORQUE_INVALID)
-    until(lambda: read(driver).encoder_gray == 0xFFF)
-    assert read(driver).bridge_status & BridgeStatus.TORQUE_INVALID
+    sent = (0xFFF, BridgeStatus.TORQUE_INVALID)
+
+    def shown(row: Any) -> tuple[int, int]:
+        return row.encoder_gray, row.bridge_status & BridgeStatus.TORQUE_INVALID
+
+    until(lambda: shown(read(driver)) == sent)
 
 
 def test_the_enable_line_follows_the_command(pair: tuple[SerialBridge, Board]) -> None:
