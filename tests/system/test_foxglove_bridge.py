@@ -50,7 +50,8 @@ def test_a_bridge_serves_survives_the_daemon_and_harms_nobody(folder, path, brid
             assert viewer.next("/state").content["state"] == "OFF"
             assert "bench.name" in viewer.get_parameters()
             client.rpc("stop", by="test")
-            assert "stop" in viewer.next("/event").content["message"]
+            while "stop" not in viewer.next("/event").content["message"]:
+                pass  # a busy computer is an event, too
         running.end()
         with Viewer(ready["url"]) as viewer:
             viewer.receive_until(lambda: viewer.statuses, "that the daemon is gone")
