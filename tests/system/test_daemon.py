@@ -33,8 +33,13 @@ def running(tmp_path):
         yield program
 
 
-def at_speed(speed_Hz, tolerance=0.1):
-    return lambda s: s.tick is not None and abs((s.tick.speed_Hz or 0) - speed_Hz) < tolerance
+def turning(torque_Nm, speed_Hz, tolerance=0.1):
+    """Return whether a state has both; which of them comes first is up to the rig."""
+    return lambda s: (
+        s.tick is not None
+        and s.tick.torque_set_Nm == torque_Nm
+        and abs((s.tick.speed_Hz or 0) - speed_Hz) < tolerance
+    )
 
 
 def check_ticks(ticks):
@@ -65,7 +70,7 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
         with client.lease("anna") as lease:
             assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
             client.rpc("set", token=lease.token, torque_Nm=2.0, speed_Hz=0.7)
-            wait_for(client, at_speed(0.7), "0.7 Hz")
+            wait_for(client, turning(2.0, 0.7), "2 Nm at 0.7 Hz")
             assert client.rpc("disable", token=lease.token) == {"state": "READY"}
             assert client.rpc("stop") == {"state": "OFF"}
             stopped = client.state()
