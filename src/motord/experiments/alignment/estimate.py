@@ -5,7 +5,7 @@ At rest the torque of the currents balances cogging torque and friction:
     sum_p (alpha_p i_p + beta_p) k_p(theta + offset) + tau_cog(theta) = f way + noise
 
 Currents, and angles at which it rests, are known. The offset is what fits best; what would bend
-the result (unequal gains, offsets of the currents, cogging, friction) is fitted along with it, each
+the result (unequal gains, offsets of the currents, cogging, friction, load) is fitted along, each
 with a wide prior, as it need not show.
 """
 
@@ -31,9 +31,12 @@ from motord.identification.orders import allowed_orders
 ORDERS_PER_PERIOD = 12
 """Highest order of the cogging torque that is fitted, in multiples of the pole pairs."""
 
-GAIN_PRIOR, OFFSET_PRIOR, COGGING_PRIOR, FRICTION_PRIOR = 0.2, 0.05, 0.05, 0.02
+LOAD_ORDERS = (1, 2)
+"""Orders of a torque from outside, such as by a rotor that is not balanced or a bent coupling."""
+
+GAIN_PRIOR, OFFSET_PRIOR, COGGING_PRIOR, FRICTION_PRIOR, LOAD_PRIOR = 0.2, 0.05, 0.05, 0.02, 0.02
 """Standard deviations: gains; offsets in parts of the current that makes the rated torque; each
-order of the cogging torque and friction in parts of the rated torque."""
+order of the cogging torque, friction, and each order of the load in parts of the rated torque."""
 
 ITERATIONS = 50
 WEIGHINGS = 8
@@ -69,8 +72,7 @@ def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
     forwards = answer.way or 1
     order: PhaseOrder = "abc" if turn_rad * forwards > 0 else "acb"
     used = rests[rests.still]
-    fit = _Fit(used, forwards * used.encoder_rad, motor, motor.back_emf, order)
-    fit.run()
+    fit = _fitted(used, forwards * used.encoder_rad, motor, motor.back_emf, order)
     stuck_Nm = fit.left_Nm - fit.held_Nm
     friction_rad = float(np.sqrt(np.mean((stuck_Nm / fit.stiffness) ** 2)))
     return Alignment(
@@ -91,6 +93,30 @@ def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
         left_rad=fit.left_Nm / fit.stiffness,
         degrees_of_freedom=fit.freedom,
     )
+
+
+def _fitted(
+    rests: Rests,
+    angle_rad: np.ndarray,
+    motor: MotorConfig,
+    harmonics: Sequence[BackEmfHarmonic],
+    order: PhaseOrder,
+) -> "_Fit":
+    """Return the fit, with a load where the rests show one: by the Bayesian information criterion.
+
+    Of few rests, or at one current, a load looks like an offset. Raises IdentifyError.
+    """
+    plain, loaded = (
+        _Fit(rests, angle_rad, motor, harmonics, order, loads) for loads in ((), LOAD_ORDERS)
+    )
+    plain.run()
+    try:
+        loaded.run()
+    except IdentifyError:
+        return plain
+    more = loaded.unknowns.size - plain.unknowns.size
+    gained = angle_rad.size * np.log(plain.square_Nm2 / max(loaded.square_Nm2, 1e-30))
+    return loaded if gained > more * np.log(angle_rad.size) else plain
 
 
 def _nearest_zero(value_rad: float, period_rad: float) -> float:
@@ -114,7 +140,8 @@ class _Fit:
 
     angle_rad (n,): of the encoder, forwards positive. After `run`: offset_rad, stderr_rad,
     freedom; unknowns: gains of b and c against a, offsets (A), cogging (Nm), friction (Nm);
-    left_Nm (n,); stiffness (n,): how the torque of the currents changes with the angle (Nm/rad).
+    left_Nm (n,), with square_Nm2, the weighted sum of their squares; stiffness (n,): how the torque
+    of the currents changes with the angle (Nm/rad).
     """
 
     def __init__(
@@ -124,14 +151,16 @@ class _Fit:
         motor: MotorConfig,
         harmonics: Sequence[BackEmfHarmonic],
         order: PhaseOrder,
+        load_orders: Sequence[int],
     ) -> None:
         self.angle_rad, self._rests, self._motor = angle_rad, rests, motor
         self._harmonics, self._order = harmonics, order
         self._current_A = rests.command_A
         highest = ORDERS_PER_PERIOD * motor.pole_pairs
         orders = allowed_orders(motor.slots, 2 * motor.pole_pairs, highest)
+        loads = [h for h in load_orders if h not in orders]
         self._fixed = np.stack(
-            [wave(h * angle_rad) for h in orders for wave in (np.cos, np.sin)]
+            [wave(h * angle_rad) for h in (*orders, *loads) for wave in (np.cos, np.sin)]
             + [-SEQUENCE[order] * rests.way.astype(float)],
             axis=1,
         )
@@ -141,11 +170,13 @@ class _Fit:
                 np.full(2, GAIN_PRIOR),
                 np.full(3, OFFSET_PRIOR * rated_Nm / (1.5 * line)),
                 np.full(2 * len(orders), COGGING_PRIOR * rated_Nm),
+                np.full(2 * len(loads), LOAD_PRIOR * rated_Nm),
                 [FRICTION_PRIOR * rated_Nm],
             ]
         )
         self.unknowns = np.zeros(self._prior.size)
         self.left_Nm = self.stiffness = np.zeros(angle_rad.size)
+        self.square_Nm2 = np.inf
         self.offset_rad, self.stderr_rad = self._first_guess_rad(), np.inf
 
     def run(self) -> None:
@@ -158,6 +189,7 @@ class _Fit:
                 far = np.abs(self.left_Nm) / (OUTLIER * noise_Nm)
                 weight = 1 / np.maximum(1.0, far)
             elif abs(step_rad) < CONVERGED_RAD:
+                self.square_Nm2 = float(weight @ self.left_Nm**2)
                 return
         raise IdentifyError(
             "no encoder offset fits the rests of the rotor: do [motor] back_emf, slots and "

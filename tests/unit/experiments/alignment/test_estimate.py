@@ -47,6 +47,19 @@ def test_whatever_is_true_is_found(case: Case) -> None:
     assert found.gains == pytest.approx((1, 1, 1), abs=0.01)
 
 
+@pytest.mark.parametrize(("seed", "order", "load_Nm"), [(2, 1, 0.06), (3, 1, 0.18), (1, 2, 0.06)])
+def test_a_load_that_turns_with_the_rotor_is_no_part_of_the_zero(
+    seed: int, order: int, load_Nm: float
+) -> None:
+    """1 and 3 % of rated, as by a rotor that is not balanced, over a quarter of a turn."""
+    case = random_case(seed)
+    load = {"order": order, "amplitude_Nm": load_Nm, "phase_rad": 1.2}
+    cogging = [*(one.model_dump() for one in case.truth().motor.cogging), load]
+    found = align(sweeps_of(CONFIG, case.truth(motor={"cogging": cogging}), seed), CONFIG.motor)
+    assert abs(case.error_points(found, CONFIG)) < found.offset_half_width_points < 1.0
+    assert "zero-not-known-well" not in [one.name for one in found.findings]
+
+
 @pytest.mark.parametrize("phase_rad", [0.0, 1.5, 3.0])
 def test_the_limit_of_the_zero_holds_the_encoders_own_error(phase_rad: float) -> None:
     error = {"order": 1, "amplitude_rad": 5e-3, "phase_rad": phase_rad}
