@@ -1,7 +1,6 @@
 """A tracker that knows as much as it has counted: alpha_a is 1 and a millionth for each tick."""
 
 import sys
-from dataclasses import replace
 
 from motord.calibration import CalibrationError
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
@@ -29,10 +28,17 @@ class CountingTracker:
             return None
         alpha = 1 + 1e-6 * self.ticks
         figures = alpha, 1e-5, 1.0, 4e-5, alpha > LIMIT
-        quantity = TrackedQuantity("alpha_a", "the gain of phase a", "", *figures)
-        unknown = replace(quantity, name="beta_a", meaning="the offset", half_width=float("inf"))
+        names = "value", "half_width", "in_force", "in_force_half_width", "departed"
+        known = dict(zip(names, figures, strict=True))
+        quantity = TrackedQuantity(name="alpha_a", meaning="the gain of phase a", unit="", **known)
+        changed = {"name": "beta_a", "meaning": "the offset", "half_width": float("inf")}
+        unknown = quantity.model_copy(update=changed)
         return TrackedCalibration(
-            self.calibration.id, self.t_ns, self.ticks, self.memory_s, (quantity, unknown)
+            calibration=self.calibration.id,
+            t_ns=self.t_ns,
+            turns=self.ticks,
+            memory_s=self.memory_s,
+            quantities=(quantity, unknown),
         )
 
     def adopted(self):

@@ -21,7 +21,10 @@ value in force."""
 
 
 def stated(
-    calibration: Calibration, quantity: Quantity, changes: Mapping[str, Change]
+    calibration: Calibration,
+    quantity: Quantity,
+    changes: Mapping[str, Change],
+    adoptable: bool = True,
 ) -> TrackedQuantity:
     """Return a quantity with its value in force and as its change has it; changes: by name."""
     change = changes[quantity.name]
@@ -38,7 +41,15 @@ def stated(
     if unit == "rad":
         half_widths = min(half_widths[0], pi), min(half_widths[1], pi)
     return TrackedQuantity(
-        name, meaning, unit, value, half_widths[0], in_force, half_widths[1], change.drifted
+        name=name,
+        meaning=meaning,
+        unit=unit,
+        value=value,
+        half_width=half_widths[0],
+        in_force=in_force,
+        in_force_half_width=half_widths[1],
+        departed=change.drifted,
+        adoptable=adoptable,
     )
 
 

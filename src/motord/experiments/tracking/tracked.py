@@ -1,41 +1,45 @@
 """What tracking knows of the calibration in force."""
 
-from dataclasses import dataclass
+from pydantic import BaseModel
 
 
-@dataclass(frozen=True)
-class TrackedQuantity:
-    """A parameter as ordinary operation shows it, against the calibration in force.
-
-    value, in_force: both in `unit`, with halves of their 95 % intervals; departed: whether they
-    differ by more than both uncertainties explain; adoptable: whether a calibration can be made
-    with the value as it is tracked.
-    """
+class TrackedQuantity(BaseModel, frozen=True):
+    """A parameter as ordinary operation shows it, against the calibration in force."""
 
     name: str
+    """As `alpha-a`, `beta-common`, `cogging-48-phase`."""
     meaning: str
+    """What it is."""
     unit: str
+    """Of all figures; `1` for a ratio."""
     value: float
+    """As ordinary operation shows it."""
     half_width: float
+    """Half of its 95 % interval."""
     in_force: float
+    """As the calibration in force has it."""
     in_force_half_width: float
+    """Half of the 95 % interval of that."""
     departed: bool
+    """They differ by more than both uncertainties explain."""
     adoptable: bool = True
+    """Whether `calibration/adopt` can put the value in force; else another calibration has to."""
 
 
-@dataclass(frozen=True)
-class TrackedCalibration:
-    """The quantities that ordinary operation shows, as of `t_ns`.
-
-    calibration: id of the one in force; turns: whole ones that were taken so far; memory_s: time
-    after which a turn counts 1/e. unseen: meanings of the quantities that operation does not show;
-    obstacle: why nothing, or not all, is tracked; empty without.
-    """
+class TrackedCalibration(BaseModel, frozen=True):
+    """The quantities that ordinary operation shows, as of `t_ns`."""
 
     calibration: str
-    t_ns: int
-    turns: int
-    memory_s: float
-    quantities: tuple[TrackedQuantity, ...]
+    """Id of the one in force."""
+    t_ns: int = 0
+    """Unix time of the newest tick that is in it; 0 before the first."""
+    turns: int = 0
+    """Whole turns since tracking began: with the installation, the daemon, or its own restart."""
+    memory_s: float = 0.0
+    """`[tracking] memory_s`."""
+    quantities: tuple[TrackedQuantity, ...] = ()
+    """What is known by now."""
     unseen: tuple[str, ...] = ()
+    """What operation has not shown."""
     obstacle: str = ""
+    """Why nothing, or not all, is tracked; "" without."""

@@ -82,9 +82,7 @@ class CalibrationTracker:
             return self._stated((), (), self._unreadable or str(error))
         by_name = {one.name: one for one in found.changes}
         each = tuple(
-            replace(
-                stated(self._calibration, one, by_name), adoptable=is_adoptable(one, found.seen)
-            )
+            stated(self._calibration, one, by_name, is_adoptable(one, found.seen))
             for one in found.seen
         )
         return self._stated(each, found.unseen, self._unreadable)

@@ -5,7 +5,6 @@ the file in force, answered by a `TrackerReport` every few seconds, and at times
 `{"do": "adopt", "number"}`, answered by one with `adopted`.
 """
 
-from dataclasses import asdict
 from math import isfinite
 from typing import Annotated
 
@@ -38,11 +37,6 @@ class ReportedQuantity(TrackedView):
     half_width: HalfWidth
     in_force_half_width: HalfWidth
 
-    @classmethod
-    def of(cls, quantity: TrackedQuantity) -> "ReportedQuantity":
-        """Return the report of a quantity, whose figures are finite."""
-        return cls(**asdict(quantity))
-
 
 class ReportedTracking(TrackingView):
     """A `TrackedCalibration` out of a pipe."""
@@ -60,15 +54,12 @@ class ReportedTracking(TrackingView):
         """Return the report of what is tracked; a quantity that is not finite is not seen."""
         known = [one for one in tracked.quantities if _is_finite(one)]
         unknown = [one.meaning for one in tracked.quantities if not _is_finite(one)]
-        return cls(
-            calibration=tracked.calibration,
-            t_ns=tracked.t_ns,
-            turns=tracked.turns,
-            memory_s=tracked.memory_s,
-            quantities=tuple(map(ReportedQuantity.of, known[:QUANTITIES_MAX])),
-            unseen=(*tracked.unseen, *unknown)[:QUANTITIES_MAX],
-            obstacle=tracked.obstacle[:OBSTACLE_MAX],
-        )
+        bounded = {
+            "quantities": tuple(ReportedQuantity(**dict(one)) for one in known[:QUANTITIES_MAX]),
+            "unseen": (*tracked.unseen, *unknown)[:QUANTITIES_MAX],
+            "obstacle": tracked.obstacle[:OBSTACLE_MAX],
+        }
+        return cls(**{**dict(tracked), **bounded})
 
 
 class AdoptedReport(Message):

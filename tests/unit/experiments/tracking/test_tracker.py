@@ -2,7 +2,6 @@
 
 import json
 import pickle
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -100,7 +99,7 @@ def test_a_calibration_that_holds_has_not_departed(quiet: np.ndarray) -> None:
         assert abs(one.value - one.in_force) < 1.5 * np.hypot(
             one.half_width, one.in_force_half_width
         )
-    assert json.loads(json.dumps(asdict(found)))["calibration"] == CALIBRATION.id
+    assert json.loads(found.model_dump_json())["calibration"] == CALIBRATION.id
 
 
 def test_values_are_those_of_the_calibration_file(quiet: np.ndarray) -> None:
