@@ -59,7 +59,7 @@ class _Around:
     freedom: float | None = None
 
     def within(self, key: str, suffix: str, freedom: Any) -> "_Around":
-        return _Around((*self.path, key), suffix or self.suffix, _number(freedom))
+        return _Around((*self.path, key), suffix or self.suffix, finite_number(freedom))
 
 
 def figures(content: Mapping[str, Any]) -> list[ResultFigure]:
@@ -101,26 +101,26 @@ def _of_numbers(
     if key in UNIT_STATED and isinstance(content.get("unit"), str):
         unit = content["unit"]
     freedom = freedom.get(key) if isinstance(freedom, Mapping) else freedom
-    if (value := _number(part)) is not None:
+    if (value := finite_number(part)) is not None:
         yield _figure(".".join(path) or key, unit, value, errors, freedom)
         return
     for place, label in number_elements(key, part):
-        if (value := _number(part[place])) is not None:
-            own = {role: _element(error, place) for role, error in errors.items()}
+        if (value := finite_number(part[place])) is not None:
+            own = {role: element_of(error, place) for role, error in errors.items()}
             field = ".".join((*path, label))
-            yield _figure(field, unit, value, own, _element(freedom, place))
+            yield _figure(field, unit, value, own, element_of(freedom, place))
 
 
 def _figure(
     field: str, unit: str, value: float, errors: dict[str, Any], freedom: Any
 ) -> ResultFigure:
-    stderr = _number(errors.get("stderr"))
-    half = _number(errors.get("half_width"))
+    stderr = finite_number(errors.get("stderr"))
+    half = finite_number(errors.get("half_width"))
     if half is None and stderr is not None:
-        half = coverage_factor(_number(freedom)) * stderr
+        half = coverage_factor(finite_number(freedom)) * stderr
     ends = errors.get("interval")
-    low = _number(errors.get("low") if ends is None else _element(ends, 0))
-    high = _number(errors.get("high") if ends is None else _element(ends, 1))
+    low = finite_number(errors.get("low") if ends is None else element_of(ends, 0))
+    high = finite_number(errors.get("high") if ends is None else element_of(ends, 1))
     if low is None or high is None:
         low, high = (None, None) if half is None else (value - half, value + half)
     return ResultFigure(field, unit, value, stderr, low, high)
@@ -153,14 +153,14 @@ def _quantity(
     return quantities[-1] if quantities else None
 
 
-def _element(values: Any, place: int) -> Any:
+def element_of(values: Any, place: int) -> Any:
     """Return an element of what is stated of a list; None where it is not stated of each."""
     if isinstance(values, Sequence) and not isinstance(values, str):
         return values[place] if place < len(values) else None
     return None
 
 
-def _number(value: Any) -> float | None:
+def finite_number(value: Any) -> float | None:
     """Return a finite number, None for what is none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import hypot, inf, isclose, isfinite
+from math import hypot, inf, isclose
 from typing import Any
 
 from motord.config.figures import FigureKind
 from motord.intervals import coverage_factor, standard_uncertainty
+from motord.results.figures import element_of, finite_number
 from motord.uncertainty_budget import Contribution, totals
 from motord.verdict.decision import Figure
 
@@ -50,7 +51,7 @@ def _rows(
             yield {key: row[key] for key in kind.by}, parts
             continue
         for place, phase in enumerate(PHASES):
-            yield {"phase": phase}, {key: _one_of(part, place) for key, part in parts.items()}
+            yield {"phase": phase}, {key: element_of(part, place) for key, part in parts.items()}
 
 
 def _at(content: Any, path: str) -> Any:
@@ -58,10 +59,6 @@ def _at(content: Any, path: str) -> Any:
     for key in path.split("."):
         content = content.get(key) if isinstance(content, Mapping) else None
     return content
-
-
-def _one_of(part: Any, place: int) -> Any:
-    return part[place] if isinstance(part, Sequence) and place < len(part) else None
 
 
 def _selected(key: Mapping[str, Any], at: Selection) -> bool:
@@ -83,7 +80,7 @@ def _figure(
     kind: FigureKind, key: Mapping[str, Any], row: Mapping[str, Any], result: Mapping[str, Any]
 ) -> Figure:
     """Return the figure of a row; freedom of Type A and Type B together: Welch-Satterthwaite."""
-    value, type_b = _number(row[kind.value]), 0.0
+    value, type_b = finite_number(row[kind.value]), 0.0
     type_a, freedom, known = _type_a(kind, row)
     name = _name(kind.name, key)
     if kind.budget:
@@ -103,7 +100,7 @@ def _figure(
 def _type_a(kind: FigureKind, row: Mapping[str, Any]) -> tuple[float | None, float | None, bool]:
     """Return the standard error, its degrees of freedom, None for many, and if these are known."""
     parts = (kind.value, kind.stderr, kind.low, kind.high, kind.freedom)
-    value, stderr, low, high, freedom = (_number(row.get(key)) for key in parts)
+    value, stderr, low, high, freedom = (finite_number(row.get(key)) for key in parts)
     if freedom is not None and stderr is None and low is not None and high is not None:
         return (high - low) / 2 / coverage_factor(freedom), freedom, True
     if freedom is not None or value is None:
@@ -114,13 +111,6 @@ def _type_a(kind: FigureKind, row: Mapping[str, Any]) -> tuple[float | None, flo
 def _of_budget(total: Contribution, kind: FigureKind, key: Mapping[str, Any]) -> float:
     part = getattr(total, kind.budget)
     return float(part[PHASES.index(key["phase"])] if isinstance(part, tuple) else part)
-
-
-def _number(part: Any) -> float | None:
-    """Return a finite number, None for what is none."""
-    if isinstance(part, bool) or not isinstance(part, int | float) or not isfinite(part):
-        return None
-    return float(part)
 
 
 def _combined(kind: FigureKind, name: str, figures: Sequence[Figure]) -> Figure:
