@@ -260,10 +260,12 @@ def test_how_long_a_slow_message_may_stay_away_is_a_setting() -> None:
         assert (record["t_inverter_ns"][0] == NOW_NS) == (t_ms == 0 or t_ms >= 50)
 
 
-@pytest.mark.parametrize("stale_after_s", [0.02, 0.05, 0.3])
+@pytest.mark.parametrize("stale_after_s", [0.02, 0.05, 0.3, 1.0])
+@pytest.mark.parametrize("read_ns", [1, 0, -100_000])
 def test_a_slow_message_is_missed_in_its_time_whatever_that_of_the_others(
-    stale_after_s: float,
+    stale_after_s: float, read_ns: int
 ) -> None:
+    """Also where currents come with every tick, or after it began: no tick sees older ones."""
     config = bench(can_config("virtual", slow_stale_after_s=0.05))
     inverter = config.inverter.model_copy(update={"stale_after_s": stale_after_s})
     driver = CanInverter(config.model_copy(update={"inverter": inverter}))
@@ -273,7 +275,7 @@ def test_a_slow_message_is_missed_in_its_time_whatever_that_of_the_others(
         now_ns = NOW_NS + t_ms * 1_000_000
         driver._feedback.take(*feedback_of(VALUES, t_ms, only=0), now_ns)
         driver._feedback.fill(record)
-        age_s = (now_ns + 1 - record["t_inverter_ns"][0]) * 1e-9
+        age_s = (now_ns + read_ns - record["t_inverter_ns"][0]) * 1e-9
         assert (age_s > stale_after_s) == (t_ms >= 50)
 
 

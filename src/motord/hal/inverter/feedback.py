@@ -120,11 +120,15 @@ class CanFeedback:
         return min(m.t_ns for m in self._incoming.values())
 
     def _sampled_ns(self) -> int:
-        """Return when the currents were sampled, or when a message last came that stays away."""
+        """Return when the currents were sampled, or when a message last came that stays away.
+
+        That is stale then for a tick that began when the currents came, and for one that began
+        before them: a loop that reads them at once sees no others.
+        """
         t_ns = min(m.t_ns for m in self._incoming.values() if m.fast)
         oldest_ns = self._oldest_ns()
         if t_ns - max(oldest_ns, self._resumed_ns) >= self._slow_stale_ns:
-            t_ns = min(oldest_ns, t_ns - self._stale_ns)
+            t_ns = min(oldest_ns, t_ns - 2 * self._stale_ns - 1)
         return t_ns - self._age_ns
 
     def _understood(self) -> int:
