@@ -67,7 +67,7 @@ class SilentBus:
 
 
 def wrapped(bus: SilentBus) -> PythonCan:
-    return PythonCan(bus, fd=True)
+    return PythonCan(bus, fd=True, system_stamped=True)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
+from motord.hal.can import python_can
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
 from motord.hal.can.python_can import PythonCan
@@ -42,6 +43,26 @@ def test_frames_both_ways(pair: tuple[CanBus, can.BusABC]) -> None:
         assert before_ns - ROUNDING_NS <= t_ns <= after_ns + ROUNDING_NS  # when it came
     assert bus.receive() == []
     assert bus.state.errors == 0
+
+
+@pytest.mark.parametrize("drift_s", [-0.03, 0.015])
+@pytest.mark.parametrize("interface", ["kvaser", "vector", "socketcand"])
+def test_stamps_of_another_clock_make_no_frame_old_or_new(
+    interface: str, drift_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An adapter's clock, set by the system's once, is off by so much after minutes."""
+    config = can_config("virtual")
+    monkeypatch.setattr(
+        python_can,
+        "open_interface",
+        lambda _: can.Bus(config.channel, "virtual", ignore_config=True, preserve_timestamps=True),
+    )
+    bus = open_bus(config.model_copy(update={"interface": interface}), "test")
+    with can.Bus(config.channel, "virtual", ignore_config=True, preserve_timestamps=True) as other:
+        for off_s in (0.0, drift_s):
+            other.send(can.Message(arbitration_id=5, timestamp=time.time() + off_s))
+        assert [t_ns for _, _, t_ns in bus.receive()] == [0, 0]
+    bus.close()
 
 
 def test_only_what_is_listened_to(pair: tuple[CanBus, can.BusABC]) -> None:

@@ -14,6 +14,10 @@ from motord.hal.can.slcan_port import read_in_bulk
 from motord.python_can import can
 from motord.wire.can.frame_format import EXTENDED
 
+SYSTEM_STAMPED = ("slcan", "socketcan", "udp_multicast", "virtual")
+"""Interfaces whose time stamps are of this system's clock. Adapters have clocks of their own, whose
+difference python-can learns once: at 50 ppm it is 20 ms off after some minutes. Servers have those
+of other computers."""
 HOST_STAMP_S = 10.0
 """Time stamps further than this from the system's clock are some other clock's: not used."""
 FAILURES = (can.CanError, OSError)
@@ -24,13 +28,15 @@ NONSENSE = (ValueError, IndexError, KeyError)
 class PythonCan:
     """A `CanBus` that a python-can bus serves, which it closes in the end."""
 
-    def __init__(self, bus: can.BusABC, fd: bool) -> None:
+    def __init__(self, bus: can.BusABC, fd: bool, *, system_stamped: bool) -> None:
+        """`system_stamped`: its interface stamps in the system's clock, unless a stamp shows that
+        it does not."""
         self.state = BusState()
         self._bus = bus
         self._fd = fd
         self._wanted: frozenset[int] = frozenset()
         self._outgoing: dict[int, can.Message] = {}
-        self._host_stamps: bool | None = None
+        self._host_stamps: bool | None = None if system_stamped else False
 
     def receive(self, timeout_s: float = 0.0) -> Sequence[CanFrame]:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
@@ -96,4 +102,4 @@ def open_python_can(config: CanBusConfig) -> PythonCan:
         with suppress(*FAILURES):
             bus.shutdown()
         raise
-    return PythonCan(bus, config.fd)
+    return PythonCan(bus, config.fd, system_stamped=config.interface in SYSTEM_STAMPED)
