@@ -141,7 +141,7 @@ def test_without_orders_a_device_is_made_safe_once_and_written_no_more(hold_ms):
     safe_ms = 600 + hold_ms
     assert written_ms == [
         *((ms, 7.0) for ms in range(0, 600, 50)),
-        (safe_ms, "safe"),
+        (safe_ms, 0.0),
         *((ms, 7.0) for ms in range(2500, 3000, 50)),
     ]
 
@@ -165,8 +165,8 @@ def test_no_set_point_is_written_later_than_its_order_allows(seed):
             device.exchange(lambda now_ns=now_ns: now_ns)
             fresh = given_ns is not None and now_ns - given_ns < 100 * MS
             wrote = wire.exchanges[before:]
-            assert wrote == [value] if fresh else wrote in ([], ["safe"])
-            assert fresh or len(wire.exchanges) < 2 or wire.exchanges[-2:] != ["safe", "safe"]
+            assert wrote == [value] if fresh else wrote in ([], [0.0])
+            assert fresh or len(wire.exchanges) < 2 or wire.exchanges[-2:] != [0.0, 0.0]
 
 
 def test_a_supervisor_that_still_starts_is_no_fault_of_a_device():
@@ -177,15 +177,32 @@ def test_a_supervisor_that_still_starts_is_no_fault_of_a_device():
     device.order(0.0, 0)
     device.begin(2000 * MS)
     device.exchange(lambda: 2000 * MS)
-    assert wire.exchanges == ["safe"]
+    assert wire.exchanges == [0.0]
     view = device.view(2001 * MS)
     assert (view.health, view.error) == ("ok", "")
     assert device.view(3001 * MS).health == "stale"
 
 
-def test_a_driver_that_errs_in_its_safe_stop_does_not_end_the_thread():
+def test_a_device_that_is_away_when_its_order_expires_is_made_safe_once_it_answers():
+    """A brake without a watchdog of its own would stay as it is."""
+    wire = Wire()
+    device = SlowDevice("brake", wire, 0.05, 1.0, setpoint_valid_s=0.1)
+    device.order(0.8, 0)
+    device.exchange(lambda: 0)
+    wire.answers = False
+    for ms in range(100, 600, 50):
+        device.exchange(lambda ms=ms: ms * MS)
+        assert device.view(ms * MS).error == "no answer"
+    wire.answers = True
+    for ms in range(600, 2000, 50):
+        device.exchange(lambda ms=ms: ms * MS)
+        assert "no order" in device.view(ms * MS).error
+    assert wire.exchanges == [0.8, *[0.0] * 11]  # ten in vain
+
+
+def test_a_driver_that_errs_as_it_is_made_safe_does_not_end_the_thread():
     class Errs(Wire):
-        def safe_stop(self):
+        def exchange(self, setpoint):
             raise ZeroDivisionError("of a bug")
 
     device = SlowDevice("drive", Errs(), 0.05, 1.0, setpoint_valid_s=0.1)

@@ -1,8 +1,9 @@
 """Brake and external drive: slow devices, each with a thread of its own.
 
 The supervisor gives an `Order` at every step and reads `view()`; neither waits for a device. An
-order expires, and the thread writes nothing else: if the supervisor hangs, the device is made safe
-once and then written no more, so that its own watchdog takes over if that write does not arrive.
+order expires, and the thread writes nothing else: if the supervisor hangs, the device is written a
+set-point of zero until it answers that it has it, and then no more. Its own watchdog takes over
+where no write arrives.
 
 A device that stops answering is `failing` at once, and `stale` after its `stale_after_s`.
 """
@@ -107,13 +108,12 @@ class SlowDevice:
         self._reading, self._answered_ns, self._error = reading, clock_ns(), ""
 
     def _make_safe(self, over_ns: int) -> None:
-        """Write a set-point of zero, once, `hold_s` after the order was over."""
-        if self._reading is not None:  # else no order was written yet: the supervisor still starts
-            self._error = UNORDERED
-        if self._safe or over_ns < self._hold_ns:
-            return
-        self._safe = True
-        self._device.safe_stop()
+        """Write a set-point of zero, `hold_s` after the order was over, until it is answered."""
+        if not self._safe and over_ns >= self._hold_ns:
+            self._device.exchange(0.0)
+            self._safe = True
+        started = self._reading is not None  # else the supervisor has still to begin
+        self._error = UNORDERED if started else ""
 
     def close(self) -> None:
         """Write a set-point of zero, if the device can be reached, and disconnect."""
