@@ -31,9 +31,13 @@ def record_dtype(fields: list[Any]) -> np.dtype[np.void]:
 def joined(blocks: Sequence[np.ndarray]) -> np.ndarray:
     """Return blocks (n_k,) of one structured type, one block at least, as one (sum of n_k,).
 
-    Without the type numpy compares all fields of each two blocks, which takes four times as long.
+    As plain bytes: numpy copies a structured type field by field, which takes ten times as long.
     """
-    return np.concatenate(blocks, dtype=blocks[0].dtype)
+    dtype = blocks[0].dtype
+    if dtype.hasobject or any(block.dtype != dtype for block in blocks):
+        return np.concatenate(blocks, dtype=dtype)
+    plain = np.dtype((np.void, dtype.itemsize))
+    return np.concatenate([block.view(plain) for block in blocks]).view(dtype)
 
 
 @dataclass(frozen=True)
