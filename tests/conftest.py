@@ -17,9 +17,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
+import motord.python_can  # noqa: F401  # so that no `import can` of a test loads asammdf and pandas
 from tests.support import again, schedule, stalls
 from tests.support.ports import default_ports_taken
-from tests.support.properties import FEW, INTERPRETED
+from tests.support.properties import FEW, INTERPRETED, SOME
 
 _PORTS = pytest.StashKey[list[socket.socket]]()
 
@@ -33,7 +34,7 @@ settings.register_profile(
 )
 settings.register_profile("interpreted", parent=settings.get_profile("motord"), max_examples=FEW)
 settings.register_profile("soak", parent=settings.get_profile("motord"), derandomize=False)
-settings.register_profile("quick", parent=settings.get_profile("motord"), max_examples=20)
+settings.register_profile("quick", parent=settings.get_profile("motord"), max_examples=SOME)
 PROFILE = os.environ.get("MOTORD_HYPOTHESIS", "interpreted" if INTERPRETED else "motord")
 SOAK = PROFILE == "soak"
 NO_SKIPS = os.environ.get("MOTORD_NO_SKIPS") == "1"

@@ -13,6 +13,7 @@ from motord.config.rules.encoder import least_jump_rad, speed_resolution_rad_s
 from motord.config.timing import JUMP_MAX_RAD, SAMPLE_TIME_S, TURN_PER_SAMPLE_MAX_RAD
 from motord.control.observer import ACQUISITION, RESYNC_SAMPLES
 from motord.schema import Request, State, Trip
+from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 
 IMPLAUSIBLE = int(Trip.ENCODER_IMPLAUSIBLE)
@@ -79,7 +80,7 @@ def test_a_loop_that_starts_while_the_rotor_turns_fast_locks(speed_rad_s: float)
     least=st.booleans(),
     angle_rad=st.floats(0.0, math.tau),
 )
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_it_locks_at_every_legal_speed(
     rate_Hz: int,
     part: float,

@@ -11,6 +11,7 @@ from motord.control import parameters
 from motord.control.plausible import compare_currents, remember_command
 from motord.control.step import new_memory
 from motord.control.types import COMMANDS_MAX, FEEDBACK, SETPOINT
+from tests.support.properties import examples
 from tests.unit.control.bench import EPOCH_NS, make_config
 
 MS = 1_000_000
@@ -157,7 +158,7 @@ _PHASES = st.tuples(_A, _A, _A)
     i_A=_PHASES,
     star=st.booleans(),
 )
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_what_is_within_agrees_with_the_distance_from_points_and_lines(
     commands, at_us, i_A, star
 ) -> None:

@@ -20,6 +20,7 @@ from pydantic import ValidationError
 from motord.config import Config
 from motord.control.interlock_table import INTERLOCK, EvidenceSource
 from motord.schema import BridgeStatus, InverterStatus, Request, State, Trip
+from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 
 RATES_HZ = (100, 150, 199, 200, 500, 1000, 5000)
@@ -321,7 +322,7 @@ def test_an_encoder_that_jumps_is_found_at_every_spacing(loop_Hz: int, bridge_Hz
     jump_rad=st.floats(0.002, math.pi / 2),
     acceleration_rad_s2=st.floats(20.0, 500.0),
 )
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_no_bench_that_is_accepted_is_blind_to_speed(
     loop_Hz: int,
     bridge_Hz: int,

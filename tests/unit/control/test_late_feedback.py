@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from motord.control.interlock_table import INTERLOCK
 from motord.schema import State, Trip
+from tests.support.properties import examples
 from tests.unit.control.bench import EPOCH_NS, Bench, make_config
 
 ERROR_A = 5.0
@@ -354,7 +355,7 @@ def test_feedback_of_before_the_first_command_is_no_evidence(wrong) -> None:
     error_A=st.floats(15.0, 25.0),
     star=st.booleans(),
 )
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_at_any_age_right_currents_pass_and_wrong_ones_trip(
     rate_Hz: int,
     stale_periods: float,

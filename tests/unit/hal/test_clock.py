@@ -15,6 +15,7 @@ from motord.hal.bridge.drift_estimator import SampleBound
 from motord.hal.can.base import BusState, CanFrame
 from motord.hal.channels.can import CanChannel, ListeningPort
 from motord.wire.can.dbc import signal_codec
+from tests.support.properties import examples
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000
@@ -207,7 +208,7 @@ def test_a_reset() -> None:
     assert clock.resets == 1
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     st.lists(st.tuples(st.integers(1, 400 * MS), st.integers(0, 10 * MS)), min_size=1, max_size=80)
 )

@@ -19,6 +19,7 @@ from motord.hal.modbus import devices
 from motord.hal.modbus.devices import ModbusDevice
 from motord.wire.modbus.registers import DeviceStatus
 from tests.support.ports import free_port
+from tests.support.properties import examples
 
 ANSWERED_S = 5.0
 """The longest that a bench file may say: what answers does so at once, unless the computer is busy.
@@ -100,7 +101,7 @@ def brake_pair():
     servers.close()
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(50), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(setpoint=st.floats())
 def test_no_set_point_leaves_the_range(brake_pair, setpoint):
     host, device = brake_pair

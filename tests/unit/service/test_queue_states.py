@@ -15,6 +15,7 @@ from motord.schema import State
 from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.queue_file import QueueFile
 from motord.service.queue.runner import QueueRunner
+from tests.support.properties import examples
 
 POLICIES = st.sampled_from(["stop", "skip", "retry"])
 
@@ -305,4 +306,4 @@ class QueueMachine(RuleBasedStateMachine):
 
 
 TestQueue = QueueMachine.TestCase
-TestQueue.settings = settings(max_examples=100, stateful_step_count=30, deadline=None)
+TestQueue.settings = settings(max_examples=examples(100), stateful_step_count=30, deadline=None)

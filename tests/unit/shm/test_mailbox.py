@@ -13,6 +13,7 @@ from motord.control.types import SETPOINT
 from motord.shm.mailbox import MailboxReader, MailboxWriter
 from motord.shm.shared_records import SharedFileError, as_bytes
 from motord.unix_clock import Clock
+from tests.support.properties import examples
 
 
 def setpoint(value: int) -> np.ndarray:
@@ -88,7 +89,7 @@ class Overtaken(MailboxReader):
 
 
 @given(writes=st.integers(1, 3), attempts=st.integers(0, 6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 def test_retries_are_bounded(
     tmp_path_factory: pytest.TempPathFactory, writes: int, attempts: int
 ) -> None:

@@ -13,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from motord.config import LoopConfig
 from motord.shm.ring import RingReader, RingWriter, capacity_for
 from motord.shm.shared_records import SharedFileError
+from tests.support.properties import examples
 
 
 def publish(writer: RingWriter, count: int) -> None:
@@ -148,7 +149,9 @@ class RingModel(RuleBasedStateMachine):
 
 
 def test_ring_against_model(tmp_path: Path) -> None:
-    RingModel.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+    RingModel.TestCase.settings = settings(
+        max_examples=examples(60), stateful_step_count=25, deadline=None
+    )
     RingModel.folder = tmp_path
     RingModel.TestCase("runTest").runTest()
 
