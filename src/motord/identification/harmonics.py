@@ -71,7 +71,7 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
 
 def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
     """Solve product(x) = right (..., n), each by itself, by conjugate gradients."""
-    x, rest, along = np.zeros_like(right), right, right
+    x, residual, along = np.zeros_like(right), right, right
     square = first = _inner(right, right)
     for _ in range(2 * right.shape[-1]):
         unsolved = square > SOLVED**2 * first
@@ -79,9 +79,11 @@ def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> n
             break
         moved = product(along)
         step = np.divide(square, _inner(along, moved), out=np.zeros_like(square), where=unsolved)
-        x, rest = x + step * along, rest - step * moved
-        before, square = square, _inner(rest, rest)
-        along = rest + np.divide(square, before, out=np.zeros_like(square), where=unsolved) * along
+        x, residual = x + step * along, residual - step * moved
+        before, square = square, _inner(residual, residual)
+        along = (
+            residual + np.divide(square, before, out=np.zeros_like(square), where=unsolved) * along
+        )
     return x
 
 

@@ -21,7 +21,7 @@ SEPARATE = 1e-3
 """Part of the velocities' squares that must be left within directions to show an age."""
 
 ROUNDS = 4
-"""Fits of the shifts, each of lines that are turned back by what was found: the rest is small."""
+"""Fits of the shifts, each of lines turned back by what was found: the residual is small."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ def speed_differences(
         shift_rad = shift_rad + further_rad
     return SpeedDifferences(
         _slope(shift_rad, known, moving, freedom),
-        _rest(shift_rad, known, moving, freedom),
-        _rest(gain, scaled, ways, freedom),
+        _largest_residual(shift_rad, known, moving, freedom),
+        _largest_residual(gain, scaled, ways, freedom),
     )
 
 
@@ -95,8 +95,8 @@ def _changes(
     return shift_rad, turned, (weight * apart.real).sum(axis=1) / scaled, scaled
 
 
-def _left(values: np.ndarray, weight: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return what weighted columns (s, m) leave of weighted values (s,)."""
+def _residual(values: np.ndarray, weight: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the residual of weighted values (s,) on weighted columns (s, m)."""
     root = np.sqrt(weight)
     x, y = columns * root[:, None], values * root
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
@@ -105,26 +105,26 @@ def _left(values: np.ndarray, weight: np.ndarray, columns: np.ndarray) -> np.nda
 def _slope(
     values: np.ndarray, weight: np.ndarray, columns: np.ndarray, freedom: float
 ) -> SpeedDifference:
-    """Return the last column's coefficient, besides the others; its limit is by the rest, too."""
-    own = _left(columns[:, -1], weight, columns[:, :-1])
+    """Return the last column's coefficient, besides the others; its limit is by residuals, too."""
+    own = _residual(columns[:, -1], weight, columns[:, :-1])
     information = float(own @ own)
     if information <= SEPARATE * float(weight @ columns[:, -1] ** 2):
         return NOTHING
     size = float(own @ (values * np.sqrt(weight))) / information
-    left = _left(values, weight, columns)
-    scatter = max(float(left @ left) / max(values.size - columns.shape[1], 1), 1.0)
+    residual = _residual(values, weight, columns)
+    scatter = max(float(residual @ residual) / max(values.size - columns.shape[1], 1), 1.0)
     quantile = t_quantile(1 - FALSE_SHARE / 2, freedom)
     return SpeedDifference(size, quantile * float(np.sqrt(scatter / information)))
 
 
-def _rest(
+def _largest_residual(
     values: np.ndarray, weight: np.ndarray, columns: np.ndarray, freedom: float
 ) -> SpeedDifference:
-    """Return the largest of what the columns leave of the values, if it is more than noise."""
-    left = _left(values, weight, columns)
+    """Return the largest residual of the values on the columns, if it is more than noise."""
+    residual = _residual(values, weight, columns)
     terms = values.size - int(np.linalg.matrix_rank(columns))
     if terms < 1:
         return NOTHING
-    ratio = float(left @ left) / terms / f_quantile(1 - FALSE_SHARE, terms, freedom)
-    size = float(np.abs(left / np.sqrt(weight)).max())
+    ratio = float(residual @ residual) / terms / f_quantile(1 - FALSE_SHARE, terms, freedom)
+    size = float(np.abs(residual / np.sqrt(weight)).max())
     return SpeedDifference(size, size / max(float(np.sqrt(ratio)), 1e-300))

@@ -162,13 +162,13 @@ def test_two_lines_together_change_no_more_than_is_stated() -> None:
 def test_the_floor_of_many_samples_takes_little_memory() -> None:
     point = BENCH.point(2.0, 1.0, 60.3, 1)
     one = prepare(point, COUNTS)
-    rest_Nm = np.random.default_rng(1).standard_normal(one.t_s[one.whole].size)
-    periodogram = Periodogram(one, rest_Nm)
+    residual_Nm = np.random.default_rng(1).standard_normal(one.t_s[one.whole].size)
+    periodogram = Periodogram(one, residual_Nm)
     tracemalloc.start()
     floor = periodogram.floor_at(48.5)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert rest_Nm.size > 55_000
+    assert residual_Nm.size > 55_000
     assert peak < 20e6
     assert 0.8 < floor.variance_Nm2 < 2.0
 

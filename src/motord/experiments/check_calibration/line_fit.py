@@ -135,12 +135,12 @@ class LineFit:
 
     @cached_property
     def misfit(self) -> float:
-        """Mean square of what is left at the columns' own orders, over what is expected."""
-        left = self._doubt * (self._y - self._x @ self.change)
+        """Mean square of residuals at the columns' own orders, over what is expected."""
+        residual = self._doubt * (self._y - self._x @ self.change)
         power = (np.abs(self.columns) ** 2).sum(axis=0)
         own = (power > MODELLED_SHARE * power.max(axis=1, keepdims=True)).any(axis=0)
-        freedom = max(left[:, :, own].size - len(self.change), 1)
-        return float((left[:, :, own] ** 2).sum() / freedom)
+        freedom = max(residual[:, :, own].size - len(self.change), 1)
+        return float((residual[:, :, own] ** 2).sum() / freedom)
 
     @property
     def errors(self) -> VarianceComponents:

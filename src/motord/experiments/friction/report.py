@@ -1,4 +1,4 @@
-"""The report of a friction run: friction over speed, coast-downs with their fit, what is left."""
+"""The report of a friction run: friction over speed, coast-downs with their fit, residuals."""
 
 from math import pi, sqrt
 

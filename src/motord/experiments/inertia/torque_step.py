@@ -10,8 +10,8 @@ d is the age of the torque: currents change in steps between the samples, and th
 sampled at the same phase of each step, so that samples lead or lag the mean torque by part of a
 tick. Without d that goes into J, 1.6 % for each millisecond.
 
-The torque's noise enters twice integrated: what the fit leaves is correlated over the whole step,
-and tells little of the error. It is propagated instead: from the noise seen at rest, through both
+The torque's noise enters twice integrated: residuals are correlated over the whole step,
+and tell little of the error. It is propagated instead: from the noise seen at rest, through both
 integrals and the fit's weights, with the encoder's rounding.
 """
 

@@ -153,9 +153,9 @@ def explain(
     power = float((np.abs(slope.line_Nm) ** 2).sum())
     age_s = float((slope.line_Nm.conj() * missing_Nm).real.sum() / power) if power > 0 else 0.0
     reconstructed = ripple_of(samples, torque_Nm + age_s * rate_Nm_per_s, seen, motor)
-    rest_Nm = measured.even_odd_Nm - reconstructed.even_odd_Nm
+    residual_Nm = measured.even_odd_Nm - reconstructed.even_odd_Nm
     noise_Nm = np.hypot(measured.noise_Nm, reconstructed.noise_Nm)
-    rms_Nm, _ = repeating_rms(rest_Nm, noise_Nm)
+    rms_Nm, _ = repeating_rms(residual_Nm, noise_Nm)
     return Explained(measured, reconstructed, 100 / motor.rated_torque_Nm * rms_Nm, age_s)
 
 

@@ -13,7 +13,7 @@ DOTS = 250
 
 
 def temperatures(found: ThermalConstants) -> Figure:
-    """Return temperatures over time with the fit, and below what is left of each channel."""
+    """Return temperatures over time with the fit, and below the residual of each channel."""
     with figure(5.2) as picture:
         upper, lower = picture.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
         course = found.fit.course

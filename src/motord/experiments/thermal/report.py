@@ -1,4 +1,4 @@
-"""The report of a heat-up and its cooling: temperatures with the fit, constants, what is left."""
+"""The report of a heat-up and its cooling: temperatures with the fit, constants, residuals."""
 
 from motord.experiments.operator_notes import add_operator_notes
 from motord.experiments.subject import Recordings

@@ -46,25 +46,25 @@ def asynchronous_lines(samples: Samples, counts: int) -> tuple[AsynchronousLine,
         return ()
     fewest = min(end - first for first, end in samples.turns)
     highest = max(resolved_order(fewest, counts, fewest), 1)
-    rest_Nm = _asynchronous(samples, without_drift(samples, samples.torque_Nm), highest, counts)
+    residual_Nm = _asynchronous(samples, without_drift(samples, samples.torque_Nm), highest, counts)
     found: list[AsynchronousLine] = []
     tried_Hz: list[float] = []
-    periodogram = Periodogram(samples, rest_Nm)
+    periodogram = Periodogram(samples, residual_Nm)
     while len(tried_Hz) < MOST_TRIED and len(found) < MOST_LINES:
         frequency_Hz = periodogram.strongest_Hz(highest, tried_Hz)
         if frequency_Hz is None:
             break
         tried_Hz.append(frequency_Hz)
-        fit = _fitted(samples, rest_Nm, frequency_Hz, (highest, counts))
+        fit = _fitted(samples, residual_Nm, frequency_Hz, (highest, counts))
         residual = Periodogram(samples, fit.residual_Nm)
         floor = residual.floor_at(fit.frequency_Hz)
         line = fit.line(samples, floor.variance_Nm2)
         apart = from_order(samples, line.frequency_Hz) > 1.001 * NEAREST
-        removed_Nm2 = float(rest_Nm @ rest_Nm - fit.residual_Nm @ fit.residual_Nm)
+        removed_Nm2 = float(residual_Nm @ residual_Nm - fit.residual_Nm @ fit.residual_Nm)
         gain = removed_Nm2 / (2 * floor.variance_Nm2)
         if apart and line.amplitude_Nm > STANDS_OUT * line.stderr_Nm and gain > floor.least_ratio:
             found.append(line)
-            rest_Nm, periodogram = fit.residual_Nm, residual
+            residual_Nm, periodogram = fit.residual_Nm, residual
     return tuple(sorted(found, key=lambda line: -line.amplitude_Nm))
 
 
@@ -96,9 +96,9 @@ class _Fit(NamedTuple):
 
 
 def _fitted(
-    samples: Samples, rest_Nm: np.ndarray, frequency_Hz: float, orders: tuple[int, int]
+    samples: Samples, residual_Nm: np.ndarray, frequency_Hz: float, orders: tuple[int, int]
 ) -> _Fit:
-    """Return a line of the rest (n,) near a frequency by Gauss and Newton.
+    """Return a line of the residual (n,) near a frequency by Gauss and Newton.
 
     orders: highest order and encoder counts. The frequency keeps its side of the nearest order; its
     error is in that of the amplitude.
@@ -110,17 +110,19 @@ def _fitted(
     for _ in range(ROUNDS):
         pair = waves(samples, frequency_Hz)
         columns = np.column_stack([_asynchronous(samples, wave, *orders) for wave in pair])
-        parts_Nm = np.linalg.lstsq(columns, rest_Nm, rcond=None)[0]
+        parts_Nm = np.linalg.lstsq(columns, residual_Nm, rcond=None)[0]
         slope = 2 * np.pi * (t_s - middle_s) * (parts_Nm[1] * pair[0] - parts_Nm[0] * pair[1])
         every = np.column_stack([columns, _asynchronous(samples, slope, *orders)])
         inverse = np.linalg.pinv(every.T @ every)
-        step_Hz = float((inverse @ (every.T @ rest_Nm))[2])
+        step_Hz = float((inverse @ (every.T @ residual_Nm))[2])
         frequency_Hz += float(np.clip(step_Hz, -resolution_Hz / 4, resolution_Hz / 4))
         apart_Hz = max(side * (frequency_Hz - order * speed_Hz), NEAREST * resolution_Hz)
         frequency_Hz = order * speed_Hz + side * apart_Hz
     amplitude_Nm = float(np.hypot(*parts_Nm))
     along = np.array([*(parts_Nm / amplitude_Nm), 0.0])
-    return _Fit(frequency_Hz, amplitude_Nm, along @ inverse @ along, rest_Nm - columns @ parts_Nm)
+    return _Fit(
+        frequency_Hz, amplitude_Nm, along @ inverse @ along, residual_Nm - columns @ parts_Nm
+    )
 
 
 def _asynchronous(samples: Samples, values: np.ndarray, highest: int, counts: int) -> np.ndarray:

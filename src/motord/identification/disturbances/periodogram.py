@@ -71,17 +71,17 @@ class Floor(NamedTuple):
 
 
 class Periodogram:
-    """Of what the average over turns leaves, rest_Nm (n,)."""
+    """Of what the average over turns leaves, residual_Nm (n,)."""
 
-    def __init__(self, samples: Samples, rest_Nm: np.ndarray) -> None:
+    def __init__(self, samples: Samples, residual_Nm: np.ndarray) -> None:
         """Transform it."""
         t_s = samples.t_s[samples.whole]
         place = np.rint((t_s - t_s[0]) / samples.period_s).astype(np.int64)
-        grid_Nm = np.bincount(place, rest_Nm)
-        power = np.abs(np.fft.rfft(grid_Nm, PADDING * grid_Nm.size)) ** 2 / rest_Nm.size
+        grid_Nm = np.bincount(place, residual_Nm)
+        power = np.abs(np.fft.rfft(grid_Nm, PADDING * grid_Nm.size)) ** 2 / residual_Nm.size
         self._frequency_Hz = np.fft.rfftfreq(PADDING * grid_Nm.size, samples.period_s)
         self._turns, self._number = self._frequency_Hz / samples.speed_Hz, len(samples.turns)
-        self._speed_Hz, self._trials = samples.speed_Hz, TRIALS * rest_Nm.size / 2
+        self._speed_Hz, self._trials = samples.speed_Hz, TRIALS * residual_Nm.size / 2
         apart = self._turns - np.rint(self._turns)
         self._apart = np.abs(apart) * self._number
         self._shown, self._between = self._apart > SOUGHT, self._apart > 0.5

@@ -147,10 +147,10 @@ def test_noise_alone_is_rarely_taken_for_an_order() -> None:
     found = 0
     for _ in range(meshes):
         parts = rng.normal(size=(2, points, orders)) / np.sqrt(2)
-        rest = parts[0] + 1j * parts[1]
+        residual = parts[0] + 1j * parts[1]
         freedom = 2 * SMOOTHED_ORDERS
         noise = np.sqrt(rng.chisquare(freedom, size=(points, orders)) / freedom)
-        found += bool(left_orders(torque_Nm, rest, noise))
+        found += bool(left_orders(torque_Nm, residual, noise))
     assert found <= 6  # 0.2 % expected of 300
 
 
@@ -158,10 +158,10 @@ def test_an_order_that_stands_out_is_found_with_its_growth() -> None:
     rng = np.random.default_rng(6)
     torque_Nm = np.array([1.0, 2.0, 3.0, 4.0])
     noise = np.full((4, 100), 1.0)
-    rest = (rng.normal(size=(4, 100)) + 1j * rng.normal(size=(4, 100))) / np.sqrt(2)
+    residual = (rng.normal(size=(4, 100)) + 1j * rng.normal(size=(4, 100))) / np.sqrt(2)
     for order, power in ((10, 0), (20, 1), (30, 2)):
-        rest[:, order - 1] += 30 * torque_Nm**power / (torque_Nm**power).max()
-    found = left_orders(torque_Nm, rest, noise)
+        residual[:, order - 1] += 30 * torque_Nm**power / (torque_Nm**power).max()
+    found = left_orders(torque_Nm, residual, noise)
     assert [(one.order, one.power) for one in found] == [(10, 0), (20, 1), (30, 2)]
 
 
@@ -169,7 +169,7 @@ def _rows(groups_Nm: Sequence[np.ndarray]) -> ResidualRows:
     """Return rows of points with lines (groups, orders) each, to a model of one column."""
     points, orders = len(groups_Nm), groups_Nm[0].shape[1]
     return ResidualRows(
-        rest_Nm=np.array([lines.mean(axis=0) for lines in groups_Nm]),
+        residual_Nm=np.array([lines.mean(axis=0) for lines in groups_Nm]),
         noise_Nm=np.ones((points, orders)),
         groups_Nm=list(groups_Nm),
         columns=np.ones((points, 1, orders), complex),

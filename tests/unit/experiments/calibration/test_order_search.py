@@ -44,7 +44,7 @@ def problem(rng: np.random.Generator, imitator: float = 0.0) -> Weighted:
     return Weighted(
         torque_Nm=TORQUES_NM,
         rated_A=3000.0,
-        rest=groups.mean(axis=1),
+        residual=groups.mean(axis=1),
         columns=columns,
         waves=np.ones((POINTS, ORDERS), complex),
         apart=np.zeros((6, 6)),
@@ -85,14 +85,14 @@ def test_noise_alone_rarely_makes_an_order_enter() -> None:
 @pytest.mark.parametrize(("power", "enters"), [(0, True), (1, False), (2, False)])
 def test_an_order_enters_if_it_is_the_same_at_all_torques(power: int, enters: bool) -> None:
     given = problem(np.random.default_rng(6))
-    given.rest[:, 5] += 40.0 * (TORQUES_NM / 4) ** power
+    given.residual[:, 5] += 40.0 * (TORQUES_NM / 4) ** power
     assert [trial.order for trial in found(given).added] == ([6] if enters else [])
 
 
 def test_offsets_that_imitate_an_order_are_recognised_by_their_other_orders() -> None:
     given = problem(np.random.default_rng(7), imitator=0.3)
     # cogging of order 8 has been taken for offsets, which are then wrong at order 40
-    given.rest[:, 39] -= 0.3 * 30
+    given.residual[:, 39] -= 0.3 * 30
     [trial] = tried(given, (8,))
     assert not trial.clear
     assert trial.stderr_Nm == pytest.approx(1 / (0.3 * np.sqrt(2 * POINTS)), rel=0.1)
@@ -101,9 +101,9 @@ def test_offsets_that_imitate_an_order_are_recognised_by_their_other_orders() ->
 
 def test_what_one_group_of_turns_has_alone_is_no_order() -> None:
     given = problem(np.random.default_rng(7), imitator=0.3)
-    for groups, rest in zip(given.groups, given.rest, strict=True):
+    for groups, residual in zip(given.groups, given.residual, strict=True):
         groups[0, 39] -= GROUPS * 0.3 * 30
-        rest[39] -= 0.3 * 30
+        residual[39] -= 0.3 * 30
     assert not found(given).added
 
 
@@ -125,7 +125,7 @@ def test_where_all_orders_are_known_there_is_nothing_to_say() -> None:
 
 def test_another_order_that_explains_as_much_is_a_finding() -> None:
     given = problem(np.random.default_rng(7), imitator=0.3)
-    given.rest[:, 39] -= 0.3 * 30
+    given.residual[:, 39] -= 0.3 * 30
     result = found(given)
     assert result.instead == ((8, 40),)
     harmonic = Harmonic(order=8, amplitude_Nm=0.03, phase_rad=0.0, stderr_Nm=0.001)
@@ -136,7 +136,7 @@ def test_another_order_that_explains_as_much_is_a_finding() -> None:
 
 def test_an_order_that_the_fit_does_not_confirm_goes_again() -> None:
     given = problem(np.random.default_rng(6))
-    given.rest[:, 5] += 40.0
+    given.residual[:, 5] += 40.0
     result = found(given)
     weak = Harmonic(order=6, amplitude_Nm=0.002, phase_rad=0.0, stderr_Nm=0.001)
     assert unconfirmed(result, [weak], 0.001) == (6,)
@@ -180,7 +180,7 @@ def test_lines_of_uneven_visits_are_those_of_the_columns(
 
 def test_an_order_that_is_hinted_at_widens_the_offsets() -> None:
     given = problem(np.random.default_rng(7), imitator=0.3)
-    given.rest[:, 39] -= 0.3 * 3.5
+    given.residual[:, 39] -= 0.3 * 3.5
     result = found(given)
     assert not result.added
     [trial] = result.imitated[:1]

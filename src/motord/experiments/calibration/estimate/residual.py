@@ -77,7 +77,7 @@ class ResidualEstimator:
         self._trials.append(trial)
 
     def least_squares(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return y (6,), eq. (4.7), and what is left, averaged over the trials (counts,), (4.14).
+        """Return y (6,), eq. (4.7), and the residual, averaged over the trials (counts,), (4.14).
 
         Encoder points without any sample are filled from their neighbours.
         """

@@ -46,12 +46,12 @@ MODELLED_SHARE = 1e-6
 """Part of the strongest order's square from which on the model's columns are at an order."""
 
 POWERS = (0, 1, 2)
-"""Powers of the torque with which what is left may grow."""
+"""Powers of the torque with which residuals may grow."""
 
 
 @dataclass(frozen=True)
 class LeftOrder:
-    """An order at which the model leaves more than noise.
+    """An order at which the residual is more than noise.
 
     rms_Nm, noise_Nm: over the operating points. power: of the torque, 0, 1 or 2, with which it
     grows best.
@@ -66,7 +66,7 @@ class LeftOrder:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """What a fit leaves. rest_Nm, noise_Nm (points, orders): lines and their standard errors.
+    """Residuals of a fit. residual_Nm, noise_Nm (points, orders): lines, their standard errors.
 
     groups_Nm: of each point, the lines (groups, orders) of groups of its turns.
     torque_Nm (points,): set-points. caused_Nm (points, orders): lines of the causes, at these
@@ -76,7 +76,7 @@ class LackOfFit:
     """
 
     torque_Nm: np.ndarray
-    rest_Nm: np.ndarray
+    residual_Nm: np.ndarray
     noise_Nm: np.ndarray
     groups_Nm: Sequence[np.ndarray]
     caused_Nm: np.ndarray
@@ -89,7 +89,7 @@ class LackOfFit:
     @property
     def minor(self) -> tuple[int, ...]:
         """Orders at which no more is left than the second order of the causes."""
-        power = (np.abs(self.rest_Nm - self.caused_Nm) ** 2).mean(axis=0)
+        power = (np.abs(self.residual_Nm - self.caused_Nm) ** 2).mean(axis=0)
         largest = (np.abs(self.caused_Nm) ** 2).mean(axis=0).max()
         return tuple((np.flatnonzero(power <= MINOR_SHARE**2 * largest) + 1).tolist())
 
@@ -113,8 +113,8 @@ class FitResidual:
         """Return what a fit leaves."""
         theta = fitted.solution.theta
         groups_Nm, noise_Nm = _rest(regression, theta)
-        rest_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
-        models = point_models(regression, theta, rest_Nm.shape[1])
+        residual_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
+        models = point_models(regression, theta, residual_Nm.shape[1])
         own = model_columns(models, regression, theta[ALPHA])
         law = kirchhoff_rows(regression, theta)
         prior = np.eye(theta.size)[[DELAY, ZOH]]
@@ -122,11 +122,11 @@ class FitResidual:
         # what is nearly seen is in the intervals: here it is open, or its error is a departure
         subspace = fitted.identifiable.opened().subspace(theta.size)
         rows = ResidualRows(
-            rest_Nm=rest_Nm,
+            residual_Nm=residual_Nm,
             noise_Nm=noise_Nm,
             groups_Nm=groups_Nm,
             columns=np.einsum("pjh,jk->pkh", own, subspace),
-            further=np.concatenate([-prior @ theta, law.rest]),
+            further=np.concatenate([-prior @ theta, law.residual]),
             further_columns=further @ subspace,
             gain_lines=own[:, ALPHA] * theta[ALPHA, None],
             gain_further=(law.roots[:, :, ALPHA] * theta[ALPHA]).reshape(len(models), -1, 3),
@@ -147,13 +147,13 @@ class FitResidual:
 
         One that is there does not pass for a departure then. Without sensitivities.
         """
-        highest = self.evidence.rows.rest_Nm.shape[1]
+        highest = self.evidence.rows.residual_Nm.shape[1]
         competing = self._with_orders(range(lowest, highest + 1))
         return self._lack_of_fit(explain(competing, self.subspace), ())
 
     def _with_orders(self, orders: Iterable[int]) -> Evidence:
         """Return the evidence with the effects of those orders that the model has not."""
-        highest = self.evidence.rows.rest_Nm.shape[1]
+        highest = self.evidence.rows.residual_Nm.shape[1]
         known = self.regression.basis.orders[: self.regression.orders]
         new = [order for order in orders if order not in known and order <= highest]
         return self.evidence.with_effects(cogging_effects(self.models, new))
@@ -172,7 +172,7 @@ class FitResidual:
         squares = (np.abs(left_Nm[:, modelled]) / rows.noise_Nm[:, modelled]) ** 2
         return LackOfFit(
             torque_Nm=torque_Nm,
-            rest_Nm=rows.rest_Nm,
+            residual_Nm=rows.residual_Nm,
             noise_Nm=rows.noise_Nm,
             groups_Nm=rows.groups_Nm,
             caused_Nm=explanation.caused_Nm,
@@ -199,8 +199,8 @@ def _sensitivities(
 def misfit(regression: Regression, fitted: JointFit) -> float:
     """Return the RMS of the lines that a fit leaves, in their standard errors: 1 for noise."""
     groups_Nm, noise_Nm = _rest(regression, fitted.solution.theta)
-    rest_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
-    return float(np.sqrt(np.mean(np.abs(rest_Nm / noise_Nm) ** 2)))
+    residual_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
+    return float(np.sqrt(np.mean(np.abs(residual_Nm / noise_Nm) ** 2)))
 
 
 def _rest(regression: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
@@ -232,16 +232,16 @@ def _modelled(own: np.ndarray, cogging_orders: tuple[int, ...]) -> np.ndarray:
 
 
 def left_orders(
-    torque_Nm: np.ndarray, rest_Nm: np.ndarray, noise_Nm: np.ndarray
+    torque_Nm: np.ndarray, residual_Nm: np.ndarray, noise_Nm: np.ndarray
 ) -> tuple[LeftOrder, ...]:
-    """Return the orders at which the rest (points, h) grows with a power of the torque, or none.
+    """Return orders at which the residual (points, h) grows with a power of the torque, or none.
 
-    What is left has to be alike at all points but for that growth: against the noise, and against
-    what else is left at the order. Encoder counts nearly in step with the samples leave lines that
+    It has to be alike at all points but for that growth: against the noise, and against what else
+    is left at the order. Encoder counts nearly in step with the samples leave lines that
     turns repeat, so that noise does not account for them, but points do not.
     """
-    points, orders = rest_Nm.shape
-    y = rest_Nm / noise_Nm
+    points, orders = residual_Nm.shape
+    y = residual_Nm / noise_Nm
     freedom = 2 * orders_averaged(orders) * points
     p_values = []
     for power in POWERS:
@@ -256,7 +256,7 @@ def left_orders(
     return tuple(
         LeftOrder(
             order=int(column) + 1,
-            rms_Nm=_rms(rest_Nm[:, column]),
+            rms_Nm=_rms(residual_Nm[:, column]),
             noise_Nm=_rms(noise_Nm[:, column]),
             power=POWERS[power[column]],
             p_value=float(p_value[column]),

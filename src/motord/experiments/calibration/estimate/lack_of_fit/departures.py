@@ -48,7 +48,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Cause:
-    """A departure that explains more of the rest than chance would.
+    """A departure that explains more of the residual than chance would.
 
     size (terms,), in the effect's units; sigmas: by how many standard errors it is other than zero;
     rms_Nm: largest line that it leaves. alike: names of other departures that explain nearly as
@@ -82,7 +82,7 @@ class Evidence:
 
     def weighed(self, gain_variance: float = 0.0) -> WeighedRows:
         """Return the rows with the measured noise, and gains that differ from point to point."""
-        return self.rows.weighed(np.ones(self.rows.rest_Nm.shape[1]), gain_variance)
+        return self.rows.weighed(np.ones(self.rows.residual_Nm.shape[1]), gain_variance)
 
     def all_columns(self, weighed: WeighedRows) -> list[np.ndarray]:
         """Return the rows of all effects."""
@@ -116,7 +116,7 @@ class ExplainedFit:
 
 
 def explain(evidence: Evidence, subspace: np.ndarray) -> ExplainedFit:
-    """Return which departures explain the rest of a fit.
+    """Return which departures explain the residual of a fit.
 
     Orders of cogging torque among the effects compete with the departures but are none.
     subspace (p, k): what the columns of the rows' model stand for among its p parameters.
@@ -190,7 +190,7 @@ def _cause(evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: n
 
 def _caused(evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows) -> np.ndarray:
     """Return the lines (points, orders) of the chosen effects, in the sizes of a fit with them."""
-    lines = np.zeros_like(evidence.rows.rest_Nm)
+    lines = np.zeros_like(evidence.rows.residual_Nm)
     place = evidence.rows.columns.shape[1]
     for effect in (evidence.effects[number] for number in chosen):
         end = place + effect.lines.shape[1]
@@ -224,7 +224,7 @@ def _significant(evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain
 
     And it has to be there in all groups of turns alike.
     """
-    rows, samples = evidence.rows, evidence.rows.rest_Nm.size
+    rows, samples = evidence.rows, evidence.rows.residual_Nm.size
     level = FALSE_SHARE / len(evidence.effects)
     for number in _ranked(gains, chosen):
         if _p_value(gains[number], samples) > level:
@@ -246,8 +246,8 @@ def _significant(evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain
 
 @dataclass(frozen=True)
 class _Noise:
-    """Noise as a fit leaves it: at an order the measured one, or what is left there over the
-    points, if that is more, besides what gains make that differ from point to point.
+    """Noise by the residual: at an order the measured one, or the residual there over the points,
+    if that is more, besides what gains make that differ from point to point.
 
     dispersion (orders,): variance in parts of the measured one; order_freedom (orders,).
     """
@@ -260,7 +260,7 @@ class _Noise:
     def of(cls, evidence: Evidence, chosen: Sequence[int]) -> "_Noise":
         """Return the noise with the chosen effects in the model."""
         rows, scatter = evidence.rows, GainScatter()
-        dispersion = np.ones(rows.rest_Nm.shape[1])
+        dispersion = np.ones(rows.residual_Nm.shape[1])
         for _ in range(ROUNDS):
             weighed = rows.weighed(dispersion, scatter.variance)
             scatter = evidence.fitted(weighed, chosen).gain_scatter()

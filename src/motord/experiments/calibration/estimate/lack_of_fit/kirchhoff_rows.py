@@ -22,10 +22,10 @@ _COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
 @dataclass(frozen=True)
 class KirchhoffRows:
     """roots (points, 4, 4): rows for changes of what i*_a, i*_b, i*_c and 1 count for; (0, 4, 4)
-    where there is no law. rest (4 points,): what the fit leaves of it."""
+    where there is no law. residual (4 points,): of it."""
 
     roots: np.ndarray
-    rest: np.ndarray
+    residual: np.ndarray
 
     def columns(self, parameters: int) -> np.ndarray:
         """Return the rows (4 points, parameters) of the model: alpha_p i*_p, and beta_p 1."""

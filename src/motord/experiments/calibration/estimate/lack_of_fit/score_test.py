@@ -57,15 +57,15 @@ class EffectSensitivity:
 
 @dataclass(frozen=True)
 class ResidualRows:
-    """The rest of a fit: lines (points, orders), with noise, and further rows of unit variance.
+    """The residual of a fit: lines (points, orders), with noise, and further rows of unit variance.
 
     groups_Nm: of each point, the lines (groups, orders) of groups of its turns. columns
-    (points, p, orders), further_columns (m, p): of the model; further (m,): their rest. gain_lines
-    (points, g, orders), gain_further (points, n, g): what a part of each of g gains at a point
-    makes, in its lines and in its n of the further rows, which are the last of these.
+    (points, p, orders), further_columns (m, p): of the model; further (m,): their residual.
+    gain_lines (points, g, orders), gain_further (points, n, g): what a part of each of g gains at a
+    point makes, in its lines and in its n of the further rows, which are the last of these.
     """
 
-    rest_Nm: np.ndarray
+    residual_Nm: np.ndarray
     noise_Nm: np.ndarray
     groups_Nm: Sequence[np.ndarray]
     columns: np.ndarray
@@ -85,7 +85,7 @@ class ResidualRows:
         before = self.further.size - points * last
         gain_lines = self.gain_lines * weight[:, None, :]
         directions = GainDirections.of(gain_lines, self.gain_further, before)
-        y = np.concatenate([_real(self.rest_Nm * weight), self.further])[:, None]
+        y = np.concatenate([_real(self.residual_Nm * weight), self.further])[:, None]
         x = _stacked(self.columns, self.further_columns, weight)
         y, x = (directions.whitened(rows, gain_variance) for rows in (y, x))
         return WeighedRows(y[:, 0], x, weight, directions, gain_variance)
@@ -123,11 +123,11 @@ class WeighedRows:
 
     def left_lines(self, rows: ResidualRows) -> np.ndarray:
         """Return the lines (points, orders) that the model's columns leave of those of `rows`."""
-        lines = self.left[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
+        lines = self.left[: 2 * rows.residual_Nm.size].reshape(2, *rows.residual_Nm.shape)
         return np.asarray((lines[0] + 1j * lines[1]) / self.weight)
 
     def gain_scatter(self) -> GainScatter:
-        """Return by how much the gains differ from point to point, by what is left."""
+        """Return by how much the gains differ from point to point, by the residual."""
         inverse, scale = self._inverse
         spread = self.directions.spread.ravel()
         squares = self.directions.parts(self.left[:, None]).ravel() ** 2
@@ -173,7 +173,7 @@ class WeighedRows:
         """
         g = self.apart(effect)
         plain = self.directions.whitened(g[:, None], self.gain_variance)[:, 0]
-        real, imaginary = plain[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
+        real, imaginary = plain[: 2 * rows.residual_Nm.size].reshape(2, *rows.residual_Nm.shape)
         along = (real - 1j * imaginary) * self.weight
         white = (real**2 + imaginary**2).sum(axis=1)
         variance, freedom = cluster_variance(rows.groups_Nm, along, white)

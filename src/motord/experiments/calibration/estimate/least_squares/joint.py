@@ -83,7 +83,7 @@ class JointFit:
 
     @property
     def by_white_noise(self) -> np.ndarray:
-        """Covariance of solution.vector (p + 1, p + 1), were what is left in each point white."""
+        """Covariance of solution.vector (p + 1, p + 1), were the residual in each point white."""
         left = self.torque_information.sum(axis=0) + self.law_information + self.prior
         inverse = inverse_on_seen((left + left.T) / 2, self.identifiable)
         by_theta = derivative(left, self.solution, self.identifiable)

@@ -14,15 +14,15 @@ from motord.experiments.calibration.estimate.turn_spectrum import lines_of
 class Weighted:
     """The linear problem in lines over their noise: points, orders, q parameters.
 
-    rest (points, h); columns (points, h, q): derivatives by the parameters; waves (points, h): of
-    a cosine of each order; apart (q, q), pull (q,): information and slope that are not from the
+    residual (points, h); columns (points, h, q): derivatives by the parameters; waves (points, h):
+    of a cosine of each order; apart (q, q), pull (q,): information and slope that are not from the
     lines; scatter (h,): square by which points scatter about a common line; groups: of each point,
-    the rest (groups, h) of groups of its turns.
+    the residual (groups, h) of groups of its turns.
     """
 
     torque_Nm: np.ndarray
     rated_A: float
-    rest: np.ndarray
+    residual: np.ndarray
     columns: np.ndarray
     waves: np.ndarray
     apart: np.ndarray
@@ -37,21 +37,21 @@ class Weighted:
     ) -> "Weighted":
         """Return the problem around a fit. Where points scatter more than noise, that is noise."""
         points, counts = regression.points, regression.basis.back_emf.shape[0]
-        theta, highest = fitted.solution.theta, fit.rest_Nm.shape[1]
+        theta, highest = fitted.solution.theta, fit.residual_Nm.shape[1]
         derivative = regression.derivative(theta)
         lines = []
         for point in points:
             visits, sums = point.spectrum.visits.sum(axis=0), point.spectrum.sums.sum(axis=0)
             lines.append(lines_of(visits, sums[:, :-1] @ derivative)[:highest])
         waves = np.array([point.spectrum.waves(counts)[:highest] for point in points])
-        rest_Nm = fit.rest_Nm - fit.caused_Nm
-        scatter = _scatter(rest_Nm / fit.noise_Nm, waves / fit.noise_Nm)
+        residual_Nm = fit.residual_Nm - fit.caused_Nm
+        scatter = _scatter(residual_Nm / fit.noise_Nm, waves / fit.noise_Nm)
         noise_Nm = fit.noise_Nm * np.sqrt(np.maximum(scatter, 1.0))
         apart_from_torque = fitted.law_information + fitted.prior
         return cls(
             torque_Nm=fit.torque_Nm,
             rated_A=rated_A,
-            rest=rest_Nm / noise_Nm,
+            residual=residual_Nm / noise_Nm,
             columns=np.array(lines) / noise_Nm[:, :, None],
             waves=waves / noise_Nm,
             apart=apart_from_torque,
@@ -70,7 +70,7 @@ class Weighted:
 
     def with_order(self, order: int) -> "Weighted":
         """Return the problem with the amplitudes of an order among its parameters."""
-        new = np.zeros((*self.rest.shape, 2), complex)
+        new = np.zeros((*self.residual.shape, 2), complex)
         new[:, order - 1] = self.pair(order)
         return replace(
             self,
@@ -80,12 +80,12 @@ class Weighted:
         )
 
 
-def _scatter(rest: np.ndarray, waves: np.ndarray) -> np.ndarray:
+def _scatter(residual: np.ndarray, waves: np.ndarray) -> np.ndarray:
     """Return the mean square by which points scatter about a common line (h,).
 
-    rest, waves (points, h) in parts of the noise, which is 1/2 each in real and imaginary part.
+    residual, waves (points, h) in parts of the noise, which is 1/2 each in real and imaginary part.
     """
     power = (np.abs(waves) ** 2).sum(axis=0)
-    common = (waves.conj() * rest).sum(axis=0) / np.maximum(power, 1e-300)
-    square = (np.abs(rest - common * waves) ** 2).sum(axis=0)
-    return np.asarray(square / max(len(rest) - 1, 1))
+    common = (waves.conj() * residual).sum(axis=0) / np.maximum(power, 1e-300)
+    square = (np.abs(residual - common * waves) ** 2).sum(axis=0)
+    return np.asarray(square / max(len(residual) - 1, 1))

@@ -54,7 +54,7 @@ def search(problem: Weighted, known: Sequence[int], pole_pairs: int) -> Search:
     """Return the orders that enter in addition to those that are `known`, by forward selection."""
     added: list[OrderTrial] = []
     rivals: list[tuple[int, int]] = []
-    candidates = [o for o in range(FIRST_ORDER, problem.rest.shape[1] + 1) if o not in known]
+    candidates = [o for o in range(FIRST_ORDER, problem.residual.shape[1] + 1) if o not in known]
     level = levels(candidates, pole_pairs)
     most_A = OFFSET_SHARE * problem.rated_A
     while True:

@@ -66,7 +66,7 @@ class OrderTrial:
         """Return whether the order belongs to the model, by chance with a p-value below `level`.
 
         Besides, it pays for two parameters by BIC with the number of turns, and the line that all
-        other torques show predicts what is left at each.
+        other torques show predicts the residual at each.
         """
         return self.p_value < level and self.bic > 0 and self.predicts
 
@@ -79,7 +79,7 @@ def tried(problem: Weighted, orders: Sequence[int]) -> list[OrderTrial]:
     """Return the trial of each of the orders."""
     flat = problem.columns.reshape(-1, problem.columns.shape[2])
     information = 2 * (flat.conj().T @ flat).real + problem.apart
-    slope = 2 * (flat.conj().T @ problem.rest.ravel()).real + problem.pull
+    slope = 2 * (flat.conj().T @ problem.residual.ravel()).real + problem.pull
     inverse = _inverse(information)
     return [_trial(problem, order, inverse, inverse @ slope) for order in orders]
 
@@ -94,7 +94,7 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
     place, pair = order - 1, problem.pair(order)
     cross = 2 * (pair.conj().T @ problem.columns[:, place]).real
     whole = 2 * float((np.abs(pair[:, 0]) ** 2).sum())
-    score = 2 * (pair.conj().T @ problem.rest[:, place]).real - cross @ step
+    score = 2 * (pair.conj().T @ problem.residual[:, place]).real - cross @ step
     values, vectors = np.linalg.eigh(whole * np.eye(2) - cross @ inverse @ cross.T)
     moves_A = (inverse @ cross.T)[BETA]
     offset_A = float(np.abs(moves_A).max())
@@ -115,7 +115,7 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
         effect = _effect(problem, order, inverse @ cross.T) @ part
         p_value = _chance(problem, effect, size, gain)
         predicts = p_value < FALSE_SHARE and _predicts(
-            problem, effect, problem.rest - problem.columns @ step
+            problem, effect, problem.residual - problem.columns @ step
         )
     part_Nm = float(np.linalg.norm(size))
     hidden_A = part_Nm * np.linalg.norm(moves_A @ vectors[:, ~seen], axis=1)
@@ -165,36 +165,37 @@ def _chance(problem: Weighted, effect: np.ndarray, size: np.ndarray, gain: float
     return float(max(by_noise, by_scatter, by_turns))
 
 
-def _predicts(problem: Weighted, effect: np.ndarray, rest: np.ndarray) -> bool:
+def _predicts(problem: Weighted, effect: np.ndarray, residual: np.ndarray) -> bool:
     """Return whether an order is the same at all torques.
 
-    What other torques show of it lessens what is left at each torque, and an amplitude that grows
+    What other torques show of it lessens the residual at each torque, and an amplitude that grows
     with the torque, or with its square, does not explain more of it; both but for noise.
     """
     torques_Nm = np.unique(problem.torque_Nm)
     if torques_Nm.size < 2:
         return False
-    growing = max(_growing(problem, effect, rest, power) for power in (1, 2))
-    if growing > _explained(effect, rest) + TOLERANCE:
+    growing = max(_growing(problem, effect, residual, power) for power in (1, 2))
+    if growing > _explained(effect, residual) + TOLERANCE:
         return False
     for torque_Nm in torques_Nm:
         out = problem.torque_Nm == torque_Nm
         others = effect[~out].reshape(-1, effect.shape[2])
         normal = (others.conj().T @ others).real
-        size = np.linalg.lstsq(normal, (others.conj().T @ rest[~out].ravel()).real, rcond=None)[0]
-        after = rest[out] - effect[out] @ size
-        if (np.abs(after) ** 2).sum() > (np.abs(rest[out]) ** 2).sum() + TOLERANCE:
+        right = (others.conj().T @ residual[~out].ravel()).real
+        size = np.linalg.lstsq(normal, right, rcond=None)[0]
+        after = residual[out] - effect[out] @ size
+        if (np.abs(after) ** 2).sum() > (np.abs(residual[out]) ** 2).sum() + TOLERANCE:
             return False
     return True
 
 
-def _growing(problem: Weighted, effect: np.ndarray, rest: np.ndarray, power: int) -> float:
-    """Return how much of the rest an effect explains that grows with a power of the torque."""
+def _growing(problem: Weighted, effect: np.ndarray, residual: np.ndarray, power: int) -> float:
+    """Return how much of the residual an effect explains that grows with a power of the torque."""
     scale = (problem.torque_Nm / problem.torque_Nm.max()) ** power
-    return _explained(effect * scale[:, None, None], rest)
+    return _explained(effect * scale[:, None, None], residual)
 
 
-def _explained(effect: np.ndarray, rest: np.ndarray) -> float:
+def _explained(effect: np.ndarray, residual: np.ndarray) -> float:
     flat = effect.reshape(-1, effect.shape[2])
-    right = (flat.conj().T @ rest.ravel()).real
+    right = (flat.conj().T @ residual.ravel()).real
     return float(right @ np.linalg.lstsq((flat.conj().T @ flat).real, right, rcond=None)[0])
