@@ -59,6 +59,6 @@ from motord.config.sections import CalibrationConfig as CalibrationConfig
 from motord.config.sections import LimitsConfig as LimitsConfig
 from motord.config.sections import LoopConfig as LoopConfig
 from motord.config.sections import RecordingConfig as RecordingConfig
-from motord.config.tracking import TrackingConfig as TrackingConfig
+from motord.config.sections import TrackingConfig as TrackingConfig
 from motord.config.zenoh import TlsConfig as TlsConfig
 from motord.config.zenoh import ZenohConfig as ZenohConfig

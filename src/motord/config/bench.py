@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 
 from pydantic import model_validator
 
+from motord.config.bounds import SettingBound
 from motord.config.channel_sources import CanSource, SimulatedSource
 from motord.config.channels import line_problems
-from motord.config.rules.bounds import SettingBound
 from motord.config.rules.interlocks import interlocks_keep_their_times
 from motord.config.rules.slow_devices import (
     a_lost_answer_is_no_silence,

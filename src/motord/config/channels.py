@@ -1,5 +1,6 @@
 """`[[channels]]`: quantities that are read slowly, apart from ticks, with limits of their own."""
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -7,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from motord.config.base import Finite, Positive, Section
+from motord.config.bounds import SettingBound, is_below, rounded_up
 from motord.config.channel_sources import ChannelSource, ModbusSource, SerialSource
 from motord.config.devices.slow_devices import register_counts
 from motord.config.timing import (
@@ -110,18 +112,19 @@ class ChannelConfig(Section):
 
     @model_validator(mode="after")
     def _times_can_be_kept(self) -> "ChannelConfig":
-        least_s = INTERVALS_MIN * self.period_s
-        if self.timeout_s < least_s:
-            raise ValueError(
-                f"timeout_s = {self.timeout_s:g} is too short: it is read every "
-                f"{self.period_s:g} s, and one reading may be lost; make it at least {least_s:g}, "
-                "or raise rate_Hz"
-            )
-        if self.frozen_after_s is not None and self.frozen_after_s < least_s:
-            raise ValueError(
-                f"frozen_after_s = {self.frozen_after_s:g} is shorter than two periods; make it "
-                f"at least {least_s:g}"
-            )
+        least_s, frozen_s = INTERVALS_MIN * self.period_s, self.frozen_after_s
+        read = f"it is read every {self.period_s:g} s"
+        for why in (
+            *SettingBound(
+                "timeout_s", self.timeout_s, "at least", least_s, "too short",
+                f"{read}, and one reading may be lost", "raise rate_Hz",
+            ).refusal(),
+            *SettingBound(
+                "frozen_after_s", math.inf if frozen_s is None else frozen_s, "at least", least_s,
+                "too short", f"{read}, and two readings may be alike", "raise rate_Hz",
+            ).refusal(),
+        ):  # fmt: skip
+            raise ValueError(why)
         if self.trips and self.trip_s > SLOW_SILENCE_MAX_S:
             raise ValueError(
                 f"it has a trip limit, and would trip within {self.trip_s:g} s only (a period, "
@@ -172,13 +175,13 @@ def line_problems(channels: tuple[ChannelConfig, ...]) -> Iterator[str]:
                     "differently how it is set up (timeout_s, baud, parity, stop_bits, request)"
                 )
         round_s = channel.source.read_s + sum(other.source.read_s for other in others)
-        if channel.trips and round_s + channel.period_s > channel.timeout_s:
+        if channel.trips and is_below(channel.timeout_s, round_s + channel.period_s):
             where = line[-1] if line else channel.name
             yield (
                 f"{channel.place(number)} has a trip limit, and its timeout_s = "
                 f"{channel.timeout_s:g} is shorter than a period and all readings of {where} "
                 f"if nothing answers ({round_s:g} s): lower timeout_s of their sources, or make it "
-                f"at least {round_s + channel.period_s:g}"
+                f"at least {rounded_up(round_s + channel.period_s):g}"
             )
 
 

@@ -25,7 +25,6 @@ from motord.config.timing import (
     SUPERVISOR_TIMEOUT_MIN_S,
     TORQUE_ERROR,
 )
-from motord.config.tracking import TrackingConfig
 from motord.config.zenoh import ZenohConfig
 
 
@@ -203,6 +202,15 @@ class CalibrationConfig(Section):
     check_before_plans: bool = False
     """Before a plan that compensates, run `check-calibration`, ten seconds at 0.85 of the rated
     torque by default: the plan begins unless a drift is found."""
+
+
+class TrackingConfig(Section):
+    """`[tracking]`: gains, offsets and cogging torque in ordinary operation, with forgetting."""
+
+    enabled: bool = False
+    """Follow the calibration in force while it is applied, in a process of 200 MB."""
+    memory_s: Annotated[float, Field(ge=10, le=3600)] = 300.0
+    """Time after which a turn counts 1/e: a longer one makes intervals narrower, and slower."""
 
 
 class Sections(Section):

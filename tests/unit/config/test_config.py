@@ -182,8 +182,9 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("inverter", "timeout_s = 0.0019", "commands come every 0.001 s"),
         ("inverter", "stale_after_s = 1.01", "inverter.stale_after_s"),
         ("inverter", "stale_after_s = 0.0019", "feedback comes every 0.001 s"),
-        ("inverter", "feedback_age_s = 0.02", "feedback_age_s = 0.02 old, comes every 0.001 s"),
-        ("inverter", "feedback_age_s = 0.02", "make it at least 0.022, or raise the rates"),
+        ("inverter", "feedback_age_s = 0.02", "is 0.02 s old when it comes, always stale"),
+        ("inverter", "feedback_age_s = 0.02", "may be lost; make it at least 0.022"),
+        ("inverter", "feedback_age_s = 0.019", "at least 0.021, or raise the rates"),
         ("inverter", "actuation_delay_s = 0.021", "inverter.actuation_delay_s"),
         ("bridge", "stale_after_s = 1.01", "bridge.stale_after_s"),
         ("bridge", "stale_after_s = 0.0019", "samples come every 0.001 s"),
@@ -199,7 +200,11 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("loop", "enable_timeout_s = 0.0219", "make it at least 0.022"),
         ("limits", "link_errors_per_s = 0.9", "limits.link_errors_per_s"),
         ("loop", "overrun_ticks = 1", "loop.overrun_ticks"),
-        ("limits", "trip_speed_rad_s = 0.53", "make trip_speed_rad_s at least 0.533"),
+        (
+            "limits",
+            "trip_speed_rad_s = 0.53",
+            "at least 0.533, or lower [loop] observer",
+        ),
         ("limits", "link_errors_per_s = 2001.0", "lets more frames be lost than the loop needs"),
         ("limits", "trip_speed_rad_s = 786.0", "make it at most 785"),
         ("limits", "current_error_s = 1.1", "limits.current_error_s"),
@@ -233,6 +238,29 @@ def test_a_bound_of_many_digits_is_named_so_that_it_is_accepted(tmp_path: Path) 
     text = BENCH.replace("rate_Hz = 1000", "rate_Hz = 300") + "[inverter]\ntimeout_s = "
     assert "make it at least 0.00667" in complaint(tmp_path, f"{text}0.0066666\n")
     read(tmp_path, f"{text}0.00667\n")
+
+
+def test_a_bound_that_the_setting_does_not_reach_is_no_remedy(tmp_path: Path) -> None:
+    slow = BENCH.replace("rate_Hz = 1000", "rate_Hz = 100") + "[inverter]\n"
+    refused = complaint(tmp_path, f"{slow}feedback_age_s = 0.995\nstale_after_s = 0.999\n")
+    assert "one may be lost; raise the rates" in refused
+
+
+def test_the_greatest_number_of_ticks_is_named_exactly(tmp_path: Path) -> None:
+    text = BENCH.replace("rate_Hz = 1000", "rate_Hz = 2345\noverrun_ticks = 2346")
+    assert "make it at most 2345" in complaint(tmp_path, text)
+
+
+@pytest.mark.parametrize("device", ["brake", "drive"])
+@pytest.mark.parametrize("poll_s", ["0.6", "0.5000001", "1e12"])
+def test_a_slow_device_is_read_twice_before_it_is_silent(
+    tmp_path: Path, device: str, poll_s: str
+) -> None:
+    refused = complaint(tmp_path, f"{BENCH}[{device}]\npoll_s = {poll_s}\n")
+    assert f"[{device}] stale_after_s = 1" in refused
+    assert ("make it at least" in refused) == (poll_s != "1e12")
+    if poll_s == "0.5000001":
+        read(tmp_path, f"{BENCH}[{device}]\npoll_s = {poll_s}\nstale_after_s = 1.01\n")
 
 
 def test_a_lost_answer_of_a_slow_device_is_no_silence(tmp_path: Path) -> None:

@@ -85,22 +85,11 @@ def test_a_channel_can_pass_its_trip_limits(
             ChannelConfig.model_validate(content)
 
 
-@pytest.mark.parametrize(
-    ("section", "says"),
-    [
-        ({"poll_s": 0.6}, "stale_after_s = 1 is too short"),
-        ({"poll_s": 1e12}, "stale_after_s = 1 is too short"),
-        ({"stale_after_s": 10.1}, "less than or equal to 10"),
-        ({"poll_s": 5.0, "stale_after_s": 10.0}, ""),
-    ],
-)
 @pytest.mark.parametrize("model", [BrakeConfig, DriveConfig])
-def test_a_slow_device_that_is_silent_is_missed(model: Any, section: dict, says: str) -> None:
-    if not says:
-        model.model_validate(section)
-        return
-    with pytest.raises(ValidationError, match=says):
-        model.model_validate(section)
+def test_a_slow_device_that_is_silent_is_missed(model: Any) -> None:
+    model.model_validate({"poll_s": 5.0, "stale_after_s": 10.0})
+    with pytest.raises(ValidationError, match="less than or equal to 10"):
+        model.model_validate({"stale_after_s": 10.1})
 
 
 @pytest.mark.parametrize(

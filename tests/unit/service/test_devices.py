@@ -180,7 +180,19 @@ def test_a_supervisor_that_still_starts_is_no_fault_of_a_device():
     assert wire.exchanges == [0.0]
     view = device.view(2001 * MS)
     assert (view.health, view.error) == ("ok", "")
-    assert device.view(3001 * MS).health == "stale"
+    stale = device.view(3001 * MS)
+    assert (stale.health, "no order" in stale.error) == ("stale", True)
+
+
+def test_the_time_before_the_polling_is_no_silence():
+    wire = Wire()
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1)
+    device.open(0)
+    threads = DeviceThreads([device], lambda: 2000 * MS)
+    threads.start()
+    view = device.view(2000 * MS)
+    assert (view.health, view.error, view.age_s) == ("ok", "", 0.0)
+    threads.stop()
 
 
 def test_a_device_that_is_away_when_its_order_expires_is_made_safe_once_it_answers():

@@ -360,6 +360,17 @@ def test_a_loop_that_is_gone_begins_no_recording_with_its_last_ticks(tmp_path, m
     played.close()
 
 
+def test_power_in_the_last_ticks_of_a_loop_alone_is_recorded(played):
+    played.up()
+    played.step(5)
+    played.loops[0].tick(State.ENABLED, 20)
+    played.loops[0].code = -9
+    played.step()
+    commands = [c["do"] for c in played.recorders[0].received() if c["do"] in ("start", "stop")]
+    assert commands == ["start", "stop"]
+    assert played.supervisor.recording.settled
+
+
 def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     played.up()

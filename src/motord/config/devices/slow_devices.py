@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from motord.config.base import BitRate, Finite, NonNegative, Positive, Section
 from motord.config.devices import DeviceConfig
-from motord.config.timing import INTERVALS_MIN, SLOW_SILENCE_MAX_S
+from motord.config.timing import SLOW_SILENCE_MAX_S
 
 RegisterKind = Literal["u16", "i16", "u32", "i32"]
 """How a number lies in registers: unsigned or two's complement, one register or two."""
@@ -117,17 +117,6 @@ class _ModbusDevice(DeviceConfig):
     stale_after_s: Annotated[float, Field(gt=0, le=SLOW_SILENCE_MAX_S)] = 1.0
     """Without an answer for so long torque goes to zero, an external drive stops, and a plan is
     aborted."""
-
-    @model_validator(mode="after")
-    def _silence_outlasts_a_lost_answer(self) -> "_ModbusDevice":
-        least_s = INTERVALS_MIN * self.poll_s
-        if self.stale_after_s < least_s:
-            raise ValueError(
-                f"stale_after_s = {self.stale_after_s:g} is too short: it is read every "
-                f"{self.poll_s:g} s, and one answer may be lost; make it at least {least_s:g}, "
-                "or lower poll_s"
-            )
-        return self
 
     @model_validator(mode="after")
     def _needs_modbus(self) -> "_ModbusDevice":

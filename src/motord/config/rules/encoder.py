@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from motord.config.rules.bounds import SettingBound
+from motord.config.bounds import SettingBound
 from motord.config.sections import Sections
 from motord.config.timing import (
     ACCELERATION_RAD_S2,
@@ -80,7 +80,7 @@ def a_sound_encoder_never_jumps(config: Sections) -> Iterator[str]:
         f"{config.loop.observer_bandwidth_Hz:g}, a sample every {config.sample_interval_s:g} s, "
         f"[bridge] stale_after_s = {config.bridge.stale_after_s:g} and trip_speed_rad_s = "
         f"{limits.trip_speed_rad_s:g}",
-        "make it {}" if least_rad <= JUMP_MAX_RAD else gentler,
+        gentler, JUMP_MAX_RAD,
     ).refusal()  # fmt: skip
 
 
@@ -92,13 +92,12 @@ def the_encoder_shows_the_greatest_speed(config: Sections) -> Iterator[str]:
         "[limits] trip_speed_rad_s", trip_rad_s, "at most", TURN_PER_SAMPLE_MAX_RAD / interval_s,
         f"too fast for {1 / interval_s:g} encoder samples a second",
         f"the rotor would turn {trip_rad_s * interval_s:.2g} rad from one to the next",
-        "make it {}, or raise [bridge] rate_Hz and [loop] rate_Hz",
+        "raise [bridge] rate_Hz and [loop] rate_Hz",
     ).refusal()  # fmt: skip
     yield from SettingBound(
         "[limits] trip_speed_rad_s", trip_rad_s, "at least", off_rad_s / SPEED_RESOLUTION_MAX,
-        f"too little for an encoder with [motor] counts = {config.motor.counts}",
+        f"too low for an encoder with [motor] counts = {config.motor.counts}",
         f"at some speeds its steps move the observed one by up to {off_rad_s:.3g} rad/s, so that a "
         "rotor at a set-point could seem to be beyond the limit, or a faster one within it",
-        "lower [loop] observer_bandwidth_Hz = "
-        f"{config.loop.observer_bandwidth_Hz:g}, or make trip_speed_rad_s {{}}",
+        f"lower [loop] observer_bandwidth_Hz = {config.loop.observer_bandwidth_Hz:g}",
     ).refusal()  # fmt: skip

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from motord.config.rules.bounds import rounded_down
+from motord.config.bounds import rounded_down
 from motord.config.rules.interlocks import dead_sensor_error_Nm
 from motord.config.sections import LimitsConfig, Sections
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from motord.config.rules.bounds import SettingBound
+from motord.config.bounds import SettingBound
 from motord.config.rules.encoder import (
     a_sound_encoder_never_jumps,
     the_encoder_shows_the_greatest_speed,
@@ -24,29 +24,35 @@ def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
     """Every timeout spans INTERVALS_MIN intervals of what it watches, and none SILENCE_MAX_S."""
     bridge, inverter, patience_s = config.bridge, config.inverter, config.bench.rig_patience_s
     period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
-    overrun_ticks, feedback_s = config.loop.overrun_ticks, inverter.feedback_age_s
-    aged = f", feedback_age_s = {feedback_s:g} old," if feedback_s else ""
-    for name, given_s, age_s, interval_s, what in (
-        ("[bridge] stale_after_s", bridge.stale_after_s, 0, sample_s, "samples come"),
-        ("[inverter] stale_after_s", inverter.stale_after_s, feedback_s, period_s,
-         f"feedback{aged} comes"),
-        ("[inverter] timeout_s", inverter.timeout_s, 0, period_s, "commands come"),
-        ("[bridge] heartbeat_timeout_s", bridge.heartbeat_timeout_s, 0, period_s,
-         "heartbeats come"),
+    overrun_ticks, age_s = config.loop.overrun_ticks, inverter.feedback_age_s
+    raised, aged = "raise the rates", f", {age_s:g} s old" if age_s else ""
+    feedback, feedback_raised = f"feedback comes every {period_s:g} s{aged}", raised
+    if inverter.stale_after_s <= age_s:
+        feedback, feedback_raised = f"feedback is {age_s:g} s old when it comes, always stale", ""
+    for name, given_s, least_s, what, remedy in (
+        ("[bridge] stale_after_s", bridge.stale_after_s, 0.0,
+         f"samples come every {sample_s:g} s", raised),
+        ("[inverter] stale_after_s", inverter.stale_after_s, age_s, feedback, feedback_raised),
+        ("[inverter] timeout_s", inverter.timeout_s, 0.0,
+         f"commands come every {period_s:g} s", raised),
+        ("[bridge] heartbeat_timeout_s", bridge.heartbeat_timeout_s, 0.0,
+         f"heartbeats come every {period_s:g} s", raised),
     ):  # fmt: skip
+        interval_s = sample_s if "samples" in what else period_s
         yield from SettingBound(
-            name, given_s, "at least", age_s + INTERVALS_MIN * interval_s, "too short",
-            f"{what} every {interval_s:g} s, and one may be lost",
-            "make it {}, or raise the rates",
+            name, given_s, "at least", least_s + INTERVALS_MIN * interval_s, "too short",
+            f"{what}, and one may be lost", remedy, SILENCE_MAX_S,
         ).refusal()  # fmt: skip
     yield from SettingBound(
         "[bench] rig_patience_s", math.inf if patience_s is None else patience_s, "at least",
         INTERVALS_MIN * period_s, "too short", f"commands come every {period_s:g} s, and the "
-        "rig's time would stand still between them", "make it {}, or leave it out",
+        "rig's time would stand still between them", "leave it out",
     ).refusal()  # fmt: skip
     yield from SettingBound(
-        "[loop] overrun_ticks", overrun_ticks, "at most", SILENCE_MAX_S / period_s, "too large",
-        f"the loop could stand still for {overrun_ticks * period_s:g} s before it is a fault",
+        "[loop] overrun_ticks", overrun_ticks, "at most",
+        math.floor(SILENCE_MAX_S * config.loop.rate_Hz), "too large",
+        f"at rate_Hz = {config.loop.rate_Hz:g} the loop could stand still for "
+        f"{overrun_ticks * period_s:g} s before it is a fault, and {SILENCE_MAX_S:g} s is the most",
     ).refusal()  # fmt: skip
 
 
@@ -70,7 +76,8 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
     yield from SettingBound(
         "[limits] link_errors_per_s", limits.link_errors_per_s, "at most",
         config.loop.rate_Hz + config.sample_rate_Hz, "too large",
-        "it lets more frames be lost than the loop needs in a second",
+        f"it lets more frames be lost than the loop needs in a second, {config.loop.rate_Hz:g} of "
+        f"feedback and {config.sample_rate_Hz:g} samples",
     ).refusal()  # fmt: skip
 
 

@@ -2,10 +2,15 @@
 
 from collections.abc import Iterator
 
+from motord.config.bounds import SettingBound, is_below
 from motord.config.devices.slow_devices import BRAKE_MARGIN_K, register_counts, shares_line
-from motord.config.rules.bounds import SettingBound, is_below
 from motord.config.sections import Sections
-from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S, INTERVALS_MIN
+from motord.config.timing import (
+    DRIVE_FALLS_S,
+    DRIVE_REACTS_S,
+    INTERVALS_MIN,
+    SLOW_SILENCE_MAX_S,
+)
 
 STEP_MAX = 0.02
 """Of the largest set-point, between two that can be written: they are rounded."""
@@ -38,6 +43,7 @@ def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
             f"too long: the rotor's speed has to fall within {DRIVE_FALLS_S:g} s if the daemon "
             f"hangs. Together they may be {most_s:g} s, such as 0.2 and 0.1"
         )
+        return  # of poll_s nothing can be said before watchdog_s is known
     yield from SettingBound(
         "[drive] poll_s", poll_s, "at most", watchdog_s / 2, "too long",
         f"with [drive.modbus] watchdog_s = {watchdog_s:g} one failed exchange would stop the drive",
@@ -48,18 +54,20 @@ def a_lost_answer_is_no_silence(config: Sections) -> Iterator[str]:
     """A request without an answer takes its timeout, and on a shared line the other device's."""
     brake, drive = config.brake, config.drive
     for name, section, other in (("brake", brake, drive), ("drive", drive, brake)):
-        modbus = section.modbus
-        if section.driver != "modbus" or modbus is None:
-            continue
-        wait_s = modbus.timeout_s
-        if other.driver == "modbus" and other.modbus and shares_line(modbus, other.modbus):
-            wait_s += other.modbus.timeout_s
+        wait_s, waits, remedy = 0.0, "", "lower poll_s"
+        if section.driver == "modbus" and section.modbus is not None:
+            wait_s, remedy = section.modbus.timeout_s, "lower poll_s or timeout_s"
+            if other.driver == "modbus" and other.modbus:
+                wait_s += other.modbus.timeout_s * shares_line(section.modbus, other.modbus)
+            waits = (
+                f", and that is waited for {wait_s:g} s ([{name}.modbus] timeout_s, and that of "
+                "another device on its line)"
+            )
         yield from SettingBound(
             f"[{name}] stale_after_s", section.stale_after_s, "at least",
             INTERVALS_MIN * section.poll_s + wait_s, "too short",
-            f"it is read every {section.poll_s:g} s, one answer may be lost, and that is waited "
-            f"for {wait_s:g} s ([{name}.modbus] timeout_s, and that of another device on its line)",
-            "make it {}, or lower timeout_s",
+            f"it is read every {section.poll_s:g} s, one answer may be lost{waits}",
+            remedy, SLOW_SILENCE_MAX_S,
         ).refusal()  # fmt: skip
 
 

@@ -4,8 +4,8 @@ import math
 import time
 
 from motord.config import CanBusConfig, ChannelConfig, ConfigError
+from motord.config.bounds import is_below
 from motord.config.channel_sources import CanSource
-from motord.config.rules.bounds import is_below
 from motord.config.timing import INTERVALS_MIN
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import LoopClock

@@ -57,9 +57,9 @@ class SlowDevice:
         self._stale_ns = round(stale_after_s * 1e9)
         self._order_ns = round(setpoint_valid_s * 1e9)
         self._hold_ns = round(hold_s * 1e9)
-        self._safe = False
+        self._safe = self._ordered = False
         self._due_ns = 0
-        self._answered_ns = 0  # monotonic; at first, when it was opened
+        self._answered_ns = 0  # monotonic; at first, when polling began
         self._reading: DeviceReading | None = None
         self._error = ""
 
@@ -95,7 +95,7 @@ class SlowDevice:
             if setpoint is None:
                 self._make_safe(begun_ns - order.until_ns)
                 return
-            self._safe = False
+            self._safe, self._ordered = False, True
             reading = self._device.exchange(setpoint)
         except DeviceError as error:
             self._error = str(error)
@@ -112,8 +112,7 @@ class SlowDevice:
         if not self._safe and over_ns >= self._hold_ns:
             self._device.exchange(0.0)
             self._safe = True
-        started = self._reading is not None  # else the supervisor has still to begin
-        self._error = UNORDERED if started else ""
+        self._error = UNORDERED if self._ordered else ""  # at first the supervisor still starts
 
     def close(self) -> None:
         """Write a set-point of zero, if the device can be reached, and disconnect."""
@@ -125,6 +124,8 @@ class SlowDevice:
         reading, error = self._reading, self._error
         age_ns = now_ns - self._answered_ns
         health: Health = "stale" if age_ns > self._stale_ns else "failing" if error else "ok"
+        if health == "stale":
+            error = error or UNORDERED
         return DeviceView(
             health=health,
             status=reading.status if reading else None,

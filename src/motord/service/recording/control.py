@@ -83,6 +83,7 @@ class RecordingControl:
 
     def loop_down(self) -> None:
         """Begin nothing new; what remains of the loop's ticks goes into the file under way."""
+        self._follow_power(self._now_ns)  # it may have been powered in its last ticks alone
         self._loop_up, self.recorder.loop_over, self._ticks = False, True, NO_TICKS
 
     def end(self, why: str) -> None:
@@ -211,7 +212,7 @@ class RecordingControl:
             self._begin("", {}, first_tick=self._newest_tick + 1)
         else:
             self.end(f"plan {view.plan} {view.state}")
-            self._ticks = NO_TICKS  # were the bench enabled in these, that was for the plan
+            self._ticks = NO_TICKS  # powered ones among them belong to the plan's recording
 
     def plan_closing(self, view: PlanView) -> None:
         """End the recording of a plan, however it ends; `unrecorded` says what becomes of it."""

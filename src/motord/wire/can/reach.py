@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator
 
 from motord.config import Config, ConfigError
-from motord.config.rules.bounds import is_below
+from motord.config.bounds import is_below
 from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SILENCE_MAX_S, SLOW_FEEDBACK_MAX_S
 from motord.wire.can.canopen import SYNC, heartbeat, nmt_start
 from motord.wire.can.codec import InverterCodec

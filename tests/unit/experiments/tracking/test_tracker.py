@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from motord.calibration import Calibration, CalibrationError
-from motord.config import Config, load
-from motord.config.tracking import TrackingConfig
+from motord.config import Config, TrackingConfig, load
 from motord.control import parameters
 from motord.experiments.check_calibration.quantities import Quantity
 from motord.experiments.check_calibration.result import Change

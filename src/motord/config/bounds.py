@@ -10,15 +10,21 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class SettingBound:
-    """What a bench file lets its value `name` be; `remedy` is what helps, {} the bound (> 0)."""
+    """What a bench file lets its value `name` be: at least `bound` (> 0), at most or less.
+
+    A whole number as bound is named as it is, any other in three digits that are accepted. What
+    helps is to take the bound, unless that is above `greatest`, which the setting never exceeds,
+    or else `remedy`.
+    """
 
     name: str
     given: float
-    side: Literal["at least", "at most", "less than"]
+    relation: Literal["at least", "at most", "less than"]
     bound: float
-    excess: str
+    violation: str
     why: str
-    remedy: str = "make it {}"
+    remedy: str = ""
+    greatest: float = math.inf
 
     def refusal(self) -> Iterator[str]:
         """Yield why the value is refused and what helps, if it is beyond its bound."""
@@ -26,10 +32,13 @@ class SettingBound:
             "at least": (is_below(self.given, self.bound), rounded_up),
             "at most": (is_below(self.bound, self.given), rounded_down),
             "less than": (not is_below(self.given, self.bound), rounded_down),
-        }[self.side]
+        }[self.relation]
         if beyond:
-            remedy = self.remedy.format(f"{self.side} {rounded(self.bound):g}")
-            yield f"{self.name} = {self.given:g} is {self.excess}: {self.why}; {remedy}"
+            bound = self.bound if isinstance(self.bound, int) else rounded(self.bound)
+            taken = [f"make it {self.relation} {bound:g}"] if bound <= self.greatest else []
+            remedy = ", or ".join([*taken, *([self.remedy] if self.remedy else [])])
+            given = f"{self.given:g}" if f"{self.given:g}" != f"{bound:g}" else repr(self.given)
+            yield f"{self.name} = {given} is {self.violation}: {self.why}; {remedy}"
 
 
 def is_below(given: float, least: float) -> bool:
