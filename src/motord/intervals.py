@@ -1,6 +1,6 @@
 """95 % intervals by Student's t, and figures with the digits that these allow."""
 
-from math import floor, inf, isfinite, log10
+from math import floor, hypot, inf, isfinite, log10
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -18,6 +18,14 @@ interval that is widened by it holds the truth, but does not keep a risk above t
 def coverage_factor(freedom: float | None = None) -> float:
     """Return half of a 95 % interval in standard errors; freedom: degrees of, None for many."""
     return t_quantile((1 + LEVEL) / 2, inf if freedom is None else freedom)
+
+
+def half_of_interval(type_a: float, freedom: float | None, type_b: float) -> float:
+    """Return half of the 95 % interval of a value whose data leave it a standard error.
+
+    type_a: by data of so many degrees of freedom, by t; type_b: what is known otherwise, normal.
+    """
+    return hypot(coverage_factor(freedom) * type_a, coverage_factor() * type_b)
 
 
 def t_quantile(probability: float, freedom: float) -> float:

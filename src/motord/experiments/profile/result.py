@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.findings import Finding
-from motord.intervals import coverage_factor
+from motord.intervals import half_of_interval
 
 TRACKED_PERCENT = 95.0
 """Share of the time within the tolerance below which that is a finding."""
@@ -229,12 +229,9 @@ def _mean(values: list[float], relative: float | None = 0.0, common: float = 0.0
     What repeats from cycle to cycle does not show in their scatter: without it there is none.
     """
     mean = float(np.mean(values))
-    stderr = hypot((relative or 0.0) * mean, common)
-    half = coverage_factor() * stderr
-    if len(values) > 1:
-        scatter = float(np.std(values, ddof=1)) / sqrt(len(values))
-        stderr = hypot(stderr, scatter)
-        half = hypot(half, coverage_factor(len(values) - 1) * scatter)
+    n, common = len(values), hypot((relative or 0.0) * mean, common)
+    scatter = float(np.std(values, ddof=1)) / sqrt(n) if n > 1 else 0.0
+    half = half_of_interval(scatter, n - 1, common)
     if relative is None or half == 0.0:
         return CycleMean(mean, None, None, None)
-    return CycleMean(mean, stderr, mean - half, mean + half)
+    return CycleMean(mean, hypot(scatter, common), mean - half, mean + half)

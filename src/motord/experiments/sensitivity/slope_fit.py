@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from motord.intervals import coverage_factor
+from motord.intervals import half_of_interval
 
 CLEAR_OF_FLOOR = 2.5
 """Theory of a point, in parts of the ripple without any error, from which on it is on a line."""
@@ -20,26 +20,33 @@ CLEAR_OF_FLOOR = 2.5
 class Branch:
     """A line through the points on one side: rms = at_ideal + slope (value - ideal), percent.
 
-    slope_stderr from what the line leaves, or from the points' own errors where that is more, and
-    from the scale of all;
+    fit_stderr: of the slope, from what the line leaves, or from the points' own errors where that
+    is more (Type A); scale: standard uncertainty of the scale of all points, in parts (Type B);
     theory_slope: of a line through the theory of the same points; used (n,): which they are.
     """
 
     JSON: ClassVar = (
         "points", "slope_percent=slope", "slope_stderr_percent=slope_stderr",
-        "theory_slope_percent=theory_slope", "at_ideal_percent=at_ideal",
+        "slope_half_width_percent=slope_half_width", "theory_slope_percent=theory_slope",
+        "at_ideal_percent=at_ideal",
     )  # fmt: skip
 
     slope: float
-    slope_stderr: float
+    fit_stderr: float
     at_ideal: float
     theory_slope: float
     used: np.ndarray
+    scale: float = 0.0
+
+    @property
+    def slope_stderr(self) -> float:
+        """Standard error of the slope, by the line and by the scale."""
+        return hypot(self.fit_stderr, self.scale * self.slope)
 
     @property
     def slope_half_width(self) -> float:
         """Half of the slope's 95 % interval."""
-        return coverage_factor(max(self.points - 2, 1)) * self.slope_stderr
+        return half_of_interval(self.fit_stderr, self.points - 2, self.scale * self.slope)
 
     @property
     def points(self) -> int:
@@ -136,8 +143,9 @@ def _line(
     by_points = float(inverse[1] ** 2 @ error[used] ** 2)
     return Branch(
         slope=float(slope),
-        slope_stderr=hypot(max(by_rest, by_points) ** 0.5, scale * float(slope)),
+        fit_stderr=max(by_rest, by_points) ** 0.5,
         at_ideal=float(at_ideal),
         theory_slope=float(inverse[1] @ theory[used]),
         used=used,
+        scale=scale,
     )

@@ -54,6 +54,23 @@ def test_the_scale_that_all_points_have_in_common_is_in_each_error() -> None:
     assert scaled.stderr_percent == pytest.approx(together)
 
 
+@pytest.mark.parametrize(("points", "t"), [(2, 12.7062), (4, 4.30265), (6, 2.77645)])
+def test_the_scale_of_a_slope_is_not_as_unsure_as_few_points(points: int, t: float) -> None:
+    """Student's t belongs to the line alone: the points say nothing of the gain of a sensor."""
+    off = np.linspace(0.1, 0.2, points)
+    value = np.concatenate([1 - off[::-1], [1.0], 1 + off])
+    theory = 18.0 * np.abs(value - 1)
+    found = series(
+        "alpha_a", 1.0, value, theory + 0.01, np.full(value.size, 1e-3), theory, scale=0.01
+    )
+    of_fit = 1e-3 / (np.std(off) * np.sqrt(points))
+    for branch in found.branches:
+        assert branch.points == points
+        assert branch.slope_half_width == pytest.approx(
+            np.hypot(t * of_fit, 1.95996 * 0.18), rel=1e-4
+        )
+
+
 def test_a_branch_under_the_floor_has_no_line() -> None:
     found = measured(3.0)
     assert found.branches == (None, None)
