@@ -20,7 +20,13 @@ from scipy.signal import lfilter
 from motord.calibration import Calibration
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.profile.findings import CycleSignals, findings
-from motord.experiments.profile.result import Cycle, CycleSeries, ProfileTracking, TrackingError
+from motord.experiments.profile.result import (
+    Cycle,
+    CycleSeries,
+    ProfileTracking,
+    TorqueMoments,
+    TrackingError,
+)
 from motord.experiments.profile.settings import NAME, ProfileConfig
 from motord.experiments.subject import (
     AnalysisError,
@@ -223,6 +229,7 @@ def _asked_for(t_s: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def _cycle(signals: _Signals, index: int, run: str, own: ProfileConfig) -> Cycle:
     t_s, torque_Nm = signals.t_s, signals.torque_Nm
+    error_Nm = torque_Nm - signals.torque_wanted_Nm
     work_J = 0.5 * (torque_Nm[1:] + torque_Nm[:-1]) * np.diff(signals.angle_rad)
     wanted_W = 2 * np.pi * signals.torque_wanted_Nm * signals.speed_wanted_Hz
     duration_s = float(t_s[-1] - t_s[0])
@@ -232,7 +239,8 @@ def _cycle(signals: _Signals, index: int, run: str, own: ProfileConfig) -> Cycle
         run,
         duration_s,
         _tracking(t_s, signals.speed_Hz - signals.speed_wanted_Hz, own.speed_tolerance_Hz),
-        _tracking(t_s, torque_Nm - signals.torque_wanted_Nm, own.torque_tolerance_Nm),
+        _tracking(t_s, error_Nm, own.torque_tolerance_Nm),
+        _moments(torque_Nm, error_Nm),
         energy_J=float(work_J.sum()),
         absorbed_J=float(-np.minimum(work_J, 0.0).sum()),
         energy_wanted_J=float(np.trapezoid(wanted_W, t_s)),
@@ -251,6 +259,11 @@ def _tracking(t_s: np.ndarray, error: np.ndarray, tolerance: float) -> TrackingE
         float(t_s[worst]),
         100 * float(np.mean(np.abs(error) <= tolerance)),
     )
+
+
+def _moments(torque_Nm: np.ndarray, error_Nm: np.ndarray) -> TorqueMoments:
+    means = (np.mean(each) for each in (torque_Nm**2, error_Nm, error_Nm * torque_Nm))
+    return TorqueMoments(*map(float, means))
 
 
 def _series(signals: _Signals) -> CycleSeries:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.findings import Finding
-from motord.intervals import half_of_interval
+from motord.intervals import coverage_factor, half_of_interval
 
 TRACKED_PERCENT = 95.0
 """Share of the time within the tolerance below which that is a finding."""
@@ -27,6 +27,31 @@ class TrackingError:
     max: float
     max_at_s: float
     within_percent: float
+
+
+@dataclass(frozen=True)
+class TorqueMoments:
+    """Means over a cycle of the torque, squared, of its error, and of their product.
+
+    By them a zero and a scale that are off move the RMS of the error.
+    """
+
+    torque_Nm2: float
+    error_Nm: float
+    error_torque_Nm2: float
+
+    def of_rms_Nm(self, rms_Nm: float, relative: float, zero_Nm: float) -> float:
+        """Return the standard uncertainty of this RMS error by those of scale (in parts) and zero.
+
+        As much as 95 % of each raise it at most, which is more than they lower it, and not its
+        derivative: that of a small error with a mean of zero is 0.
+        """
+        k = coverage_factor()
+        scale, zero_Nm = k * relative, k * zero_Nm
+        by_scale = 2 * scale * abs(self.error_torque_Nm2) + scale**2 * self.torque_Nm2
+        by_zero = 2 * zero_Nm * abs(self.error_Nm) + zero_Nm**2
+        raised_Nm = (hypot(rms_Nm, sqrt(by_Nm2)) - rms_Nm for by_Nm2 in (by_scale, by_zero))
+        return hypot(*raised_Nm) / k
 
 
 @dataclass(frozen=True)
@@ -67,6 +92,7 @@ class Cycle:
     duration_s: float
     speed: TrackingError
     torque: TrackingError
+    moments: TorqueMoments
     energy_J: float
     absorbed_J: float
     energy_wanted_J: float
@@ -135,7 +161,9 @@ class ProfileTracking:
     @cached_property
     def torque_rms_Nm(self) -> CycleMean:
         """RMS of the torque error."""
-        return _mean([one.torque.rms for one in self.cycles])
+        scale, zero_Nm = self.torque_uncertainty or 0.0, self.torque_zero_Nm
+        common = [one.moments.of_rms_Nm(one.torque.rms, scale, zero_Nm) for one in self.cycles]
+        return _mean([one.torque.rms for one in self.cycles], common=float(np.mean(common)))
 
     @cached_property
     def energy_J(self) -> CycleMean:
@@ -192,8 +220,8 @@ class ProfileTracking:
         lines = [f"torque: {self.torque_source}"]
         if len(self.cycles) == 1:
             lines.append(
-                "one cycle shows no scatter: an interval is that of the torque's scale alone; set "
-                "repeats to 3 or more"
+                "one cycle shows no scatter: an interval is that of the torque's scale and zero "
+                "alone; set repeats to 3 or more"
             )
         return lines
 

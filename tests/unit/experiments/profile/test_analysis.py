@@ -11,8 +11,9 @@ from motord.calibration import Calibration, load
 from motord.config import packaged
 from motord.experiments.plans import build
 from motord.experiments.profile.command import ANALYSIS, estimate
-from motord.experiments.profile.estimate import _asked_for, measure
+from motord.experiments.profile.estimate import _asked_for, _cycle, _Signals, measure
 from motord.experiments.profile.result import ProfileTracking
+from motord.experiments.profile.settings import ProfileConfig
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.recording.reader import bounds_of, open_run
 from motord.results.figures import figures
@@ -115,7 +116,9 @@ def test_a_sensor_that_passes_the_mean_needs_no_currents(played: Played) -> None
     recordings = Recordings.open([played.on])
     subject = recordings.subject
     passes = replace(
-        subject, sensor=subject.sensor.model_copy(update={"highpass_time_constant_s": 0.0})
+        subject,
+        sensor=subject.sensor.model_copy(update={"highpass_time_constant_s": 0.0}),
+        accuracy=subject.accuracy.model_copy(update={"torque_zero_Nm": 0.05}),
     )
     recordings.__dict__["subject"] = passes
     result = measure(recordings, None)
@@ -123,38 +126,71 @@ def test_a_sensor_that_passes_the_mean_needs_no_currents(played: Played) -> None
     half_J = result.energy_J.high - result.energy_J.value
     assert half_J >= relative * abs(result.energy_J.value)
     assert result.notes[0] == "torque: as the sensor measures it"
+    assert result.torque_zero_Nm == pytest.approx(0.05 / np.sqrt(3))
+    assert found(played.on).torque_zero_Nm == 0.0
 
 
+def repeated(zero_Nm: float = 0.0, gain: float = 1.0, error_Nm: float = 0.0) -> ProfileTracking:
+    """Two cycles at 2 Nm, alike, with 20 mNm of ripple RMS, by a torque sensor that is off.
+
+    error_Nm: mean of the error that there is; the sensor is known to 0.1 % (standard uncertainty).
+    """
+    t_s = np.linspace(0, 10, 2001)
+    ripple_Nm = 0.02 * np.sqrt(2) * np.sin(2 * np.pi * 5 * t_s)
+    wanted_Nm, speed_Hz = np.full(t_s.size, 2.0), np.full(t_s.size, 0.7)
+    torque_Nm = gain * (wanted_Nm + ripple_Nm + error_Nm) + zero_Nm
+    signals = _Signals(t_s, speed_Hz, speed_Hz, wanted_Nm, torque_Nm, 2 * np.pi * 0.7 * t_s)
+    cycles = tuple(_cycle(signals, index, "made-up", ProfileConfig()) for index in range(2))
+    return ProfileTracking("p.csv", "", 0.1, 0.1, 1e-3, "made up", cycles)
+
+
+@pytest.mark.parametrize("zero_Nm", [-0.05, 0.05])
+@pytest.mark.parametrize("error_Nm", [0.0, -0.05, 0.05])
+@pytest.mark.parametrize("figure", ["torque_mean_Nm", "energy_J", "power_mean_W", "torque_rms_Nm"])
 def test_the_zero_of_a_sensor_that_passes_the_mean_is_in_the_intervals(
-    played: Played, tmp_path: Path
+    figure: str, error_Nm: float, zero_Nm: float
 ) -> None:
-    """A zero at its limit of 50 mNm, which is alike in all cycles: their scatter shows nothing."""
+    """A zero at its limit, alike in all cycles, whose scatter does not show it.
 
-    def off(ticks: np.ndarray) -> np.ndarray:
-        ticks["torque_Nm"] += 0.05
-        return ticks
+    Also where the sensor shows no mean error, as its zero is as large as the one that there is.
+    """
+    true = getattr(repeated(error_Nm=error_Nm), figure).value
+    without = repeated(zero_Nm, error_Nm=error_Nm)
+    alone = getattr(without, figure)
+    assert not alone.low < true < alone.high
+    stated = getattr(replace(without, torque_zero_Nm=0.05 / np.sqrt(3)), figure)
+    assert stated.low < true < stated.high
+    assert stated.high - stated.value < 1.96 * np.hypot(alone.stderr, _moved(figure))
 
-    results = []
-    for path in (played.on, change_recording(played.on, tmp_path / "off.mcap", off)):
-        recordings = Recordings.open([path])
-        subject = recordings.subject
-        recordings.__dict__["subject"] = replace(
-            subject,
-            sensor=subject.sensor.model_copy(update={"highpass_time_constant_s": 0.0}),
-            accuracy=subject.accuracy.model_copy(update={"torque_zero_Nm": 0.05}),
-        )
-        results.append(measure(recordings, None))
-    true, found = results
-    [turned] = {
-        round(2 * np.pi * np.mean([one.turns for one in each.cycles]), 6) for each in results
-    }
-    for figure, error in (("torque_mean_Nm", 0.05), ("energy_J", 0.05 * turned)):
-        value, mean = getattr(true, figure).value, getattr(found, figure)
-        assert mean.value - value == pytest.approx(error, rel=0.01), figure
-        assert mean.low < value < mean.high, figure
-        alone = getattr(replace(found, torque_zero_Nm=0.0), figure)
-        half = np.hypot(alone.value - alone.low, 1.96 * error / np.sqrt(3))
-        assert mean.value - mean.low == pytest.approx(half, rel=1e-3), figure
+
+def _moved(figure: str) -> float:
+    """Return a little more than what a standard uncertainty of the zero moves a figure at most."""
+    of_torque = {"energy_J": 2 * np.pi * 7, "power_mean_W": 2 * np.pi * 0.7}
+    return float(1.01 * 0.05 / np.sqrt(3) * of_torque.get(figure, 1.0))
+
+
+@pytest.mark.parametrize("gain", [0.995, 1.005])
+@pytest.mark.parametrize("error_Nm", [0.0, -0.01, 0.01])
+def test_the_gain_of_the_torque_is_in_the_interval_of_its_rms_error(
+    error_Nm: float, gain: float
+) -> None:
+    true_Nm = repeated(error_Nm=error_Nm).torque_rms_Nm.value
+    off = repeated(gain=gain, error_Nm=error_Nm)
+    assert replace(off, torque_uncertainty=0.0).torque_rms_Nm.high is None  # cycles are alike
+    found = replace(off, torque_uncertainty=0.005 / np.sqrt(3)).torque_rms_Nm
+    assert abs(found.value - true_Nm) > 1e-4
+    assert found.low < true_Nm < found.high
+    assert found.high - found.value < 1.96 * 1.01 * 0.005 / np.sqrt(3) * 2.02
+
+
+def test_an_rms_error_that_is_mostly_a_mean_is_as_unsure_as_the_zero() -> None:
+    """And a small part of it only, where the mean of the error is small beside its ripple."""
+    large, none = (
+        replace(repeated(error_Nm=mean), torque_uncertainty=0.0, torque_zero_Nm=1e-3).torque_rms_Nm
+        for mean in (1.0, 0.0)
+    )
+    assert large.stderr == pytest.approx(1e-3, rel=1e-3)
+    assert none.stderr == pytest.approx((np.hypot(0.02, 1.96e-3) - 0.02) / 1.96, rel=0.01)
 
 
 def test_what_was_asked_for_is_taken_from_the_middle_of_each_set_point() -> None:
