@@ -8,9 +8,11 @@ from scipy.linalg import block_diag
 
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import CoastDownFit, fitted
+from motord.experiments.friction.result import DirectionalFriction
 from motord.experiments.friction.two_step_fit import TwoStepFit
 from motord.identification.cluster_robust_ls import Regressors
-from tests.unit.experiments.friction.coasting import INERTIA, MOTOR, Rotor, of_seeds
+from motord.intervals import t_quantile
+from tests.unit.experiments.friction.coasting import INERTIA, MOTOR, Rotor, friction, of_seeds
 
 SEEDS, NUMBER = 6, 6
 ROUNDS = 4
@@ -64,7 +66,9 @@ def test_friction_that_differs_is_not_taken_for_cogging_torque(rotor: Rotor) -> 
     unexplained, true, stated = [], np.zeros(2), np.zeros(2)
     for coasts, differs in zip(recordings, differences, strict=True):
         group, _ = fitted(tuple(coasts), MOTOR)
-        assert set(group.orders) == {order for order, _, _ in rotor.cogging}
+        (one,) = friction(coasts).directions
+        assert {line.order for line in one.cogging} == {order for order, _, _ in rotor.cogging}
+        require_stated(one, group.fit)
         influence, variance = of_coulomb(group)
         expected = known[0] * differs @ influence
         unexplained.append(group.fit.solution[:2] - known - expected)
@@ -73,6 +77,20 @@ def test_friction_that_differs_is_not_taken_for_cogging_torque(rotor: Rotor) -> 
     assert stated / true == pytest.approx([1.0, 1.0], abs=0.1)
     spread = known[0] * 0.01 * np.sqrt(true / SEEDS)
     assert (np.sqrt(np.mean(np.square(unexplained), axis=0)) < 0.2 * spread).all()
+
+
+def require_stated(one: DirectionalFriction, fit: TwoStepFit) -> None:
+    """Require standard errors of the fit, and intervals by t of its degrees of freedom."""
+    known = INERTIA.kg_m2 * np.sqrt(np.diag(fit.covariance)[:2])
+    stderr = np.array([one.coulomb_stderr_Nm, one.viscous_stderr_Nm_s_per_rad])
+    assert stderr == pytest.approx(known, rel=1e-6)
+    values = np.array([one.coulomb_Nm, one.viscous_Nm_s_per_rad])
+    low = np.array([one.coulomb_low_Nm, one.viscous_low_Nm_s_per_rad])
+    high = np.array([one.coulomb_high_Nm, one.viscous_high_Nm_s_per_rad])
+    contrasts = np.eye(fit.solution.size)[:2]
+    quantiles = [t_quantile(0.975, fit.freedom(contrast)) for contrast in contrasts]
+    assert (values - low) / stderr == pytest.approx(quantiles, rel=1e-6)
+    assert (high - values) / stderr == pytest.approx(quantiles, rel=1e-6)
 
 
 def of_coulomb(group: CoastDownFit) -> tuple[np.ndarray, np.ndarray]:
