@@ -18,11 +18,11 @@ ALIKE = 0.01
 
 
 def asynchronous_line(
-    ripples: Sequence[PointRipple], held: str = "the intervals hold that"
+    ripples: Sequence[PointRipple], consequence: str = "the intervals hold that"
 ) -> Iterator[Finding]:
     """Yield a finding of lines that are not locked to the rotor; a note where none matters.
 
-    held: where the results have what the lines change.
+    consequence: what the results make of what the lines change.
     """
     humming = [one for one in ripples if one.asynchronous_percent > LINE_PERCENT]
     if humming:
@@ -36,7 +36,7 @@ def asynchronous_line(
             "serious" if serious else "warning" if leaking else "note",
             f"{listed([one.label for one in humming])}: the torque has a line at {at} that is not "
             "locked to the rotor; its average over the turns keeps a part, which changes the RMS "
-            f"error by up to {worst.leakage_percent:.2g} % ({worst.label}); {held}"
+            f"error by up to {worst.leakage_percent:.2g} % ({worst.label}); {consequence}"
             + (", but it is as large as the ripple and makes it look larger" if serious else ""),
             f"{advice}; take more turns, or other speeds",
         )  # fmt: skip

@@ -37,7 +37,7 @@ from motord.untrusted import parse_toml
 AT_LIMIT = 0.999
 """Part of its limit from which on a correction is held by it."""
 
-HELD = "it counts as noise of each order, which is not learned"
+CONSEQUENCE = "it counts as noise of each order, which is not learned"
 """Of what lines that are not locked to the rotor leave."""
 
 
@@ -66,7 +66,7 @@ class LearnPass:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Of the calibration: where data depart from its model; and what corrections rest on."""
-        lines = asynchronous_line(self.ripples, HELD)
+        lines = asynchronous_line(self.ripples, CONSEQUENCE)
         return (*(self.calibration.findings or ()), *self.limited(), *lines)
 
     def limited(self) -> Iterator[Finding]:

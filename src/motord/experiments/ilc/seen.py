@@ -13,7 +13,7 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.ilc.zoh_images import ZeroOrderHold, aliased_ripple
 from motord.identification import IdentifyError
 from motord.identification.disturbances.leakage import noise_of_lines
-from motord.identification.disturbances.lines_of_points import ShownLines, with_asynchronous
+from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import PointRipple, point_ripple, repeating_rms
 
@@ -77,13 +77,13 @@ def seen_points(
     highest_order: int,
 ) -> list[SeenRipple]:
     """Return the ripple of each point, see `seen_by`, with what lines that others show leave."""
-    found, shown, turns = [], [], []
+    found, detected, turns = [], [], []
     for samples in points:
         found.append(seen_by(samples, motor, sensor, gain, hold, highest_order))
-        shown.append(ShownLines.of(samples, motor.counts))
+        detected.append(DetectedLines.of(samples, motor.counts))
         turns.append(replace(samples, i_A=NO_CURRENTS, command_A=NO_CURRENTS))
     plain = [one.ripple for one in found if one.ripple is not None]
-    ripples = with_asynchronous(plain, shown, turns, motor, sensor)
+    ripples = with_asynchronous(plain, detected, turns, motor, sensor)
     return [
         replace(
             one,

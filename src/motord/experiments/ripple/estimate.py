@@ -23,7 +23,7 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.subject import Subject
 from motord.findings import Finding
-from motord.identification.disturbances.lines_of_points import ShownLines, with_asynchronous
+from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, require_currents
 from motord.identification.point_ripple import (
     PointRipple,
@@ -100,24 +100,24 @@ class MeshRipple:
 def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
     """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
     runs = tuple(runs)
-    found, shown = [], []
+    found, detected = [], []
     for samples in _samples(runs, subject):
         found.append(point_ripple(samples, subject.motor, subject.sensor))
-        shown.append(ShownLines.of(samples, subject.motor.counts))
-    again = _samples(runs, subject)
-    return with_asynchronous(found, shown, again, subject.motor, subject.sensor)
+        detected.append(DetectedLines.of(samples, subject.motor.counts))
+    points = _samples(runs, subject)
+    return with_asynchronous(found, detected, points, subject.motor, subject.sensor)
 
 
 def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -> list[Explained]:
     """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
     runs = tuple(runs)
-    found, shown = [], []
+    found, detected = [], []
     for samples in _samples(runs, subject):
         found.append(explain(samples, subject.motor, subject.sensor, calibration))
-        shown.append(ShownLines.of(samples, subject.motor.counts))
+        detected.append(DetectedLines.of(samples, subject.motor.counts))
     measured = with_asynchronous(
         [one.measured for one in found],
-        shown,
+        detected,
         _samples(runs, subject),
         subject.motor,
         subject.sensor,

@@ -17,7 +17,7 @@ from motord.experiments.sensitivity.volume import INTERVALS, limit_surface, volu
 from motord.experiments.signal_findings import current_scale
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
-from motord.identification.disturbances.lines_of_points import ShownLines, with_asynchronous
+from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import (
     COMMANDS,
     CURRENTS,
@@ -85,7 +85,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     share = tuple(applied.gain.tolist()) if subject.motor.connection == "star" else None
     model = RippleModel.of(subject.motor, applied.tau_cog_Nm, share)
     rows: dict[str, list[tuple[float, ...]]] = {what: [] for what in IDEALS}
-    measured = _measured(runs, subject)
+    measured = measured_ripples(runs, subject)
     for ripple, induced in measured:
         if ripple.stderr_percent is None:
             raise IdentifyError(f"{ripple.label}: one whole turn; take at least 2 turns")
@@ -113,23 +113,26 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     )
 
 
-def _measured(runs: Sequence[Run], subject: Subject) -> list[tuple[PointRipple, Induced]]:
-    """Return the ripple of each point with a single error, or none, with what was induced."""
+def measured_ripples(runs: Sequence[Run], subject: Subject) -> list[tuple[PointRipple, Induced]]:
+    """Return the ripple of each point with a single error, or none, with what was induced.
+
+    Lines that are not locked to the rotor are detected at all good points: those to calibrate from
+    again, at other speeds, show a line that meets an order at the speed of these.
+    """
     motor, sensor = subject.motor, subject.sensor
-    found, shown, errors = [], [], []
+    found, detected, errors = [], [], []
     for samples, induced in _prepared(runs, subject):
         found.append(point_ripple(samples, motor, sensor))
-        shown.append(ShownLines.of(samples, motor.counts))
+        detected.append(DetectedLines.of(samples, motor.counts))
         errors.append(induced)
-    again = (samples for samples, _ in _prepared(runs, subject))
-    ripples = with_asynchronous(found, shown, again, motor, sensor)
-    return list(zip(ripples, errors, strict=True))
+    points = (samples for samples, _ in _prepared(runs, subject))
+    ripples = with_asynchronous(found, detected, points, motor, sensor)
+    return [pair for pair in zip(ripples, errors, strict=True) if _single(pair[1])]
 
 
 def _prepared(runs: Sequence[Run], subject: Subject) -> Iterator[tuple[Samples, Induced]]:
     for point, induced in _points(runs):
-        if _single(induced):
-            yield prepare(point, subject.motor.counts), induced
+        yield prepare(point, subject.motor.counts), induced
 
 
 def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:

@@ -18,7 +18,7 @@ from motord.identification.point_ripple import (
     response_of_orders,
 )
 
-SURE = 2.0
+COVERAGE_FACTOR = 2.0
 """Standard errors that the amplitude is taken to be larger."""
 
 WANDERS = 4e-4
@@ -132,12 +132,12 @@ def noise_of_lines(
     for line in ripple.asynchronous_lines:
         for wave in waves(samples, line.frequency_Hz):
             left = (even_and_odd(samples, wave, motor.counts, seen.size) / seen).mean(axis=0)
-            square_Nm2 += _most_Nm(line) ** 2 * np.abs(left) ** 2 / 2
+            square_Nm2 += _upper_limit_Nm(line) ** 2 * np.abs(left) ** 2 / 2
     return np.asarray(np.sqrt(square_Nm2))
 
 
-def _most_Nm(line: AsynchronousLine) -> float:
-    return line.amplitude_Nm + SURE * line.stderr_Nm
+def _upper_limit_Nm(line: AsynchronousLine) -> float:
+    return line.amplitude_Nm + COVERAGE_FACTOR * line.stderr_Nm
 
 
 def _of_root(square: float, change: float) -> float:
@@ -170,9 +170,9 @@ def _of_square(
         [[(one[0] * other[1].conj()).real.sum() / 2 for one in pair] for other in pair]
     )
     sizes = np.linalg.eigvalsh((cross + cross.T) / 2)
-    most_Nm = _most_Nm(line)
+    upper_Nm = _upper_limit_Nm(line)
     return _OfSquare(
-        most_Nm * hypot(*first),
-        float(most_Nm**2 * np.abs(sizes).max()),
+        upper_Nm * hypot(*first),
+        float(upper_Nm**2 * np.abs(sizes).max()),
         float(max(line.amplitude_Nm**2 * sizes.mean(), 0.0)),
     )

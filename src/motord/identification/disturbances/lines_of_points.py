@@ -14,8 +14,8 @@ from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import AsynchronousLine, PointRipple
 
 
-class ShownLines(NamedTuple):
-    """Lines that a point shows that are not locked to the rotor, at which torque and speed."""
+class DetectedLines(NamedTuple):
+    """Lines not locked to the rotor that are detected at a point, of which torque and speed."""
 
     torque_Nm: float
     speed_Hz: float
@@ -23,14 +23,14 @@ class ShownLines(NamedTuple):
 
     @classmethod
     def of(cls, samples: Samples, counts: int) -> Self:
-        """Return the lines that the samples of a point show; counts: of the encoder."""
+        """Return the lines that are detected in samples of a point; counts: of the encoder."""
         lines = asynchronous_lines(samples, counts)
         return cls(samples.torque_set_Nm, samples.speed_Hz, lines)
 
 
 def with_asynchronous(
     found: Sequence[PointRipple],
-    shown: Sequence[ShownLines],
+    detected: Sequence[DetectedLines],
     points: Iterable[Samples],
     motor: MotorConfig,
     sensor: TorqueSensorConfig,
@@ -39,33 +39,36 @@ def with_asynchronous(
 
     points: their samples, which are read only where there are lines.
     """
-    if not any(one.lines for one in shown):
+    if not any(one.lines for one in detected):
         return list(found)
     return [
         with_leakage(
             ripple,
-            lines_in_average(own.lines, _others(shown, place, samples), samples, ripple),
+            lines_in_average(own.lines, _others(detected, place, samples), samples, ripple),
             samples,
             motor,
             sensor,
         )
-        for place, (ripple, own, samples) in enumerate(zip(found, shown, points, strict=True))
+        for place, (ripple, own, samples) in enumerate(zip(found, detected, points, strict=True))
     ]
 
 
-def _others(shown: Sequence[ShownLines], place: int, samples: Samples) -> list[AsynchronousLine]:
+def _others(
+    detected: Sequence[DetectedLines], place: int, samples: Samples
+) -> list[AsynchronousLine]:
     """Return the lines of other points than that of a place.
 
     Of other torques only those that are seen at its own torque, too. Not those that are of the same
     order here: they turn with the rotor (a belt), and are seen here at another frequency.
     """
-    here = shown[place]
+    here = detected[place]
     resolution_Hz = samples.speed_Hz / len(samples.turns)
-    at_torque = [one for shows in shown if shows.torque_Nm == here.torque_Nm for one in shows.lines]
+    same_torque = [point for point in detected if point.torque_Nm == here.torque_Nm]
+    at_torque = [line for point in same_torque for line in point.lines]
     found = []
-    for other, shows in enumerate(shown):
-        for line in shows.lines if other != place else ():
-            scaled = replace(line, frequency_Hz=line.frequency_Hz * here.speed_Hz / shows.speed_Hz)
+    for other, point in enumerate(detected):
+        for line in point.lines if other != place else ():
+            scaled = replace(line, frequency_Hz=line.frequency_Hz * here.speed_Hz / point.speed_Hz)
             turns = _any_at(scaled, here.lines, resolution_Hz)
             if _any_at(line, here.lines if turns else at_torque, resolution_Hz):
                 found.append(line)
