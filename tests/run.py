@@ -39,7 +39,7 @@ QUICK = (
 """What keeps a bench safe. Of `service`, not the files that run plans, clients and processes."""
 NOT_QUICK = (
     "resumption", "dry_run", "child_faults", "local_access", "gateway", "cli", "journal",
-    "experiments",
+    "experiments", "queue", "check_before",
 )  # fmt: skip
 
 

@@ -227,6 +227,7 @@ def test_a_board_that_says_nothing() -> None:
         os.close(host_fd)
 
 
+@pytest.mark.slow
 def test_something_else_on_the_port(board: Board) -> None:
     board.identity = None
     board._obey = lambda *_: setattr(board, "raw", b"login: ")
@@ -259,6 +260,7 @@ def test_a_board_that_does_not_know_its_encoder(board: Board) -> None:
     driver.close()
 
 
+@pytest.mark.slow
 def test_samples_that_never_come(board: Board) -> None:
     board.silent = True
     message = error_of(port=board.port, connect_timeout_s=ANSWERED_S)

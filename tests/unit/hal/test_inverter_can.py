@@ -141,12 +141,14 @@ def test_feedback_that_came_while_nobody_looked_came(
         CanInverter(bench())._await_feedback(driver._bus)
 
 
+@pytest.mark.slow
 def test_another_device_on_the_bus() -> None:
     message = _with_stranger(0x123, b"hello")
     assert "only 0x123" in message
     assert "this drive's DBC?" in message
 
 
+@pytest.mark.slow
 def test_a_drive_with_another_layout() -> None:
     assert "PhaseFeedback came with a wrong length or CRC" in _with_stranger(0x180, bytes(16))
 

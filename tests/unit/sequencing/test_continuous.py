@@ -22,6 +22,8 @@ from motord.sequencing.observation import Precision
 from tests.unit.control.bench import make_config
 from tests.unit.sequencing.fakes import LOOK_TICKS, PERIOD_NS, FakeBench
 
+pytestmark = pytest.mark.slow
+
 POINTS = tuple(OperatingPoint(n, (3.0, 2.0)[n % 2], (1.0, 0.7)[n % 2], 2) for n in range(6))
 POINT_S = 3.0
 """About as long as each takes."""

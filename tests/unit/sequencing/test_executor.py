@@ -122,6 +122,7 @@ def test_pause_ramps_to_zero_and_the_point_is_taken_again() -> None:
     assert [p["index"] for p in runner.executor.points] == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in plan_kinds() if n != "thermal"])
 def test_every_plan_can_be_paused_again_and_again(name: str) -> None:
     config = make_config()

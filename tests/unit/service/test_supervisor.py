@@ -492,7 +492,10 @@ def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("reports", [True, False])
-def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(played, reports):
+def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(
+    tmp_path, monkeypatch, reports
+):
+    played = PlayedDaemon(tmp_path, monkeypatch, loop={"ring_s": 3.0})
     played.up()
     token = played.ask("lease/acquire", holder="anna")["token"]
     played.ask("plan/start", token=token, name="calibrate", detach=True)
@@ -501,17 +504,18 @@ def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(pla
         played.recorders[0].report(file=f"{start['out']}-000.mcap")
         played.step(1, State.ENABLED)
         played.recorders[0].report(recording=False, error="")
-        played.step(700, State.ENABLED)
+        played.step(140, State.ENABLED)
     played.recorders[0].report(file=f"{start['out']}-000.mcap")
     played.step(1, State.ENABLED)
     if reports:
         played.recorders[0].report(recording=False, error="/runs: gone")
-    played.step(749, State.ENABLED)
+    played.step(149, State.ENABLED)
     assert played.supervisor.bench.plans.view.message == ""
     played.step(4, State.ENABLED)
     view = played.supervisor.bench.plans.view
-    assert "not recorded for 7.5 s" in view.message
+    assert "not recorded for 1.5 s" in view.message
     assert ("/runs: gone" in view.message) is reports
+    played.close()
 
 
 def test_a_recorder_that_ends_is_started_again_where_it_left_off(played):
