@@ -37,6 +37,7 @@ class SettingBound:
             bound = self.bound if isinstance(self.bound, int) else rounded(self.bound)
             taken = [f"make it {self.relation} {bound:g}"] if bound <= self.greatest else []
             remedy = ", or ".join([*taken, *([self.remedy] if self.remedy else [])])
+            remedy = remedy or f"no value that it takes is {self.relation} {bound:g}"
             given = f"{self.given:g}" if f"{self.given:g}" != f"{bound:g}" else repr(self.given)
             yield f"{self.name} = {given} is {self.violation}: {self.why}; {remedy}"
 

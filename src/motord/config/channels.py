@@ -118,6 +118,7 @@ class ChannelConfig(Section):
             *SettingBound(
                 "timeout_s", self.timeout_s, "at least", least_s, "too short",
                 f"{read}, and one reading may be lost", "raise rate_Hz",
+                SLOW_SILENCE_MAX_S - self.period_s - SUPERVISOR_ACTS_S if self.trips else math.inf,
             ).refusal(),
             *SettingBound(
                 "frozen_after_s", math.inf if frozen_s is None else frozen_s, "at least", least_s,

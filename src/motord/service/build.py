@@ -221,6 +221,7 @@ def slow_devices(config: Config, events: EventLog) -> dict[str, SlowDevice]:
                 *(kind, device, section.poll_s, section.stale_after_s),
                 setpoint_valid_s=config.setpoint_valid_s,
                 hold_s=hold_s,
+                watchdog=kind == "drive" or bool(section.modbus and section.modbus.watchdog_s),
             )
     if config.drive.driver not in ("sim", "none", "modbus"):
         events.emit(

@@ -35,6 +35,7 @@ REFUSED = [
     ({"rate_Hz": 20.1}, "less than or equal to 20"),
     ({"timeout_s": 1.9}, "timeout_s = 1.9 is too short.* make it at least 2, or raise rate_Hz"),
     ({"frozen_after_s": 1.9}, "two readings may be alike; make it at least 2, or raise rate_Hz"),
+    ({"rate_Hz": 0.15, "trip_above": 1.0}, "one reading may be lost; raise rate_Hz"),
     ({"timeout_s": 9.5, "trip_above": 1.0}, "would trip within 10.55 s only.* at most 10 s"),
     ({"trip_above": 1.0, "warn_above": 1.0}, "trip_above = 1 must be above warn_above = 1"),
     ({"valid_max": 1.0, "trip_above": 2.0}, "valid_max = 1 must be above trip_above = 2"),

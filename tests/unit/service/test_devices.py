@@ -42,7 +42,9 @@ class Wire:
 
 
 def slow(wire, poll_s=0.05):
-    return SlowDevice("brake", wire, poll_s, stale_after_s=1.0, setpoint_valid_s=60.0)
+    return SlowDevice(
+        "brake", wire, poll_s, stale_after_s=1.0, setpoint_valid_s=60.0, watchdog=True
+    )
 
 
 def test_health_goes_from_ok_to_failing_to_stale_and_back():
@@ -128,7 +130,9 @@ def test_an_order_is_worth_nothing_once_its_time_is_over():
 @pytest.mark.parametrize("hold_ms", [0, 700])
 def test_without_orders_a_device_is_made_safe_once_and_written_no_more(hold_ms):
     wire = Wire()
-    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, hold_s=hold_ms * 1e-3)
+    device = SlowDevice(
+        "drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, hold_s=hold_ms * 1e-3, watchdog=True
+    )
     device.open(0)
     written_ms = []
     for ms in range(0, 3000, 50):
@@ -141,7 +145,7 @@ def test_without_orders_a_device_is_made_safe_once_and_written_no_more(hold_ms):
     safe_ms = 600 + hold_ms
     assert written_ms == [
         *((ms, 7.0) for ms in range(0, 600, 50)),
-        (safe_ms, 0.0),
+        (safe_ms, "safe"),
         *((ms, 7.0) for ms in range(2500, 3000, 50)),
     ]
 
@@ -150,7 +154,7 @@ def test_without_orders_a_device_is_made_safe_once_and_written_no_more(hold_ms):
 def test_no_set_point_is_written_later_than_its_order_allows(seed):
     """Whatever the supervisor and the thread do when: hang, come back, hold back."""
     draw, wire, now_ns, given_ns, value = random.Random(seed), Wire(), 0, None, 0.0
-    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1)
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=True)
     for _ in range(500):
         now_ns += draw.choice([1, 20 * MS, 99 * MS, 100 * MS, 400 * MS])
         what = draw.choice(["order", "withhold", "exchange", "exchange", "exchange"])
@@ -165,19 +169,19 @@ def test_no_set_point_is_written_later_than_its_order_allows(seed):
             device.exchange(lambda now_ns=now_ns: now_ns)
             fresh = given_ns is not None and now_ns - given_ns < 100 * MS
             wrote = wire.exchanges[before:]
-            assert wrote == [value] if fresh else wrote in ([], [0.0])
-            assert fresh or len(wire.exchanges) < 2 or wire.exchanges[-2:] != [0.0, 0.0]
+            assert wrote == [value] if fresh else wrote in ([], ["safe"])
+            assert fresh or len(wire.exchanges) < 2 or wire.exchanges[-2:] != ["safe", "safe"]
 
 
 def test_a_supervisor_that_still_starts_is_no_fault_of_a_device():
     """It opens devices, gives a first order, and takes a second or more for all else."""
     wire = Wire()
-    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1)
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=True)
     device.open(0)
     device.order(0.0, 0)
     device.begin(2000 * MS)
     device.exchange(lambda: 2000 * MS)
-    assert wire.exchanges == [0.0]
+    assert wire.exchanges == ["safe"]
     view = device.view(2001 * MS)
     assert (view.health, view.error) == ("ok", "")
     stale = device.view(3001 * MS)
@@ -186,7 +190,7 @@ def test_a_supervisor_that_still_starts_is_no_fault_of_a_device():
 
 def test_the_time_before_the_polling_is_no_silence():
     wire = Wire()
-    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1)
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=True)
     device.open(0)
     threads = DeviceThreads([device], lambda: 2000 * MS)
     threads.start()
@@ -195,10 +199,10 @@ def test_the_time_before_the_polling_is_no_silence():
     threads.stop()
 
 
-def test_a_device_that_is_away_when_its_order_expires_is_made_safe_once_it_answers():
-    """A brake without a watchdog of its own would stay as it is."""
+def test_a_device_without_a_watchdog_is_made_safe_until_it_answers():
+    """One that is away when its order expires would stay as it is."""
     wire = Wire()
-    device = SlowDevice("brake", wire, 0.05, 1.0, setpoint_valid_s=0.1)
+    device = SlowDevice("brake", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=False)
     device.order(0.8, 0)
     device.exchange(lambda: 0)
     wire.answers = False
@@ -209,15 +213,36 @@ def test_a_device_that_is_away_when_its_order_expires_is_made_safe_once_it_answe
     for ms in range(600, 2000, 50):
         device.exchange(lambda ms=ms: ms * MS)
         assert "no order" in device.view(ms * MS).error
-    assert wire.exchanges == [0.8, *[0.0] * 11]  # ten in vain
+    assert wire.exchanges == [0.8, *["safe", 0.0] * 11]  # ten in vain
+    assert device.view(2000 * MS).setpoint == 0.0
 
 
-def test_a_driver_that_errs_as_it_is_made_safe_does_not_end_the_thread():
+def test_a_drive_that_refuses_is_left_to_its_watchdog():
+    """A refused request may feed it, too."""
+    wire = Wire()
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=True)
+    device.order(7.0, 0)
+    device.exchange(lambda: 0)
+    wire.answers = False
+    for ms in range(100, 2000, 50):
+        device.exchange(lambda ms=ms: ms * MS)
+    assert wire.exchanges == [7.0, "safe"]
+
+
+def test_a_driver_that_does_not_return_is_why_a_device_is_stale():
+    device = SlowDevice("brake", Wire(), 0.05, 1.0, setpoint_valid_s=0.1, watchdog=False)
+    device.open(0)
+    device.order(0.8, 1200 * MS)
+    view = device.view(1200 * MS)
+    assert (view.health, view.error) == ("stale", "its driver does not return")
+
+
+def test_a_driver_that_errs_in_its_safe_stop_does_not_end_the_thread():
     class Errs(Wire):
-        def exchange(self, setpoint):
+        def safe_stop(self):
             raise ZeroDivisionError("of a bug")
 
-    device = SlowDevice("drive", Errs(), 0.05, 1.0, setpoint_valid_s=0.1)
+    device = SlowDevice("drive", Errs(), 0.05, 1.0, setpoint_valid_s=0.1, watchdog=True)
     device.exchange(lambda: 0)
     assert "ZeroDivisionError" in device.view(0).error
 

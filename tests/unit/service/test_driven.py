@@ -60,7 +60,7 @@ class Drive:
     """A drive on a wire that notes its commands."""
 
     def __init__(self) -> None:
-        self.written: list[float] = []
+        self.written: list[float | str] = []
 
     def open(self) -> None:
         pass
@@ -70,7 +70,7 @@ class Drive:
         return DeviceReading(0, setpoint, 0.0)
 
     def safe_stop(self) -> None:
-        self.written.append(0.0)
+        self.written.append("safe")
 
     def close(self) -> None:
         pass
@@ -81,19 +81,19 @@ class Driven:
 
     def __init__(self) -> None:
         self.wire = Drive()
-        self.drive = SlowDevice("drive", self.wire, 0.05, 60.0, setpoint_valid_s=0.1)
+        self.drive = SlowDevice("drive", self.wire, 0.05, 60.0, setpoint_valid_s=0.1, watchdog=True)
         self.drive.open(START_NS)
         self.service = VirtualService({"drive": self.drive})
         self.token = self.service.ready()
         self.service.ask("set", token=self.token, drive_Hz=1.0)
         assert self.step_and_poll() == TURNING
 
-    def step_and_poll(self) -> float | None:
+    def step_and_poll(self) -> float | str | None:
         """Let supervisor and thread come round; return what the device is commanded then."""
         self.service.step()
         return self.poll()
 
-    def poll(self) -> float | None:
+    def poll(self) -> float | str | None:
         before = len(self.wire.written)
         self.drive.exchange(lambda: self.service.now_ns)
         return self.wire.written[-1] if len(self.wire.written) > before else None
@@ -114,7 +114,7 @@ def test_a_supervisor_that_hangs_lets_the_drive_go_safe_and_starve() -> None:
     driven.service.now_ns += 99_000_000
     assert driven.poll() == TURNING
     driven.service.now_ns += 1_000_000
-    assert driven.poll() == 0.0
+    assert driven.poll() == "safe"
     for _ in range(10):
         driven.service.now_ns += 50_000_000
         assert driven.poll() is None
@@ -133,7 +133,7 @@ def test_without_fresh_ticks_the_drive_goes_safe_and_starves() -> None:
     driven.service.loop.running = False
     commands = [driven.step_and_poll() for _ in range(90)]
     assert commands[:10] == [TURNING] * 10
-    assert commands[10:] == [0.0, *[None] * 79]
+    assert commands[10:] == ["safe", *[None] * 79]
     driven.service.ask("lease/renew", token=driven.token)
     for _ in range(20):
         driven.step_and_poll()

@@ -197,7 +197,7 @@ class BuggyDevice:
 
 def test_a_bug_in_a_driver_makes_the_device_fail_and_is_logged_once(caplog):
     device = BuggyDevice()
-    slow = SlowDevice("brake", device, 0.05, 1.0, setpoint_valid_s=0.1)
+    slow = SlowDevice("brake", device, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=True)
     slow.open(0)
     slow.order(0.0, 0)
     for t_ns in (1, 2, 3):

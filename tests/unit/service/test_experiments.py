@@ -329,7 +329,9 @@ def test_the_list_of_plans_has_their_settings(service):
 
 def wired():
     wire = BrakeOnTheWire()
-    brake = SlowDevice("brake", wire, poll_s=0.05, stale_after_s=1.0, setpoint_valid_s=0.1)
+    brake = SlowDevice(
+        "brake", wire, poll_s=0.05, stale_after_s=1.0, setpoint_valid_s=0.1, watchdog=True
+    )
     brake.open(START_NS)
     return wire, brake, VirtualService({"brake": brake})
 
@@ -405,7 +407,9 @@ def test_torque_that_waits_for_the_bench_to_be_enabled_never_comes_if_the_brake_
 def test_the_external_drive_stops_if_it_or_the_brake_falls_silent(silent):
     wires = {name: Mute() for name in ("brake", "drive")}
     devices = {
-        name: SlowDevice(name, wire, poll_s=0.05, stale_after_s=1.0, setpoint_valid_s=0.1)
+        name: SlowDevice(
+            name, wire, poll_s=0.05, stale_after_s=1.0, setpoint_valid_s=0.1, watchdog=True
+        )
         for name, wire in wires.items()
     }
     for device in devices.values():

@@ -26,23 +26,23 @@ def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
     period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
     overrun_ticks, age_s = config.loop.overrun_ticks, inverter.feedback_age_s
     raised, aged = "raise the rates", f", {age_s:g} s old" if age_s else ""
-    feedback, feedback_raised = f"feedback comes every {period_s:g} s{aged}", raised
+    lost = "and one may be lost"
+    feedback, feedback_raised = f"feedback comes every {period_s:g} s{aged}, {lost}", raised
     if inverter.stale_after_s <= age_s:
-        feedback, feedback_raised = f"feedback is {age_s:g} s old when it comes, always stale", ""
-    for name, given_s, least_s, what, remedy in (
-        ("[bridge] stale_after_s", bridge.stale_after_s, 0.0,
-         f"samples come every {sample_s:g} s", raised),
-        ("[inverter] stale_after_s", inverter.stale_after_s, age_s, feedback, feedback_raised),
-        ("[inverter] timeout_s", inverter.timeout_s, 0.0,
-         f"commands come every {period_s:g} s", raised),
-        ("[bridge] heartbeat_timeout_s", bridge.heartbeat_timeout_s, 0.0,
-         f"heartbeats come every {period_s:g} s", raised),
+        feedback, feedback_raised = f"feedback is {age_s:g} s old when it comes: always stale", ""
+    for name, given_s, least_s, why, remedy in (
+        ("[bridge] stale_after_s", bridge.stale_after_s, INTERVALS_MIN * sample_s,
+         f"samples come every {sample_s:g} s, {lost}", raised),
+        ("[inverter] stale_after_s", inverter.stale_after_s, age_s + INTERVALS_MIN * period_s,
+         feedback, feedback_raised),
+        ("[inverter] timeout_s", inverter.timeout_s, INTERVALS_MIN * period_s,
+         f"commands come every {period_s:g} s, {lost}", raised),
+        ("[bridge] heartbeat_timeout_s", bridge.heartbeat_timeout_s, INTERVALS_MIN * period_s,
+         f"heartbeats come every {period_s:g} s, {lost}", raised),
     ):  # fmt: skip
-        interval_s = sample_s if "samples" in what else period_s
         yield from SettingBound(
-            name, given_s, "at least", least_s + INTERVALS_MIN * interval_s, "too short",
-            f"{what}, and one may be lost", remedy, SILENCE_MAX_S,
-        ).refusal()  # fmt: skip
+            name, given_s, "at least", least_s, "too short", why, remedy, SILENCE_MAX_S
+        ).refusal()
     yield from SettingBound(
         "[bench] rig_patience_s", math.inf if patience_s is None else patience_s, "at least",
         INTERVALS_MIN * period_s, "too short", f"commands come every {period_s:g} s, and the "

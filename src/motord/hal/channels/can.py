@@ -4,7 +4,7 @@ import math
 import time
 
 from motord.config import CanBusConfig, ChannelConfig, ConfigError
-from motord.config.bounds import is_below
+from motord.config.bounds import is_below, rounded_up
 from motord.config.channel_sources import CanSource
 from motord.config.timing import INTERVALS_MIN
 from motord.hal.base import DeviceError
@@ -70,7 +70,7 @@ class CanChannel:
                 f"{source.dbc}: {source.signal} comes every {self._codec.cycle_s:g} s "
                 f"(GenMsgCycleTime) and is read every {channel.period_s:g} s, and one may be lost: "
                 f"timeout_s = {channel.timeout_s:g} would be over although the sensor is well; "
-                f"make it at least {least_s:g}"
+                f"make it at least {rounded_up(least_s):g}"
             )
         self._seen_ns = 0
 

@@ -1,9 +1,9 @@
 """Brake and external drive: slow devices, each with a thread of its own.
 
 The supervisor gives an `Order` at every step and reads `view()`; neither waits for a device. An
-order expires, and the thread writes nothing else: if the supervisor hangs, the device is written a
-set-point of zero until it answers that it has it, and then no more. Its own watchdog takes over
-where no write arrives.
+order expires, and the thread writes nothing else: if the supervisor hangs, the device is made safe
+once and then written no more, so that its own watchdog takes over if that write does not arrive.
+One without a watchdog is made safe until it answers that its set-point is zero.
 
 A device that stops answering is `failing` at once, and `stale` after its `stale_after_s`.
 """
@@ -38,7 +38,8 @@ class SlowDevice:
     """One device with its set-point. `exchange` is for its thread, the rest for the supervisor.
 
     An order expires after `setpoint_valid_s`. `hold_s` later the device is made safe, by a
-    set-point of zero; between the two it is left as it is.
+    set-point of zero; between the two it is left as it is. watchdog: it has one of its own, which
+    requests that it refuses may feed, too.
     """
 
     def __init__(
@@ -49,6 +50,8 @@ class SlowDevice:
         stale_after_s: float,
         setpoint_valid_s: float,
         hold_s: float = 0.0,
+        *,
+        watchdog: bool,
     ) -> None:
         self.name = name
         self._order = Order(0.0, 0)
@@ -57,6 +60,7 @@ class SlowDevice:
         self._stale_ns = round(stale_after_s * 1e9)
         self._order_ns = round(setpoint_valid_s * 1e9)
         self._hold_ns = round(hold_s * 1e9)
+        self._watchdog = watchdog
         self._safe = self._ordered = False
         self._due_ns = 0
         self._answered_ns = 0  # monotonic; at first, when polling began
@@ -108,10 +112,12 @@ class SlowDevice:
         self._reading, self._answered_ns, self._error = reading, clock_ns(), ""
 
     def _make_safe(self, over_ns: int) -> None:
-        """Write a set-point of zero, `hold_s` after the order was over, until it is answered."""
+        """Make the device safe, `hold_s` after the order was over: once, or until it answers."""
         if not self._safe and over_ns >= self._hold_ns:
-            self._device.exchange(0.0)
-            self._safe = True
+            self._device.safe_stop()
+            if not self._watchdog:
+                self._reading = self._device.exchange(0.0)
+            self._safe = self._watchdog or not (self._reading and self._reading.setpoint)
         self._error = UNORDERED if self._ordered else ""  # at first the supervisor still starts
 
     def close(self) -> None:
@@ -124,8 +130,8 @@ class SlowDevice:
         reading, error = self._reading, self._error
         age_ns = now_ns - self._answered_ns
         health: Health = "stale" if age_ns > self._stale_ns else "failing" if error else "ok"
-        if health == "stale":
-            error = error or UNORDERED
+        if health == "stale" and not error:
+            error = UNORDERED if self._order.at(now_ns) is None else "its driver does not return"
         return DeviceView(
             health=health,
             status=reading.status if reading else None,

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator
 
 from motord.config import Config, ConfigError
-from motord.config.bounds import is_below
+from motord.config.bounds import is_below, rounded_up
 from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SILENCE_MAX_S, SLOW_FEEDBACK_MAX_S
 from motord.wire.can.canopen import SYNC, heartbeat, nmt_start
 from motord.wire.can.codec import InverterCodec
@@ -116,8 +116,8 @@ def _cycles(codec: InverterCodec, config: Config) -> Iterator[str]:
         for name, given_s, needed_s, most_s in waits:
             if is_below(given_s, needed_s):
                 remedy = "have the drive send it more often, and correct the DBC, which states that"
-                if needed_s <= most_s:
-                    remedy += f"; or make it at least {needed_s:g}"
+                if rounded_up(needed_s) <= most_s:
+                    remedy += f"; or make it at least {rounded_up(needed_s):g}"
                 yield (
                     f"feedback: {message.name} comes every {message.cycle_s:g} s "
                     f"(GenMsgCycleTime), and one may be lost, so that {name} = {given_s:g} is over "
