@@ -114,10 +114,11 @@ class SlowDevice:
     def _make_safe(self, over_ns: int) -> None:
         """Make the device safe, `hold_s` after the order was over: once, or until it answers."""
         if not self._safe and over_ns >= self._hold_ns:
+            self._safe = self._watchdog
             self._device.safe_stop()
             if not self._watchdog:
-                self._reading = self._device.exchange(0.0)
-            self._safe = self._watchdog or not (self._reading and self._reading.setpoint)
+                reading = self._reading = self._device.exchange(0.0)
+                self._safe = not reading.setpoint
         self._error = UNORDERED if self._ordered else ""  # at first the supervisor still starts
 
     def close(self) -> None:
