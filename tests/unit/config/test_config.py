@@ -186,7 +186,7 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         (
             "inverter",
             "feedback_age_s = 0.02",
-            "comes: always stale; make it at least 0.022",
+            "old (feedback_age_s): always stale; make it at least 0.022",
         ),
         ("inverter", "feedback_age_s = 0.019", "at least 0.021, or raise the rates"),
         ("inverter", "actuation_delay_s = 0.021", "inverter.actuation_delay_s"),

@@ -25,11 +25,15 @@ def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
     bridge, inverter, patience_s = config.bridge, config.inverter, config.bench.rig_patience_s
     period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
     overrun_ticks, age_s = config.loop.overrun_ticks, inverter.feedback_age_s
-    raised, aged = "raise the rates", f", {age_s:g} s old" if age_s else ""
-    lost = "and one may be lost"
-    feedback, feedback_raised = f"feedback comes every {period_s:g} s{aged}, {lost}", raised
+    raised, lost, aged = (
+        "raise the rates",
+        "and one may be lost",
+        f"{age_s:g} s old (feedback_age_s)",
+    )
+    feedback = f"feedback comes every {period_s:g} s, {aged + ', ' if age_s else ''}{lost}"
+    feedback_raised = raised
     if inverter.stale_after_s <= age_s:
-        feedback, feedback_raised = f"feedback is {age_s:g} s old when it comes: always stale", ""
+        feedback, feedback_raised = f"feedback comes {aged}: always stale", ""
     for name, given_s, least_s, why, remedy in (
         ("[bridge] stale_after_s", bridge.stale_after_s, INTERVALS_MIN * sample_s,
          f"samples come every {sample_s:g} s, {lost}", raised),
