@@ -199,13 +199,19 @@ def test_the_time_before_the_polling_is_no_silence():
     threads.stop()
 
 
-def test_a_device_without_a_watchdog_is_made_safe_until_it_answers():
-    """One that is away when its order expires would stay as it is."""
+def ordered_once(setpoint, *, watchdog):
+    """Return a device that took one order, at 0, and its wire, which does not answer any more."""
     wire = Wire()
-    device = SlowDevice("brake", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=False)
-    device.order(0.8, 0)
+    device = SlowDevice("slow", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=watchdog)
+    device.order(setpoint, 0)
     device.exchange(lambda: 0)
     wire.answers = False
+    return device, wire
+
+
+def test_a_device_without_a_watchdog_is_made_safe_until_it_answers():
+    """One that is away when its order expires would stay as it is."""
+    device, wire = ordered_once(0.8, watchdog=False)
     for ms in range(100, 600, 50):
         device.exchange(lambda ms=ms: ms * MS)
         assert device.view(ms * MS).error == "no answer"
@@ -219,11 +225,7 @@ def test_a_device_without_a_watchdog_is_made_safe_until_it_answers():
 
 def test_a_drive_that_refuses_is_left_to_its_watchdog():
     """A refused request may feed it, too."""
-    wire = Wire()
-    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, watchdog=True)
-    device.order(7.0, 0)
-    device.exchange(lambda: 0)
-    wire.answers = False
+    device, wire = ordered_once(7.0, watchdog=True)
     for ms in range(100, 2000, 50):
         device.exchange(lambda ms=ms: ms * MS)
     assert wire.exchanges == [7.0, "safe"]

@@ -81,7 +81,7 @@ class SlowDevice:
         self._order = Order(value, now_ns + self._order_ns)
 
     def withhold(self, now_ns: int) -> None:
-        """End the order now: the device is made safe and written no more until the next order."""
+        """End the order now: until the next one the device is made safe, as if it had expired."""
         if self._order.at(now_ns) is not None:
             self._order = Order(0.0, now_ns)
 

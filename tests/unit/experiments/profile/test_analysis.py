@@ -184,7 +184,7 @@ def test_the_gain_of_the_torque_is_in_the_interval_of_its_rms_error(
 
 
 def test_an_rms_error_that_is_mostly_a_mean_is_as_unsure_as_the_zero() -> None:
-    """And a small part of it only, where the mean of the error is small beside its ripple."""
+    """And a small part of it only, where the mean of the error is small against its ripple."""
     large, none = (
         replace(repeated(error_Nm=mean), torque_uncertainty=0.0, torque_zero_Nm=1e-3).torque_rms_Nm
         for mean in (1.0, 0.0)
