@@ -23,6 +23,8 @@ from tests.unit.emulate.benches import write_bench
 from tests.unit.service.live_service import endpoint, live_service
 
 WAIT_S = 20.0
+UNHURRIED = ("--limit-s", "3600")
+"""For dry runs whose forecasts are asked: by default they end after two minutes, done or not."""
 UNDONE = re.compile(r"motord: the bench is (OFF$|(OFF|READY), and what was set is undone)", re.M)
 """A stop undoes what was set at once; the loop is OFF some ticks later. Either may be seen."""
 
@@ -325,13 +327,14 @@ def test_a_plan_is_asked_for_without_the_check_if_so_wanted(motord, monkeypatch)
 def test_a_dry_run_shows_what_would_become_of_each_point(motord):
     quick = ("--set", "turns=2", "--set", "settle_s=0.2", "--set", "gain_steps=[]")
     dry = ("plan", "start", "calibrate", "--dry-run", *quick, "--set", "speeds_Hz=0.8,1.0")
-    result = motord(*dry, "--set", "torques_Nm=2")
+    whole = (*dry, *UNHURRIED)
+    result = motord(*whole, "--set", "torques_Nm=2")
     assert result.exit_code == 0, result.output
     first, second, last = result.stdout.splitlines()
     assert first == "   0  2 Nm  0.8 Hz  2 turns  ok"
     assert second == "   1  -2 Nm  -1 Hz  2 turns  ok"
     assert "2 points, about" in last
-    poor = motord(*dry, "--set", "torques_Nm=2", "--set", "temperature_C=80,90", "--json")
+    poor = motord(*whole, "--set", "torques_Nm=2", "--set", "temperature_C=80,90", "--json")
     assert "2 of 2 points of calibrate would fail or be poor" in failed(poor)
     assert "outside 80 to 90" in json.loads(poor.stdout)["forecast"][1]["quality"]
     hasty = motord(*dry, "--set", "torques_Nm=2", "--limit-s", "1e-6")
@@ -343,7 +346,7 @@ def test_a_dry_run_shows_what_would_become_of_each_point(motord):
 def test_a_dry_run_names_the_trip_of_a_point(motord):
     tight = ("torques_Nm=1,5", "speeds_Hz=1.0", "settle_timeout_s=0.5", "speed_tolerance=1e-4")
     given = [argument for setting in (*tight, "gain_steps=[]") for argument in ("--set", setting)]
-    result = motord("plan", "start", "calibrate", "--dry-run", *given)
+    result = motord("plan", "start", "calibrate", "--dry-run", *UNHURRIED, *given)
     assert "2 of 2 points" in failed(result)
     assert "1 Nm, 1 Hz: the speed was still" in result.stdout
 
