@@ -77,12 +77,12 @@ class Supervisor:
         with part("loop link", now_ns):
             if self.loop.follow():
                 self.bench.loop_up()
-        block, lost = self.loop.read()
+        ended: list[Ended] = []
+        with part("processes", now_ns):
+            ended = self.children.poll(now_ns)
+        block, lost = self.loop.read()  # after that: all there is of a loop that has ended
         with part("recording", now_ns):
             self.recording.take_ticks(block)
-        with part("processes", now_ns):
-            for end in self.children.poll(now_ns):
-                self._process_ended(end)
         with part("requests", now_ns):
             self.dispatcher.take(now_ns)
         if self.channels is not None:
@@ -94,6 +94,9 @@ class Supervisor:
             with part("tracker", now_ns):
                 self.tracker.step(now_ns)
         self.bench.step(block, lost, now_ns)
+        for end in ended:  # by now its last ticks were taken in, trips among them
+            with part("processes", now_ns):
+                self._process_ended(end)
         with part("queue", now_ns):
             self.queue.step(now_ns)
         with part("answers", now_ns):
@@ -187,7 +190,9 @@ class Supervisor:
         if self.tracker is not None:
             self.tracker.stop()
         self.children.stop(LOOP)
-        self.publisher.step(self.loop.read()[0], self.clock_ns())
+        block, _ = self.loop.read()
+        self.publisher.step(block, self.clock_ns())
+        self.recording.take_ticks(block)
         self.recording.close()
         self.bench.plans.conclude()  # journalled before a recorder that hangs is waited for
         self.recording.recorder.stop()

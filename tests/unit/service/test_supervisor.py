@@ -371,6 +371,50 @@ def test_power_in_the_last_ticks_of_a_loop_alone_is_recorded(played):
     assert played.supervisor.recording.settled
 
 
+def end_after(loop, state):
+    """Let a loop publish ticks after the supervisor saw it running, and then end."""
+
+    def poll():
+        if loop.code is None:
+            loop.tick(state, 20)
+            loop.code = -9
+        return loop.code
+
+    loop.poll = poll
+
+
+def test_power_in_ticks_between_the_last_look_at_the_ring_and_the_end_is_recorded(played):
+    played.up()
+    played.step(5)
+    powered = played.loops[0].number + 20  # `step` publishes as many before it looks
+    end_after(played.loops[0], State.ENABLED)
+    played.step()
+    start, stop = (c for c in played.recorders[0].received() if c["do"] in ("start", "stop"))
+    before = 2 * played.config.loop.rate_Hz
+    assert (start["do"], start["first_tick"]) == ("start", max(0, powered - before))
+    assert stop["do"] == "stop"
+
+
+def test_a_trip_in_the_last_ticks_of_a_loop_is_reported_and_nothing_of_them_stays(played):
+    played.up()
+    played.step(5)
+    end_after(played.loops[0], State.TRIPPED)
+    played.step()
+    trip, fault = played.messages()[-2:]
+    assert "TRIPPED" in trip
+    assert fault == "the loop ended: killed by SIGKILL"
+    assert played.supervisor.bench.monitor.last is None
+
+
+def test_power_in_ticks_that_come_while_the_daemon_ends_is_recorded(played):
+    played.up()
+    played.step(5)
+    loop = played.loops[0]
+    loop.wait = lambda timeout=None: loop.tick(State.ENABLED, 20) or 0
+    played.supervisor.take_down()
+    assert len(played.recorders[0].received("start")) == 1
+
+
 def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     played.up()
