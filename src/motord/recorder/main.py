@@ -7,7 +7,6 @@ supervisor died, it follows the loop until that has ramped down and ended.
 """
 
 import argparse
-import ctypes
 import os
 import select
 import signal
@@ -17,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load_started
+from motord.process.allocator import allocate_from_one_heap
 from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
@@ -42,8 +42,6 @@ REPORTED_AT_ONCE = (
 READS_AT_ONCE = 64
 COMMAND_MAX_BYTES = BACKLOG_MAX_BYTES
 """A command is no longer than what its sender keeps."""
-
-_M_ARENA_MAX = -8  # malloc.h
 
 LAST_TICKS_S = 1.0
 """How long to wait, when asked to end, for the loop to end first; without a supervisor, for its
@@ -109,7 +107,7 @@ def run(
 def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int = 1) -> int:
     """Run the recorder process on two descriptors, stdin and stdout; return its exit code."""
     options = _options(arguments)
-    _allocate_from_one_heap()
+    allocate_from_one_heap()  # every recording has a thread
     try:
         run_dir = RunDir.at(options.dir)
         config, text = load_started(options.config, run_dir.bench_file)
@@ -138,14 +136,6 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     )
     recovery.stop()
     return 0
-
-
-def _allocate_from_one_heap() -> None:
-    """Keep the C library from making a heap for each thread: every recording has a thread, and
-    each heap would keep the most that was ever needed of it."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # glibc's
-    if mallopt is not None:
-        mallopt(_M_ARENA_MAX, 1)
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -1,5 +1,7 @@
 """Requests before they are read: size, lease, room; and how they are answered."""
 
+import ctypes
+import gc
 import io
 import json
 import os
@@ -8,8 +10,10 @@ import resource
 import sys
 import threading
 import time
+import weakref
 from types import SimpleNamespace
 
+import psutil
 import pytest
 import zenoh
 
@@ -38,12 +42,14 @@ from motord.service.rpc.outstanding import (
     ROOM_OF_STOP,
     OutstandingQueries,
 )
+from tests.contract.peers import until
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration
 
 WAIT_S = 20.0
 TOKEN = b"0123456789abcdef"
 LIMIT = 2 * MAX_REQUEST_BYTES
+PIECE_BYTES = 64_000
 
 
 class Query:
@@ -248,6 +254,39 @@ def test_only_the_first_answer_counts_and_none_is_forgotten():
     kept.open()
     kept.close()
     assert (query.outcome(), query.content, left.outcome()) == ("busy", None, "refused")
+
+
+@pytest.mark.parametrize(
+    ("name", "payload"),
+    [("calibration/install", TOKEN), ("plan/list", bytes(LIMIT + 1))],
+    ids=["prepared", "paced"],
+)
+def test_nothing_is_kept_of_a_request_that_is_answered(played, name, payload):
+    query = played.bring(name, payload)
+    played.go_on.release()
+    query.outcome()
+    kept = weakref.ref(query)
+    gc.disable()
+    try:
+        del query
+        until(lambda: kept() is None)
+    finally:
+        gc.enable()
+
+
+def test_what_payloads_left_in_the_heaps_goes_back_to_the_system(played, monkeypatch):
+    """Of pieces shorter than those that glibc maps, with a small one that stays after each."""
+    libc = ctypes.CDLL(None)
+    libc.malloc.restype, libc.malloc.argtypes = ctypes.c_void_p, [ctypes.c_size_t]
+    libc.free.argtypes = [ctypes.c_void_p]
+    own, before = psutil.Process(), psutil.Process().memory_info().rss
+    pieces = [(libc.malloc(PIECE_BYTES), libc.malloc(2000)) for _ in range(2000)]
+    for piece, _ in pieces:
+        ctypes.memset(piece, 1, PIECE_BYTES)
+        libc.free(piece)
+    until(lambda: own.memory_info().rss - before < 1000 * PIECE_BYTES)
+    for _, small in pieces:
+        libc.free(small)
 
 
 def test_refusals_are_counted_in_the_log(monkeypatch, caplog):

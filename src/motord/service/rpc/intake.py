@@ -198,21 +198,25 @@ class Intake:
             if wait_s := self._wait_s(at_most_s=math.inf):
                 time.sleep(wait_s)
             work()
+            del work  # and the payload, however long there is no other
 
     def _serve_lane(self, name: str, lane: Lane) -> None:
-        offloaded = self._offloaded[name]
         while (item := lane.get()) is not None:
-            pending, payload = item
-            outcome: Outcome | Document
-            try:
-                request, prepared = offloaded.prepare(payload)
-                if time.monotonic() > pending.due_s - CARRY_OUT_S:
-                    raise RpcError("timeout", f"{name}: preparing it took too long; not done")
-                call = Call(name, request, prepared)
-                self._calls.put(call)
-                outcome = offloaded.finish(prepared, call.wait(REPLY_S))
-            except RpcError as error:
-                outcome = error
-            except Exception as error:  # as in `_take`
-                outcome = RpcError("internal", log_error(f"in {name}", error))
-            self._outstanding.reply(pending, outcome)
+            self._serve_offloaded(name, *item)
+            del item  # as above
+
+    def _serve_offloaded(self, name: str, pending: OutstandingQuery, payload: bytes) -> None:
+        offloaded = self._offloaded[name]
+        outcome: Outcome | Document
+        try:
+            request, prepared = offloaded.prepare(payload)
+            if time.monotonic() > pending.due_s - CARRY_OUT_S:
+                raise RpcError("timeout", f"{name}: preparing it took too long; not done")
+            call = Call(name, request, prepared)
+            self._calls.put(call)
+            outcome = offloaded.finish(prepared, call.wait(REPLY_S))
+        except RpcError as error:
+            outcome = error.with_traceback(None)  # which would keep this frame, and itself by it
+        except Exception as error:  # as in `_take`
+            outcome = RpcError("internal", log_error(f"in {name}", error))
+        self._outstanding.reply(pending, outcome)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import zenoh
 
 from motord.api.errors import RpcError
+from motord.process.allocator import return_free_memory
 from motord.service.host.log import log_error
 from motord.service.rpc.dispatcher import CallQueue, Outcome
 
@@ -143,16 +144,22 @@ class OutstandingQueries:
                 query.reply_err(RpcError("internal", message).to_json(), encoding=JSON)
 
     def _check(self) -> None:
-        """Refuse overdue queries and log the number of refusals, at most once in `LOG_S`."""
+        """Refuse overdue queries and log the number of refusals, at most once in `LOG_S`.
+
+        What many large payloads left free in the heaps of Zenoh's threads goes back to the system.
+        """
         now_s = time.monotonic()
         with self._lock:
             if now_s - self._checked_s < CHECK_S:
                 return
             self._checked_s = now_s
             overdue = [pending for pending in self._outstanding if now_s >= pending.due_s]
+            idle = not self._outstanding
         for pending in overdue:
             message = f"{pending.name}: no answer from the supervisor in {REPLY_S:g} s"
             self.reply(pending, RpcError("busy", message))
+        if idle:
+            return_free_memory()
         self._log(now_s)
 
     def _log(self, now_s: float) -> None:
