@@ -283,6 +283,7 @@ class Board(Peer):
         self.identity = identity or Identity()
         self.line_closed = True
         self.heartbeats = 0
+        self.deaf = False  # to heartbeats
         self.configured: frames.Configure | None = None
         self.starts = 0
         self.streaming = False
@@ -343,6 +344,8 @@ class Board(Peer):
 
     def _obey(self, number: int, frame: frames.Frame) -> None:
         if isinstance(frame, frames.Heartbeat):
+            if self.deaf:
+                return
             self.heartbeats += 1
             self._heartbeat = (number, self.clock_us())
             self.line_closed = bool(frame.enable)

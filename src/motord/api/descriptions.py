@@ -37,8 +37,9 @@ TRIP_ACTION: dict[Trip, str] = {
     "away from them",
     Trip.BUS_VOLTAGE: "too high: the rotor fed energy back, so brake more gently or give the "
     "supply a braking resistor; too low: check the supply's current limit and its cables",
-    Trip.ENABLE_TIMEOUT: "check the enable line, the emergency stop and the inverter's status; "
-    "raise loop.enable_timeout_s if the inverter takes longer",
+    Trip.ENABLE_TIMEOUT: "the values say what is missing: check the enable line and the emergency "
+    "stop, the bridge's cable (heartbeats), the inverter's status; raise loop.enable_timeout_s if "
+    "the inverter takes longer",
     Trip.BRIDGE_FAULT: "check the encoder's lines and the bridge's supply; bridge_status in the "
     "ticks says what the board found",
     Trip.FEEDBACK_INVALID: "find in the ticks which value is not a number; check the signal map "

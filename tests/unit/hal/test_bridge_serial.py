@@ -116,6 +116,19 @@ def test_the_enable_line_follows_the_command(pair: tuple[SerialBridge, Board]) -
     until(lambda: read(driver).bridge_status & BridgeStatus.ENABLE_LINE)
 
 
+def test_a_board_that_receives_no_heartbeats_is_said_to(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+
+    def lost() -> bool:
+        driver.write(new_command(enable=0))
+        return bool(read(driver).bridge_status & BridgeStatus.HEARTBEAT_LOST)
+
+    board.deaf = True  # as one that starts, or that takes them for old ones: its status is 0
+    until(lost)
+    board.deaf = False
+    until(lambda: not lost())
+
+
 def test_closing_opens_the_line_and_stops_the_samples(pair: tuple[SerialBridge, Board]) -> None:
     driver, board = pair
     driver.write(new_command(enable=1))

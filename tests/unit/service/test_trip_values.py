@@ -9,7 +9,7 @@ from motord.api.descriptions import TRIP_ACTION, TRIP_MEANING
 from motord.config import load
 from motord.config.faults import Fault
 from motord.control import parameters
-from motord.schema import TICK_DTYPE, Request, State, Trip
+from motord.schema import TICK_DTYPE, BridgeStatus, InverterStatus, Request, State, Trip
 from motord.service.bench.recent_ticks import RecentTicks
 from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.bench.trip_report import DERATING, TripWindow, trip_values
@@ -17,6 +17,7 @@ from motord.service.host.events import EventLog
 from tests.campaigns.fault_bench import TORQUE_NM, Driver
 
 BLOCK = 10
+LINE_CLOSED = BridgeStatus.ENABLE_LINE
 STEP_RAD = 2 * np.pi / 4096
 
 
@@ -35,7 +36,9 @@ def watched(ticks):
 
 
 def test_every_trip_has_a_value_a_limit_a_meaning_and_an_action():
-    seen = window(np.zeros(3, TICK_DTYPE))
+    ticks = np.zeros(3, TICK_DTYPE)
+    ticks["inverter_status"], ticks["bridge_status"] = InverterStatus.READY, LINE_CLOSED
+    seen = window(ticks)
     values_by_trip = {trip: trip_values(int(trip), seen) for trip in Trip}
     assert all(len(values) == 1 for values in values_by_trip.values())
     assert len(trip_values(sum(Trip), seen)) == len(Trip)
@@ -50,6 +53,28 @@ def test_only_a_trip_by_i2t_says_what_a_warm_winding_takes_away():
     with_derating = [trip for trip in Trip if DERATING in trip_values(int(trip), seen)]
     assert with_derating == [Trip.I2T]
     assert trip_values(Trip.I2T, seen)[DERATING] == {"value": 0.25, "limit": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("inverter", "bridge", "missing"),
+    [
+        (0, LINE_CLOSED, ["inverter not ready"]),
+        (InverterStatus.READY, 0, ["enable line open"]),
+        (
+            InverterStatus.READY,
+            BridgeStatus.HEARTBEAT_LOST,
+            ["enable line open", "no heartbeat acknowledged by the bridge board"],
+        ),
+    ],
+)
+def test_a_bench_that_gets_no_power_says_what_is_missing(inverter, bridge, missing):
+    ticks = np.zeros(3, TICK_DTYPE)
+    ticks["tick"], ticks["state"] = [7, 8, 9], State.READY
+    ticks["inverter_status"], ticks["bridge_status"] = inverter, bridge
+    seen = window(ticks)
+    _, *values = trip_values(Trip.ENABLE_TIMEOUT, seen).items()
+    held = {"value": 3 / seen.rate_Hz, "limit": float(seen.parameters.enable_timeout_s)}
+    assert values == [(f"{what}, for s", held) for what in missing]
 
 
 def test_the_limit_of_the_torque_holds_what_offsets_that_are_induced_make():

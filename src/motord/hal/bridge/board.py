@@ -25,6 +25,7 @@ _REPEAT_S = 0.1
 SILENCE_NS = 500_000_000
 """After this time without a sample, or with heartbeats that the board does not receive, it is asked
 who it is, and again each time it is over; not before its samples are stale: it starts anew then."""
+_HEARTBEAT_LOST = int(BridgeStatus.HEARTBEAT_LOST)
 _AHEAD = frames.HEARTBEAT_NUMBERS // 2
 _HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
@@ -94,6 +95,7 @@ class Bridge:
         self._silence_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9))
         self._received_ns = 0  # newest sample's arrival, while the board receives heartbeats
         self._requested_ns = 0
+        self._acknowledged_ns = 0  # when the newest heartbeat that the board has stated was sent
         self._sample = frames.Sample(0, 0, 0, 0)
 
     def open(self) -> None:
@@ -123,13 +125,18 @@ class Bridge:
         self._errors_before = None
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors."""
+        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors.
+
+        HEARTBEAT_LOST is set too while the board has acknowledged none of the last SILENCE_NS: one
+        that never had a heartbeat has lost none by its own status, and keeps the line open.
+        """
         clock = self._loop_clock
         clock.observe(now_ns)
         if self._link is not None:
             if self._errors_before is None:
                 self._send(frames.Start())
                 self._received_ns = now_ns  # its silence since it was opened is no reason to ask it
+                self._acknowledged_ns = now_ns
             received = self._link.receive()
             if received:
                 stamp_ns = self._link.stamp_ns
@@ -141,7 +148,8 @@ class Bridge:
         feedback["t_ns"] = self._t_ns
         feedback["encoder_gray"] = sample.encoder_gray
         feedback["torque_Nm"] = sample.torque_counts * self._torque_Nm_per_count
-        feedback["bridge_status"] = sample.status
+        lost = now_ns - self._acknowledged_ns > self._silence_ns
+        feedback["bridge_status"] = sample.status | (_HEARTBEAT_LOST if lost else 0)
         feedback["link_errors"] += self._link_errors()
 
     def _link_errors(self) -> int:
@@ -182,7 +190,7 @@ class Bridge:
                 if self._incompatibility(frame) is None:
                     self._restart(frame)
         if newest is not None:
-            if not newest.status & BridgeStatus.HEARTBEAT_LOST:
+            if not newest.status & _HEARTBEAT_LOST:
                 self._received_ns = arrival_ns
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
@@ -194,6 +202,7 @@ class Bridge:
         self._board_errors = lost
         number, sent_ns = self._sent[status.heartbeat_sequence % _HEARTBEATS_KEPT]
         if status.heartbeats and number == status.heartbeat_sequence:
+            self._acknowledged_ns = sent_ns
             self.clock.heartbeat(status.heartbeat_t_us, sent_ns)
 
     def _restart(self, hello: frames.Hello) -> None:

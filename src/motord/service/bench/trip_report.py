@@ -77,6 +77,10 @@ def _bits_set(word: str, bits: int) -> Quantity:
     return lambda w: w.held_s(w.ticks[word] & bits != 0)
 
 
+def _bits_clear(word: str, bits: int) -> Quantity:
+    return lambda w: w.held_s(w.ticks[word] & bits == 0)
+
+
 def _largest_A(w: TripWindow) -> float:
     return float(np.abs(w.currents_A()).max())
 
@@ -153,6 +157,7 @@ def _torque_limit_Nm(w: TripWindow) -> float:
     return float(w.parameters.torque_error_Nm) + TORQUE_SHARE * before_Nm + induced_Nm
 
 
+_LINE_OPEN = "enable line open, for s"
 _BRIDGE_FAULT = BridgeStatus.FAULT | BridgeStatus.ENCODER_INVALID
 _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
     Trip.OVER_CURRENT: ("largest phase current, A", _largest_A, "trip_current_A"),
@@ -206,17 +211,23 @@ _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
     Trip.BRAKE_TEMPERATURE: (
         "brake temperature, degC", _field("brake_temperature_C"), "brake_trip_C"
     ),
-    Trip.ENABLE_LINE: (
-        "enable line open, for s",
-        lambda w: w.held_s(w.ticks["bridge_status"] & BridgeStatus.ENABLE_LINE == 0),
-        "",
-    ),
+    Trip.ENABLE_LINE: (_LINE_OPEN, _bits_clear("bridge_status", BridgeStatus.ENABLE_LINE), ""),
     Trip.CHANNEL: (
         "channels that trip", lambda w: float(len(w.channels)), lambda w: 0.0
     ),
 }  # fmt: skip
 """Quantity, its value, and its limit: a function, a field of PARAMETERS, or "" for the debounce
 time of the condition."""
+
+
+_UNPOWERED: dict[str, Quantity] = {
+    _LINE_OPEN: _bits_clear("bridge_status", BridgeStatus.ENABLE_LINE),
+    "no heartbeat acknowledged by the bridge board, for s": _bits_set(
+        "bridge_status", BridgeStatus.HEARTBEAT_LOST
+    ),
+    "inverter not ready, for s": _bits_clear("inverter_status", InverterStatus.READY),
+}
+"""What keeps a bench from power; ENABLE_TIMEOUT has those that hold among its values."""
 
 
 def _limit(trip: Trip, limit: str | Quantity, w: TripWindow) -> float:
@@ -234,6 +245,10 @@ def trip_values(bits: int, w: TripWindow) -> ValuesAndLimits:
         for trip, (quantity, value, limit) in _QUANTITIES.items()
         if bits & trip
     }
+    for quantity, held in _UNPOWERED.items() if bits & Trip.ENABLE_TIMEOUT else ():
+        if held_s := held(w):
+            limit_s = float(w.parameters.enable_timeout_s)
+            values.setdefault(quantity, {"value": held_s, "limit": limit_s})
     if bits & Trip.I2T and w.i2t_derating > 0.0:
         values[DERATING] = {"value": w.i2t_derating, "limit": 1.0}
     return {**values, **w.channels} if bits & Trip.CHANNEL else values
