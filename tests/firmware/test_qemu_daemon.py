@@ -41,6 +41,7 @@ forgive_trip = partial(forgive, limit_s=INVERTER_TIMEOUT_S, board_is_a_process=T
 """QEMU: a computer that keeps it waiting keeps it from heartbeats that have been sent."""
 COUNT_RAD = 2 * np.pi / 4096
 SOUND_NS = 500_000_000
+NOISE_S = 1.0
 OF_A_REBOOT = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 
 
@@ -185,9 +186,14 @@ def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
             while True:
                 steady(client, lease)
                 kept = stalls_from_now(client)
-                bench.inject(kind="bridge_corrupt", for_s=1.0, fraction=0.1)
-                time.sleep(1.5)  # the time that the noise lasts, and some
-                if client.state().state == "ENABLED":
+                bench.inject(kind="bridge_corrupt", for_s=NOISE_S, fraction=0.1)
+                over_ns = time.time_ns() + round(NOISE_S * 1e9)
+                state = wait_for(
+                    client,
+                    lambda s: s.state != "ENABLED" or s.tick.t_ns > over_ns,  # noqa: B023
+                    "a sample of after the noise, or a trip",
+                )
+                if state.state == "ENABLED":
                     break
                 forgive_trip(client, kept)
         assert running.end() == 0, running.said()

