@@ -52,7 +52,7 @@ def test_connections_that_say_nothing_keep_nobody_out_for_long(tmp_path):
     pytest.fail("they kept everybody out")
 
 
-def test_for_how_long_they_do_is_as_zenoh_was_told():
+def test_the_time_for_a_handshake_is_what_zenoh_applies():
     listening = daemon_config("live", [endpoint()], 1000)
     assert int(listening.get_json("transport/unicast/accept_timeout")) == HANDSHAKE_MS < 10_000
 
