@@ -82,8 +82,9 @@ def seen_points(
         found.append(seen_by(samples, motor, sensor, gain, hold, highest_order))
         detected.append(DetectedLines.of(samples, motor.counts))
         turns.append(replace(samples, i_A=NO_CURRENTS, command_A=NO_CURRENTS))
-    plain = [one.ripple for one in found if one.ripple is not None]
-    ripples = with_asynchronous(plain, detected, turns, motor, sensor)
+    pairs = zip(found, detected, strict=True)
+    plain = [(one.ripple, lines) for one, lines in pairs if one.ripple is not None]
+    ripples = with_asynchronous(plain, turns, motor, sensor)
     return [
         replace(
             one,

@@ -99,30 +99,24 @@ class MeshRipple:
 
 def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
     """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
-    runs = tuple(runs)
-    found, detected = [], []
-    for samples in _samples(runs, subject):
-        found.append(point_ripple(samples, subject.motor, subject.sensor))
-        detected.append(DetectedLines.of(samples, subject.motor.counts))
-    points = _samples(runs, subject)
-    return with_asynchronous(found, detected, points, subject.motor, subject.sensor)
+    runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
+    found = [
+        (point_ripple(samples, motor, sensor), DetectedLines.of(samples, motor.counts))
+        for samples in _samples(runs, subject)
+    ]
+    return with_asynchronous(found, _samples(runs, subject), motor, sensor)
 
 
 def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -> list[Explained]:
     """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
-    runs = tuple(runs)
-    found, detected = [], []
-    for samples in _samples(runs, subject):
-        found.append(explain(samples, subject.motor, subject.sensor, calibration))
-        detected.append(DetectedLines.of(samples, subject.motor.counts))
-    measured = with_asynchronous(
-        [one.measured for one in found],
-        detected,
-        _samples(runs, subject),
-        subject.motor,
-        subject.sensor,
-    )
-    return [replace(one, measured=point) for one, point in zip(found, measured, strict=True)]
+    runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
+    found = [
+        (explain(samples, motor, sensor, calibration), DetectedLines.of(samples, motor.counts))
+        for samples in _samples(runs, subject)
+    ]
+    plain = [(one.measured, lines) for one, lines in found]
+    measured = with_asynchronous(plain, _samples(runs, subject), motor, sensor)
+    return [replace(one, measured=point) for (one, _), point in zip(found, measured, strict=True)]
 
 
 def _samples(runs: Iterable[Run], subject: Subject) -> Iterator[Samples]:

@@ -120,13 +120,13 @@ def measured_ripples(runs: Sequence[Run], subject: Subject) -> list[tuple[PointR
     again, at other speeds, show a line that meets an order at the speed of these.
     """
     motor, sensor = subject.motor, subject.sensor
-    found, detected, errors = [], [], []
+    found, errors = [], []
     for samples, induced in _prepared(runs, subject):
-        found.append(point_ripple(samples, motor, sensor))
-        detected.append(DetectedLines.of(samples, motor.counts))
+        detected = DetectedLines.of(samples, motor.counts)
+        found.append((point_ripple(samples, motor, sensor), detected))
         errors.append(induced)
     points = (samples for samples, _ in _prepared(runs, subject))
-    ripples = with_asynchronous(found, detected, points, motor, sensor)
+    ripples = with_asynchronous(found, points, motor, sensor)
     return [pair for pair in zip(ripples, errors, strict=True) if _single(pair[1])]
 
 

@@ -29,18 +29,19 @@ class DetectedLines(NamedTuple):
 
 
 def with_asynchronous(
-    found: Sequence[PointRipple],
-    detected: Sequence[DetectedLines],
+    found: Sequence[tuple[PointRipple, DetectedLines]],
     points: Iterable[Samples],
     motor: MotorConfig,
     sensor: TorqueSensorConfig,
 ) -> list[PointRipple]:
     """Return the ripples of points with the lines that are not locked to the rotor.
 
-    points: their samples, which are read only where there are lines.
+    found: of each point the ripple and the lines that are detected there; points: their samples,
+    which are read only where there are lines.
     """
+    detected = [lines for _, lines in found]
     if not any(one.lines for one in detected):
-        return list(found)
+        return [ripple for ripple, _ in found]
     return [
         with_leakage(
             ripple,
@@ -49,7 +50,7 @@ def with_asynchronous(
             motor,
             sensor,
         )
-        for place, (ripple, own, samples) in enumerate(zip(found, detected, points, strict=True))
+        for place, ((ripple, own), samples) in enumerate(zip(found, points, strict=True))
     ]
 
 
