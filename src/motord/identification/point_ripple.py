@@ -25,7 +25,7 @@ from motord.identification.torque_sensor import order_below_resonance, response
 class AsynchronousLine:
     """A sine in the torque that is not locked to the rotor; stderr_Nm: of its amplitude.
 
-    sure: False so near to an order that the fit may have found a fraction of the amplitude.
+    amplitude_known: False so near to an order that the fit may have found a fraction of it.
     """
 
     JSON: ClassVar = ("frequency_Hz", "amplitude_Nm", "stderr_Nm")
@@ -33,7 +33,7 @@ class AsynchronousLine:
     frequency_Hz: float
     amplitude_Nm: float
     stderr_Nm: float
-    sure: bool = True
+    amplitude_known: bool = True
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def test_a_line_near_an_order_may_be_all_that_there_is(apart: float) -> None:
     one, ripple, quiet = hum_at_order(2, apart, 0.005)
     own = asynchronous_lines(one, COUNTS)
     assert own
-    assert not own[0].sure
+    assert not own[0].amplitude_known
     lines = lines_in_average(own, (), one, ripple)
     half = 1.96 * with_leakage(ripple, lines, one, BENCH.motor, BENCH.sensor).stderr_percent
     assert abs(ripple.rms_percent - quiet) < half < 6 * abs(ripple.rms_percent - quiet)

@@ -64,7 +64,7 @@ def test_a_journal_of_an_earlier_version_is_read():
     assert (parsed.log.plan.name, parsed.log.plan.points) == ("calibrate", 3)
     assert parsed.log.taken == {0, 1}
     assert [segment.state for segment in parsed.log.segments] == ["aborted", ""]
-    assert [segment.sure for segment in parsed.log.segments] == [True, False]
+    assert [segment.complete for segment in parsed.log.segments] == [True, False]
     assert parsed.log.recordings == ("/runs/calibrate.mcap", "/runs/calibrate.mcap")
 
 
@@ -244,5 +244,5 @@ def test_a_recording_that_was_not_written_stays_so_whatever_dies_later(journal, 
     for unrecorded in order:
         journal.recorder_died(0, unrecorded=unrecorded)
     [segment] = journal.log.segments
-    assert (segment.sure, segment.written) == (False, False)
+    assert (segment.complete, segment.written) == (False, False)
     journal.settle()

@@ -385,7 +385,7 @@ def test_if_a_recorder_died_meanwhile_the_files_are_asked_even_after_an_orderly_
     record(name, [point(0, 10, 20)], 0, 50)
     points = (point(0, 10, 20), point(1, 30, 40))
     assert recorded(JournalSegment(str(name), points, "failed")) == {0, 1}
-    assert recorded(JournalSegment(str(name), points, "failed", sure=False)) == {0}
+    assert recorded(JournalSegment(str(name), points, "failed", complete=False)) == {0}
 
 
 def test_a_plan_during_which_a_recorder_died_is_looked_at_again(days):
@@ -401,7 +401,7 @@ def test_a_plan_during_which_a_recorder_died_is_looked_at_again(days):
     assert view.message.startswith("the recorder died meanwhile")
     assert f"plan: calibrate failed: {view.message}" in service.messages()
     log = service.journal.log
-    assert (log.segments[-1].sure, log.state, log.segments[-1].message) == (
+    assert (log.segments[-1].complete, log.state, log.segments[-1].message) == (
         *(False, "failed", view.message),
     )
     service.journal.settle()
@@ -445,7 +445,7 @@ def test_a_plan_is_done_once_it_is_on_the_disk_and_else_taken_again(days):
     assert (view.state, view.recorded, view.points_done) == ("failed", False, 3)
     assert "not recorded in full: no space left; motord plan resume" in view.message
     [segment] = service.journal.log.segments
-    assert (segment.sure, segment.written, segment.state) == (False, False, "failed")
+    assert (segment.complete, segment.written, segment.state) == (False, False, "failed")
     assert "some may not be recorded" in service.resumption.summary()
     service.sink.missing = ""
     service.ask("plan/resume", token=token)
@@ -478,7 +478,7 @@ def test_a_plan_that_is_aborted_while_it_is_not_recorded_is_taken_again(days):
     assert "anna; not recorded in full: no space left; motord plan resume" in view.message
     service.sink.missing = ""
     [segment] = service.journal.log.segments
-    assert (segment.sure, segment.written) == (False, False)
+    assert (segment.complete, segment.written) == (False, False)
     service.ask("plan/resume", token=token)
     run_to_end(service, token)
     assert [p["index"] for p in service.sink.points] == [0, 0, 1, 2]
@@ -531,7 +531,7 @@ def test_however_a_plan_ends_its_view_and_its_journal_agree(days, how, found):
     assert view.state == ("failed" if found and state == "done" else state)
     assert (segment.state, segment.message) == (view.state, view.message)
     assert view.recorded is (not found)
-    assert (segment.sure, segment.written) == (not found, found != "no space left")
+    assert (segment.complete, segment.written) == (not found, found != "no space left")
     assert "late" not in view.message
     assert ("motord plan resume" in view.message) is bool(found)
     service.journal.settle()

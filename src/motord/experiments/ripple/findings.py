@@ -12,8 +12,8 @@ from motord.experiments.signal_findings import (
 from motord.findings import Finding, listed
 from motord.identification.point_ripple import PointRipple
 
-SURE = 3.0
-"""Standard errors beyond which ripple is said to have grown."""
+COVERAGE_FACTOR = 3.0
+"""Standard errors by which ripple must have grown to be a finding."""
 
 MOST_PERCENT = 100.0
 """RMS error, percent of rated, that no motor has."""
@@ -88,8 +88,8 @@ def _worse(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
         if plain is None or one.compensate == 0:
             continue
         noise = hypot(plain.stderr_percent or 0.0, one.stderr_percent or 0.0)
-        if one.rms_percent - plain.rms_percent > SURE * noise:
-            grown.append((one.rms_percent - plain.rms_percent, SURE * noise, one))
+        if one.rms_percent - plain.rms_percent > COVERAGE_FACTOR * noise:
+            grown.append((one.rms_percent - plain.rms_percent, COVERAGE_FACTOR * noise, one))
     if grown:
         worst, limit, _ = max(grown, key=lambda each: each[0])
         yield Finding(

@@ -16,8 +16,8 @@ from motord.experiments.thermal.recordings import STOPPED
 from motord.experiments.thermal.result import ThermalConstants
 from motord.findings import Finding
 
-SURE = 4.0
-"""Standard errors beyond which something is not by chance."""
+COVERAGE_FACTOR = 4.0
+"""Standard errors that an effect must exceed to be a finding."""
 
 MISFIT_PERCENT = 1.0
 """Part of a channel's rise that residuals may differ from zero by for a while."""
@@ -161,7 +161,7 @@ def _misfit(fit: ThermalFit) -> Iterator[Finding]:
         rise_K = float(np.ptp(fitted_C))
         percent, by_chance = (
             100 * float(np.abs(means).max()) / rise_K,
-            100 * SURE * noise_K / rise_K,
+            100 * COVERAGE_FACTOR * noise_K / rise_K,
         )
         limit = max(MISFIT_PERCENT, by_chance)
         if percent > limit:
@@ -202,7 +202,8 @@ def _ambient_drift(fit: ThermalFit) -> Iterator[Finding]:
     ]
     drift_K, stderr_K = _score(fit, columns)
     limit_K = max(
-        SURE * stderr_K, DRIFT_PERCENT / 100 * max(float(np.ptp(one)) for one in fit.fitted_C)
+        COVERAGE_FACTOR * stderr_K,
+        DRIFT_PERCENT / 100 * max(float(np.ptp(one)) for one in fit.fitted_C),
     )
     if abs(drift_K) > limit_K:
         yield Finding(
@@ -218,7 +219,7 @@ def _lags(fit: ThermalFit, shortest_s: float) -> Iterator[Finding]:
         columns = [np.zeros(one.t_s.size) for one in fit.course.readings.values()]
         columns[n] = -np.gradient(fit.fitted_C[n], each.t_s)
         lag_s, stderr_s = _score(fit, columns)
-        limit_s = max(SURE * stderr_s, LAG_PART * shortest_s)
+        limit_s = max(COVERAGE_FACTOR * stderr_s, LAG_PART * shortest_s)
         if lag_s > limit_s:
             yield Finding(
                 "sensor-lag", lag_s, limit_s, "s", "warning",

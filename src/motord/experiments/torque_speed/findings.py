@@ -12,8 +12,8 @@ from motord.experiments.torque_speed.uncertainty import freedom_of_blocks
 from motord.findings import Finding, Severity, listed
 from motord.intervals import t_quantile
 
-SURE = 0.995
-"""Probability that chance does not make as large a drift, of its sign."""
+CONFIDENCE_LEVEL = 0.995
+"""One-sided, of the test of a drift of the losses."""
 
 DRIFT_PART = 0.03
 """Part of the losses that they may drift within a capture."""
@@ -153,7 +153,10 @@ def _drifts(points: Sequence[OperatingPower]) -> Iterator[tuple[float, float, Op
     """Yield drifts of the losses that chance does not make, and what they may be."""
     for one in points:
         drift_W = abs(one.loss_drift_W)
-        if drift_W > t_quantile(SURE, freedom_of_blocks(one.blocks)) * one.loss_drift_stderr_W:
+        if (
+            drift_W
+            > t_quantile(CONFIDENCE_LEVEL, freedom_of_blocks(one.blocks)) * one.loss_drift_stderr_W
+        ):
             yield drift_W, DRIFT_PART * abs(one.loss.value or 0.0), one
 
 

@@ -5,8 +5,8 @@ The average over N turns keeps of a line of d turns' frequencies beyond an order
 The line is sought in what the average leaves: periodogram over its floor, over 1 - D^2, which the
 average leaves of it; its largest value against chance by Fisher's test (Fisher 1929; of a coloured
 floor Percival and Walden 1993, 10.9). Nearer to an order than NEAREST of the resolution it is not
-distinguished from a ripple that changes from turn to turn, and nearer than SURE_FROM its
-residual may be fitted with a fraction of its amplitude.
+distinguished from a ripple that changes from turn to turn, and nearer than AMPLITUDE_KNOWN_FROM
+its residual may be fitted with a fraction of its amplitude.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from motord.identification.point_ripple import AsynchronousLine, even_and_odd, w
 NEAREST = 0.1
 """Distance from the nearest order, in parts of the resolution, beyond which a line is fitted."""
 
-SURE_FROM = 0.45
+AMPLITUDE_KNOWN_FROM = 0.45
 """The same, beyond which its amplitude is known by the fit: residuals of lines within 0.1 were
 fitted at up to 0.4."""
 
@@ -90,9 +90,9 @@ class _Fit(NamedTuple):
 
     def line(self, samples: Samples, noise_Nm2: float) -> AsynchronousLine:
         """Return it with its standard error by the variance of white noise."""
-        sure = from_order(samples, self.frequency_Hz) > SURE_FROM
+        amplitude_known = from_order(samples, self.frequency_Hz) > AMPLITUDE_KNOWN_FROM
         stderr_Nm = float(np.sqrt(noise_Nm2 * self.variance))
-        return AsynchronousLine(self.frequency_Hz, self.amplitude_Nm, stderr_Nm, sure)
+        return AsynchronousLine(self.frequency_Hz, self.amplitude_Nm, stderr_Nm, amplitude_known)
 
 
 def _fitted(

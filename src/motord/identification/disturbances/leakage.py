@@ -53,10 +53,10 @@ def lines_in_average(
     found = []
     for line in own:
         same = [one for one in others if abs(_apart_Hz(one, line)) < resolution_Hz]
-        if line.sure:
+        if line.amplitude_known:
             found.append(line)
-        elif any(one.sure for one in same):
-            found.append(_larger(line, [one for one in same if one.sure], samples))
+        elif any(one.amplitude_known for one in same):
+            found.append(_larger(line, [one for one in same if one.amplitude_known], samples))
         else:
             found.append(_as_large_as_its_order(line, samples, ripple))
     for line in sorted(others, key=lambda line: -line.amplitude_Nm):

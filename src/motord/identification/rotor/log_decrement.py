@@ -149,9 +149,9 @@ def _rough_crossings(t_s: np.ndarray, x_rad: np.ndarray, resolution_rad: float) 
     """Return about when `x_rad` changes sign, as long as it swings by enough counts."""
     band_rad = 0.4 * FEWEST_COUNTS * resolution_rad
     sign = np.where(x_rad > band_rad, 1, np.where(x_rad < -band_rad, -1, 0))
-    sure = np.flatnonzero(sign)
-    change = np.flatnonzero(np.diff(sign[sure]))
-    before, after = sure[change], sure[change + 1]
+    beyond = np.flatnonzero(sign)
+    change = np.flatnonzero(np.diff(sign[beyond]))
+    before, after = beyond[change], beyond[change + 1]
     if change.size == 0:
         return np.zeros(0)
     sizes = [

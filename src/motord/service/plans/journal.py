@@ -46,7 +46,7 @@ class PlanNote(BaseModel, extra="ignore", frozen=True):
 class JournalSegment:
     """A plan from its start, or from where it was resumed, to its end: recording and points.
 
-    state: done, aborted or failed; "" if it did not come to an end in order. sure: False if a
+    state: done, aborted or failed; "" if it did not come to an end in order. complete: False if a
     recorder died or could not write, so that points may be missing in the recording. written: False
     if it could not write, so that there may be no recording at all.
     """
@@ -55,7 +55,7 @@ class JournalSegment:
     points: tuple[Mapping[str, Any], ...] = ()
     state: str = ""
     message: str = ""
-    sure: bool = True
+    complete: bool = True
     written: bool = True
 
     @property
@@ -98,7 +98,7 @@ class PlanLog:
             last = replace(last, state=line["state"], message=str(line["message"]))
         elif kind == "recorder_died":
             written = last.written and not line.get("unrecorded", False)
-            last = replace(last, sure=False, written=written)
+            last = replace(last, complete=False, written=written)
         elif kind == "resumed":
             return replace(self, segments=(*self.segments, JournalSegment(str(line["recording"]))))
         else:

@@ -18,7 +18,7 @@ def recorded(segment: JournalSegment) -> set[int]:
     that may never have been written.
     """
     stem = stem_of(Path(segment.recording))
-    certain = segment.sure and segment.state
+    certain = segment.complete and segment.state
     files = numbers(stem) if stem is not None and not certain else []
     if stem is None or not files:
         return segment.taken if segment.written else set()

@@ -194,7 +194,7 @@ class Resumption:
         plan, last = log.plan, log.segments[-1]
         how = f"{last.state} ({last.message})" if last.state else "interrupted"
         done = f"{len(log.taken)} of {plan.points} points taken"
-        if not all(segment.sure for segment in log.segments):
+        if not all(segment.complete for segment in log.segments):
             done += ", of which some may not be recorded"
         return f"{plan.name} was {how} with {done}; {ADVICE}"
 
