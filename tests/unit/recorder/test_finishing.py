@@ -12,8 +12,8 @@ from motord.schema import State
 from motord.shm.ring import RingWriter
 from tests.unit.recorder.lives import CAPACITY as ALL
 from tests.unit.recorder.lives import Bench as Lives
+from tests.unit.recorder.recorder_bench import CAPACITY, Bench
 from tests.unit.recorder.test_killed_anywhere import PLAN, VIEW
-from tests.unit.recorder.test_session import CAPACITY, Bench
 from tests.unit.recording.runs import METADATA, START_NS, tick_block
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from motord.schema import State, Trip
 from motord.service.bench.blackbox import ASKED_MAX
-from tests.unit.service.test_supervisor import PlayedDaemon
+from tests.unit.service.played_daemon import PlayedDaemon
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from motord.service.host.children import Children, Process, spawn
 from motord.service.host.descriptors import DescriptorReserve
 from motord.shm.shared_records import SharedFileError
 from tests.support.nonsense import random_line
-from tests.unit.service.test_supervisor import PlayedDaemon
+from tests.unit.service.played_daemon import PlayedDaemon
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from motord.service import daemon
 from motord.service.bench.slow_devices import SlowDevice
 from motord.service.publish.telemetry import Telemetry
 from motord.service.rpc.dispatcher import Handler, Wait
-from tests.unit.service.test_supervisor import PlayedDaemon
+from tests.unit.service.played_daemon import PlayedDaemon
 from tests.unit.service.virtual_service import VirtualService
 
 HANDLERS = ("enable", "disable", "reset", "set", "plan/start", "plan/list", "lease/renew", "config")
