@@ -2,11 +2,12 @@
 
 At rest the torque of the currents balances cogging torque and friction:
 
-    sum_p (alpha_p i_p + beta_p) k_p(theta + offset) + tau_cog(theta) = f way + noise
+    sum_p (alpha_p i_p + beta_p) k_p(theta + offset) + tau_cog(theta) = f s + noise
 
-Currents, and angles at which it rests, are known. The offset is what fits best; what would bend
-the result (unequal gains, offsets of the currents, cogging, friction, load) is fitted along, each
-with a wide prior, as it need not show.
+s = 1 or -1 being the direction of the vector. Currents, and angles at which it rests, are known.
+The offset is fitted by iteratively reweighted least squares (Huber 1964), jointly with what would
+bias it (unequal gains, offsets of the currents, cogging, friction, load), each with a wide
+Gaussian prior, as the rests need not determine it.
 """
 
 from collections.abc import Sequence
@@ -21,8 +22,8 @@ from motord.experiments.alignment.rests_checks import (
     check_pole_pairs,
     check_rests,
     current_gains,
-    torque_answer,
-    turns_of,
+    electrical_turn,
+    torque_response,
 )
 from motord.experiments.alignment.result import Alignment
 from motord.identification import IdentifyError
@@ -39,15 +40,15 @@ GAIN_PRIOR, OFFSET_PRIOR, COGGING_PRIOR, FRICTION_PRIOR, LOAD_PRIOR = 0.2, 0.05,
 order of the cogging torque, friction, and each order of the load in parts of the rated torque."""
 
 ITERATIONS = 50
-WEIGHINGS = 8
-"""Iterations after which the weights of outliers stay as they are."""
+REWEIGHTINGS = 8
+"""Iterations after which the weights of outliers are kept."""
 
 CONVERGED_RAD = 1e-7
-OUTLIER = 2.0
+HUBER_FACTOR = 2.0
 """Residuals beyond so many standard deviations count less (Huber)."""
 
 FRICTION_SHARE = 1 / 3
-"""Part of what friction takes a single rest off by that all rests may have in common."""
+"""Part of a single rest's deviation by friction that all rests may have in common."""
 
 TURN = 2 * np.pi
 
@@ -58,23 +59,18 @@ def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
     motor: of the bench file that they were taken with. Forwards is where the torque sensor shows
     positive torque; if it shows none, where the encoder counts up by it. Raises IdentifyError.
     """
-    if isinstance(motor.back_emf, BackEmfTable):
-        raise IdentifyError(
-            "[motor] back_emf is a measured table, which has direction and zero in it; name "
-            "harmonics to align the encoder to them"
-        )
+    harmonics = _harmonics(motor)
     rests = rests_of(sweeps, motor.counts, motor.pole_pairs)
     check_rests(rests)
     gains = current_gains(rests)
-    turn_rad, turn_stderr_rad = turns_of(rests)
+    turn_rad, turn_stderr_rad = electrical_turn(rests)
     pole_pairs = check_pole_pairs(turn_rad, turn_stderr_rad, motor.pole_pairs)
-    answer = torque_answer(sweeps, motor.counts)
-    forwards = answer.way or 1
+    response = torque_response(sweeps, motor.counts)
+    forwards = response.direction or 1
     order: PhaseOrder = "abc" if turn_rad * forwards > 0 else "acb"
     used = rests[rests.still]
-    fit = _fitted(used, forwards * used.encoder_rad, motor, motor.back_emf, order)
-    stuck_Nm = fit.left_Nm - fit.held_Nm
-    friction_rad = float(np.sqrt(np.mean((stuck_Nm / fit.stiffness) ** 2)))
+    fit = _fitted(used, forwards * used.encoder_rad, motor, harmonics, order)
+    friction_rad = _rms(fit.friction_Nm / fit.stiffness)
     return Alignment(
         motor=motor,
         phase_order=order,
@@ -82,16 +78,16 @@ def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
         offset_rad=_nearest_zero(fit.offset_rad, TURN / motor.pole_pairs),
         offset_stderr_rad=float(np.hypot(fit.stderr_rad, FRICTION_SHARE * friction_rad)),
         pole_pairs=pole_pairs,
-        friction_Nm=float(np.sqrt(np.mean(stuck_Nm**2))),
+        friction_Nm=_rms(fit.friction_Nm),
         friction_rad=friction_rad,
         gains=gains,
-        answer=answer,
+        torque_response=response,
         rests=rests,
         left_out=int((~rests.still).sum()),
         angle_rad=(fit.angle_rad + fit.offset_rad) % TURN,
-        apart_rad=fit.apart_rad(),
-        left_rad=fit.left_Nm / fit.stiffness,
-        degrees_of_freedom=fit.freedom,
+        deviation_rad=fit.deviation_rad(),
+        residual_rad=fit.residual_Nm / fit.stiffness,
+        degrees_of_freedom=fit.degrees_of_freedom,
     )
 
 
@@ -114,9 +110,24 @@ def _fitted(
         loaded.run()
     except IdentifyError:
         return plain
-    more = loaded.unknowns.size - plain.unknowns.size
-    gained = angle_rad.size * np.log(plain.square_Nm2 / max(loaded.square_Nm2, 1e-30))
-    return loaded if gained > more * np.log(angle_rad.size) else plain
+    added = loaded.unknowns.size - plain.unknowns.size
+    ratio = plain.weighted_square_Nm2 / max(loaded.weighted_square_Nm2, 1e-30)
+    bic_reduction = angle_rad.size * np.log(ratio) - added * np.log(angle_rad.size)
+    return loaded if bic_reduction > 0 else plain
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _harmonics(motor: MotorConfig) -> Sequence[BackEmfHarmonic]:
+    """Return the back-EMF that the zero refers to. Raises IdentifyError if it is a table."""
+    if isinstance(motor.back_emf, BackEmfTable):
+        raise IdentifyError(
+            "[motor] back_emf is a measured table, which has direction and zero in it; name "
+            "harmonics to align the encoder to them"
+        )
+    return motor.back_emf
 
 
 def _nearest_zero(value_rad: float, period_rad: float) -> float:
@@ -139,9 +150,9 @@ class _Fit:
     """The weighted least squares, iterated over the offset and the weights.
 
     angle_rad (n,): of the encoder, forwards positive. After `run`: offset_rad, stderr_rad,
-    freedom; unknowns: gains of b and c against a, offsets (A), cogging (Nm), friction (Nm);
-    left_Nm (n,), with square_Nm2, the weighted sum of their squares; stiffness (n,): how the torque
-    of the currents changes with the angle (Nm/rad).
+    degrees_of_freedom; unknowns: gains of b and c against a, offsets (A), cogging (Nm), friction
+    (Nm); residual_Nm (n,); weighted_square_Nm2: weighted sum of its squares; stiffness (n,): how
+    the torque of the currents changes with the angle (Nm/rad).
     """
 
     def __init__(
@@ -161,7 +172,7 @@ class _Fit:
         loads = [h for h in load_orders if h not in orders]
         self._fixed = np.stack(
             [wave(h * angle_rad) for h in (*orders, *loads) for wave in (np.cos, np.sin)]
-            + [-SEQUENCE[order] * rests.way.astype(float)],
+            + [-SEQUENCE[order] * rests.direction.astype(float)],
             axis=1,
         )
         rated_Nm, line = motor.rated_torque_Nm, abs(_fundamental(harmonics))
@@ -175,8 +186,8 @@ class _Fit:
             ]
         )
         self.unknowns = np.zeros(self._prior.size)
-        self.left_Nm = self.stiffness = np.zeros(angle_rad.size)
-        self.square_Nm2 = np.inf
+        self.residual_Nm = self.stiffness = np.zeros(angle_rad.size)
+        self.weighted_square_Nm2 = np.inf
         self.offset_rad, self.stderr_rad = self._first_guess_rad(), np.inf
 
     def run(self) -> None:
@@ -184,12 +195,12 @@ class _Fit:
         weight, noise_Nm = np.ones(self.angle_rad.size), 0.01 * self._motor.rated_torque_Nm
         for number in range(ITERATIONS):
             step_rad = self._step(weight, noise_Nm)
-            if number < WEIGHINGS:
+            if number < REWEIGHTINGS:
                 noise_Nm = self._noise_Nm(weight)
-                far = np.abs(self.left_Nm) / (OUTLIER * noise_Nm)
+                far = np.abs(self.residual_Nm) / (HUBER_FACTOR * noise_Nm)
                 weight = 1 / np.maximum(1.0, far)
             elif abs(step_rad) < CONVERGED_RAD:
-                self.square_Nm2 = float(weight @ self.left_Nm**2)
+                self.weighted_square_Nm2 = float(weight @ self.residual_Nm**2)
                 return
         raise IdentifyError(
             "no encoder offset fits the rests of the rotor: do [motor] back_emf, slots and "
@@ -197,12 +208,12 @@ class _Fit:
         )
 
     @property
-    def held_Nm(self) -> np.ndarray:
-        """What friction explains, (n,): alike at all rests of one way."""
-        return np.asarray(self._fixed[:, -1] * self.unknowns[-1])
+    def friction_Nm(self) -> np.ndarray:
+        """Friction (n,): the fitted one, alike at all rests of a direction, and the residual."""
+        return np.asarray(self.residual_Nm - self._fixed[:, -1] * self.unknowns[-1])
 
-    def apart_rad(self) -> np.ndarray:
-        """Return how far each rest is from that of the vector alone, (n,), mechanical."""
+    def deviation_rad(self) -> np.ndarray:
+        """Return the angle from where the vector alone would hold the rotor, (n,), mechanical."""
         sequence = SEQUENCE[self._order]
         electrical_rad = self._motor.pole_pairs * (self.angle_rad + self.offset_rad)
         turned = np.exp(1j * (sequence * electrical_rad - np.angle(self._rests.vector_A)))
@@ -217,7 +228,7 @@ class _Fit:
         return float(np.pi - np.angle(_fundamental(self._harmonics)))
 
     def _first_guess_rad(self) -> float:
-        """Return the offset that the mean of the rests says."""
+        """Return the offset by the mean angle between rests and vector."""
         vector_A, pole_pairs = self._rests.vector_A, self._motor.pole_pairs
         sequence = SEQUENCE[self._order]
         turned = np.exp(1j * pole_pairs * self.angle_rad) * np.exp(
@@ -231,31 +242,31 @@ class _Fit:
         return back_emf_waves(self._harmonics, electrical_rad, self._order)
 
     def _step(self, weight: np.ndarray, noise_Nm: float) -> float:
-        """Solve for all unknowns and a step of the offset; take it, and return it."""
-        nudge_rad = 1e-5 / self._motor.pole_pairs
+        """Take a Gauss-Newton step of offset and unknowns; return that of the offset (rad)."""
+        difference_rad = 1e-5 / self._motor.pole_pairs
         k = self._back_emf(self.offset_rad)
-        ahead, behind = (self._back_emf(self.offset_rad + s * nudge_rad) for s in (1, -1))
+        ahead, behind = (self._back_emf(self.offset_rad + s * difference_rad) for s in (1, -1))
         i_A, torque = self._current_A, self._current_A * k
-        self.stiffness = (i_A * (ahead - behind)).sum(axis=1) / (2 * nudge_rad)
+        self.stiffness = (i_A * (ahead - behind)).sum(axis=1) / (2 * difference_rad)
         gains = torque[:, 1:] - torque[:, :1]
         columns = np.concatenate([self.stiffness[:, np.newaxis], gains, k, self._fixed], axis=1)
-        made_Nm = torque.sum(axis=1)
+        model_Nm = torque.sum(axis=1)
         scaled = columns * (weight / noise_Nm**2)[:, np.newaxis]
         information = scaled.T @ columns
         normal = information.copy()
         normal[np.arange(1, columns.shape[1]), np.arange(1, columns.shape[1])] += self._prior**-2
-        solution = np.linalg.solve(normal, -scaled.T @ made_Nm)
-        self.left_Nm = made_Nm + columns @ solution
+        solution = np.linalg.solve(normal, -scaled.T @ model_Nm)
+        self.residual_Nm = model_Nm + columns @ solution
         inverse = np.linalg.inv(normal)
         self.stderr_rad = float(np.sqrt(inverse[0, 0]))
-        self.freedom = max(int(weight.size - np.trace(inverse @ information)), 1)
+        self.degrees_of_freedom = max(int(weight.size - np.trace(inverse @ information)), 1)
         self.unknowns = solution[1:]
         self.offset_rad += float(solution[0])
         return float(solution[0])
 
     def _noise_Nm(self, weight: np.ndarray) -> float:
-        """Return the noise that is left, at least what the encoder's rounding makes."""
+        """Return the residual's standard deviation, at least that of the encoder's rounding."""
         free = max(self.angle_rad.size - self._prior.size, self.angle_rad.size // 4)
-        left_Nm = float(np.sqrt((weight * self.left_Nm**2).sum() / free))
+        deviation_Nm = float(np.sqrt((weight * self.residual_Nm**2).sum() / free))
         rounding_rad = TURN / self._motor.counts / np.sqrt(12)
-        return max(left_Nm, float(rounding_rad * np.abs(self.stiffness).mean()))
+        return max(deviation_Nm, float(rounding_rad * np.abs(self.stiffness).mean()))

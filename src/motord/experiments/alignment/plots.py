@@ -10,14 +10,14 @@ from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.result import Alignment
 from motord.report.style import AFTER, BEFORE, INK, figure
 
-WAYS = ((1, AFTER, "forwards"), (-1, BEFORE, "backwards"))
+DIRECTIONS = ((1, AFTER, "forwards"), (-1, BEFORE, "backwards"))
 
 DOTS = 4000
 """Dots of a cloud at most."""
 
 
 def followed(stops: Rests) -> Figure:
-    """Return the encoder's angle over the vector's at each stop, by amplitude and way."""
+    """Return the encoder's angle over the vector's at each stop, by amplitude and direction."""
     with figure(3.2) as picture:
         axes = picture.subplots()
         turns = stops.electrical_rad / (2 * np.pi), stops.encoder_rad / (2 * np.pi)
@@ -36,8 +36,8 @@ def rests(result: Alignment) -> Figure:
     with figure(3.2) as picture:
         left, right = picture.subplots(1, 2)
         for axes, values, label in (
-            (left, points * result.apart_rad, "from the vector"),
-            (right, points * result.left_rad, "not explained"),
+            (left, points * result.deviation_rad, "deviation from the vector"),
+            (right, points * result.residual_rad, "residual of the fit"),
         ):
             for which, style in _kinds(still):
                 axes.plot(electrical_deg[which], values[which], **style)
@@ -68,12 +68,12 @@ def torque_sign(motion_Nm: np.ndarray, torque_Nm: np.ndarray) -> Figure:
 
 
 def _kinds(stops: Rests) -> Iterator[tuple[np.ndarray, dict[str, Any]]]:
-    """Yield which stops (n,) are of an amplitude and a way, and how they are drawn."""
+    """Yield which stops (n,) are of an amplitude and a direction, and how they are drawn."""
     amplitude_A = np.abs(stops.vector_A)
     for amplitude, marker in zip(np.unique(np.round(amplitude_A, 6)), "os^Dv<>p", strict=False):
-        for sign, colour, name in WAYS:
+        for sign, colour, name in DIRECTIONS:
             yield (
-                (stops.way == sign) & np.isclose(amplitude_A, amplitude),
+                (stops.direction == sign) & np.isclose(amplitude_A, amplitude),
                 {
                     "linestyle": "none", "marker": marker, "color": colour, "markersize": 4,
                     "label": f"{amplitude:.3g} A {name}",

@@ -42,12 +42,13 @@ def fill(page: Page, result: Alignment) -> None:
     page.picture(
         rests(result),
         "How far the rotor rested from where the vector alone would take it, in encoder points, "
-        "and what is left once cogging torque, unequal currents and their offsets are taken into "
-        "account: friction.",
+        "and the residual of the fit, which takes cogging torque, unequal currents and their "
+        "offsets into account: friction.",
     )
+    response = result.torque_response
     page.picture(
-        torque_sign(result.answer.motion_Nm, result.answer.torque_Nm),
-        "Torque that the rotor's swings take, by its inertia and damping, and the torque that "
-        f"the sensor measured: {100 * result.answer.explained[0]:.0f} % of its variance. A rising "
-        "line: the way called forwards is that of positive torque.",
+        torque_sign(response.motion_Nm, response.torque_Nm),
+        "Torque that the rotor's oscillations take, by its inertia and damping, and the torque "
+        f"that the sensor measured: {100 * response.explained[0]:.0f} % of its variance. A rising "
+        "line: forwards is the direction of positive torque.",
     )

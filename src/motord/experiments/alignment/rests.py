@@ -32,15 +32,15 @@ REST = np.dtype(
         ("vector_A", complex),
         ("electrical_rad", float),
         ("encoder_rad", float),
-        ("way", int),
+        ("direction", int),
         ("sweep", int),
         ("still", bool),
     ]
 )
 """A stop of a sweep. command_A, sensed_A: means; vector_A: the command as a complex number, of the
 amplitude and at the electrical angle of the vector; electrical_rad: that angle, not wrapped within
-a sweep; encoder_rad: mean angle of the encoder, nor that; way: 1 or -1; sweep: its number; still:
-whether the rotor rested.
+a sweep; encoder_rad: mean angle of the encoder, nor that; direction: 1 or -1, of the vector; sweep:
+its number; still: whether the rotor rested.
 """
 
 Rests: TypeAlias = np.recarray[Any, Any]

@@ -10,13 +10,14 @@ from motord.experiments.alignment.rests import PHASE_LAGS_RAD, Rests, unwrapped_
 from motord.identification import IdentifyError
 
 STOPS_MIN = 10
-"""Stops, each way, that a fit needs."""
+"""Stops in each direction of the vector that a fit needs."""
 
 SAME_RAD = 0.02
 """Electrical angle within which two stops are at the same place of the electrical turn."""
 
 SLIP_PART = 0.25
-"""Scatter of the rotor's way in an electrical turn, in parts of it, of one that follows."""
+"""Standard deviation of the rotor's angle for an electrical turn, in parts of it, of a rotor that
+follows the vector."""
 
 DEAD_GAIN = 0.3
 """Part of the commanded current below which a phase does not follow its command."""
@@ -31,9 +32,9 @@ and twice as much as it would with the opposite sign."""
 
 def check_rests(rests: Rests) -> None:
     """Raise IdentifyError if there are too few stops, or the rotor does not rest at them."""
-    for way, direction in ((1, "forwards"), (-1, "backwards")):
-        of_way = rests.way == way
-        stops, still = int(of_way.sum()), int((of_way & rests.still).sum())
+    for sign, direction in ((1, "forwards"), (-1, "backwards")):
+        of_direction = rests.direction == sign
+        stops, still = int(of_direction.sum()), int((of_direction & rests.still).sum())
         if stops < STOPS_MIN:
             raise IdentifyError(
                 f"{stops} stops of a current vector {direction}, at least {STOPS_MIN} are "
@@ -42,36 +43,38 @@ def check_rests(rests: Rests) -> None:
         if still < STOPS_MIN:
             raise IdentifyError(
                 f"the rotor came to rest at {still} of {stops} stops {direction}: set a longer "
-                "hold_s, or more brake, which takes its swing away"
+                "hold_s, or more brake, which damps its oscillation"
             )
 
 
-def turns_of(rests: Rests) -> tuple[float, float]:
+def electrical_turn(rests: Rests) -> tuple[float, float]:
     """Return how far the rotor turns in an electrical turn of the vector, and its standard error.
 
-    In rad, negative if the encoder counts down while the vector goes the way a, b, c. Friction and
-    cogging act alike a whole electrical turn apart, so these pairs of stops are compared. Raises
-    IdentifyError if the rotor does not follow.
+    In rad, negative if the encoder counts down while the vector turns in the order a, b, c.
+    Friction and cogging act alike a whole electrical turn apart, so these pairs of stops are
+    compared. Raises IdentifyError if the rotor does not follow.
     """
-    ways_rad = np.concatenate([_ways(rests, number) for number in np.unique(rests.sweep)])
-    if ways_rad.size < 2:
+    rotor_turns_rad = np.concatenate(
+        [_rotor_turns(rests, number) for number in np.unique(rests.sweep)]
+    )
+    if rotor_turns_rad.size < 2:
         raise IdentifyError(
             "there are no two stops a whole electrical turn apart: is this a whole recording of "
             "the plan align?"
         )
-    mean_rad, spread_rad = float(ways_rad.mean()), float(ways_rad.std(ddof=1))
+    mean_rad, spread_rad = float(rotor_turns_rad.mean()), float(rotor_turns_rad.std(ddof=1))
     if spread_rad > SLIP_PART * abs(mean_rad):
         raise IdentifyError(
             "the rotor does not follow the current vector evenly: is it free, and is the current "
             "enough for friction and cogging torque (currents_A)?"
         )
-    return mean_rad, spread_rad / float(np.sqrt(ways_rad.size))
+    return mean_rad, spread_rad / float(np.sqrt(rotor_turns_rad.size))
 
 
-def _ways(rests: Rests, number: int) -> np.ndarray:
+def _rotor_turns(rests: Rests, number: int) -> np.ndarray:
     own = rests[rests.sweep == number]
-    apart = own.electrical_rad[np.newaxis, :] - own.electrical_rad[:, np.newaxis]
-    first, second = np.nonzero(np.abs(apart - 2 * np.pi) < SAME_RAD)
+    difference_rad = own.electrical_rad[np.newaxis, :] - own.electrical_rad[:, np.newaxis]
+    first, second = np.nonzero(np.abs(difference_rad - 2 * np.pi) < SAME_RAD)
     return np.asarray(own.encoder_rad[second] - own.encoder_rad[first])
 
 
@@ -103,13 +106,13 @@ def current_gains(rests: Rests) -> tuple[float, float, float]:
     solved = np.linalg.lstsq(columns, rests.sensed_A, rcond=None)[0]
     gains = []
     for phase in range(3):
-        answer = complex(solved[0, phase], solved[1, phase])
-        if abs(answer) < DEAD_GAIN:
+        gain = complex(solved[0, phase], solved[1, phase])
+        if abs(gain) < DEAD_GAIN:
             raise IdentifyError(
-                f"phase {'abc'[phase]}: {abs(answer):.2f} A are sensed for each ampere commanded: "
+                f"phase {'abc'[phase]}: {abs(gain):.2f} A are sensed for each ampere commanded: "
                 "is it connected, and is its current the one named in the signal map?"
             )
-        along = (answer * np.exp(-1j * PHASE_LAGS_RAD)).real
+        along = (gain * np.exp(-1j * PHASE_LAGS_RAD)).real
         nearest = int(np.argmax(np.abs(along)))
         if nearest != phase:
             raise IdentifyError(
@@ -126,46 +129,46 @@ def current_gains(rests: Rests) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class TorqueAnswer:
-    """How the torque sensor answers to what the rotor does, as the encoder counts it.
+class TorqueResponse:
+    """The measured torque compared with that which the motion of the encoder takes.
 
-    way: 1 or -1, the way of the encoder in which torque is positive; 0 if it does not show.
-    explained: part of the torque's variance that inertia and damping explain that way, and the
-    other way about. motion_Nm, torque_Nm (n,): torque that the motion takes by that fit, and the
+    direction: 1 or -1, in which the encoder counts under positive torque; 0 if it does not show.
+    explained: part of the torque's variance that inertia and damping explain with that sign, and
+    with the other. motion_Nm, torque_Nm (n,): torque that the motion takes by that fit, and the
     measured torque, drift and mean taken off both.
     """
 
-    way: int
+    direction: int
     explained: tuple[float, float]
     motion_Nm: np.ndarray
     torque_Nm: np.ndarray
 
 
-def torque_answer(sweeps: Sequence[np.ndarray], counts: int) -> TorqueAnswer:
-    """Return how measured torque and motion go together in the ticks of `sweeps`.
+def torque_response(sweeps: Sequence[np.ndarray], counts: int) -> TorqueResponse:
+    """Return how measured torque follows from the motion in the ticks of `sweeps`.
 
     Torque of the stator accelerates the rotor and overcomes friction and brake: inertia and damping
-    are both positive, one way or the other.
+    are both positive, with one sign of the torque or the other.
     """
-    parts = [_swings(ticks, counts) for ticks in sweeps]
+    parts = [_motion_and_torque(ticks, counts) for ticks in sweeps]
     motion, torque_Nm = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
     total = float(torque_Nm @ torque_Nm)
     if total == 0.0:
-        return TorqueAnswer(0, (0.0, 0.0), torque_Nm, torque_Nm)
-    fits = [nnls(motion, way * torque_Nm) for way in (1, -1)]
+        return TorqueResponse(0, (0.0, 0.0), torque_Nm, torque_Nm)
+    fits = [nnls(motion, sign * torque_Nm) for sign in (1, -1)]
     explained = [1 - float(fit[1]) ** 2 / total for fit in fits]
     best = int(np.argmax(explained))
     seen = explained[best] > EXPLAINED_MIN and explained[best] > 2 * explained[1 - best]
-    way = (1, -1)[best]
-    return TorqueAnswer(
-        way=way if seen else 0,
+    direction = (1, -1)[best]
+    return TorqueResponse(
+        direction=direction if seen else 0,
         explained=(explained[best], explained[1 - best]),
-        motion_Nm=way * (motion @ fits[best][0]),
+        motion_Nm=direction * (motion @ fits[best][0]),
         torque_Nm=torque_Nm,
     )
 
 
-def _swings(ticks: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:
+def _motion_and_torque(ticks: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:
     """Return acceleration and speed (n, 2), and torque (n,) of a sweep, less drift and mean.
 
     All are means over the same triangle of +-HALF_S; samples are HALF_S apart. Ticks between two

@@ -9,7 +9,7 @@ import numpy as np
 
 from motord.config import AccuracyConfig, MotorConfig, PhaseOrder
 from motord.experiments.alignment.rests import Rests
-from motord.experiments.alignment.rests_checks import TorqueAnswer
+from motord.experiments.alignment.rests_checks import TorqueResponse
 from motord.findings import Finding
 from motord.intervals import coverage_factor
 
@@ -19,7 +19,7 @@ POORLY_POINTS = 2.0
 ENCODER_ERROR_ORDERS = (1, 2)
 """Orders of the turn of the encoder's own error, each within `[accuracy] encoder_error_rad`."""
 
-GAIN_APART = 0.1
+GAIN_ERROR_LIMIT = 0.1
 """Difference of a phase's sensed from its commanded current, in parts, that is a finding."""
 
 
@@ -30,10 +30,10 @@ class Alignment:
     motor, accuracy: of the bench file that it was taken with; bench_file: into which the result
     was written.
     offset_rad is known to a whole electrical turn; it is the one nearest to zero. friction_Nm: RMS
-    of the torque that is left where the rotor rests; friction_rad: how far that takes a single rest
+    of the residual torque where the rotor rests; friction_rad: how far that takes a single rest
     off, part of which is in the standard error. angle_rad (n,): mechanical, of the rests used;
-    apart_rad (n,): how far each is from where the vector would take it without cogging and errors;
-    left_rad (n,): what of that the fit does not explain. degrees_of_freedom: of its standard error.
+    deviation_rad (n,): how far each is from where the vector alone would hold it; residual_rad
+    (n,): of the fit. degrees_of_freedom: of offset_stderr_rad.
     """
 
     JSON: ClassVar = (
@@ -53,20 +53,20 @@ class Alignment:
     friction_Nm: float
     friction_rad: float
     gains: tuple[float, float, float]
-    answer: TorqueAnswer
+    torque_response: TorqueResponse
     rests: Rests
     left_out: int
     angle_rad: np.ndarray
-    apart_rad: np.ndarray
-    left_rad: np.ndarray
+    deviation_rad: np.ndarray
+    residual_rad: np.ndarray
     degrees_of_freedom: int
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
     bench_file: Path | None = None
 
     @property
-    def sign_seen(self) -> bool:
-        """Whether the torque sensor showed which way is forwards."""
-        return self.answer.way != 0
+    def direction_seen(self) -> bool:
+        """Whether the torque sensor showed which direction is forwards."""
+        return self.torque_response.direction != 0
 
     @property
     def fields(self) -> dict[str, str | int | float]:
@@ -101,9 +101,9 @@ class Alignment:
     @property
     def torque_sensor(self) -> dict[str, bool | float]:
         """Whether the torque sensor shows the direction, and how much of its variance that is."""
-        explained, reversed_explained = self.answer.explained
+        explained, reversed_explained = self.torque_response.explained
         return {
-            "shows_direction": self.sign_seen,
+            "shows_direction": self.direction_seen,
             "explained": explained,
             "explained_reversed": reversed_explained,
         }
@@ -133,7 +133,7 @@ class Alignment:
         return angle_rad * self.motor.counts / (2 * np.pi)
 
     @property
-    def off_points(self) -> float | None:
+    def zero_error_points(self) -> float | None:
         """How far the configured zero is off, in encoder points; None in another direction."""
         motor = self.motor
         if (motor.phase_order, motor.encoder_direction) != (self.phase_order, self.direction):
@@ -145,15 +145,15 @@ class Alignment:
     @property
     def agreement(self) -> str:
         """How the bench file compares, in a sentence."""
-        off = self.off_points
+        off = self.zero_error_points
         if off is None:
             return "the bench file has it otherwise: torque would not be what is asked for"
-        if abs(off) > self.off_limit_points:
+        if abs(off) > self.zero_error_limit_points:
             return f"the bench file's zero is {off:+.1f} encoder points off"
         return f"the bench file has it right, its zero within {abs(off):.2f} encoder points"
 
     @property
-    def off_limit_points(self) -> float:
+    def zero_error_limit_points(self) -> float:
         """How far the configured zero may be off without a finding, in encoder points."""
         return 0.5 + self.offset_half_width_points
 
@@ -163,7 +163,7 @@ class Alignment:
         return (*self._of_bench_file(), *self._of_data())
 
     def _of_bench_file(self) -> Iterator[Finding]:
-        off, limit = self.off_points, self.off_limit_points
+        off, limit = self.zero_error_points, self.zero_error_limit_points
         if off is None or abs(off) > limit:
             half_turn = self.motor.counts / self.motor.pole_pairs / 2
             yield Finding(
@@ -173,18 +173,19 @@ class Alignment:
             )  # fmt: skip
 
     def _of_data(self) -> Iterator[Finding]:
-        if not self.sign_seen:
+        if not self.direction_seen:
             yield Finding(
-                "direction-not-seen", self.answer.explained[0], 0.5, "of the variance", "warning",
-                "the torque sensor does not show the rotor's swings, so it does not say "
-                "which way is forwards: it was taken as that in which the encoder counts up by the "
+                "direction-not-seen", self.torque_response.explained[0], 0.5, "of the variance",
+                "warning",
+                "the torque sensor does not show the rotor's oscillations, and so not which "
+                "direction is forwards: it was taken as that in which the encoder counts up by the "
                 "bench file",
                 "does the sensor work?",
             )  # fmt: skip
         for phase, gain in zip("abc", self.gains, strict=True):
-            if abs(gain - 1) > GAIN_APART:
+            if abs(gain - 1) > GAIN_ERROR_LIMIT:
                 yield Finding(
-                    f"current-scale-{phase}", abs(gain - 1), GAIN_APART, "of the command",
+                    f"current-scale-{phase}", abs(gain - 1), GAIN_ERROR_LIMIT, "of the command",
                     "warning",
                     f"phase {phase}: sensed current is {gain:.2f} times the commanded one",
                     "are its scales right?",

@@ -174,13 +174,13 @@ def test_findings_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> 
     found = found_alignment([run], Subject.of_runs([run]))
     odd = replace(
         found,
-        answer=replace(found.answer, way=0),
+        torque_response=replace(found.torque_response, direction=0),
         gains=(1.0, 1.3, 1.0),
         offset_stderr_rad=0.002,
         left_out=found.rests.size // 2,
     )
     text = " ".join(one.to_text() for one in odd.findings)
-    assert "does not show the rotor's swings" in text
+    assert "does not show the rotor's oscillations" in text
     assert "phase b: sensed current is 1.30 times the commanded one" in text
     assert "stops are left out" in text
     assert "the zero is not known well" in text

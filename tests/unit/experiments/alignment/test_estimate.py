@@ -11,7 +11,7 @@ from motord.config import AccuracyConfig, Config, load
 from motord.experiments.alignment import estimate as alignment
 from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.rests import rests_of, unwrapped_rad
-from motord.experiments.alignment.rests_checks import torque_answer
+from motord.experiments.alignment.rests_checks import torque_response
 from motord.identification import IdentifyError
 from tests.campaigns.align import Case, random_case, sweeps_of
 
@@ -38,7 +38,7 @@ cases = st.builds(
 def test_whatever_is_true_is_found(case: Case) -> None:
     found = align(sweeps_of(CONFIG, case.truth(), case.seed, **SHORT), CONFIG.motor)
     assert (found.phase_order, found.direction) == (case.phase_order, case.direction)
-    assert found.sign_seen
+    assert found.direction_seen
     error = abs(case.error_points(found, CONFIG))
     assert error < 0.5 + found.friction_rad / POINT_RAD
     assert error < 3 * found.offset_stderr_rad / POINT_RAD
@@ -167,13 +167,13 @@ def test_without_a_torque_sensor_forwards_is_where_the_encoder_counts_up(sweeps:
     noise = np.random.default_rng(1)
     mute = [_with(t, torque_Nm=0.02 * noise.standard_normal(t.size)) for t in sweeps]
     found = align(mute, CONFIG.motor)
-    assert not found.sign_seen
+    assert not found.direction_seen
     assert found.direction == CONFIG.motor.encoder_direction
     true = random_case(1)
     backwards = true.direction != found.direction
     assert (found.phase_order == true.phase_order) != backwards
-    still = torque_answer([_with(t, torque_Nm=np.zeros(t.size)) for t in sweeps], 4096)
-    assert (still.way, still.explained) == (0, (0.0, 0.0))
+    still = torque_response([_with(t, torque_Nm=np.zeros(t.size)) for t in sweeps], 4096)
+    assert (still.direction, still.explained) == (0, (0.0, 0.0))
 
 
 def test_few_stops_one_way_and_rotors_that_swing_are_refused(sweeps: list) -> None:
@@ -221,20 +221,20 @@ def test_angles_go_on_beyond_a_turn() -> None:
 
 def test_stops_are_where_the_command_stays(sweeps: list) -> None:
     rests = rests_of(sweeps, 4096, 8)
-    assert rests.way.size == 4 * 18
+    assert rests.direction.size == 4 * 18
     assert np.ptp(np.abs(rests.vector_A[rests.sweep == 3])) < 1e-5
     turns = rests.electrical_rad[rests.sweep == 2] / (2 * np.pi)
     np.testing.assert_allclose(turns - turns[0], np.arange(18) / 17, atol=1e-6)
-    assert rests_of([sweeps[0][:100]], 4096, 8).way.size == 0
-    assert torque_answer([sweeps[0][:100]], 4096).way == 0
+    assert rests_of([sweeps[0][:100]], 4096, 8).direction.size == 0
+    assert torque_response([sweeps[0][:100]], 4096).direction == 0
 
 
 def test_ticks_between_samples_of_the_encoder_change_nothing(sweeps: list) -> None:
     """Two ticks of three came without a new sample: they repeat the newest, its time included."""
     plain, repeated = (
-        torque_answer([np.repeat(t, often) for t in sweeps], 4096) for often in (1, 3)
+        torque_response([np.repeat(t, often) for t in sweeps], 4096) for often in (1, 3)
     )
-    assert (plain.way, plain.explained) == (repeated.way, repeated.explained)
+    assert (plain.direction, plain.explained) == (repeated.direction, repeated.explained)
 
 
 def test_a_fit_that_does_not_end_is_refused(sweeps: list, monkeypatch: pytest.MonkeyPatch) -> None:
