@@ -40,7 +40,7 @@ def learn(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Learn what the calibration in force leaves in the torque, and apply it.
+    """Learn the residual torque ripple of the calibration in force, and apply it.
 
     Each pass is a run of the plan `learn`; what it teaches is installed before the next, with the
     bench at rest. Ctrl-C aborts the pass, ramping down; what the passes before taught stays.

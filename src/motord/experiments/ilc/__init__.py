@@ -7,7 +7,7 @@ EXPERIMENT = Experiment(
     plans=(
         PlanKind(
             "learn",
-            "the mesh with all that is known applied, once, to learn what is left at each point",
+            "the mesh with the calibration applied, once, to learn the residual of each point",
             LearnConfig(),
             make="motord.experiments.ilc.plan:make",
         ),
@@ -15,8 +15,7 @@ EXPERIMENT = Experiment(
     analyses=(
         AnalysisKind(
             "learn",
-            "Learn from a pass what is left in the torque; -o writes the calibration to apply "
-            "next.",
+            "Learn the residual torque ripple of a pass; -o writes the calibration to apply next.",
             command="motord.experiments.ilc.command:ANALYSIS",
             schema="motord.learn/1",
         ),

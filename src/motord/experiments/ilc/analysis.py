@@ -1,22 +1,22 @@
-"""A pass of learning: from what it left at the operating points to a better calibration."""
+"""A pass of learning: from the residual ripple of the operating points to a better calibration."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Any
 
 import numpy as np
 
-from motord.calibration import Calibration
+from motord.calibration import Calibration, TorqueSpeed
 from motord.config.devices import InverterConfig
 from motord.experiments.asynchronous_findings import asynchronous_line
 from motord.experiments.ilc.estimate import (
     Learning,
-    Left,
-    left_by,
+    ResidualRipple,
     over_orders,
     refine,
     reopened,
+    residual_ripple,
     settled,
     unlearned,
 )
@@ -38,12 +38,12 @@ AT_LIMIT = 0.999
 """Part of its limit from which on a correction is held by it."""
 
 CONSEQUENCE = "it counts as noise of each order, which is not learned"
-"""Of what lines that are not locked to the rotor leave."""
+"""Of lines that are not locked to the rotor."""
 
 
 @dataclass(frozen=True)
 class LearnPass:
-    """What a pass left at the points, in the order in which they were taken, and what comes next.
+    """Residual ripple of the points of a pass, in the order taken, and the calibration after it.
 
     calibration: with the corrections to apply from now on. unreached: what the torque shows and is
     not corrected; reach: how far that goes at each speed, as text. limit_Nm: that no correction
@@ -51,7 +51,7 @@ class LearnPass:
     """
 
     calibration: Calibration
-    left: tuple[Left, ...]
+    residuals: tuple[ResidualRipple, ...]
     unreached: tuple[Unreached, ...] = ()
     reach: tuple[str, ...] = ()
     limit_Nm: float = np.inf
@@ -79,9 +79,9 @@ class LearnPass:
         if at:
             yield Finding(
                 "correction-limited", len(at), 0, "operating points", "serious",
-                f"{listed(at)}: more is left than the {1e3 * self.limit_Nm:.3g} mNm that learning "
-                "may take out: the calibration is of another motor, or the torque has another "
-                "unit or sign",
+                f"{listed(at)}: the residual exceeds the {1e3 * self.limit_Nm:.3g} mNm that "
+                "learning may take out: the calibration is of another motor, or the torque has "
+                "another unit or sign",
                 "check the torque sensor's scale and sign, and calibrate again before learning",
             )  # fmt: skip
 
@@ -168,47 +168,75 @@ def learn(
     The first pass chooses the mesh; later ones must be over the same. Each adds the orders that its
     torque shows.
     """
-    calibration.check_motor(subject.motor, recorded=True)
-    motor, sensor = subject.motor, subject.sensor
-    gain = np.array(calibration.alpha) * calibration.delta_epsilon
-    taken = (_prepared(point, subject) for point in points)
-    seen = seen_points(taken, motor, sensor, gain, learning.hold, learning.highest_order)
-    if not seen:
-        raise AnalysisError("nothing to learn from: no good operating point in there")
+    motor, seen = subject.motor, _seen(points, subject, calibration, learning)
     known = calibration.learned.orders if calibration.learned else ()
     orders = to_learn(seen, motor.pole_pairs, known)
     before = calibration.learned or _empty(seen, orders, learning)
-    left = tuple(left_by(each, orders, motor.rated_torque_Nm) for each in seen)
-    rated_Nm, by_place = motor.rated_torque_Nm, {(s.torque_Nm, s.speed_Hz): s for s in seen}
-    after = {
-        place: over_orders(point, before.orders, orders, by_place.get(place), rated_Nm)
-        for place, point in before.by_place.items()
-    }
-    for rest in left:
-        place = rest.torque_Nm, rest.speed_Hz
-        if place not in after:
-            raise AnalysisError(
-                f"{rest.torque_Nm:g} Nm, {rest.speed_Hz:g} Hz is not a point of the mesh that was "
-                "learned; take the pass over that mesh, or begin with a calibration without "
-                "`learned`"
-            )
-        after[place] = refine(after[place], rest, rated_Nm, learning)
+    residuals = tuple(residual_ripple(each, orders, motor.rated_torque_Nm) for each in seen)
+    widened = _over_orders(before, orders, seen, motor.rated_torque_Nm)
     learned = LearnedTorque(
         torques_Nm=before.torques_Nm,
         speeds_Hz=before.speeds_Hz,
         orders=orders,
-        points=tuple(after.values()),
+        points=_refined(widened, residuals, motor.rated_torque_Nm, learning),
         runs=(*before.runs, *runs),
     )
     one_each = {each.speed_Hz: each for each in seen}
     return LearnPass(
         calibration.with_learned(learned, created),
-        left,
+        residuals,
         unreached=tuple(one for each in seen for one in unreached(each, orders)),
-        reach=tuple(reach_text(one_each[speed], sensor) for speed in sorted(one_each)),
+        reach=tuple(reach_text(one_each[speed], subject.sensor) for speed in sorted(one_each)),
         limit_Nm=learning.limit_share * motor.rated_torque_Nm,
         ripples=tuple(each.ripple for each in seen if each.ripple is not None),
     )
+
+
+def _seen(
+    points: Iterable[PointData], subject: Subject, calibration: Calibration, learning: Learning
+) -> list[SeenRipple]:
+    """Return the ripple of the points with `calibration` applied. Raises AnalysisError for none."""
+    calibration.check_motor(subject.motor, recorded=True)
+    gain, hold = np.array(calibration.alpha) * calibration.delta_epsilon, learning.hold
+    prepared = (_prepared(point, subject) for point in points)
+    seen = seen_points(prepared, subject.motor, subject.sensor, gain, hold, learning.highest_order)
+    if not seen:
+        raise AnalysisError("nothing to learn from: no good operating point in there")
+    return seen
+
+
+def _over_orders(
+    learned: LearnedTorque,
+    orders: tuple[int, ...],
+    seen: Sequence[SeenRipple],
+    rated_torque_Nm: float,
+) -> dict[TorqueSpeed, LearnedPoint]:
+    """Return the learned points over `orders`, which may be more than they were learned over."""
+    by_place = {(each.torque_Nm, each.speed_Hz): each for each in seen}
+    return {
+        place: over_orders(point, learned.orders, orders, by_place.get(place), rated_torque_Nm)
+        for place, point in learned.by_place.items()
+    }
+
+
+def _refined(
+    points: Mapping[TorqueSpeed, LearnedPoint],
+    residuals: Sequence[ResidualRipple],
+    rated_torque_Nm: float,
+    learning: Learning,
+) -> tuple[LearnedPoint, ...]:
+    """Return the points with their residuals learned. Raises AnalysisError for another mesh."""
+    after = dict(points)
+    for residual in residuals:
+        place = residual.torque_Nm, residual.speed_Hz
+        if place not in after:
+            raise AnalysisError(
+                f"{residual.torque_Nm:g} Nm, {residual.speed_Hz:g} Hz is not a point of the mesh "
+                "that was learned; take the pass over that mesh, or begin with a calibration "
+                "without `learned`"
+            )
+        after[place] = refine(after[place], residual, rated_torque_Nm, learning)
+    return tuple(after.values())
 
 
 def finish(done: LearnPass, created: datetime) -> LearnPass:

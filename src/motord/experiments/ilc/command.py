@@ -67,7 +67,7 @@ def text(done: LearnPass) -> Iterator[str | TextTable]:
 
 def summary(done: LearnPass) -> str:
     """Return the newest pass in a line."""
-    errors = [left.rms_percent for left in done.left]
+    errors = [residual.rms_percent for residual in done.residuals]
     still = sum(point.gain > 0 for point in done.learned.points)
     next_step = (
         f"{still} of {len(done.learned.points)} points go on" if still else "all have settled"

@@ -1,4 +1,4 @@
-"""Iterative learning of the harmonics that a calibration leaves in the torque.
+"""Iterative learning control of the residual torque harmonics of a calibration.
 
 At each operating point the correction c_h of order h follows the measured torque error e_h,
 
@@ -21,7 +21,7 @@ from motord.identification.point_ripple import repeating_rms
 from motord.learned import LearnedPoint, Verified
 
 GAIN_MIN = 0.1
-"""Share of the first gain below which a point that went astray is left at its best."""
+"""Share of the first gain below which a point that diverges is settled at its best."""
 
 WORTH_PERCENT = 5.0
 """Improvement of the RMS error that makes a pass worth another, in percent of it."""
@@ -45,8 +45,8 @@ class Learning:
 
 
 @dataclass(frozen=True)
-class Left:
-    """What a pass left at an operating point.
+class ResidualRipple:
+    """Residual torque ripple of an operating point in a pass.
 
     error_Nm (n,): complex amplitudes of the torque error at the learned orders, order h being
     Re(error exp(j h theta)); noise_Nm (n,): their standard errors; both zero beyond the band.
@@ -62,8 +62,10 @@ class Left:
     rms_percent: float
 
 
-def left_by(seen: SeenRipple, orders: tuple[int, ...], rated_torque_Nm: float) -> Left:
-    """Return what is left at a point at the orders that are learned."""
+def residual_ripple(
+    seen: SeenRipple, orders: tuple[int, ...], rated_torque_Nm: float
+) -> ResidualRipple:
+    """Return the residual ripple of a point, over the orders that are learned."""
     highest = min(seen.order.size, seen.highest)
     learned = np.array([order for order in orders if order <= highest], int) - 1
     error_Nm, noise_Nm = np.zeros(len(orders), complex), np.zeros(len(orders))
@@ -72,7 +74,7 @@ def left_by(seen: SeenRipple, orders: tuple[int, ...], rated_torque_Nm: float) -
     rms_Nm, stderr_Nm = repeating_rms(seen.even_odd_Nm[:, learned], seen.noise_Nm[learned])
     all_Nm, _ = repeating_rms(seen.even_odd_Nm, seen.noise_Nm)
     percent = 100 / rated_torque_Nm
-    return Left(
+    return ResidualRipple(
         torque_Nm=seen.torque_Nm,
         speed_Hz=seen.speed_Hz,
         error_Nm=error_Nm,
@@ -97,7 +99,7 @@ def over_orders(
 ) -> LearnedPoint:
     """Return the point over the orders `now`, which has all of those `before`.
 
-    Nothing was corrected at the new ones, so its best pass left there what has just been seen.
+    Nothing was corrected at the new ones, so its best pass had there the ripple that is seen now.
     """
     if before == now:
         return point
@@ -113,7 +115,7 @@ def over_orders(
         rms_percent = best.rms_percent
         if seen is not None:
             new = tuple(order for order in now if order not in before)
-            added_percent = left_by(seen, new, rated_torque_Nm).band_percent
+            added_percent = residual_ripple(seen, new, rated_torque_Nm).band_percent
             rms_percent = float(np.hypot(rms_percent, added_percent))
         values = {"cos_Nm": wider(best.cos_Nm), "sin_Nm": wider(best.sin_Nm)}
         best = best.model_copy(update={**values, "rms_percent": rms_percent})
@@ -121,26 +123,28 @@ def over_orders(
     return point.model_copy(update={**values, "best": best})
 
 
-def refine(point: LearnedPoint, left: Left, rated_torque_Nm: float, step: Learning) -> LearnedPoint:
-    """Return what to apply next, after a pass with the correction of `point` has left `left`."""
+def refine(
+    point: LearnedPoint, residual: ResidualRipple, rated_torque_Nm: float, step: Learning
+) -> LearnedPoint:
+    """Return what to apply next, after a pass with the correction of `point` and its residual."""
     here = Verified(
         cos_Nm=point.cos_Nm,
         sin_Nm=point.sin_Nm,
-        rms_percent=left.band_percent,
-        stderr_percent=left.band_stderr_percent,
+        rms_percent=residual.band_percent,
+        stderr_percent=residual.band_stderr_percent,
     )
-    best, known = here, {"history_percent": (*point.history_percent, left.rms_percent)}
+    best, known = here, {"history_percent": (*point.history_percent, residual.rms_percent)}
     if point.best is not None:
         best = min(point.best, here, key=lambda tried: tried.rms_percent)
         difference = here.rms_percent - point.best.rms_percent
-        doubt = SIGMAS * float(np.hypot(here.stderr_percent, point.best.stderr_percent))
-        if point.gain > 0 and difference > doubt:
+        limit_percent = SIGMAS * float(np.hypot(here.stderr_percent, point.best.stderr_percent))
+        if point.gain > 0 and difference > limit_percent:
             return _back(point.model_copy(update=known), step)
         if point.gain == 0 or -difference < max(
-            doubt, WORTH_PERCENT / 100 * point.best.rms_percent
+            limit_percent, WORTH_PERCENT / 100 * point.best.rms_percent
         ):
             return settled(point.model_copy(update={**known, "best": best}))
-    line_Nm = point.line_Nm + point.gain * _sure(left) * left.error_Nm
+    line_Nm = point.line_Nm + point.gain * _signal_share(residual) * residual.error_Nm
     limit_Nm = step.limit_share * rated_torque_Nm
     line_Nm *= min(1.0, limit_Nm / max(float(np.abs(line_Nm).sum()), 1e-12))
     return _with(point.model_copy(update={**known, "best": best}), line_Nm)
@@ -167,10 +171,10 @@ def _back(point: LearnedPoint, step: Learning) -> LearnedPoint:
     return _with(point.model_copy(update={"gain": gain}), (point.line_Nm + best_Nm) / 2)
 
 
-def _sure(left: Left) -> np.ndarray:
-    """Return which share of each order's error is not noise (n,)."""
-    size = np.abs(left.error_Nm) ** 2
-    return np.asarray(np.maximum(1 - left.noise_Nm**2 / np.maximum(size, 1e-30), 0.0))
+def _signal_share(residual: ResidualRipple) -> np.ndarray:
+    """Return w_h (n,): the share of each order's squared error that is not noise."""
+    size = np.abs(residual.error_Nm) ** 2
+    return np.asarray(np.maximum(1 - residual.noise_Nm**2 / np.maximum(size, 1e-30), 0.0))
 
 
 def _with(point: LearnedPoint, line_Nm: np.ndarray) -> LearnedPoint:

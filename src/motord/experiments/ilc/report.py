@@ -26,17 +26,15 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float
     truth: RMS error of the true torque in percent in every pass, the first with the calibration
     alone; by default the errors are those that the passes measured.
     """
-    measured = "measured torque, freed of noise and of what sampling folds into it,"
-    meaning = "true torque" if truth else measured
+    meaning = "measured torque, without noise and aliases," if not truth else "true torque"
     learned = {
         place: point for place, point in done.learned.by_place.items() if point.history_percent
     }
+    passes = {place: point.history_percent for place, point in learned.items()}
     if truth:
         passes = {place: tuple(errors[place] for errors in truth) for place in truth[0]}
-    else:
-        passes = {place: point.history_percent for place, point in learned.items()}
     panels = _panels(done, passes, measured=not truth)
-    page.heading("Learning what the calibration leaves")
+    page.heading("Learning the residual torque ripple")
     page.picture(
         rms_error(panels),
         f"RMS error of the {meaning}, Poels 2008, eq. (4.16), in percent of rated "
@@ -45,8 +43,8 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float
     page.picture(
         convergence(passes),
         f"RMS error of the {meaning} in each pass, one line an operating point. The "
-        "first pass has the calibration alone; each of the others has what those before it "
-        "taught. A point that gains no more keeps its best correction. Lines at 1 and at 0.2 %.",
+        "first pass has the calibration alone; each of the others has what was learned in those "
+        "before it. A point that gains no more keeps its best correction. Lines at 1 and at 0.2 %.",
     )
     page.picture(
         corrections(done.learned.orders, learned),
@@ -56,19 +54,22 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float
     )
     page.points([*done.reach, *in_lines(done.unreached)])
     page.table(
-        ["", *(f"{title} (%)" for title, _ in panels)],
-        [
-            ["mean", *(f"{sum(errors.values()) / len(errors):.3f}" for _, errors in panels)],
-            ["worst", *(f"{max(errors.values()):.3f}" for _, errors in panels)],
-        ],
-        numbers=True,
+        ["", *(f"{title} (%)" for title, _ in panels)], _mean_and_worst(panels), numbers=True
     )
+
+
+def _mean_and_worst(panels: Sequence[tuple[str, Mapping[TorqueSpeed, float]]]) -> list[list[str]]:
+    """Return the rows of mean and largest RMS error, percent."""
+    return [
+        ["mean", *(f"{sum(errors.values()) / len(errors):.3f}" for _, errors in panels)],
+        ["worst", *(f"{max(errors.values()):.3f}" for _, errors in panels)],
+    ]
 
 
 def _panels(
     done: LearnPass, passes: Mapping[TorqueSpeed, Sequence[float]], *, measured: bool
 ) -> list[tuple[str, dict[TorqueSpeed, float]]]:
-    """Return title and RMS errors of what came about one after the other, as far as it is known."""
+    """Return title and RMS errors without compensation, calibrated and learned, where known."""
     panels = [
         ("Calibrated", {place: errors[0] for place, errors in passes.items()}),
         ("Learned", {place: errors[-1] for place, errors in passes.items()}),

@@ -180,7 +180,7 @@ def test_the_command_writes_the_next_calibration_and_a_page(
     assert code == 0
     assert "2 of 2 points go on" in out
     assert load(tmp_path / "n.json").learned is not None
-    assert "Learning what the calibration leaves" in (tmp_path / "r.html").read_text()
+    assert "Learning the residual torque ripple" in (tmp_path / "r.html").read_text()
     code, out, _ = invoke(app, "learn", path, *options[:2], "--finish", "--json")
     result = json.loads(out)
     assert result["schema"] == "motord.learn/1"
@@ -198,6 +198,6 @@ def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
 
     done = learned_from(*first)
     rms = RmsErrors.of((RmsPoint(torque_Nm=3.0, speed_Hz=0.8, before=7.0),))
-    learned = LearnPass(done.calibration.with_rms_error(rms), done.left)
+    learned = LearnPass(done.calibration.with_rms_error(rms), done.residuals)
     report(learned).write(tmp_path / "r.html")
     assert "Without compensation (%)" in (tmp_path / "r.html").read_text()

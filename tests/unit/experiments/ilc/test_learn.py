@@ -152,7 +152,7 @@ def test_a_correction_at_its_limit_is_not_installed(
     code, _, error = run("--passes", 2)
     assert code == 1
     assert "pass 1: " in error
-    assert "more is left than the 600 mNm" in error
+    assert "the residual exceeds the 600 mNm" in error
     assert "stays in force" in error
     assert not daemon.installed
 
