@@ -152,7 +152,7 @@ def _orders(found: MeasuredBackEmf) -> Iterator[Finding]:
 def _motion(driven: Sequence[Driven]) -> Iterator[Finding]:
     jerky = [one for one in driven if one.jerky]
     if jerky:
-        worst = max(one.left_rad / one.rounding_rad for one in jerky)
+        worst = max(one.residual_rms_rad / one.rounding_rad for one in jerky)
         at = ", ".join(f"{one.direction * one.speed_Hz:.3g} /s" for one in jerky)
         yield Finding(
             "jerky-motion", worst / sqrt(12), JERKY / sqrt(12), "counts", "serious",

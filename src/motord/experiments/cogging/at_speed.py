@@ -57,14 +57,14 @@ class SpeedCogging:
     order (n,), line_Nm (n,), stderr_Nm (n,): the fitted orders, per component; spectrum_Nm (m,):
     lines of all orders 1 to m; noise_Nm (m,): level of noise per component in the spectrum.
     speed_ripple: (largest - smallest) / (2 mean) speed. direction: 1 or -1; jerky: the counted
-    angle was used; motion_left_counts: RMS of what the smooth motion leaves of it.
+    angle was used; motion_residual_counts: RMS residual of the smooth motion.
     """
 
     speed_set_Hz: float
     speed_Hz: float
     direction: int
     jerky: bool
-    motion_left_counts: float
+    motion_residual_counts: float
     turns: int
     speed_ripple: float
     order: np.ndarray
@@ -91,15 +91,7 @@ def at_speed(
 ) -> SpeedCogging:
     """Return the cogging torque at the allowed orders and at `others`. Raises IdentifyError."""
     highest = highest_order(driven, motor, sensor)
-    poles = 2 * motor.pole_pairs
-    allowed = allowed_orders(motor.slots, poles, highest)
-    if not allowed:
-        raise IdentifyError(
-            f"{driven.label}: {driven.samples_per_turn} samples a turn and {motor.counts} counts "
-            f"show orders up to {highest}; {motor.slots} slots and {poles} poles have none below "
-            f"{min(motor.slots, poles)}: turn slower or sample faster"
-        )
-    order = np.array(sorted({*allowed, *(o for o in others if o <= highest)}))
+    order = _fitted_orders(driven, motor, highest, others)
     end = driven.turns[-1][1]
     angle_rad, speed_rad_s = _angle_and_speed(driven, end)
     columns = _columns(order, driven, angle_rad, speed_rad_s, sensor)
@@ -122,7 +114,7 @@ def at_speed(
         speed_Hz=driven.speed_Hz,
         direction=driven.direction,
         jerky=driven.jerky,
-        motion_left_counts=driven.left_rad * motor.counts / (2 * np.pi),
+        motion_residual_counts=driven.residual_rms_rad * motor.counts / (2 * np.pi),
         turns=len(driven.turns),
         speed_ripple=float(np.ptp(speeds) / (2 * speeds.mean())),
         order=order,
@@ -144,6 +136,21 @@ def standing_out(found: Sequence[SpeedCogging]) -> tuple[int, ...]:
     order = np.argsort(-ratio) + 1
     out = [int(o) for o in order if ratio[o - 1] > STANDS_OUT and int(o) not in fitted]
     return tuple(sorted(out[:MOST_OTHERS]))
+
+
+def _fitted_orders(
+    driven: Driven, motor: MotorConfig, highest: int, others: Sequence[int]
+) -> np.ndarray:
+    """Return the orders up to `highest` to fit. Raises IdentifyError without an allowed one."""
+    poles = 2 * motor.pole_pairs
+    allowed = allowed_orders(motor.slots, poles, highest)
+    if not allowed:
+        raise IdentifyError(
+            f"{driven.label}: {driven.samples_per_turn} samples a turn and {motor.counts} counts "
+            f"show orders up to {highest}; {motor.slots} slots and {poles} poles have none below "
+            f"{min(motor.slots, poles)}: turn slower or sample faster"
+        )
+    return np.array(sorted({*allowed, *(o for o in others if o <= highest)}))
 
 
 def _angle_and_speed(driven: Driven, end: int) -> tuple[np.ndarray, np.ndarray]:
@@ -232,7 +239,7 @@ def _spectrum(
     sensor: TorqueSensorConfig,
     highest: int,
 ) -> np.ndarray:
-    """Return the lines of orders 1 to `highest` of what the fit leaves, freed of the sensor."""
+    """Return the lines of the residual at orders 1 to `highest`, before the sensor."""
     cell = np.rint(angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64) % motor.counts
     order = np.arange(1, highest + 1)
     seen = response(sensor, order * driven.speed_Hz) * cell_gain(order, motor.counts)

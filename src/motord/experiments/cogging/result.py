@@ -55,7 +55,7 @@ class SpeedResult:
     JSON: ClassVar = (
         "speed_set_Hz=measured.speed_set_Hz", "speed_Hz=measured.speed_Hz",
         "direction=measured.direction", "turns=measured.turns", "speed_ripple_percent",
-        "jerky=measured.jerky", "motion_left_counts=measured.motion_left_counts", "noise_Nm",
+        "jerky=measured.jerky", "motion_left_counts=measured.motion_residual_counts", "noise_Nm",
         "worst_error_percent", "harmonics",
     )  # fmt: skip
 

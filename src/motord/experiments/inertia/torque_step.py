@@ -116,8 +116,8 @@ def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorCo
 
 def _since_step(ticks: np.ndarray, name: str) -> tuple[np.ndarray, int]:
     """Return times (s) from the step on, and the sample at which it begins."""
-    pushed = np.flatnonzero(ticks["torque_set_Nm"])
-    begin = int(pushed[0]) - 1 if pushed.size else 0
+    commanded = np.flatnonzero(ticks["torque_set_Nm"])
+    begin = int(commanded[0]) - 1 if commanded.size else 0
     if begin < 1:
         raise IdentifyError(f"{name}: no step of torque from rest")
     t_s = (ticks["t_ns"].astype(np.int64) - int(ticks["t_ns"][begin])) * 1e-9
@@ -133,18 +133,18 @@ def _torque_since(
 ) -> np.ndarray:
     """Return the torque (Nm) from sample `begin` on, less that at rest.
 
-    At rest the sensor's output is what drift makes of it, plus what is left of the last movement,
-    which dies away with the sensor's time constant.
+    At rest the sensor's output is its drift plus the decay of the last movement's torque, with the
+    time constant of the sensor's high-pass.
     """
     tau_s = sensor.highpass_time_constant_s
     rest_s = t_s[:begin]
     if tau_s <= 0:
         return np.asarray(measured_Nm[begin:] - measured_Nm[:begin].mean())
-    dying = np.exp(-rest_s / tau_s)
-    columns = np.column_stack([np.ones_like(rest_s), dying])
-    (steady_Nm, left_Nm), *_ = np.linalg.lstsq(columns, measured_Nm[:begin], rcond=None)
+    decay = np.exp(-rest_s / tau_s)
+    columns = np.column_stack([np.ones_like(rest_s), decay])
+    (steady_Nm, decayed_Nm), *_ = np.linalg.lstsq(columns, measured_Nm[:begin], rcond=None)
     seen_Nm = measured_Nm[begin:] - steady_Nm
-    return np.asarray(seen_Nm - left_Nm + _integral(seen_Nm, t_s[begin:]) / tau_s)
+    return np.asarray(seen_Nm - decayed_Nm + _integral(seen_Nm, t_s[begin:]) / tau_s)
 
 
 def _fit(

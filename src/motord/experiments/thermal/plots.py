@@ -21,14 +21,14 @@ def temperatures(found: ThermalConstants) -> Figure:
             course.readings.items(), found.fit.fitted_C, found.fit.residuals_K, found.steady,
             strict=True,
         )  # fmt: skip
-        for (node, each), fitted_C, left_K, steady in every:
+        for (node, each), fitted_C, residual_K, steady in every:
             colour, some = COLOURS[node], slice(None, None, max(each.t_s.size // DOTS, 1))
             minutes = each.t_s / 60
             upper.plot(
                 minutes[some], each.value_C[some], ".", color=colour, markersize=3.0, alpha=0.5
             )
             upper.plot(minutes, fitted_C, color=colour, linewidth=1.2, label=each.channel)
-            lower.plot(minutes, left_K, ".", color=colour, markersize=1.5, alpha=0.6)
+            lower.plot(minutes, residual_K, ".", color=colour, markersize=1.5, alpha=0.6)
             if steady.steady_C is not None:
                 _steady(upper, steady.steady_C, course.heating_s / 60, colour)
         if course.ambient is not None:

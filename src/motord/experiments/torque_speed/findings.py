@@ -153,10 +153,8 @@ def _drifts(points: Sequence[OperatingPower]) -> Iterator[tuple[float, float, Op
     """Yield drifts of the losses that chance does not make, and what they may be."""
     for one in points:
         drift_W = abs(one.loss_drift_W)
-        if (
-            drift_W
-            > t_quantile(CONFIDENCE_LEVEL, freedom_of_blocks(one.blocks)) * one.loss_drift_stderr_W
-        ):
+        factor = t_quantile(CONFIDENCE_LEVEL, freedom_of_blocks(one.blocks))
+        if drift_W > factor * one.loss_drift_stderr_W:
             yield drift_W, DRIFT_PART * abs(one.loss.value or 0.0), one
 
 

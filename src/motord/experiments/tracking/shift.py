@@ -97,11 +97,12 @@ def tracked_shift(
     prior = np.eye(size + 3)[[DELAY, ZOH, *range(size - 1, size + 3)]]
     prior[2, :size] = _common_gain(gain, size)
     fit = LineFit(
-        groups_Nm=[np.array([one.left_Nm[:highest] for one in point]) for point in points],
+        groups_Nm=[np.array([one.residual_Nm[:highest] for one in point]) for point in points],
         columns=np.concatenate([columns, drift], axis=1),
         prior=prior,
         model_Nm=np.hypot(
-            MODEL_ACCURACY * motor.rated_torque_Nm / 3**0.5, _held_Nm(points, harmonics, highest)
+            MODEL_ACCURACY * motor.rated_torque_Nm / 3**0.5,
+            _hold_error_Nm(points, harmonics, highest),
         ),
         lowest_order=min(motor.pole_pairs, highest),
         weights=weights,
@@ -118,18 +119,18 @@ def tracked_shift(
     )
 
 
-def _held_Nm(points: Points, harmonics: Sequence[Harmonic], highest: int) -> np.ndarray:
-    """Return what the model lacks of currents that are held for a period (highest,), at each order.
+def _hold_error_Nm(points: Points, harmonics: Sequence[Harmonic], highest: int) -> np.ndarray:
+    """Return the error (highest,) of the model of the zero-order hold, at each order.
 
-    They make up for an order h of the cogging torque of amplitude A; the age of the currents and
-    the hold correction are good to second order in w = h velocity period, A w^3 / 6 is left.
+    For an order h of the cogging torque of amplitude A, the age of the currents and the correction
+    of the hold are good to second order in w = h velocity period; the remainder is A w^3 / 6.
     """
     windows = [one for point in points for one in point]
     turned_rad = max(abs(one.velocity_rad_s) * one.period_s for one in windows)
-    held_Nm = np.zeros(highest)
+    hold_error_Nm = np.zeros(highest)
     for one in harmonics:
-        held_Nm[one.order - 1] = abs(one.amplitude_Nm) * (one.order * turned_rad) ** 3 / 6
-    return held_Nm
+        hold_error_Nm[one.order - 1] = abs(one.amplitude_Nm) * (one.order * turned_rad) ** 3 / 6
+    return hold_error_Nm
 
 
 def _common_gain(gain: np.ndarray, size: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A window of whole turns as lines over the turn: what the calibration leaves, and commands."""
+"""A window of whole turns as lines over the turn: residual of the calibration, and commands."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ from motord.identification.torque_sensor import MountInverse, order_below_resona
 class WindowLines:
     """Complex lines of orders 1 to h over the turn, order h being Re(line exp(j h theta)).
 
-    left_Nm (h,): what the calibration's model, with the sensed currents, leaves of the torque;
+    residual_Nm (h,): torque less that of the calibration's model with the sensed currents;
     command_A (h + 1, 3): commanded currents, from order 0 on. torque_Nm: the set-point;
     velocity_rad_s: mean, negative backwards; turns: whole ones; period_s: of sampling.
     """
@@ -31,13 +31,13 @@ class WindowLines:
     velocity_rad_s: float
     period_s: float
     turns: int
-    left_Nm: np.ndarray
+    residual_Nm: np.ndarray
     command_A: np.ndarray
 
     @property
     def highest(self) -> int:
         """The highest order that the window resolves."""
-        return int(self.left_Nm.size)
+        return int(self.residual_Nm.size)
 
 
 class WindowModel:
@@ -65,10 +65,10 @@ class WindowModel:
         mount = MountInverse.of(self._sensor, samples.period_s, band_Hz)
         torque_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
         flowing_A = samples.i_A * self._gain + self._calibration.beta_A
-        made_Nm = (flowing_A * self._back_emf[samples.count]).sum(axis=1)
-        left_Nm = torque_Nm - made_Nm - self._cogging_Nm[samples.count]
+        model_Nm = (flowing_A * self._back_emf[samples.count]).sum(axis=1)
+        residual_Nm = torque_Nm - model_Nm - self._cogging_Nm[samples.count]
         here = samples.count[samples.whole] * self._bins // self._motor.counts
-        columns = [without_drift(samples, left_Nm), *samples.command_A[samples.whole].T]
+        columns = [without_drift(samples, residual_Nm), *samples.command_A[samples.whole].T]
         lines = lines_at(here, np.array(columns), self._bins, highest).T.copy()
         lines *= self._first_count_to_middle(highest)[:, None]
         return WindowLines(
@@ -77,11 +77,11 @@ class WindowModel:
             velocity_rad_s=2 * np.pi * samples.velocity_Hz,
             period_s=samples.period_s,
             turns=len(samples.turns),
-            left_Nm=lines[1:, 0],
+            residual_Nm=lines[1:, 0],
             command_A=lines[:, 1:],
         )
 
     def _first_count_to_middle(self, highest: int) -> np.ndarray:
-        """Return what turns lines (highest + 1,) at a bin's first count to those at its middle."""
+        """Return the factor (highest + 1,) of lines from a bin's first count to its middle."""
         behind = (1 / self._bins - 1 / self._motor.counts) / 2
         return np.asarray(np.exp(-2j * np.pi * np.arange(highest + 1) * behind))

@@ -28,7 +28,7 @@ LEAST_RIPPLE_ORDERS, MOST_RIPPLE_ORDERS = 64, 256
 """Speed ripple is looked for up to a little above twice the main order, within these bounds."""
 
 JERKY = 2.0
-"""What a smooth motion leaves, over the encoder's rounding, from which on there is none."""
+"""Residual of a smooth motion, over the encoder's rounding, beyond which the rotor is jerky."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Driven:
 
     t_s (n,); direction: 1 or -1; turns: (first, end) of each whole turn of that direction, as
     places in these n; motion: of all n. grid: points a turn of the angle, 0 if it has none;
-    rounding_rad: RMS of the encoder's rounding; left_rad: RMS of what the smooth motion leaves of
-    the measured angle, of that part which samples share with the next: noise has none.
+    rounding_rad: RMS of the encoder's rounding; residual_rms_rad: of the measured angle less the
+    smooth motion, root of its covariance with the next sample's, to which noise adds nothing.
     back_emf_factor: that of the point; faults: what is wrong with its signals.
     """
 
@@ -51,14 +51,14 @@ class Driven:
     motion: Motion
     grid: int
     rounding_rad: float
-    left_rad: float
+    residual_rms_rad: float
     back_emf_factor: float = 1.0
     faults: tuple[SignalFault, ...] = ()
 
     @property
     def jerky(self) -> bool:
         """Whether the smooth motion does not explain the encoder: the rotor sticks and slips."""
-        return bool(self.left_rad > JERKY * self.rounding_rad)
+        return bool(self.residual_rms_rad > JERKY * self.rounding_rad)
 
     @property
     def period_s(self) -> float:
@@ -161,7 +161,7 @@ def _segment(
         raise IdentifyError(f"{label}: fewer than 8 samples in a turn; sample faster")
     at_s = t_s[part] - t_s[lead]
     motion = Motion.of(at_s, position_rad[part], turns, grid, _ripple_orders(motor))
-    left_rad = motion.residual_rad(np.concatenate([np.arange(*turn) for turn in turns]))
+    residual_rad = motion.residual_rad(np.concatenate([np.arange(*turn) for turn in turns]))
     driven = Driven(
         label=label,
         speed_set_Hz=point.speed_Hz or speed_Hz,
@@ -172,7 +172,9 @@ def _segment(
         motion=motion,
         grid=grid,
         rounding_rad=float(2 * np.pi / motor.counts / np.sqrt(12)),
-        left_rad=float(np.sqrt(max(float(np.mean(left_rad[1:] * left_rad[:-1])), 0.0))),
+        residual_rms_rad=float(
+            np.sqrt(max(float(np.mean(residual_rad[1:] * residual_rad[:-1])), 0.0))
+        ),
         back_emf_factor=point.back_emf_factor,
     )
     _check_no_current(driven, motor)

@@ -85,10 +85,10 @@ class Motion:
             spacing = max(per_turn // knots, SAMPLES_PER_KNOT)
             motion = cls._with(t_s, position_rad, places, grid, spacing, per_turn, ripple_orders)
             found_rad, _ = motion.at(t_s[places])
-            left_rad = float(np.std(position_rad[places] - found_rad))
-            if best is not None and left_rad > GAIN * rest_rad:
+            residual_rms_rad = float(np.std(position_rad[places] - found_rad))
+            if best is not None and residual_rms_rad > GAIN * rest_rad:
                 break
-            best, rest_rad = motion, left_rad
+            best, rest_rad = motion, residual_rms_rad
             if rest_rad <= least_rad or spacing == SAMPLES_PER_KNOT:
                 break
         assert best is not None

@@ -11,8 +11,8 @@ from motord.experiments.calibration.estimate.lack_of_fit import analysis as lack
 from motord.experiments.calibration.estimate.lack_of_fit import departures
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import (
     LackOfFit,
-    LeftOrder,
-    left_orders,
+    ResidualOrder,
+    residual_orders,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.findings import findings
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
@@ -106,7 +106,7 @@ def test_cogging_at_three_times_the_pole_pairs_may_be_a_common_offset(seed: int)
 
 
 def test_two_points_do_not_show_how_what_is_left_grows() -> None:
-    left = LeftOrder(order=6, rms_Nm=0.1, noise_Nm=0.01, power=1, p_value=1e-9)
+    left = ResidualOrder(order=6, rms_Nm=0.1, noise_Nm=0.01, power=1, p_value=1e-9)
     lines = np.zeros((2, 8))
     for points, few in ((2, True), (4, False)):
         fit = LackOfFit(
@@ -123,7 +123,7 @@ def test_without_the_search_for_departures_an_eccentric_encoder_passes_for_somet
 ) -> None:
     """The broken twin: what the test above would see if nothing were looked for."""
     monkeypatch.setattr(departures, "MAX_CAUSES", 0)
-    monkeypatch.setattr(lack_of_fit, "left_orders", lambda *_: ())
+    monkeypatch.setattr(lack_of_fit, "residual_orders", lambda *_: ())
     result, truth = calibrated("independent", ROWS["encoder 0.5 deg once"], 1, mesh=MESH)
     assert result.findings == ()
     assert errors_over_half_widths(result, truth).max() > 10
@@ -150,7 +150,7 @@ def test_noise_alone_is_rarely_taken_for_an_order() -> None:
         residual = parts[0] + 1j * parts[1]
         freedom = 2 * SMOOTHED_ORDERS
         noise = np.sqrt(rng.chisquare(freedom, size=(points, orders)) / freedom)
-        found += bool(left_orders(torque_Nm, residual, noise))
+        found += bool(residual_orders(torque_Nm, residual, noise))
     assert found <= 6  # 0.2 % expected of 300
 
 
@@ -161,7 +161,7 @@ def test_an_order_that_stands_out_is_found_with_its_growth() -> None:
     residual = (rng.normal(size=(4, 100)) + 1j * rng.normal(size=(4, 100))) / np.sqrt(2)
     for order, power in ((10, 0), (20, 1), (30, 2)):
         residual[:, order - 1] += 30 * torque_Nm**power / (torque_Nm**power).max()
-    found = left_orders(torque_Nm, residual, noise)
+    found = residual_orders(torque_Nm, residual, noise)
     assert [(one.order, one.power) for one in found] == [(10, 0), (20, 1), (30, 2)]
 
 

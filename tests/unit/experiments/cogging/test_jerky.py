@@ -39,7 +39,7 @@ def test_the_counted_angles_give_the_cogging_torque(highpass_s: float) -> None:
     assert np.mean(np.abs(ratio) < 1) >= 5 / 6
     assert [one.direction for one in found.speeds] == [1, -1]
     assert all(one.jerky for one in found.speeds)
-    assert max(one.motion_left_counts for one in found.speeds) > 10
+    assert max(one.motion_residual_counts for one in found.speeds) > 10
     assert names(found) == {"jerky-motion"}
 
 

@@ -33,8 +33,8 @@ from motord.intervals import LEVEL, f_quantile
 class PredictedRipple:
     """RMS ripple over turn and set-points, percent of rated torque.
 
-    percent: root of the mean square that the errors' covariance leaves; upper_percent: what is
-    left is below it with a probability of 95 %.
+    percent: root of the mean square that the errors' covariance makes; upper_percent: the ripple
+    is below it with a probability of 95 %.
     """
 
     percent: float
@@ -59,7 +59,7 @@ class PredictedRipple:
 def predicted_ripple(
     fitted: JointFit, orders: Sequence[int], motor: MotorConfig, torques_Nm: Sequence[float]
 ) -> PredictedRipple:
-    """Return the ripple that a fit's own errors leave at set-points; orders: of its cogging."""
+    """Return the ripple by the errors of a fit at set-points; orders: of its cogging."""
     form = ripple_form(fitted.solution, orders, motor, torques_Nm)
     return PredictedRipple.of(fitted.errors, form)
 
@@ -71,18 +71,18 @@ def ripple_form(
 
     The mean over the set-points.
     """
-    left = _left(solution, orders, motor)
-    products = (left @ left.T).reshape(2, len(left) // 2, 2, -1)
+    ripple = _unit_ripple(solution, orders, motor)
+    products = (ripple @ ripple.T).reshape(2, len(ripple) // 2, 2, -1)
     still, per_Nm, cross = products[0, :, 0], products[1, :, 1], products[0, :, 1]
     squares = still + np.mean(torques_Nm) * (cross + cross.T)
     squares = squares + np.mean(np.square(torques_Nm)) * per_Nm
-    return np.asarray(squares * (100 / motor.rated_torque_Nm) ** 2 / left.shape[1])
+    return np.asarray(squares * (100 / motor.rated_torque_Nm) ** 2 / ripple.shape[1])
 
 
-def _left(solution: Solution, orders: Sequence[int], motor: MotorConfig) -> np.ndarray:
-    """Return what unit errors leave over the turn: at no torque, then per Nm (2 (p + 1), counts).
+def _unit_ripple(solution: Solution, orders: Sequence[int], motor: MotorConfig) -> np.ndarray:
+    """Return the torque of unit errors over the turn: at no torque, then per Nm, without means.
 
-    Without means.
+    Shape (2 (p + 1), counts).
     """
     k, w = motor.back_emf_table().T, currents_per_Nm(motor).T
     if motor.connection == "star":
@@ -90,13 +90,13 @@ def _left(solution: Solution, orders: Sequence[int], motor: MotorConfig) -> np.n
     turned_rad = np.outer(orders, 2 * np.pi * np.arange(motor.counts) / motor.counts)
     waves = np.stack([np.cos(turned_rad), np.sin(turned_rad)], axis=1).reshape(-1, motor.counts)
     cogging_Nm = solution.theta[FIRST_COGGING:] @ waves
-    left = np.zeros((2, solution.vector.size, motor.counts))
-    still, per_Nm = left
+    ripple = np.zeros((2, solution.vector.size, motor.counts))
+    still, per_Nm = ripple
     still[ALPHA] = k * (cogging_Nm * w + solution.theta[BETA, None])
     per_Nm[ALPHA] = -k * w
     still[BETA] = -k
     still[FIRST_COGGING:-1] = -waves
-    left[:, -1] = left[:, ALPHA].sum(axis=1) / solution.delta_epsilon
-    left[:, ALPHA] /= solution.alpha[:, None]
-    left -= left.mean(axis=2, keepdims=True)
-    return left.reshape(-1, motor.counts)
+    ripple[:, -1] = ripple[:, ALPHA].sum(axis=1) / solution.delta_epsilon
+    ripple[:, ALPHA] /= solution.alpha[:, None]
+    ripple -= ripple.mean(axis=2, keepdims=True)
+    return ripple.reshape(-1, motor.counts)

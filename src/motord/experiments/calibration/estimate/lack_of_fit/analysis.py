@@ -1,8 +1,9 @@
-"""Lack of fit: what the joint estimator leaves at each order of the turn, beyond noise, and why.
+"""Lack of fit: residuals of the joint estimator at each order of the turn, beyond noise, and why.
 
-rest_h(p) is the line that the model leaves at order h of operating point p. Departures that leave a
-pattern over orders and points come first (`departures`); what they do not explain is listed by
-order, where it is alike at all points but for a growth with the torque.
+A residual is the complex line of order h at operating point p. Departures of the bench from the
+model with a known pattern over orders and points come first (`departures`); residuals that they do
+not explain are listed by order, where they are alike at all points but for a growth with the
+torque.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -50,7 +51,7 @@ POWERS = (0, 1, 2)
 
 
 @dataclass(frozen=True)
-class LeftOrder:
+class ResidualOrder:
     """An order at which the residual is more than noise.
 
     rms_Nm, noise_Nm: over the operating points. power: of the torque, 0, 1 or 2, with which it
@@ -70,9 +71,9 @@ class LackOfFit:
 
     groups_Nm: of each point, the lines (groups, orders) of groups of its turns.
     torque_Nm (points,): set-points. caused_Nm (points, orders): lines of the causes, at these
-    parameters; left_Nm: lines that are left where model and causes are fitted together, left: the
-    orders at which they are more than noise; dispersion: root of their mean square at the model's
-    own orders, over the noise. sensitivities: to departures that were not found.
+    parameters; unexplained_Nm: residual lines of model and causes fitted together,
+    unexplained_orders: at which they exceed the noise; dispersion: root of their mean square at
+    the model's own orders, over the noise. sensitivities: to departures that were not found.
     """
 
     torque_Nm: np.ndarray
@@ -80,15 +81,15 @@ class LackOfFit:
     noise_Nm: np.ndarray
     groups_Nm: Sequence[np.ndarray]
     caused_Nm: np.ndarray
-    left_Nm: np.ndarray
+    unexplained_Nm: np.ndarray
     causes: tuple[Cause, ...]
-    left: tuple[LeftOrder, ...]
+    unexplained_orders: tuple[ResidualOrder, ...]
     dispersion: float
     sensitivities: tuple[EffectSensitivity, ...]
 
     @property
     def minor(self) -> tuple[int, ...]:
-        """Orders at which no more is left than the second order of the causes."""
+        """Orders at which the residual is within the second order of the causes."""
         power = (np.abs(self.residual_Nm - self.caused_Nm) ** 2).mean(axis=0)
         largest = (np.abs(self.caused_Nm) ** 2).mean(axis=0).max()
         return tuple((np.flatnonzero(power <= MINOR_SHARE**2 * largest) + 1).tolist())
@@ -96,7 +97,7 @@ class LackOfFit:
 
 @dataclass(frozen=True)
 class FitResidual:
-    """What a fit leaves of the points' torque, with the effects of all departures on it.
+    """Residual of a fit, with the effects of all departures on it.
 
     own (points, p, orders): the model's columns; subspace (p, k): what is seen of its parameters.
     """
@@ -110,16 +111,17 @@ class FitResidual:
 
     @classmethod
     def of(cls, regression: Regression, fitted: JointFit, motor: MotorConfig) -> "FitResidual":
-        """Return what a fit leaves."""
+        """Return the residual of a fit."""
         theta = fitted.solution.theta
-        groups_Nm, noise_Nm = _rest(regression, theta)
+        groups_Nm, noise_Nm = _residual_lines(regression, theta)
         residual_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
         models = point_models(regression, theta, residual_Nm.shape[1])
         own = model_columns(models, regression, theta[ALPHA])
         law = kirchhoff_rows(regression, theta)
         prior = np.eye(theta.size)[[DELAY, ZOH]]
         further = np.concatenate([prior, law.columns(theta.size)])
-        # what is nearly seen is in the intervals: here it is open, or its error is a departure
+        # a direction that is nearly identifiable has its error in the intervals: here it is free,
+        # or that error would look like a departure
         subspace = fitted.identifiable.opened().subspace(theta.size)
         rows = ResidualRows(
             residual_Nm=residual_Nm,
@@ -137,7 +139,7 @@ class FitResidual:
         return cls(regression, motor.pole_pairs, models, own, subspace, evidence)
 
     def explained(self) -> "LackOfFit":
-        """Return what of it which departures explain."""
+        """Return which departures explain it, and how much of it."""
         found = explain(self.evidence, self.subspace)
         like_offsets = self._with_orders((self.pole_pairs, 3 * self.pole_pairs))
         return self._lack_of_fit(found, _sensitivities(like_offsets, found, self.subspace))
@@ -162,23 +164,25 @@ class FitResidual:
         self, explanation: ExplainedFit, sensitivities: Iterable[EffectSensitivity]
     ) -> "LackOfFit":
         rows, found = self.evidence.rows, explanation.causes
-        left_Nm = explanation.fitted.left_lines(rows)
+        unexplained_Nm = explanation.fitted.residual_lines(rows)
         torque_Nm = np.array([point.torque_set_Nm for point in self.regression.points])
-        left = left_orders(torque_Nm, left_Nm, rows.noise_Nm)
+        beyond_noise = residual_orders(torque_Nm, unexplained_Nm, rows.noise_Nm)
         if found:
-            left = tuple(one for one in left if one.rms_Nm > MINOR_SHARE * found[0].rms_Nm)
+            beyond_noise = tuple(
+                one for one in beyond_noise if one.rms_Nm > MINOR_SHARE * found[0].rms_Nm
+            )
         known = self.regression.basis.orders[: self.regression.orders]
         modelled = _modelled(self.own[:, :FIRST_COGGING], known)
-        squares = (np.abs(left_Nm[:, modelled]) / rows.noise_Nm[:, modelled]) ** 2
+        squares = (np.abs(unexplained_Nm[:, modelled]) / rows.noise_Nm[:, modelled]) ** 2
         return LackOfFit(
             torque_Nm=torque_Nm,
             residual_Nm=rows.residual_Nm,
             noise_Nm=rows.noise_Nm,
             groups_Nm=rows.groups_Nm,
             caused_Nm=explanation.caused_Nm,
-            left_Nm=left_Nm,
+            unexplained_Nm=unexplained_Nm,
             causes=found,
-            left=left,
+            unexplained_orders=beyond_noise,
             dispersion=max(float(np.sqrt(squares.mean())), 1.0),
             sensitivities=tuple(sensitivities),
         )
@@ -197,14 +201,16 @@ def _sensitivities(
 
 
 def misfit(regression: Regression, fitted: JointFit) -> float:
-    """Return the RMS of the lines that a fit leaves, in their standard errors: 1 for noise."""
-    groups_Nm, noise_Nm = _rest(regression, fitted.solution.theta)
+    """Return the RMS of the residual lines of a fit, in their standard errors: 1 for noise."""
+    groups_Nm, noise_Nm = _residual_lines(regression, fitted.solution.theta)
     residual_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
     return float(np.sqrt(np.mean(np.abs(residual_Nm / noise_Nm) ** 2)))
 
 
-def _rest(regression: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the lines (groups, orders) that parameters theta (p,) leave in each point.
+def _residual_lines(
+    regression: Regression, theta: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the residual lines (groups, orders) of each point at parameters theta (p,).
 
     And the noise (points, orders) of their means over the groups of turns.
     """
@@ -218,9 +224,9 @@ def _rest(regression: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], 
 
 def _variance_of_mean(groups: np.ndarray) -> np.ndarray:
     """Return the variance (orders,) of the mean over lines (groups, orders)."""
-    apart = groups - groups.mean(axis=0)
+    deviation = groups - groups.mean(axis=0)
     count = len(groups)
-    return np.asarray((np.abs(apart) ** 2).sum(axis=0) / (count * max(count - 1, 1)))
+    return np.asarray((np.abs(deviation) ** 2).sum(axis=0) / (count * max(count - 1, 1)))
 
 
 def _modelled(own: np.ndarray, cogging_orders: tuple[int, ...]) -> np.ndarray:
@@ -231,14 +237,14 @@ def _modelled(own: np.ndarray, cogging_orders: tuple[int, ...]) -> np.ndarray:
     return np.asarray(found)
 
 
-def left_orders(
+def residual_orders(
     torque_Nm: np.ndarray, residual_Nm: np.ndarray, noise_Nm: np.ndarray
-) -> tuple[LeftOrder, ...]:
+) -> tuple[ResidualOrder, ...]:
     """Return orders at which the residual (points, h) grows with a power of the torque, or none.
 
-    It has to be alike at all points but for that growth: against the noise, and against what else
-    is left at the order. Encoder counts nearly in step with the samples leave lines that
-    turns repeat, so that noise does not account for them, but points do not.
+    It has to be alike at all points but for that growth: against the noise, and against the
+    remainder at the order. Encoder counts nearly in step with the samples make lines that repeat
+    from turn to turn, so that the noise does not account for them, but not from point to point.
     """
     points, orders = residual_Nm.shape
     y = residual_Nm / noise_Nm
@@ -247,14 +253,14 @@ def left_orders(
     for power in POWERS:
         x = (torque_Nm**power)[:, None] / noise_Nm
         gained = np.abs((x * y).sum(axis=0)) ** 2 / np.maximum((x**2).sum(axis=0), 1e-300)
-        else_left = ((np.abs(y) ** 2).sum(axis=0) - gained) / max(points - 1, 1)
+        other_square = ((np.abs(y) ** 2).sum(axis=0) - gained) / max(points - 1, 1)
         against_noise = f_tail(gained, 2, freedom)
-        against_rest = f_tail(gained / np.maximum(else_left, 1e-9), 2, 2 * max(points - 1, 1))
+        against_rest = f_tail(gained / np.maximum(other_square, 1e-9), 2, 2 * max(points - 1, 1))
         p_values.append(np.maximum(against_noise, against_rest if points > 1 else 0.0))
     power = np.argmin(p_values, axis=0)
     p_value = np.min(p_values, axis=0) * len(POWERS)
     return tuple(
-        LeftOrder(
+        ResidualOrder(
             order=int(column) + 1,
             rms_Nm=_rms(residual_Nm[:, column]),
             noise_Nm=_rms(noise_Nm[:, column]),

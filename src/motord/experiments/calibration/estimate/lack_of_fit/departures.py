@@ -1,8 +1,8 @@
-"""Which departures of a bench explain what a fit leaves.
+"""Which departures of a bench explain the residual of a fit.
 
-Greedy forward selection: the effect that gains most in a score test is kept if that is more than
-chance; of those that gain nearly as much, the one with fewest parameters. Then the same again with
-it in the model. So it is known, too, how far each departure has moved the model's own parameters.
+Forward selection: the effect with the largest score statistic (reduction of chi-square) enters the
+model if it is significant; of those with nearly as large a statistic, the one with fewest
+parameters. Repeated until none is. The shift of the model's own parameters by each is kept.
 """
 
 from collections.abc import Iterator, Sequence
@@ -40,7 +40,7 @@ EXPLAINS_AS_WELL = 0.9
 """Part of the most that is gained from which on an effect cannot be separated from the best."""
 
 MINOR_SHARE = 0.15
-"""Part of the largest line of the first departure: what leaves less counts as its second order."""
+"""Part of the largest line of the first departure: smaller ones count as its second order."""
 
 ROUNDS = 3
 """Fits by which the dispersion at each order settles."""
@@ -51,7 +51,7 @@ class Cause:
     """A departure that explains more of the residual than chance would.
 
     size (terms,), in the effect's units; sigmas: by how many standard errors it is other than zero;
-    rms_Nm: largest line that it leaves. alike: names of other departures that explain nearly as
+    rms_Nm: its largest line. alike: names of other departures that explain nearly as
     much. shifts (n, p): by how much it has moved the model's parameters, and what is alike would.
     """
 
@@ -66,7 +66,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a fit leaves, and the effects that might explain it.
+    """Residual of a fit, and the effects that might explain it.
 
     further: rows (m, terms) of each effect in the rows' further ones.
     """
@@ -166,15 +166,15 @@ class _Shown:
 
 
 def _cause(evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: np.ndarray) -> Cause:
-    """Return an effect that was found, with what it does to the model besides those chosen."""
+    """Return an effect that was found, with its shift of the model that has those chosen."""
     weighed, effect = evidence.weighed(shown.gain_variance), evidence.effects[shown.number]
-    so_far = evidence.fitted(weighed, chosen)
-    gains = so_far.gains(evidence.all_columns(weighed))
+    current = evidence.fitted(weighed, chosen)
+    gains = current.gains(evidence.all_columns(weighed))
     size = gains[shown.number].size
     alike = [n for n in _alike(evidence.effects, gains, shown.number) if n not in chosen]
     own = slice(0, subspace.shape[1])
     moved = [
-        evidence.fitted(weighed, [*chosen, n]).solution[own] - so_far.solution[own]
+        evidence.fitted(weighed, [*chosen, n]).solution[own] - current.solution[own]
         for n in (shown.number, *alike)
     ]
     return Cause(
@@ -232,12 +232,12 @@ def _significant(evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain
         noise = _Noise.of(evidence, [*chosen, number])
         weighed = rows.weighed(noise.dispersion, noise.scatter.variance)
         columns = evidence.columns(weighed, number)
-        so_far = evidence.fitted(weighed, chosen)
-        [gain] = so_far.gains([columns])
+        current = evidence.fitted(weighed, chosen)
+        [gain] = current.gains([columns])
         effect = columns @ gain.size
-        freedom = min(samples, noise.freedom(so_far.apart(effect), so_far.directions))
+        freedom = min(samples, noise.freedom(current.orthogonal(effect), current.directions))
         if gain.terms and _p_value(gain, freedom) <= level:
-            t, freedom = so_far.robust_t(rows, effect)
+            t, freedom = current.robust_t(rows, effect)
             if 2 * stdtr(freedom, -abs(t)) <= level:
                 sigmas = float(min(np.sqrt(gain.chi_square), abs(t)))
                 return _Shown(number, sigmas, noise.scatter.variance)

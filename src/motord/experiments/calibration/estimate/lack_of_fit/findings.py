@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit, LeftOrder
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit, ResidualOrder
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import (
     MEANINGS,
@@ -68,16 +68,16 @@ def findings(
 ) -> tuple[Finding, ...]:
     """Return the findings of a calibration.
 
-    current_age_s: with its standard error; explained_age_s: what is left of it with the causes.
+    current_age_s: with its standard error; explained_age_s: of a fit with the causes.
     """
     points = fit.torque_Nm.size
     least_Nm = MODEL_ACCURACY * bench.motor.rated_torque_Nm
     causes = [cause for cause in fit.causes if cause.rms_Nm > least_Nm]
-    left = [one for one in fit.left if one.rms_Nm > least_Nm]
+    unexplained = [one for one in fit.unexplained_orders if one.rms_Nm > least_Nm]
     return (
         *(_of_cause(cause, bench, current_age_s[0], points) for cause in causes),
-        *_of_orders(left, bench.motor, points),
-        *(_of_few_points(points) if causes or left else ()),
+        *_of_orders(unexplained, bench.motor, points),
+        *(_of_few_points(points) if causes or unexplained else ()),
         *_of_age(explained_age_s, current_age_s[1], period_s),
         *([] if kirchhoff is None else _of_kirchhoff(kirchhoff)),
     )
@@ -112,17 +112,19 @@ def _of_cause(cause: Cause, bench: BenchFile, age_s: float, points: int) -> Find
     )
 
 
-def _of_orders(left: Sequence[LeftOrder], motor: MotorConfig, points: int) -> Iterator[Finding]:
-    """Yield one finding for each kind of growth with the torque, and one for strange orders."""
+def _of_orders(
+    found: Sequence[ResidualOrder], motor: MotorConfig, points: int
+) -> Iterator[Finding]:
+    """Yield one finding for each kind of growth with the torque, and one for other orders."""
 
-    electrical = [one.power for one in left if one.order % motor.pole_pairs == 0]
+    electrical = [one.power for one in found if one.order % motor.pole_pairs == 0]
 
-    def kind(one: LeftOrder) -> int:
+    def kind(one: ResidualOrder) -> int:
         if one.order % motor.pole_pairs == 0:  # one cause makes several, with different growth
             return one.power or max(electrical)
         return 0 if one.power == 0 else len(_BY_GROWTH)
 
-    for number, group in groupby(sorted(left, key=lambda one: (kind(one), one.order)), kind):
+    for number, group in groupby(sorted(found, key=lambda one: (kind(one), one.order)), kind):
         orders = list(group)
         meaning, action = _OTHER if number == len(_BY_GROWTH) else _BY_GROWTH[number]
         percent = 100 / motor.rated_torque_Nm
@@ -140,7 +142,7 @@ def _of_orders(left: Sequence[LeftOrder], motor: MotorConfig, points: int) -> It
             limit=percent * noise_Nm,
             unit="% of rated",
             severity="serious" if strong else "warning",
-            meaning=f"torque at order{'s' * (len(orders) > 1)} {listed} is left, which {meaning}",
+            meaning=f"residual torque at order{'s' * (len(orders) > 1)} {listed}, which {meaning}",
             action=action,
         )
 

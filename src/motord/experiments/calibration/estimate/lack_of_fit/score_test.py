@@ -112,56 +112,56 @@ class WeighedRows:
 
     @cached_property
     def solution(self) -> np.ndarray:
-        """What the columns of the model count for (p,), least squares."""
+        """Coefficients of the model's columns (p,), least squares."""
         inverse, scale = self._inverse
         return np.asarray(scale * (inverse @ (scale * (self.x.T @ self.y))))
 
     @property
-    def left(self) -> np.ndarray:
-        """What the model's columns leave of y (n,)."""
+    def residual(self) -> np.ndarray:
+        """y less the model's columns (n,)."""
         return np.asarray(self.y - self.x @ self.solution)
 
-    def left_lines(self, rows: ResidualRows) -> np.ndarray:
-        """Return the lines (points, orders) that the model's columns leave of those of `rows`."""
-        lines = self.left[: 2 * rows.residual_Nm.size].reshape(2, *rows.residual_Nm.shape)
+    def residual_lines(self, rows: ResidualRows) -> np.ndarray:
+        """Return the residual lines (points, orders); rows: those that these were weighed from."""
+        lines = self.residual[: 2 * rows.residual_Nm.size].reshape(2, *rows.residual_Nm.shape)
         return np.asarray((lines[0] + 1j * lines[1]) / self.weight)
 
     def gain_scatter(self) -> GainScatter:
         """Return by how much the gains differ from point to point, by the residual."""
         inverse, scale = self._inverse
         spread = self.directions.spread.ravel()
-        squares = self.directions.parts(self.left[:, None]).ravel() ** 2
+        squares = self.directions.parts(self.residual[:, None]).ravel() ** 2
         x = self.directions.parts(self.x * scale).reshape(spread.size, -1)
         leverage = ((x @ inverse) * x).sum(axis=1)
         return GainScatter.of(squares * (1 + self.gain_variance * spread), spread, leverage)
 
     def dispersion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean square that is left at each order, in parts of the noise that these rows
+        """Return the mean square residual at each order, in parts of the noise that these rows
         assume (orders,), and its degrees of freedom."""
         inverse, scale = self._inverse
         points, orders = self.weight.shape
         lines = slice(0, 2 * points * orders)
         x = self.x[lines] * scale
-        squares = (self.left[lines] ** 2).reshape(-1, orders).sum(axis=0)
+        squares = (self.residual[lines] ** 2).reshape(-1, orders).sum(axis=0)
         freedom = (1 - ((x @ inverse) * x).sum(axis=1)).reshape(-1, orders).sum(axis=0)
         freedom = np.maximum(freedom, 1.0)
         return squares / freedom, freedom
 
-    def apart(self, effect: np.ndarray) -> np.ndarray:
-        """Return what the model's columns do not take of a column (n,)."""
+    def orthogonal(self, effect: np.ndarray) -> np.ndarray:
+        """Return the part of a column (n,) that is orthogonal to the model's columns."""
         inverse, scale = self._inverse
         return np.asarray(effect - self.x @ (scale * (inverse @ (scale * (self.x.T @ effect)))))
 
     def gains(self, effects: Sequence[np.ndarray]) -> list[Gain]:
-        """Return what each effect (n, terms) would gain."""
+        """Return by how much each effect (n, terms) would reduce chi-square."""
         inverse, scale = self._inverse
-        left = self.left
+        residual = self.residual
         x = self.x * scale
         gained = []
         for g in effects:
             cross = x.T @ g
             s = g.T @ g - cross.T @ inverse @ cross
-            gained.append(_gain(s, np.diag(g.T @ g), g.T @ left))
+            gained.append(_gain(s, np.diag(g.T @ g), g.T @ residual))
         return gained
 
     def robust_t(self, rows: ResidualRows, effect: np.ndarray) -> tuple[float, float]:
@@ -171,7 +171,7 @@ class WeighedRows:
         kind within a turn: a few bad turns, or an error of the timing, are at all orders at once.
         Without points of several groups nothing is known: 0, and 1.
         """
-        g = self.apart(effect)
+        g = self.orthogonal(effect)
         plain = self.directions.whitened(g[:, None], self.gain_variance)[:, 0]
         real, imaginary = plain[: 2 * rows.residual_Nm.size].reshape(2, *rows.residual_Nm.shape)
         along = (real - 1j * imaginary) * self.weight
@@ -185,7 +185,9 @@ class WeighedRows:
         cross = (self.x * scale).T @ effect
         moved = inverse @ cross
         information = effect.T @ effect - cross.T @ moved
-        return EffectSensitivity(name, scale[:, None] * moved, information, effect.T @ self.left)
+        return EffectSensitivity(
+            name, scale[:, None] * moved, information, effect.T @ self.residual
+        )
 
     @cached_property
     def _inverse(self) -> tuple[np.ndarray, np.ndarray]:
