@@ -1,12 +1,12 @@
-"""One swing: crossings, decrement and the fit of the whole decay, against known motions."""
+"""One oscillation: crossings, decrement and the fit of the whole decay, against known motions."""
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from motord.identification import IdentifyError
-from motord.identification.rotor.free_decay import fit_decay, mean_frequency, swing_angles
-from motord.identification.rotor.log_decrement import find_swing, five_periods
+from motord.identification.rotor.free_decay import fit_decay, free_decay_angles, mean_frequency
+from motord.identification.rotor.log_decrement import find_free_oscillation, five_periods
 
 COUNTS = 4096
 STIFFNESS_NM = 50.0
@@ -35,11 +35,15 @@ def damped(
 @pytest.mark.parametrize("rest_rad", [1.0, 0.01, 6.28])
 def test_period_and_decrement_of_a_damped_cosine(counts: int, rest_rad: float) -> None:
     t_ns = times_ns(1.6)
-    swing = find_swing(t_ns, samples(damped(t_ns, rest_rad=rest_rad), counts), counts)
-    found = five_periods(swing)
+    oscillation = find_free_oscillation(
+        t_ns, samples(damped(t_ns, rest_rad=rest_rad), counts), counts
+    )
+    found = five_periods(oscillation)
     assert found.period_s == pytest.approx(0.1334, rel=1e-3 if counts < 2000 else 3e-4)
     assert found.decrement == pytest.approx(2 * np.pi * 0.04, rel=0.06)
-    assert (swing.rest_rad - rest_rad + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0, abs=2e-3)
+    assert (oscillation.rest_rad - rest_rad + np.pi) % (2 * np.pi) - np.pi == pytest.approx(
+        0, abs=2e-3
+    )
     w = found.frequency_rad_s()
     assert w > found.frequency_rad_s(damped=False)
     assert found.frequency_rad_s(cubic_per_rad2=-0.5) > w
@@ -47,7 +51,7 @@ def test_period_and_decrement_of_a_damped_cosine(counts: int, rest_rad: float) -
 
 def integrated(t_s: np.ndarray, p: np.ndarray, waves: np.ndarray = NO_WAVES) -> np.ndarray:
     angle_rad = np.empty_like(t_s)
-    swing_angles(t_s, p, waves, angle_rad)
+    free_decay_angles(t_s, p, waves, angle_rad)
     return angle_rad
 
 
@@ -89,7 +93,7 @@ def released(p: np.ndarray, waves: np.ndarray = NO_WAVES, seconds: float = 1.4) 
 def test_the_fit_finds_frequency_friction_and_what_tension_does() -> None:
     angle_rad = released(PARAMETERS)
     t_ns = times_ns(angle_rad.size / 1000)
-    found = fit_decay(find_swing(t_ns, samples(angle_rad), COUNTS), STIFFNESS_NM)
+    found = fit_decay(find_free_oscillation(t_ns, samples(angle_rad), COUNTS), STIFFNESS_NM)
     assert found.frequency_rad_s == pytest.approx(47.0, abs=4 * found.frequency_stderr_rad_s)
     assert found.frequency_stderr_rad_s < 2e-4 * 47
     assert found.cubic_per_rad2 == pytest.approx(0.2 - 2 / 3, abs=0.05)
@@ -103,17 +107,17 @@ def test_known_cogging_torque_is_taken_into_account() -> None:
     torque_Nm = np.array([[16.0, 48.0], [0.05, 0.2], [-0.03, 0.26]])
     waves = torque_Nm * np.array([[1.0], [47.0**2 / STIFFNESS_NM], [47.0**2 / STIFFNESS_NM]])
     angle_rad = released(PARAMETERS, waves)
-    swing = find_swing(times_ns(angle_rad.size / 1000), samples(angle_rad), COUNTS)
-    known = fit_decay(swing, STIFFNESS_NM, torque_Nm)
+    oscillation = find_free_oscillation(times_ns(angle_rad.size / 1000), samples(angle_rad), COUNTS)
+    known = fit_decay(oscillation, STIFFNESS_NM, torque_Nm)
     assert known.frequency_rad_s == pytest.approx(47.0, rel=3e-4)
-    ignored = fit_decay(swing, STIFFNESS_NM)
+    ignored = fit_decay(oscillation, STIFFNESS_NM)
     assert abs(ignored.frequency_rad_s / 47 - 1) > 2e-3
 
 
 def test_rounding_does_not_average_out() -> None:
     angle_rad = released(PARAMETERS)
-    swing = find_swing(times_ns(angle_rad.size / 1000), samples(angle_rad), COUNTS)
-    one = fit_decay(swing, STIFFNESS_NM)
+    oscillation = find_free_oscillation(times_ns(angle_rad.size / 1000), samples(angle_rad), COUNTS)
+    one = fit_decay(oscillation, STIFFNESS_NM)
     mean, error = mean_frequency([one, one, one])
     assert mean == pytest.approx(one.frequency_rad_s)
     assert error == pytest.approx(one.frequency_stderr_rad_s)
@@ -122,12 +126,12 @@ def test_rounding_does_not_average_out() -> None:
 def test_late_and_repeated_samples_do_no_harm() -> None:
     t_ns = times_ns(1.6)
     count = samples(damped(t_ns))
-    clean = five_periods(find_swing(t_ns, count, COUNTS))
+    clean = five_periods(find_free_oscillation(t_ns, count, COUNTS))
     order = np.sort(np.concatenate([np.arange(t_ns.size), np.arange(0, t_ns.size, 9)]))
-    again = five_periods(find_swing(t_ns[order], count[order], COUNTS))
+    again = five_periods(find_free_oscillation(t_ns[order], count[order], COUNTS))
     assert again == clean
     fewer = np.delete(np.arange(t_ns.size), np.arange(500, 520))
-    lost = five_periods(find_swing(t_ns[fewer], count[fewer], COUNTS))
+    lost = five_periods(find_free_oscillation(t_ns[fewer], count[fewer], COUNTS))
     assert lost.period_s == pytest.approx(0.1334, rel=1e-3)
 
 
@@ -145,19 +149,23 @@ def test_what_is_no_swing_is_refused(angle_rad, message: str) -> None:
     t_ns = times_ns(1.6)
     angles = angle_rad(t_ns)
     with pytest.raises(IdentifyError, match=message):
-        find_swing(t_ns[: angles.size], samples(angles), COUNTS)
+        find_free_oscillation(t_ns[: angles.size], samples(angles), COUNTS)
 
 
 def test_too_slow_a_loop_is_refused() -> None:
     t_ns = times_ns(1.6, 100)
     with pytest.raises(IdentifyError, match="too few samples a period"):
-        find_swing(t_ns, samples(damped(t_ns)), COUNTS)
+        find_free_oscillation(t_ns, samples(damped(t_ns)), COUNTS)
 
 
 def test_a_swing_about_a_rest_that_moves_is_refused() -> None:
     t_ns = times_ns(1.6)
-    swing = find_swing(t_ns, samples(damped(t_ns)), COUNTS)
+    oscillation = find_free_oscillation(t_ns, samples(damped(t_ns)), COUNTS)
     rng = np.random.default_rng(1)
-    object.__setattr__(swing, "angle_rad", swing.angle_rad + 0.1 * rng.normal(size=swing.t_s.size))
+    object.__setattr__(
+        oscillation,
+        "angle_rad",
+        oscillation.angle_rad + 0.1 * rng.normal(size=oscillation.t_s.size),
+    )
     with pytest.raises(IdentifyError, match="could not be fitted"):
-        fit_decay(swing, STIFFNESS_NM)
+        fit_decay(oscillation, STIFFNESS_NM)

@@ -78,7 +78,7 @@ def oscillation(
     for run in runs:
         marked = bool(run.operating_points())
         for ticks in captured_ticks(run, RELEASE) if marked else _searched(run, counts):
-            # what is no swing in a recording that marks none is passed over
+            # a segment without oscillation is skipped where a recording marks none
             with nullcontext() if marked else suppress(IdentifyError):
                 place = len(releases), ticks["t_ns"], ticks["encoder_count"]
                 releases.append(read_release(*place, counts, setup, waves))

@@ -1,4 +1,4 @@
-"""Releases together: the inertia by several readings of the same swings, and its budget."""
+"""The inertia from all releases, by several methods, and its uncertainty budget."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ EFFECTIVE_MASS_LABELS = {
 """Models of the effective mass."""
 
 POELS2008_METHOD = "five periods, damped, m/3"
-"""How Poels 2008 reads the swings."""
+"""The method of Poels 2008."""
 
 DISTURBED = 1.25
 """How much worse than those that fit best (a quarter of them) a release may fit and be used."""
@@ -39,7 +39,7 @@ COGGING_UNCERTAINTY = 0.01
 
 @dataclass(frozen=True)
 class InertiaReading:
-    """The inertia by one way of reading the swings; std: of one release."""
+    """The inertia by one method; std: of one release."""
 
     label: str
     inertia_kg_m2: float
@@ -51,7 +51,7 @@ class Oscillation:
     """The motor's inertia by oscillation.
 
     stator: it was in place, and its cogging torque known. budget: of the fitted decays with the
-    chosen effective mass; readings: other ways of reading the swings; improvements: what changes
+    chosen effective mass; readings: by other methods; improvements: what changes
     of the set-up would bring. disturbed: releases that were left out, as they fit worse.
     """
 
@@ -103,7 +103,7 @@ class Oscillation:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is questionable about the swings."""
+        """What is questionable about the oscillations."""
         return (*_few(len(self.releases)), *_left_out(self))
 
     @property
@@ -186,7 +186,9 @@ def _readings(releases: Sequence[Release], setup: SpringSetup) -> tuple[InertiaR
 
 def _uncertain_cogging(release: Release, setup: SpringSetup, cogging_Nm: np.ndarray) -> float:
     """Return by how much the frequency is uncertain, in parts, as the cogging torque is."""
-    changed = fit_decay(release.swing, setup.stiffness_Nm, cogging_Nm * (1 + COGGING_UNCERTAINTY))
+    changed = fit_decay(
+        release.oscillation, setup.stiffness_Nm, cogging_Nm * (1 + COGGING_UNCERTAINTY)
+    )
     return abs(changed.frequency_rad_s / release.decay.frequency_rad_s - 1)
 
 

@@ -22,8 +22,8 @@ PERIODS_FROM, PERIODS_TO = 0.2, 1.6
 
 def decays(releases: Sequence[Release]) -> Figure:
     """Return all releases over time, and the last oscillation of one with its fit."""
-    count_rad, decay = releases[0].swing.resolution_rad, releases[0].decay
-    crossings_s = releases[0].swing.crossings_s
+    count_rad, decay = releases[0].oscillation.resolution_rad, releases[0].decay
+    crossings_s = releases[0].oscillation.crossings_s
     late = decay.t_s >= crossings_s[-3] - crossings_s[0]
     fitted_rad = decay.angle_rad + decay.residual_rad
     since = "time since the first crossing (s)"

@@ -9,7 +9,12 @@ from scipy import ndimage
 from motord.experiments.inertia.springs import SpringSetup
 from motord.identification import IdentifyError
 from motord.identification.rotor.free_decay import Decay, fit_decay
-from motord.identification.rotor.log_decrement import FivePeriods, Swing, find_swing, five_periods
+from motord.identification.rotor.log_decrement import (
+    FivePeriods,
+    FreeOscillation,
+    find_free_oscillation,
+    five_periods,
+)
 from motord.identification.turning import unwrap_counts
 
 STILL_S = 0.1
@@ -21,7 +26,7 @@ STILL_COUNTS = 2
 
 @dataclass(frozen=True)
 class Release:
-    """One release as it was read: swing, five periods of it, and the fit of its whole decay."""
+    """One release: its oscillation, five periods of that, and the fit of its whole decay."""
 
     JSON: ClassVar = (
         "index", "period_s=five.period_s", "decrement=five.decrement",
@@ -32,16 +37,16 @@ class Release:
     )  # fmt: skip
 
     index: int
-    swing: Swing
+    oscillation: FreeOscillation
     five: FivePeriods
     decay: Decay
 
 
 def find_releases(t_ns: np.ndarray, count: np.ndarray, counts: int) -> list[slice]:
-    """Return the samples of each stretch that begins with a still bar and goes on until the next.
+    """Return the samples of each segment that begins with a still bar and goes on until the next.
 
-    t_ns, count (n,); counts: of the encoder's turn. A stretch need not be a swing: the bar may have
-    been pulled. Without any stillness, all samples are one stretch.
+    t_ns, count (n,); counts: of the encoder's turn. A segment need not be an oscillation: the bar
+    may have been pulled. Without any standstill, all samples are one segment.
     """
     t_s = (np.asarray(t_ns, np.int64) - int(t_ns[0])) * 1e-9
     stretches, _ = ndimage.label(_still(t_s, unwrap_counts(count, counts)))
@@ -82,11 +87,11 @@ def read_release(
     counts: of the encoder's turn; cogging_Nm (3, n): as `waves_of` gives it.
     """
     try:
-        swing = find_swing(t_ns, count, counts)
-        decay = fit_decay(swing, setup.stiffness_Nm, cogging_Nm)
+        oscillation = find_free_oscillation(t_ns, count, counts)
+        decay = fit_decay(oscillation, setup.stiffness_Nm, cogging_Nm)
     except IdentifyError as error:
         raise IdentifyError(f"release {index + 1}: {error}") from None
-    return Release(index, swing, five_periods(swing), decay)
+    return Release(index, oscillation, five_periods(oscillation), decay)
 
 
 def waves_of(table_Nm: np.ndarray) -> np.ndarray:

@@ -77,7 +77,7 @@ def _oscillation(page: Page, found: Oscillation, truth_kg_m2: float | None) -> N
         "Angle from rest after each release (Poels 2008, Figure 2.4) and the encoder's samples of "
         "the last oscillation that is used of one release (Figure 2.5), with the fit.",
     )
-    header = ["reading of the swings", f"J ({UNIT})", "std of a release (%)"]
+    header = ["method", f"J ({UNIT})", "std of a release (%)"]
     header += ["off the truth (%)"] if truth_kg_m2 is not None else []
     rows = [
         [
@@ -90,7 +90,7 @@ def _oscillation(page: Page, found: Oscillation, truth_kg_m2: float | None) -> N
     ]
     page.table(header, rows, numbers=True)
     page.paragraph(
-        f"\u201c{POELS2008_METHOD}\u201d is how Poels 2008 reads the swings, eqs. (2.4) to (2.6). "
+        f"\u201c{POELS2008_METHOD}\u201d is the method of Poels 2008, eqs. (2.4) to (2.6). "
         "Two things make it too high: the springs pull along their own direction, so that their "
         "lever shortens as the bar swings, by the square of its amplitude; and more of their mass "
         "swings than the third that belongs to a heavy load."

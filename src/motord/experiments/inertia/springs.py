@@ -1,4 +1,4 @@
-"""Bar and springs on the rotor: from the frequency of the swing to the inertia of the motor."""
+"""Bar and springs on the rotor: from the frequency of oscillation to the motor's inertia."""
 
 from dataclasses import dataclass
 from math import pi

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from motord.identification import IdentifyError
-from motord.identification.rotor.log_decrement import Swing, five_periods
+from motord.identification.rotor.log_decrement import FreeOscillation, five_periods
 from motord.jit import jit
 
 GEOMETRY = -2 / 3
@@ -22,7 +22,7 @@ GEOMETRY = -2 / 3
 PARAMETERS = 7
 
 ROUGHEST = 0.05
-"""Largest residual of a fit that counts as one, in parts of the swing's width."""
+"""Largest residual of a fit that counts as one, in parts of the oscillation's width."""
 
 
 STEP_MAX_S = 1e-3
@@ -68,7 +68,9 @@ def _runge_kutta(
 
 
 @jit
-def swing_angles(t_s: np.ndarray, p: np.ndarray, waves: np.ndarray, angle_rad: np.ndarray) -> None:
+def free_decay_angles(
+    t_s: np.ndarray, p: np.ndarray, waves: np.ndarray, angle_rad: np.ndarray
+) -> None:
     """Fill angle_rad (n,) with the angle at t_s (n,), which rises, for parameters p (7,).
 
     A step in which the direction of motion changes is split there.
@@ -95,8 +97,8 @@ def swing_angles(t_s: np.ndarray, p: np.ndarray, waves: np.ndarray, angle_rad: n
 class Decay:
     """A fitted decay: x'' = -w^2 x (1 + cubic x^2 ...) - viscous x' - coulomb sign(x') [+ cogging].
 
-    frequency_stderr_rad_s: standard error; residual_rad (n,) at t_s, angle_rad (n,) of the swing
-    that were used.
+    frequency_stderr_rad_s: standard error; residual_rad (n,) at t_s, angle_rad (n,) of the
+    oscillation that were used.
     """
 
     frequency_rad_s: float
@@ -110,15 +112,17 @@ class Decay:
     residual_rad: np.ndarray
 
 
-def fit_decay(swing: Swing, stiffness_Nm: float, cogging_Nm: np.ndarray | None = None) -> Decay:
+def fit_decay(
+    oscillation: FreeOscillation, stiffness_Nm: float, cogging_Nm: np.ndarray | None = None
+) -> Decay:
     """Fit a decay from its first crossing on. Raises IdentifyError where it does not converge.
 
     cogging_Nm (3, n): order, cosine and sine of the cogging torque over encoder angle, if there is
     any; stiffness_Nm: of all springs against rotation, which makes accelerations of it.
     """
-    t_s, angle_rad = swing.t_s[swing.used], swing.angle_rad[swing.used]
+    t_s, angle_rad = oscillation.t_s[oscillation.used], oscillation.angle_rad[oscillation.used]
     t_s = t_s - t_s[0]
-    start = _start(swing, angle_rad)
+    start = _start(oscillation, angle_rad)
     scale = _scale(start)
     torques = np.zeros((3, 0)) if cogging_Nm is None else cogging_Nm
     model = np.empty_like(angle_rad)
@@ -127,13 +131,18 @@ def fit_decay(swing: Swing, stiffness_Nm: float, cogging_Nm: np.ndarray | None =
         p = start + scale * z
         waves = torques.copy()
         waves[1:] *= p[SQUARE] / stiffness_Nm  # torque over inertia
-        swing_angles(t_s, p, waves, model)
-        return np.asarray((model - angle_rad) / swing.resolution_rad)
+        free_decay_angles(t_s, p, waves, model)
+        return np.asarray((model - angle_rad) / oscillation.resolution_rad)
 
     fitted = least_squares(residual, np.zeros(start.size), max_nfev=60)
     rms_counts = float(np.sqrt(np.mean(fitted.fun**2)))
-    if not fitted.success or not rms_counts < ROUGHEST * np.ptp(angle_rad) / swing.resolution_rad:
-        raise IdentifyError("a release could not be fitted; is it a swing about one rest angle?")
+    if (
+        not fitted.success
+        or not rms_counts < ROUGHEST * np.ptp(angle_rad) / oscillation.resolution_rad
+    ):
+        raise IdentifyError(
+            "a release could not be fitted; is it an oscillation about one rest angle?"
+        )
     p = start + scale * fitted.x
     errors = _standard_errors(fitted.jac, fitted.fun) * scale
     w_rad_s = sqrt(p[SQUARE])
@@ -146,20 +155,20 @@ def fit_decay(swing: Swing, stiffness_Nm: float, cogging_Nm: np.ndarray | None =
         coulomb_rad_s2=float(p[COULOMB]),
         t_s=t_s,
         angle_rad=angle_rad,
-        residual_rad=fitted.fun * swing.resolution_rad,
+        residual_rad=fitted.fun * oscillation.resolution_rad,
     )
 
 
-def _start(swing: Swing, angle_rad: np.ndarray) -> np.ndarray:
+def _start(oscillation: FreeOscillation, angle_rad: np.ndarray) -> np.ndarray:
     """Return parameters to start from: a damped cosine."""
-    seen = five_periods(swing)
+    seen = five_periods(oscillation)
     frequency_rad_s = seen.frequency_rad_s()
     p = np.zeros(PARAMETERS)
-    p[REST], p[SQUARE] = swing.rest_rad, frequency_rad_s**2
+    p[REST], p[SQUARE] = oscillation.rest_rad, frequency_rad_s**2
     p[VISCOUS] = 2 * seen.damping_ratio * frequency_rad_s
-    p[X] = angle_rad[0] - swing.rest_rad
+    p[X] = angle_rad[0] - oscillation.rest_rad
     # a quarter of a period before its first turning point, less what damping takes meanwhile
-    p[SPEED] = swing.turns_rad[0] * frequency_rad_s * np.exp(seen.decrement / 4)
+    p[SPEED] = oscillation.turns_rad[0] * frequency_rad_s * np.exp(seen.decrement / 4)
     return p
 
 

@@ -17,10 +17,10 @@ CYCLES = 4
 """Cycles over which the logarithmic decrement is taken."""
 
 FEWEST_COUNTS = 5.0
-"""Amplitude in encoder counts down to which a swing is used."""
+"""Amplitude in encoder counts down to which an oscillation is used."""
 
 FADED_PART = 0.04
-"""Part of the first amplitude down to which a swing is used: friction rules the end of it."""
+"""Part of the first amplitude down to which an oscillation is used: then friction dominates."""
 
 FEWEST_SAMPLES = 8
 """Samples that a crossing or a turning point is found from, at least."""
@@ -33,11 +33,11 @@ CROSSING_PART, TURNING_PART = 1 / 8, 1 / 6
 
 
 @dataclass(frozen=True)
-class Swing:
+class FreeOscillation:
     """One release: t_s, angle_rad (n,) from the release on, not wrapped, rising times.
 
-    rest_rad: where it swings about; crossings_s (m,): when it passes there; turns_rad (m - 1,):
-    the turning point after each crossing but the last, from rest, signs in turn.
+    rest_rad: angle that it oscillates about; crossings_s (m,): when it passes that; turns_rad
+    (m - 1,): the turning point after each crossing but the last, from rest, of alternating sign.
     """
 
     t_s: np.ndarray
@@ -56,7 +56,7 @@ class Swing:
 
 @dataclass(frozen=True)
 class FivePeriods:
-    """What Poels 2008 takes of a swing: eqs. (2.5), (2.6).
+    """What Poels 2008 takes of a oscillation: eqs. (2.5), (2.6).
 
     period_s: mean of five, of crossings in either direction; square_rad2: mean square of the
     amplitude meanwhile.
@@ -79,16 +79,16 @@ class FivePeriods:
         return frequency_rad_s / sqrt(1 + 0.75 * cubic_per_rad2 * self.square_rad2)
 
 
-def find_swing(t_ns: np.ndarray, count: np.ndarray, counts: int) -> Swing:
-    """Return the swing in samples (n,) that begin while the bar is held. Raises IdentifyError.
+def find_free_oscillation(t_ns: np.ndarray, count: np.ndarray, counts: int) -> FreeOscillation:
+    """Return the free oscillation in samples (n,) that begin while the bar is held.
 
-    counts: of a turn of the encoder.
+    counts: of a turn of the encoder. Raises IdentifyError.
     """
     t_s, angle_rad = _unwrapped(t_ns, count, counts)
     resolution_rad = 2 * pi / counts
     angle_rad, t_s = _from_release(t_s, angle_rad, resolution_rad)
     rest_rad = float(np.mean(angle_rad[-max(angle_rad.size // 4, 1) :]))
-    for _ in range(3):  # the better rest is known, the better are its crossings
+    for _ in range(3):  # rest and crossings depend on each other
         rough_s = _rough_crossings(t_s, angle_rad - rest_rad, resolution_rad)
         if rough_s.size < 2 * PERIODS + 2:
             raise IdentifyError(
@@ -99,7 +99,7 @@ def find_swing(t_ns: np.ndarray, count: np.ndarray, counts: int) -> Swing:
         turns_rad = _turning_points(t_s, angle_rad, rough_s, period_s)
         rest_rad = _middle(turns_rad)
     crossings_s = np.array([_crossing(t_s, angle_rad - rest_rad, t, period_s) for t in rough_s])
-    return Swing(
+    return FreeOscillation(
         t_s=t_s,
         angle_rad=angle_rad,
         resolution_rad=resolution_rad,
@@ -109,9 +109,9 @@ def find_swing(t_ns: np.ndarray, count: np.ndarray, counts: int) -> Swing:
     )
 
 
-def five_periods(swing: Swing) -> FivePeriods:
+def five_periods(oscillation: FreeOscillation) -> FivePeriods:
     """Return the mean of five periods and the damping over four cycles."""
-    crossings_s, size = swing.crossings_s, np.abs(swing.turns_rad)
+    crossings_s, size = oscillation.crossings_s, np.abs(oscillation.turns_rad)
     period_s = float(np.mean(crossings_s[2 * PERIODS :][:2] - crossings_s[:2])) / PERIODS
     ratios = size[:2] / size[2 * CYCLES :][:2]
     decrement = float(np.mean(np.log(ratios))) / CYCLES  # (2.5)
@@ -146,7 +146,7 @@ def _from_release(
 
 
 def _rough_crossings(t_s: np.ndarray, x_rad: np.ndarray, resolution_rad: float) -> np.ndarray:
-    """Return about when `x_rad` changes sign, as long as it swings by enough counts."""
+    """Return about when `x_rad` changes sign, while its amplitude is enough counts."""
     band_rad = 0.4 * FEWEST_COUNTS * resolution_rad
     sign = np.where(x_rad > band_rad, 1, np.where(x_rad < -band_rad, -1, 0))
     beyond = np.flatnonzero(sign)
@@ -171,7 +171,9 @@ def _near(t_s: np.ndarray, at_s: float, reach_s: float) -> slice:
     """Return the samples that are no further than `reach_s` from `at_s`."""
     first, last = np.searchsorted(t_s, [at_s - reach_s, at_s + reach_s])
     if last - first < FEWEST_SAMPLES:
-        raise IdentifyError("too few samples a period; is the loop's rate far above the swing's?")
+        raise IdentifyError(
+            "too few samples a period; is the loop's rate far above the oscillation's?"
+        )
     return slice(int(first), int(last))
 
 

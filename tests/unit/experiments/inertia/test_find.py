@@ -3,7 +3,7 @@
 import numpy as np
 
 from motord.experiments.inertia.releases import find_releases
-from motord.identification.rotor.log_decrement import find_swing
+from motord.identification.rotor.log_decrement import find_free_oscillation
 
 COUNTS = 4096
 
@@ -15,8 +15,8 @@ def history(hold_s: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
     pull = 10 + 100 * np.linspace(0, 1, 300)
     held = np.full(round(hold_s * 1000), 110.0)
     t_s = np.arange(0, 1.5, 1e-3)
-    swing = 10 + 100 * np.exp(-2.0 * t_s) * np.cos(47 * t_s)
-    once = np.concatenate([rest, pull, held, swing, rest])
+    oscillation = 10 + 100 * np.exp(-2.0 * t_s) * np.cos(47 * t_s)
+    once = np.concatenate([rest, pull, held, oscillation, rest])
     count = np.rint(np.concatenate([once, once])).astype(int) % COUNTS
     return 10**18 + np.arange(count.size) * 1_000_000, count
 
@@ -27,8 +27,8 @@ def test_each_swing_is_found_and_can_be_read() -> None:
     swings = [part for part in parts if np.ptp((count[part] + 2048) % COUNTS) > 150]
     assert len(swings) == 2
     for part in swings:
-        swing = find_swing(t_ns[part], count[part], COUNTS)
-        assert abs(2 * np.pi / np.mean(np.diff(swing.crossings_s)) / 2 - 47) < 0.2
+        oscillation = find_free_oscillation(t_ns[part], count[part], COUNTS)
+        assert abs(2 * np.pi / np.mean(np.diff(oscillation.crossings_s)) / 2 - 47) < 0.2
 
 
 def test_a_recording_that_begins_with_the_release_is_one_stretch() -> None:
