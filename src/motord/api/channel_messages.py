@@ -25,10 +25,10 @@ class ChannelView(PublishedMessage):
     error: str = ""
     """Why it is broken, or why the newest reading failed."""
     warn_below: float | None = None
-    """As in the bench file, like the following."""
+    """Warning limit, as in the bench file."""
     warn_above: float | None = None
-    """Warning limit."""
+    """Warning limit, as in the bench file."""
     trip_below: float | None = None
-    """Trip limit."""
+    """Trip limit, as in the bench file."""
     trip_above: float | None = None
-    """Trip limit."""
+    """Trip limit, as in the bench file."""

@@ -100,7 +100,8 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show it.")
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
     """Real-time motor controller and data acquisition for a motor test bench."""
@@ -123,13 +124,13 @@ def main() -> None:
     shield_from_working_folder()
     recover_lost_interrupts()
     outlive_readers()
-    came: list[int] = []
+    received: list[int] = []
     with ExitStack() as signals:
         if sys.argv[1:] and sys.argv[1] in WRITE_FILES:
-            came = signals.enter_context(ending_as_interrupts())
+            received = signals.enter_context(ending_as_interrupts())
         code = _exit_code()
-    if came:
-        code = 128 + came[0]
+    if received:
+        code = 128 + received[0]
     if lost := lost_output():
         remark(f"motord: cannot write the output: {lost}")
         code = code or 1

@@ -16,7 +16,7 @@ class HostClock:
         self._offset_ns = Clock.measure(_ATTEMPTS).offset_ns
 
     def refresh(self, now_ns: int) -> None:
-        """Measure how far the clocks are apart, once a second at most."""
+        """Measure the offset between the clocks, once a second at most."""
         if now_ns - self._refreshed_ns >= REFRESH_NS:
             self._refreshed_ns = now_ns
             self._offset_ns = Clock.measure(_ATTEMPTS).offset_ns

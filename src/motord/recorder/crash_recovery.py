@@ -18,7 +18,7 @@ import numpy as np
 
 from motord.atomic_write import sync_folder
 from motord.config import Config
-from motord.recorder.ring_source import Mark, after, mark_of, places
+from motord.recorder.ring_source import Mark, after, indexes_of, mark_of
 from motord.recording.errors import RecordError
 from motord.recording.file_names import (
     PART,
@@ -183,7 +183,7 @@ class CrashRecovery:
         found = []
         for _, path in newest_first(files)[:NEWEST]:
             mark = mark_of(path)
-            if mark is not None and places(block, mark).size:
+            if mark is not None and indexes_of(block, mark).size:
                 found.append(_Recorded(path, mark))
         return max(found, key=lambda recorded: recorded.mark.tick, default=None)
 

@@ -10,8 +10,8 @@ from motord.recorder.ring_source import (
     Mark,
     RingPiece,
     after,
+    indexes_of,
     last_mark,
-    places,
 )
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, stem_of, whole_of
@@ -33,7 +33,7 @@ def missing_of(
     """
     mark = last_mark(stem)
     block, overwritten = _ticks_of(ring)
-    if newest is None or not (here := places(block, newest)).size:
+    if newest is None or not (here := indexes_of(block, newest)).size:
         return RingPiece(block[:0], _between(first_tick, mark, newest), resumed=mark or newest)
     if not to_end:
         block = block[: int(here[0]) + 1]
@@ -68,7 +68,7 @@ def _between(first_tick: int, mark: Mark | None, newest: Mark | None) -> int:
 def _in_no_other(block: Block, stem: Path) -> Block:
     """Return the ticks of `block` that are not in the newest other recordings next to `stem`."""
     for first, last in _spans_of_others(stem):
-        if places(block, first).size or places(block, last).size:
+        if indexes_of(block, first).size or indexes_of(block, last).size:
             block = block[(block["tick"] < first.tick) | (block["tick"] > last.tick)]
     return block
 

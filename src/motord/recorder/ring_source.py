@@ -107,7 +107,7 @@ class RingSource:
 
     @property
     def over(self) -> bool:
-        """True if no more ticks will come, as the loop says or for want of one, and all are read.
+        """True if all ticks are read and none will come: the loop has ended, or there is none.
 
         Once it stops following, a ring that takes the place of this one means the same.
         """
@@ -127,7 +127,7 @@ class RingSource:
             self._reader = self._attach("oldest")  # younger than this source: all of it is wanted
         if self._reader is None:
             return RingPiece(np.empty(0, TICK_DTYPE))
-        superseded = self._reader.superseded()  # asked first, so that no last tick is left behind
+        superseded = self._reader.superseded()  # before the read, so that no last tick is lost
         block, lost = self._reader.read(self._at_once)
         if superseded and not len(block) and self._following:
             successor = self._attach("oldest")
@@ -153,7 +153,7 @@ class RingSource:
         self._new_ring, self._mark = False, None
         others, self._others = self._others, ()
         if mark is None:
-            mark = next((other for other in others if places(block, other).size), None)
+            mark = next((other for other in others if indexes_of(block, other).size), None)
         if mark is None:
             fresh, missing = self._from_first(block)
             return RingPiece(fresh, lost + missing, new_ring=new_ring)
@@ -163,14 +163,14 @@ class RingSource:
         fresh = fresh[fresh["tick"] >= self._first_tick]
         if not len(fresh):
             self._mark = mark  # nothing new yet
-            self._mark_read |= places(block, mark).size > 0
+            self._mark_read |= indexes_of(block, mark).size > 0
             return RingPiece(fresh)
         self._first_tick = 0
         return RingPiece(fresh, lost, resumed=mark, new_ring=new_ring)
 
     def _from_first(self, block: Block) -> tuple[Block, int]:
         """Return the ticks from the first that is wanted on, and how many of them are gone."""
-        known = [mark.tick + 1 for mark in self._recorded if places(block, mark).size]
+        known = [mark.tick + 1 for mark in self._recorded if indexes_of(block, mark).size]
         first = max([self._first_tick, *known])
         fresh = block[block["tick"] >= first]
         if not first or not len(fresh):
@@ -182,14 +182,14 @@ class RingSource:
         return fresh, max(0, oldest - first) if overwritten else 0
 
 
-def places(block: Block, mark: Mark) -> NDArray[np.intp]:
+def indexes_of(block: Block, mark: Mark) -> NDArray[np.intp]:
     """Return the indexes of the tick of `mark` in `block` (n,): one, or none."""
     return np.flatnonzero((block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns))
 
 
 def after(block: Block, mark: Mark) -> tuple[Block, int]:
     """Return the ticks of `block` that come after `mark`, and how many between are lost."""
-    same = places(block, mark)
+    same = indexes_of(block, mark)
     if same.size:
         return block[int(same[0]) + 1 :], 0
     same_sample = (block["t_ns"] == mark.t_ns) & (block["tick"] > mark.tick)

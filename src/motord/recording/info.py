@@ -1,4 +1,4 @@
-"""What there is to know of a recording, at a glance."""
+"""Summary of a recording: `motord record info`."""
 
 from typing import Any
 
@@ -86,7 +86,7 @@ def _span(
 
 
 def _timing(run: Run) -> dict[str, Any] | None:
-    """Return how punctual the loop was, None if the file does not say."""
+    """Return the timing of the loop, None if the file has none."""
     summaries = [event["data"] for event in run.events() if event["kind"] == KIND]
     if not summaries:
         return None

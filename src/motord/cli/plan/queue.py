@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 HISTORY_SHOWN = 10
 
-ItemId = Annotated[int, typer.Argument(metavar="ID", help="Number, as `motord queue list` has it.")]
+ItemId = Annotated[
+    int, typer.Argument(metavar="ID", help="Number, as `motord queue list` shows it.")
+]
 
 app = group("The queue of plans: add, list, move, remove, start, pause.")
 
@@ -55,11 +57,11 @@ def add(
     ] = None,
     wait_limit_s: Annotated[
         float | None,
-        typer.Option(help="The plan has failed if one of its waits takes longer."),
+        typer.Option(help="Longest time of each wait; beyond it the plan has failed."),
     ] = None,
     on_failure: Annotated[
         Literal["stop", "skip", "retry"],
-        typer.Option(help="If the plan fails: pause the queue, leave it and go on, or again."),
+        typer.Option(help="If the plan fails: pause the queue, skip the plan, or run it again."),
     ] = "stop",
     retries: Annotated[
         int | None, typer.Option(help="With retry: how often at most; by default once.")
@@ -151,12 +153,12 @@ def list_(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
 @app.command()
 def move(
     id: ItemId,
-    position: Annotated[int, typer.Argument(min=1, help="Its new place: 1 is the next one.")],
+    position: Annotated[int, typer.Argument(min=1, help="Its new position: 1 runs next.")],
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Give a plan of the queue another place."""
+    """Move a plan to another position of the queue."""
     ask = methodcaller("move_in_queue", id, position)
     command(ask, connection, _text, force=force, as_json=as_json)
 
@@ -213,8 +215,8 @@ def _fail_unless_done(end: "QueueView") -> None:
 
 def _text(answer: "QueueContent") -> str:
     lines = [in_short(answer.queue), *map(_item, answer.items)]
-    there = {item.id for item in answer.items}
-    runs = [_run(run, there) for run in answer.history[-HISTORY_SHOWN:]]
+    queued = {item.id for item in answer.items}
+    runs = [_run(run, queued) for run in answer.history[-HISTORY_SHOWN:]]
     return "\n".join([*lines, *(["ended:"] if runs else []), *runs])
 
 
@@ -232,9 +234,9 @@ def _item(item: "QueueItem") -> str:
     return "  ".join(filter(None, parts))
 
 
-def _run(run: "QueueRun", there: Collection[int]) -> str:
+def _run(run: "QueueRun", queued: Collection[int]) -> str:
     ended = datetime.fromtimestamp(run.ended_ns / 1e9)
     when = f"{ended:%Y-%m-%d} {clock(run.ended_ns)}"
-    still = "still in the queue" if run.id in there else ""
+    still = "still in the queue" if run.id in queued else ""
     parts = f"{run.id:4d}  {run.state:11} {run.plan}", when, run.message, still, run.recording
     return "  ".join(filter(None, parts))

@@ -1,4 +1,4 @@
-"""The supervisor's end of the gateway process: makes events of what it reports."""
+"""The supervisor's end of the gateway process: its reports as events."""
 
 import os
 from typing import Annotated, Any
@@ -15,8 +15,8 @@ GATEWAY = "gate"
 """Its name in the state of the bench."""
 EVENTS_PER_S, EVENTS_BURST = 5.0, 100.0
 """The gateway itself passes on 50 different messages in 10 s."""
-MESSAGE_MAX = 2000
-DATA_MAX = 1000
+MESSAGE_MAX, DATA_MAX = 2000, 1000
+"""Characters of a message, and of each value of its data."""
 
 Datum = Annotated[str, Field(max_length=DATA_MAX)]
 
@@ -33,14 +33,14 @@ class AccessData(Message):
 
 
 class AccessMessage(Message):
-    """What the gateway reports: message and data of the event."""
+    """A report of the gateway: message and data of the event."""
 
     message: Annotated[str, Field(max_length=MESSAGE_MAX)]
     data: AccessData = AccessData()
 
 
 class GatewayLink:
-    """Makes events of what the gateway reports. No call waits."""
+    """Emits the reports of the gateway as events. No call blocks."""
 
     def __init__(self, children: Children, events: EventLog) -> None:
         self._children = children
@@ -52,7 +52,7 @@ class GatewayLink:
         self._received: MessageReader[AccessMessage] | None = None
 
     def step(self, now_ns: int) -> None:
-        """Pass on what has come since the last call. `now_ns` is monotonic."""
+        """Emit the reports that came since the last call. `now_ns` is monotonic."""
         if self._received is None:
             process = self._children.process(GATEWAY)
             if process is None or process is self._process:
@@ -67,7 +67,7 @@ class GatewayLink:
             self._close()
 
     def _emit(self, message: AccessMessage, now_ns: int) -> None:
-        """Make an event of a message, unless there are so many that they drown the others."""
+        """Emit a message as an event, or count it if more come than EVENTS_PER_S."""
         if not self._allowance.spend(1.0, now_ns):
             self._left_out += 1
             return

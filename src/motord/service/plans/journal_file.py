@@ -1,4 +1,4 @@
-"""The journal's file, written by a thread: a disk that stalls blocks no other."""
+"""The journal's file, written by a thread of its own: a disk that stalls blocks no other thread."""
 
 import errno
 import os
@@ -14,6 +14,7 @@ from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote, read
 from motord.untrusted import parse_json
 
 BACKLOG_BYTES = 1 << 20
+"""Lines that wait for the disk, at most."""
 
 
 class Journal:
@@ -34,35 +35,35 @@ class Journal:
         return self._disk.error
 
     def load(self) -> None:
-        """Take in what is on the disk; without a file, or one that makes no sense, nothing."""
+        """Read the file; without one, or one that cannot be parsed, there is no plan."""
         parsed = read(self._disk.content())
         self.log, self._disk.size = parsed.log, parsed.size
 
     def begin(self, plan: PlanNote, recording: str) -> None:
-        """A plan begins; the one before is forgotten."""
+        """Begin the journal of a plan, in place of the one before."""
         self.log = PlanLog(plan, (JournalSegment(recording),))
         note = plan.model_dump(mode="json")
         line = _line({"kind": "plan", "plan": note, "recording": recording})
         self._writer.do(lambda: self._disk.begin(line), len(line))
 
     def point(self, point: Mapping[str, Any]) -> None:
-        """An operating point was taken."""
+        """Note an operating point that was captured."""
         self._append({"kind": "point", "point": point})
 
     def resumed(self, recording: str, by: str, t_ns: int) -> None:
-        """The plan goes on, in another recording."""
+        """Note that the plan goes on, in another recording."""
         self._append({"kind": "resumed", "recording": recording, "by": by, "t_ns": t_ns})
 
     def recorder_died(self, t_ns: int, *, unrecorded: bool = False) -> None:
-        """The recording may lack what the recorder was sent last, or (`unrecorded`) all of it."""
+        """Note that the recording may lack its last messages, or (`unrecorded`) all of it."""
         self._append({"kind": "recorder_died", "t_ns": t_ns, "unrecorded": unrecorded})
 
     def end(self, state: str, message: str, t_ns: int) -> None:
-        """The plan has ended: done, aborted or failed."""
+        """Note that the plan has ended: done, aborted or failed."""
         self._append({"kind": "end", "state": state, "message": message, "t_ns": t_ns})
 
     def forget(self) -> None:
-        """There is no plan to be resumed any more."""
+        """Remove the journal: there is no plan to be resumed any more."""
         self.log = None
         self._writer.do(self._disk.remove)
 
