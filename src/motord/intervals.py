@@ -20,10 +20,11 @@ def coverage_factor(freedom: float | None = None) -> float:
     return t_quantile((1 + LEVEL) / 2, inf if freedom is None else freedom)
 
 
-def half_of_interval(type_a: float, freedom: float | None, type_b: float) -> float:
-    """Return half of the 95 % interval of a value whose data leave it a standard error.
+def expanded_uncertainty(type_a: float, freedom: float | None, type_b: float) -> float:
+    """Return the expanded uncertainty, half of the 95 % interval.
 
-    type_a: by data of so many degrees of freedom, by t; type_b: what is known otherwise, normal.
+    type_a, type_b: standard uncertainties from data with `freedom` degrees of freedom, by Student's
+    t, and from other knowledge, by the normal distribution.
     """
     return hypot(coverage_factor(freedom) * type_a, coverage_factor() * type_b)
 

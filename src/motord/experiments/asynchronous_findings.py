@@ -44,7 +44,7 @@ def asynchronous_line(
 
 def _doubt(one: PointRipple) -> float:
     """Return what changes the RMS error (%) from which on it matters next to its noise."""
-    return SERIOUS_BIAS * half_of_noise(one)
+    return SERIOUS_BIAS * noise_half_width_percent(one)
 
 
 def _one_sided(one: PointRipple) -> bool:
@@ -83,6 +83,6 @@ def _amplitude_Nm(line: AsynchronousLine) -> float:
     return line.amplitude_Nm
 
 
-def half_of_noise(one: PointRipple) -> float:
+def noise_half_width_percent(one: PointRipple) -> float:
     """Return half of the 95 % interval that the RMS error has by its noise alone."""
     return coverage_factor() * (one.noise_stderr_percent or 0.0)

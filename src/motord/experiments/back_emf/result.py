@@ -106,8 +106,8 @@ class MeasuredBackEmf:
         """That age with half of its 95 % interval, as text; "" where it was not fitted."""
         if self.delay_s is None:
             return ""
-        half_s = coverage_factor(self.delay_s.freedom) * self.delay_s.stderr_s
-        return plus_minus(1e6 * self.delay_s.age_s, 1e6 * half_s)
+        half_width_s = coverage_factor(self.delay_s.freedom) * self.delay_s.stderr_s
+        return plus_minus(1e6 * self.delay_s.age_s, 1e6 * half_width_s)
 
     @property
     def degrees_of_freedom(self) -> int:

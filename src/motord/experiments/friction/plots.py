@@ -81,8 +81,8 @@ def residuals(directions: Sequence[DirectionalFriction], rounding_rad: float) ->
     with figure(3.0) as picture:
         every = picture.subplots(1, len(directions), sharey=True, squeeze=False)[0]
         for axes, one in zip(every, directions, strict=True):
-            half_mrad = 1e3 * sqrt(3) * rounding_rad
-            axes.axhspan(-half_mrad, half_mrad, color=GRID, zorder=0)
+            half_width_mrad = 1e3 * sqrt(3) * rounding_rad
+            axes.axhspan(-half_width_mrad, half_width_mrad, color=GRID, zorder=0)
             for fit in one.fits:
                 axes.plot(
                     fit.t_s[::LINE_SAMPLES], 1e3 * fit.residual_rad[::LINE_SAMPLES],

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.findings import Finding
-from motord.intervals import coverage_factor, half_of_interval
+from motord.intervals import coverage_factor, expanded_uncertainty
 
 TRACKED_PERCENT = 95.0
 """Share of the time within the tolerance below which that is a finding."""
@@ -259,7 +259,7 @@ def _mean(values: list[float], relative: float | None = 0.0, common: float = 0.0
     mean = float(np.mean(values))
     n, common = len(values), hypot((relative or 0.0) * mean, common)
     scatter = float(np.std(values, ddof=1)) / sqrt(n) if n > 1 else 0.0
-    half = half_of_interval(scatter, n - 1, common)
+    half = expanded_uncertainty(scatter, n - 1, common)
     if relative is None or half == 0.0:
         return CycleMean(mean, None, None, None)
     return CycleMean(mean, hypot(scatter, common), mean - half, mean + half)

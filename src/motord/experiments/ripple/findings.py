@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from math import hypot
 
-from motord.experiments.asynchronous_findings import asynchronous_line, half_of_noise
+from motord.experiments.asynchronous_findings import asynchronous_line, noise_half_width_percent
 from motord.experiments.signal_findings import (
     beyond_rated,
     mean_torque_scale,
@@ -65,7 +65,7 @@ def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
     hidden = [
         (half, one)
         for one in ripples
-        if (half := half_of_noise(one)) > max(HIDDEN_PERCENT, one.rms_percent)
+        if (half := noise_half_width_percent(one)) > max(HIDDEN_PERCENT, one.rms_percent)
     ]
     if hidden:
         worst, _ = max(hidden, key=lambda each: each[0])

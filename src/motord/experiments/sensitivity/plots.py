@@ -50,9 +50,9 @@ def _draw(axes: Axes, item: Series) -> None:
             y = branch.at_ideal + branch.slope * (x - item.ideal)
             axes.plot(x, y, color=OTHER, lw=1.2, ls=(0, (4, 3)), label=label)
             label = None
-    half_percent = coverage_factor() * item.stderr_percent
+    half_width_percent = coverage_factor() * item.stderr_percent
     axes.errorbar(
-        item.value, item.measured_percent, yerr=half_percent, fmt="o", color=AFTER,
+        item.value, item.measured_percent, yerr=half_width_percent, fmt="o", color=AFTER,
         markersize=4.5, elinewidth=1.2, label="measured",
     )  # fmt: skip
     axes.set(ylim=(0.0, None), title=TITLE[item.what], xlabel=SYMBOL[item.what])

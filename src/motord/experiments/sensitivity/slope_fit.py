@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from motord.intervals import half_of_interval
+from motord.intervals import expanded_uncertainty
 
 CLEAR_OF_FLOOR = 2.5
 """Theory of a point, in parts of the ripple without any error, from which on it is on a line."""
@@ -46,7 +46,7 @@ class Branch:
     @property
     def slope_half_width(self) -> float:
         """Half of the slope's 95 % interval."""
-        return half_of_interval(self.fit_stderr, self.points - 2, self.scale * self.slope)
+        return expanded_uncertainty(self.fit_stderr, self.points - 2, self.scale * self.slope)
 
     @property
     def points(self) -> int:

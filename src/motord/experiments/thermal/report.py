@@ -101,12 +101,15 @@ def _row(
 
 def _facts(found: ThermalConstants) -> list[tuple[str, str]]:
     how = "measured" if found.ambient_measured else "fitted"
-    half_K = coverage_factor(found.fit.freedom) * found.ambient_stderr_C
+    half_width_K = coverage_factor(found.fit.freedom) * found.ambient_stderr_C
     ambient = f"{found.ambient_C:.2f} \u00b0C, {how}"
     heat = "" if found.heat_W is None else f", {found.heat_W:.4g} W of copper loss at its end"
     return [
         ("current", f"{found.current_rms_A:.4g} A RMS a phase{heat}"),
         ("heat-up", f"{found.heating_s:.0f} s, ended by {found.ended_by[0]}"),
         ("cooling", f"{found.cooling_s:.0f} s, ended by {found.ended_by[1]}"),
-        ("ambient", ambient if found.ambient_measured else f"{ambient}, \u00b1 {half_K:.2f} K"),
+        (
+            "ambient",
+            ambient if found.ambient_measured else f"{ambient}, \u00b1 {half_width_K:.2f} K",
+        ),
     ]

@@ -46,11 +46,11 @@ class TemperatureSlope:
     """A slope, K/min, with half of its 95 % interval."""
 
     K_per_min: float
-    half_K_per_min: float
+    half_width_K_per_min: float
 
     def within(self, limit_K_per_min: float) -> bool:
         """Return whether it is below a limit with its interval."""
-        return abs(self.K_per_min) + self.half_K_per_min <= limit_K_per_min
+        return abs(self.K_per_min) + self.half_width_K_per_min <= limit_K_per_min
 
 
 def slope_of(t_s: np.ndarray, value_C: np.ndarray, resolution_K: float = 0.0) -> TemperatureSlope:

@@ -78,7 +78,7 @@ class TemperatureWatch:
         return {
             "temperatures_C": {name: round(one.newest, 4) for name, one in self._windows.items()},
             "slopes_K_per_min": {
-                name: None if one is None else [one.K_per_min, one.half_K_per_min]
+                name: None if one is None else [one.K_per_min, one.half_width_K_per_min]
                 for name, one in slopes.items()
             },
         }

@@ -215,9 +215,12 @@ class _Budget:
             return UNDEFINED, "mechanical and electrical power are both taken in: all of it is lost"
         motoring = self.mode == "motoring"
         input_W = self.electrical_W if motoring else self.mechanical_W
-        half_W = (self.errors(0.0, 1.0) if motoring else self.errors(1.0, 0.0)).half_width
-        if abs(input_W) < LEAST_INPUT * half_W or (motoring and input_W < 0):
-            return UNDEFINED, f"the input power, {input_W:.3g} W +- {half_W:.2g} W, is near zero"
+        half_width_W = (self.errors(0.0, 1.0) if motoring else self.errors(1.0, 0.0)).half_width
+        if abs(input_W) < LEAST_INPUT * half_width_W or (motoring and input_W < 0):
+            return (
+                UNDEFINED,
+                f"the input power, {input_W:.3g} W +- {half_width_W:.2g} W, is near zero",
+            )
         value, *slopes = self._slopes()
         in_parts = PowerEstimate.of(value, self.errors(*slopes))
         parts = (in_parts.value, in_parts.stderr, in_parts.low, in_parts.high)

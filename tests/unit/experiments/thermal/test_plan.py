@@ -291,7 +291,7 @@ def test_the_slope_has_an_interval_that_holds_for_correlated_noise() -> None:
         for n, kick in enumerate(rng.standard_normal(200)):
             noise[n] = 0.8 * noise[n - 1] + kick
         slope = slope_of(t_s, 0.01 * t_s + 0.1 * noise)
-        held += abs(slope.K_per_min - 0.6) < slope.half_K_per_min
+        held += abs(slope.K_per_min - 0.6) < slope.half_width_K_per_min
     assert 0.88 * 200 < held < 0.99 * 200
 
 
@@ -308,4 +308,4 @@ def test_a_fast_channel_costs_a_look_no_more_than_a_slow_one() -> None:
     assert fast.slope is not None
     assert slow.slope is not None
     assert fast.slope.K_per_min == pytest.approx(0.6, abs=0.05)
-    assert 0.5 < fast.slope.half_K_per_min / slow.slope.half_K_per_min < 2
+    assert 0.5 < fast.slope.half_width_K_per_min / slow.slope.half_width_K_per_min < 2

@@ -195,9 +195,9 @@ def common_gain_finding(result: CalibrationResult, accuracy: AccuracyConfig) -> 
     if result.delta_epsilon_stderr is None:
         return
     freedom = result.degrees_of_freedom.delta_epsilon if result.degrees_of_freedom else None
-    half_percent = 100 * coverage_factor(freedom) * result.delta_epsilon_stderr
+    half_width_percent = 100 * coverage_factor(freedom) * result.delta_epsilon_stderr
     gains = accuracy.torque_gain_percent, accuracy.back_emf_percent, accuracy.current_gain_percent
-    limit_percent = max(COMMON_GAIN_PERCENT, sum(gains)) + half_percent
+    limit_percent = max(COMMON_GAIN_PERCENT, sum(gains)) + half_width_percent
     percent = 100 * (result.delta_epsilon - 1)
     if abs(percent) > limit_percent:
         yield Finding(

@@ -67,9 +67,9 @@ def of_result(result: CalibrationResult) -> dict[str, float]:
 def _cogging_percent(harmonics: Sequence[Harmonic]) -> dict[str, float]:
     """Return the largest half-width; nothing where there is no cogging torque to compare with."""
     amplitude_Nm = np.array([wave.amplitude_Nm for wave in harmonics])
-    half_Nm = np.array([wave.half_width_Nm for wave in harmonics])
+    half_width_Nm = np.array([wave.half_width_Nm for wave in harmonics])
     across_Nm = amplitude_Nm * np.array([wave.phase_half_width_rad for wave in harmonics])
     whole_Nm = float(np.linalg.norm(amplitude_Nm))
     if whole_Nm == 0.0:
         return {}
-    return {"cogging_percent": 100 * float(np.hypot(half_Nm, across_Nm).max()) / whole_Nm}
+    return {"cogging_percent": 100 * float(np.hypot(half_width_Nm, across_Nm).max()) / whole_Nm}
