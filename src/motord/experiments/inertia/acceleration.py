@@ -98,13 +98,10 @@ def accelerate(
     steps = tuple(read_step(n, ticks, counts, sensor) for n, ticks in enumerate(data))
     both = _both_ways(steps)
     value = both.inertia_kg_m2
-    tau_s = sensor.highpass_time_constant_s
     repetition = TorqueSource("repetition", both.stderr_kg_m2 / value)
     sources = [TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3))]
-    if tau_s > 0:
-        longer = sensor.model_copy(
-            update={"highpass_time_constant_s": tau_s * (1 + settings.highpass_tolerance)}
-        )
+    if sensor.highpass_time_constant_s > 0:
+        longer = _longer_highpass(sensor, settings.highpass_tolerance)
         changed = _both_ways([read_step(n, ticks, counts, longer) for n, ticks in enumerate(data)])
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))
@@ -121,6 +118,12 @@ def accelerate(
         budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
         findings=(*torque_scale(ratio, "the inertia"), *_age(steps), *both.findings),
     )
+
+
+def _longer_highpass(sensor: TorqueSensorConfig, part: float) -> TorqueSensorConfig:
+    """Return the sensor with a time constant that is longer by a part of it."""
+    tau_s = sensor.highpass_time_constant_s * (1 + part)
+    return sensor.model_copy(update={"highpass_time_constant_s": tau_s})
 
 
 def _age(steps: Sequence[TorqueStep]) -> Iterator[Finding]:

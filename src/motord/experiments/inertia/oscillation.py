@@ -122,7 +122,7 @@ def combine(
     """
     if not releases:
         raise IdentifyError("no good release in there")
-    releases, disturbed = _apart(releases)
+    releases, disturbed = _without_disturbed(releases)
     frequency_rad_s, stderr_rad_s = mean_frequency([release.decay for release in releases])
     if cogging_Nm is not None:
         uncertain = _uncertain_cogging(releases[0], setup, cogging_Nm)
@@ -133,7 +133,6 @@ def combine(
             "bar and springs alone have more inertia than what swings; check bar_inertia_kg_m2, "
             "springs and levers_m in [plans.inertia-oscillation]"
         )
-    damping = np.array([release.five.damping_ratio for release in releases])
     return Oscillation(
         setup=setup,
         stator=cogging_Nm is not None,
@@ -144,17 +143,19 @@ def combine(
         readings=_readings(releases, setup),
         curves=curves(setup, frequency_rad_s),
         improvements=improvements(
-            setup,
-            found.inertia_kg_m2,
-            stderr_rad_s / frequency_rad_s,
-            float(damping.mean()),
-            float(damping.std(ddof=1)) if damping.size > 1 else 0.05 * float(damping[0]),
+            setup, found.inertia_kg_m2, stderr_rad_s / frequency_rad_s, *_damping(releases)
         ),
         disturbed=tuple(disturbed),
     )
 
 
-def _apart(releases: Sequence[Release]) -> tuple[list[Release], list[Release]]:
+def _damping(releases: Sequence[Release]) -> tuple[float, float]:
+    """Return mean and standard deviation of the damping ratio; of one release 5 % are assumed."""
+    ratio = np.array([release.five.damping_ratio for release in releases])
+    return float(ratio.mean()), float(ratio.std(ddof=1) if ratio.size > 1 else 0.05 * ratio[0])
+
+
+def _without_disturbed(releases: Sequence[Release]) -> tuple[list[Release], list[Release]]:
     """Return those that fit as well as the best, and the others."""
     misfit_rad = np.array([np.std(release.decay.residual_rad) for release in releases])
     disturbed = misfit_rad > DISTURBED * np.percentile(misfit_rad, 25)

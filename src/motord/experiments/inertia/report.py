@@ -77,6 +77,22 @@ def _oscillation(page: Page, found: Oscillation, truth_kg_m2: float | None) -> N
         "Angle from rest after each release (Poels 2008, Figure 2.4) and the encoder's samples of "
         "the last oscillation that is used of one release (Figure 2.5), with the fit.",
     )
+    _methods(page, found, truth_kg_m2)
+    page.paragraph(
+        f"\u201c{POELS2008_METHOD}\u201d is the method of Poels 2008, eqs. (2.4) to (2.6). "
+        "Two things make it too high: the springs pull along their own direction, so that their "
+        "lever shortens as the bar swings, by the square of its amplitude; and more of their mass "
+        "swings than the third that belongs to a heavy load."
+    )
+    page.picture(
+        periods(found.setup, found.inertia_kg_m2),
+        "Period over the spring constant of each side (Poels 2008, Figure 2.2), for this bar and "
+        "this motor.",
+    )
+
+
+def _methods(page: Page, found: Oscillation, truth_kg_m2: float | None) -> None:
+    """Add the table of the inertia by each method."""
     header = ["method", f"J ({UNIT})", "std of a release (%)"]
     header += ["off the truth (%)"] if truth_kg_m2 is not None else []
     rows = [
@@ -89,17 +105,6 @@ def _oscillation(page: Page, found: Oscillation, truth_kg_m2: float | None) -> N
         for one in found.readings
     ]
     page.table(header, rows, numbers=True)
-    page.paragraph(
-        f"\u201c{POELS2008_METHOD}\u201d is the method of Poels 2008, eqs. (2.4) to (2.6). "
-        "Two things make it too high: the springs pull along their own direction, so that their "
-        "lever shortens as the bar swings, by the square of its amplitude; and more of their mass "
-        "swings than the third that belongs to a heavy load."
-    )
-    page.picture(
-        periods(found.setup, found.inertia_kg_m2),
-        "Period over the spring constant of each side (Poels 2008, Figure 2.2), for this bar and "
-        "this motor.",
-    )
 
 
 def _budget(page: Page, found: Oscillation) -> None:
@@ -115,18 +120,32 @@ def _budget(page: Page, found: Oscillation) -> None:
         uncertainties(
             ("Where it comes from", [(one.source, one.uncertainty) for one in budget.shares]),
             (
-                "What changes of the set-up leave",
+                "After changes of the set-up",
                 [(one.label, one.uncertainty) for one in found.improvements],
             ),
         ),
-        "Standard uncertainty that each source alone would give, and what is left of the whole "
+        "Standard uncertainty that each source alone would give, and the combined one "
         "after the changes that Poels 2008, section 2.3.2, proposes, with the same ruler and "
         "balance. A single lever has no others to average with; the brake's disc makes damping, "
         "which hardly matters.",
     )
+    _budget_tables(page, found)
+    page.picture(
+        sensitivity(found.curves),
+        "Error of the moment of inertia by errors of the spring constants, the levers, the "
+        "springs' weighed mass and their effective mass (Poels 2008, Figures 2.6 to 2.9). The dot "
+        "is the effective mass that waves in uniform springs give.",
+    )
+
+
+def _budget_tables(page: Page, found: Oscillation) -> None:
+    """Add the tables of the sources, and of the changes of the set-up."""
     page.table(
         ["source", "tolerance", "share (% of J)"],
-        [[one.source, _tolerance(one), f"{100 * one.uncertainty:.3f}"] for one in budget.shares],
+        [
+            [one.source, _tolerance(one), f"{100 * one.uncertainty:.3f}"]
+            for one in found.budget.shares
+        ],
         numbers=True,
     )
     page.table(
@@ -136,12 +155,6 @@ def _budget(page: Page, found: Oscillation) -> None:
             for one in found.improvements
         ],
         numbers=True,
-    )
-    page.picture(
-        sensitivity(found.curves),
-        "Error of the moment of inertia by errors of the spring constants, the levers, the "
-        "springs' weighed mass and their effective mass (Poels 2008, Figures 2.6 to 2.9). The dot "
-        "is the effective mass that waves in uniform springs give.",
     )
 
 

@@ -1,6 +1,6 @@
 """A calibration with the values that operation shows, where these have departed or are better."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -47,34 +47,23 @@ def adopted(
     changes: Sequence[Change],
     created: datetime,
 ) -> Calibration:
-    """Return the calibration with what has departed, or is known better by now, in its place.
+    """Return the calibration with the tracked values that have departed or are more precise.
 
     The gains are adopted together, and so are the offsets; all else stays, with its errors. What
-    was learned with the old values goes. Raises CalibrationError where there is nothing to adopt.
+    was learned with the old values is dropped. Raises CalibrationError without any to adopt.
     """
     kinds = {_kind(one) for one in seen if _is_adopted(_kind(one), seen, changes)}
     if not kinds:
         raise CalibrationError(f"nothing to adopt: {_why_nothing(calibration, changes)}")
     by_name = {one.name: one for one in changes}
-    found = {one.name: stated(calibration, one, by_name).value for one in seen}
-    alpha, beta = _in_force(calibration)
-    if "gain" in kinds:
-        values = np.array([found[f"gain-{phase}"] for phase in PHASES])
-        alpha = _adopted("gain", values, values * OF_ALL / 100, by_name)
-    if "offset" in kinds:
-        common_A = float(np.mean(calibration.beta_A))
-        values = np.array([found[f"offset-{phase}"] for phase in PHASES])
-        beta = _adopted("offset", values + common_A, np.full(3, 1e-3 * OF_ALL), by_name)
-        stderr_A = np.hypot(beta.stderr, _common_stderr_A(calibration))
-        beta = replace(beta, stderr=_triple(stderr_A))
+    alpha, beta = _gains_and_offsets(calibration, kinds, seen, by_name)
     harmonics = tuple(
         _tracked(one, by_name) if f"cogging-{one.order}" in kinds else one
         for one in calibration.tau_cog_harmonics
     )
     counts = calibration.motor.counts
-    table_Nm = calibration.tau_cog_Nm + (
-        cogging_table(harmonics, counts) - cogging_table(calibration.tau_cog_harmonics, counts)
-    )
+    old_Nm = cogging_table(calibration.tau_cog_harmonics, counts)
+    table_Nm = calibration.tau_cog_Nm + (cogging_table(harmonics, counts) - old_Nm)
     return Calibration(
         **{
             **dict(calibration),
@@ -94,6 +83,27 @@ def adopted(
             "learned": None,
         }
     )
+
+
+def _gains_and_offsets(
+    calibration: Calibration,
+    kinds: Collection[str],
+    seen: Sequence[Quantity],
+    by_name: Mapping[str, Change],
+) -> tuple[_Phases, _Phases]:
+    """Return alpha and beta: those in force, or the tracked ones of the kinds to adopt."""
+    found = {one.name: stated(calibration, one, by_name).value for one in seen}
+    alpha, beta = _in_force(calibration)
+    if "gain" in kinds:
+        values = np.array([found[f"gain-{phase}"] for phase in PHASES])
+        alpha = _adopted("gain", values, values * OF_ALL / 100, by_name)
+    if "offset" in kinds:
+        common_A = float(np.mean(calibration.beta_A))
+        values = np.array([found[f"offset-{phase}"] for phase in PHASES])
+        beta = _adopted("offset", values + common_A, np.full(3, 1e-3 * OF_ALL), by_name)
+        stderr_A = np.hypot(beta.stderr, _common_stderr_A(calibration))
+        beta = replace(beta, stderr=_triple(stderr_A))
+    return alpha, beta
 
 
 def is_adoptable(quantity: Quantity, seen: Sequence[Quantity]) -> bool:
