@@ -72,7 +72,7 @@ class Basis:
 
 
 def cell_gain(orders: np.ndarray, counts: int) -> np.ndarray:
-    """Return how much of each order is left in means over encoder cells."""
+    """Return the gain of each order in means over encoder cells."""
     return np.asarray(np.sinc(orders / counts))
 
 

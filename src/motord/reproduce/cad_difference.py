@@ -2,7 +2,7 @@
 
 The report prints no stiffness, mass or lever of a spring, and no inertia of the bar; they follow
 from its figures: 6.6 % for 3 % in all springs is a swing 2.2 times as heavy as the motor (Figure
-2.6), 1 % for 3 % in the springs' mass gives that (Figure 2.8), what is left is the bar.
+2.6), 1 % for 3 % in the springs' mass gives that (Figure 2.8), the rest is the bar.
 """
 
 from collections.abc import Sequence

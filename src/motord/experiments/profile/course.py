@@ -171,7 +171,7 @@ def _excitation(brake: BrakeConfig, load_Nm: np.ndarray, speed_Hz: np.ndarray) -
 
 
 def _decay(brake: BrakeConfig, time_s: float) -> float:
-    """Return what is left of the excitation's departure from its set-point after a time."""
+    """Return the factor by which the excitation's deviation from its set-point decays in a time."""
     tau_s = brake.excitation_time_constant_s
     return math.exp(-time_s / tau_s) if tau_s > 0 else 0.0
 

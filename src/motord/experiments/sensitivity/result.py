@@ -107,5 +107,5 @@ class Sensitivity:
                 "no-lines", len(alone), 0, "errors", "warning",
                 f"{', '.join(alone)}: fewer than two points a side are clear of the ripple "
                 "that is there without any error: no slope is stated",
-                "induce larger errors, or learn what is left first",
+                "induce larger errors, or learn the residual ripple first",
             )  # fmt: skip

@@ -20,8 +20,8 @@ CLEAR_OF_FLOOR = 2.5
 class Branch:
     """A line through the points on one side: rms = at_ideal + slope (value - ideal), percent.
 
-    fit_stderr: of the slope, from what the line leaves, or from the points' own errors where that
-    is more (Type A); scale: standard uncertainty of the scale of all points, in parts (Type B);
+    fit_stderr: of the slope, from the residual of the line, or from the points' own errors where
+    that is more (Type A); scale: relative standard uncertainty of the points' scale (Type B);
     theory_slope: of a line through the theory of the same points; used (n,): which they are.
     """
 
@@ -86,7 +86,7 @@ class Series:
 
     @property
     def floor_percent(self) -> float:
-        """Return the RMS error nearest to the ideal: what is left without any induced error."""
+        """Return the RMS error nearest to the ideal: the residual without any induced error."""
         return float(self.measured_percent[int(np.argmin(np.abs(self.value - self.ideal)))])
 
     @property

@@ -93,7 +93,7 @@ class TurnWindows:
                 yield from self._cut()
 
     def _ended(self) -> Iterator[np.ndarray]:
-        """Yield what is left of a steady set-point, and forget it."""
+        """Yield the rest of a steady set-point, and drop it."""
         if self._size:
             yield from self._cut()
         self._kept, self._size, self._looked_at = [], 0, 0

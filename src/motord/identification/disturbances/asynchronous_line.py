@@ -2,11 +2,11 @@
 
 The average over N turns keeps of a line of d turns' frequencies beyond an order D = sin(pi N d) /
 (N sin(pi d)) of its amplitude, in even as in odd turns, so that their difference does not show it.
-The line is sought in what the average leaves: periodogram over its floor, over 1 - D^2, which the
-average leaves of it; its largest value against chance by Fisher's test (Fisher 1929; of a coloured
-floor Percival and Walden 1993, 10.9). Nearer to an order than NEAREST of the resolution it is not
-distinguished from a ripple that changes from turn to turn, and nearer than AMPLITUDE_KNOWN_FROM
-its residual may be fitted with a fraction of its amplitude.
+The line is sought in the torque less that average: periodogram over its floor, over 1 - D^2, the
+part of the line's power that is in there; its largest value against chance by Fisher's test (Fisher
+1929; of a coloured floor Percival and Walden 1993, 10.9). Nearer to an order than NEAREST of the
+resolution it is not distinguished from a ripple that changes from turn to turn, and nearer than
+AMPLITUDE_KNOWN_FROM its residual may be fitted with a fraction of its amplitude.
 """
 
 from typing import NamedTuple

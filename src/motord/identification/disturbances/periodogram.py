@@ -1,4 +1,4 @@
-"""The strongest line of what the average over turns leaves of a torque, beyond chance.
+"""The strongest significant line of a torque less its average over the turns.
 
 A line counts by its ratio to two floors: the median of many neighbours, and a quantile of the few
 nearest ones without the line, which noise of a narrow band (a torsional resonance) raises as well.
@@ -20,10 +20,10 @@ SOUGHT = 0.3
 """Distance from the nearest order, in parts of the resolution, from which on lines are sought."""
 
 SKIRTED = 1.0
-"""The same, up to which what the average leaves of a line is wider than the resolution."""
+"""The same, up to which the residual of a line is wider than the resolution."""
 
 LEAST_TURNS = 4.0
-"""Order below which what is found is drift."""
+"""Order below which a line is drift."""
 
 HIGHEST_PART = 0.8
 """Part of the highest order that turns resolve up to which lines are sought: at a speed that
@@ -71,7 +71,7 @@ class Floor(NamedTuple):
 
 
 class Periodogram:
-    """Of what the average over turns leaves, residual_Nm (n,)."""
+    """Of a torque less its average over the turns, residual_Nm (n,)."""
 
     def __init__(self, samples: Samples, residual_Nm: np.ndarray) -> None:
         """Transform it."""
@@ -82,12 +82,12 @@ class Periodogram:
         self._frequency_Hz = np.fft.rfftfreq(PADDING * grid_Nm.size, samples.period_s)
         self._turns, self._number = self._frequency_Hz / samples.speed_Hz, len(samples.turns)
         self._speed_Hz, self._trials = samples.speed_Hz, TRIALS * residual_Nm.size / 2
-        apart = self._turns - np.rint(self._turns)
-        self._apart = np.abs(apart) * self._number
-        self._shown, self._between = self._apart > SOUGHT, self._apart > 0.5
-        kept = np.abs(np.sinc(self._number * apart) / np.sinc(apart)) ** 2
+        offset = self._turns - np.rint(self._turns)
+        self._from_order = np.abs(offset) * self._number
+        self._shown, self._between = self._from_order > SOUGHT, self._from_order > 0.5
+        averaged = np.abs(np.sinc(self._number * offset) / np.sinc(offset)) ** 2
         self._power = power
-        self._whole = np.where(self._shown, power / np.maximum(1 - kept, 1e-9), np.nan)
+        self._corrected = np.where(self._shown, power / np.maximum(1 - averaged, 1e-9), np.nan)
 
     def strongest_Hz(self, highest: int, tried_Hz: Sequence[float]) -> float | None:
         """Return the frequency of the strongest line apart from those tried, None by chance alone.
@@ -100,14 +100,14 @@ class Periodogram:
         for one_Hz in tried_Hz:
             sought &= np.abs(turns - one_Hz / self._speed_Hz) * self._number > APART
         floor_Nm2, values = _floor(self._power, self._between)
-        ratio = np.where(sought, self._whole, 0.0) / floor_Nm2
+        ratio = np.where(sought, self._corrected, 0.0) / floor_Nm2
         beyond = np.flatnonzero(ratio > _limit(self._trials, values / MEDIAN_VARIANCE))
         beyond = beyond[np.argsort(-ratio[beyond])]
         for best in beyond:
             near = self._near(int(best), AROUND)
-            if self._whole[best] > near.least_ratio * near.variance_Nm2:
+            if self._corrected[best] > near.least_ratio * near.variance_Nm2:
                 return float(self._frequency_Hz[best])
-        skirted = beyond[self._apart[beyond] < SKIRTED]
+        skirted = beyond[self._from_order[beyond] < SKIRTED]
         return float(self._frequency_Hz[skirted[0]]) if skirted.size else None
 
     def floor_at(self, frequency_Hz: float) -> Floor:
@@ -119,7 +119,7 @@ class Periodogram:
     def _near(self, best: int, places: np.ndarray) -> Floor:
         """Return the floor by the nearest neighbours of a place."""
         places = best + PADDING * places
-        values = self._whole[places[(places > 0) & (places < self._whole.size)]]
+        values = self._corrected[places[(places > 0) & (places < self._corrected.size)]]
         values = values[np.isfinite(values)]
         if not values.size:
             return Floor(np.inf, 1.0)
@@ -140,7 +140,7 @@ def _floor(power: np.ndarray, between: np.ndarray) -> tuple[np.ndarray, int]:
 
     And how many these are.
 
-    between (n,): where the average over turns, which leaves nothing at orders, leaves all of it.
+    between (n,): frequencies between orders, which the average over turns does not attenuate.
     """
     places = np.arange(0, power.size, PADDING)
     places = places[between[places]]

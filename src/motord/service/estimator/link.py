@@ -31,7 +31,7 @@ class EstimatorLink:
         self.precision: Precision | None = None
 
     def begin(self, plan: Plan) -> None:
-        """A plan begins, or what is left of one."""
+        """A plan begins, or the rest of one that is resumed."""
         self._plan = plan if plan.estimator else None
         self._run = uuid4().hex if plan.estimator else ""
         self.precision = None

@@ -46,7 +46,7 @@ ALPHA_RANGE = (0.5, 2.0)
 
 
 REPEATS = 5.0
-"""Misfit, in standard errors, beyond which what a fit leaves is none of noise."""
+"""Misfit, in standard errors, beyond which the residual of a fit is not noise."""
 
 COMMON_GAIN_RANGE = (0.5, 2.0)
 """Products of torque sensor's and current sensors' gain errors that there can be."""

@@ -1,7 +1,7 @@
 """The residual estimator of the report: Poels 2008, eq. (4.5) to (4.14).
 
-Averages over the turns at each encoder point, one pseudo-inverse for all trials stacked, and what
-is left, averaged over the trials, is called cogging. It is biased: alpha's torque and cogging live
+Averages over the turns at each encoder point, one pseudo-inverse for all trials stacked, and the
+residual, averaged over the trials, is called cogging. It is biased: alpha's torque and cogging live
 at the same orders, and the least squares gives some of the cogging to alpha. Kept to compare with.
 """
 
@@ -128,7 +128,7 @@ class ResidualEstimator:
         )
 
     def _harmonics(self, y: np.ndarray) -> tuple[Harmonic, ...]:
-        """Return what `y` (6,) leaves of the torque, at the orders of the cogging torque."""
+        """Return the torque less that of `y` (6,), at the orders of the cogging torque."""
         parts = [trial.lines(self._k, self._orders) for trial in self._trials]
         lines = np.array([part[:, 6] - part[:, :6] @ y for part in parts])
         known = len(lines) > 1

@@ -1,6 +1,6 @@
 """White noise of the measured torque and of the currents: what no estimator avoids.
 
-Not what the model leaves: that holds drift, ripple that no column explains, and a mount that rings;
+Not the residual of the model: that has drift, ripple that no column explains, a mount that rings;
 and the inverse of the mount, a low-pass, has taken out most of what is white. Groups of turns in
 rotation differ by noise alone: what repeats cancels. At the high end of the spectrum, a quarter of
 the orders, drift and its like are gone, and noise of sigma per sample makes lines of mean square
@@ -34,7 +34,7 @@ HIGH_END = 4
 """The high end of the spectrum is one part of so many."""
 
 LEAST = 1e-9
-"""White noise in parts of what the model leaves, at least: made-up data may have none."""
+"""White noise in parts of the residual, at least: synthetic data may have none."""
 
 
 @dataclass(frozen=True)

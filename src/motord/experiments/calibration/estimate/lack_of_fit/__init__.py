@@ -1,1 +1,1 @@
-"""Lack of fit: what the joint estimator leaves beyond noise, its causes and its findings."""
+"""Lack of fit: residuals of the joint estimator beyond noise, their causes and findings."""

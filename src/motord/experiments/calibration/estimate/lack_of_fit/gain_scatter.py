@@ -33,7 +33,7 @@ class GainScatter:
 
     @classmethod
     def of(cls, squares: np.ndarray, spread: np.ndarray, leverage: np.ndarray) -> "GainScatter":
-        """Return what squares (m,) that a model leaves show; spread, leverage (m,): s^2, h."""
+        """Return the scatter by squared residuals (m,); spread, leverage (m,): s^2, h."""
         unused, variance = np.maximum(1 - leverage, 0.0), 0.0
         for _ in range(ROUNDS):
             weight = spread / (1 + variance * spread) ** 2

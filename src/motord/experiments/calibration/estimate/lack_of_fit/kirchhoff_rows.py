@@ -43,7 +43,7 @@ class KirchhoffRows:
 
 
 def kirchhoff_rows(regression: Regression, theta: np.ndarray) -> KirchhoffRows:
-    """Return the rows, with the commands as instruments, weighed by what the law leaves."""
+    """Return the rows, with the commands as instruments, weighed by the residual of the law."""
     weight = regression.sums(theta[ALPHA]).kirchhoff_weight(theta)
     if not (regression.kirchhoff and weight > 0):
         return KirchhoffRows(np.zeros((0, 4, 4)), np.zeros(0))

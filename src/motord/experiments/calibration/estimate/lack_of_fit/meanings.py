@@ -159,19 +159,19 @@ MEANINGS = {
         "%",
         _curve_percent,
         "gains of current sensors change by up to {size} % between no current and the rated one",
-        "calibrate the sensors against a shunt over their range; learning takes out what is left",
+        "calibrate the sensors against a shunt over their range; learning takes out the residual",
     ),
     "back-emf-load": Meaning(
         "% at rated current",
         _percent_at_rated,
         "torque falls behind the current by {size} % at rated current: saturation, or warm magnets",
-        "calibrate over the torques that are used; learning takes out what is left",
+        "calibrate over the torques that are used; learning takes out the residual",
     ),
     "cogging-load": Meaning(
         "% at rated current",
         _percent_at_rated,
         "cogging torque changes with the current, by {size} % at rated current: saturation",
-        "calibrate over the torques that are used; learning takes out what is left",
+        "calibrate over the torques that are used; learning takes out the residual",
     ),
     "friction-ripple": Meaning(
         "% of rated",

@@ -1,4 +1,4 @@
-"""Intervals that account for what a fit leaves: a result with its findings.
+"""Intervals that account for the residual of a fit: a result with its findings.
 
 A departure that is found has moved the model's parameters by a known amount, and what no departure
 explains is that much more than noise. So
