@@ -1,4 +1,4 @@
-"""Files, JSON and TOML of others: bounded, and wrong in one way only.
+"""Files, JSON and TOML from others: bounded in size, with two kinds of error only.
 
 A path that a user names may lead to a device that never ends, and a text may be nested as deep as
 Python's stack or have numbers of thousands of digits. Whatever it is, a file that cannot be used is

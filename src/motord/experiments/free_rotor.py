@@ -80,7 +80,7 @@ def raise_torque(
 
 
 def probe(demand: Demand, limits: LimitsConfig, to_speed_Hz: float) -> Motion[FreeRotor]:
-    """Raise the torque slowly until the rotor turns, let it coast, and return what it is.
+    """Raise the torque slowly until the rotor turns, let it coast, and return its properties.
 
     The inertia is of the impulse that accelerated it, to `to_speed_Hz` or PROBE_PART, less friction
     as it coasts.
@@ -108,7 +108,7 @@ def probe(demand: Demand, limits: LimitsConfig, to_speed_Hz: float) -> Motion[Fr
 
 
 def runaway(limits: LimitsConfig, torque_Nm: float) -> Fault:
-    """Return what says of each observation whether a rotor under `torque_Nm` will be too fast.
+    """Return the fault of each observation by which a rotor under `torque_Nm` will be too fast.
 
     That is, if the torque is ramped down from the next observation on. Inertia is taken from how
     the speed rose from one observation to the next, and the torque meanwhile.

@@ -1,8 +1,8 @@
-"""How much may come in a time: so much for ever, so much at once."""
+"""A rate limit: a sustained rate and a burst."""
 
 
 class Allowance:
-    """A token bucket: `rate_per_s` for ever, `burst` at once. Times are ns."""
+    """A token bucket, filled by `rate_per_s` up to `burst`. Times are ns."""
 
     def __init__(self, rate_per_s: float, burst: float) -> None:
         self._rate_per_s = rate_per_s

@@ -36,7 +36,7 @@ class Forecast:
 
 
 BY_HAND = frozenset({"inertia-oscillation"})
-"""Plans in which somebody has to move the rotor, unless the simulated rig has a hand."""
+"""Plans in which an operator has to move the rotor, unless the rig simulates that."""
 
 
 class _TooLongError(Exception):

@@ -22,14 +22,14 @@ RARE = 0.001
 """Probability of a finding by chance alone."""
 
 MOST_LOST = 0.9
-"""Part of an order beyond which its loss is not followed."""
+"""Part of an order that is lost, up to which the loss is computed."""
 
 
 @dataclass(frozen=True)
 class Eccentricity:
-    """The encoder's error once a turn, e; limit: what chance makes of it; most: with 95 %.
+    """The encoder's error once a turn; limit_rad: by chance; most_rad: its upper 95 % limit.
 
-    serious: an order that slots and poles allow loses more by it than its interval.
+    serious: it reduces an order that slots and poles allow by more than that one's interval.
     """
 
     error_rad: float

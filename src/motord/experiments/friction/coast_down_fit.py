@@ -23,7 +23,7 @@ SAMPLES_PER_PERIOD = 2.5
 """Samples that the highest order needs in a period at the highest speed."""
 
 RELAXATION = 0.5
-"""Part of the way to the fitted angles that a round goes; the whole way goes to and fro."""
+"""Relaxation factor of the iteration over the fitted angles: with 1 it oscillates."""
 
 ROUNDS_PER_ORDER = 3
 ROUNDS_MAX = 40

@@ -1,6 +1,6 @@
-"""A trace as it is played: with the way from standstill to its first row, and the brake's part.
+"""A trace as it is played: with the start from standstill to its first row, and the brake.
 
-The brake balances what torque is left besides the acceleration,
+The brake balances the torque less that of the acceleration,
 
     T_brake = T - J dw/dt,    e = sqrt(T_brake / T_full(w)),
 
@@ -23,10 +23,10 @@ STEP_S = 0.05
 """Time between two set-points of the brake."""
 
 RATE_SHARE = 0.5
-"""Part of the torque's ramp that the way to the first row uses."""
+"""Part of the torque's ramp that the start uses."""
 
 ACCELERATION_Hz_per_s = 0.5
-"""Acceleration on that way, at most."""
+"""Largest acceleration of the start."""
 
 SETTLE_S = 2.0
 """Time at the first row before the trace begins, unless it begins at rest."""
@@ -35,14 +35,14 @@ STANDING_Hz = 0.02
 """Speed below which the brake has no torque that counts."""
 
 WEAK = 0.85
-"""Brake that is reckoned with for the over-speed trip, in parts of the configured one."""
+"""Brake torque that is assumed for the over-speed trip, in parts of the configured one."""
 
 SUBSTEP_S = 0.01
 
 
 @dataclass(frozen=True)
 class Course:
-    """A trace and the way to it; time 0 is its first row, negative before.
+    """A trace with its start; time 0 is its first row, negative before.
 
     at_s (n,), torque_Nm (n,), speed_Hz (n,): on a grid of STEP_S; brake (n,): set-point of the
     excitation from that time on.

@@ -70,7 +70,7 @@ def _generating(place: tuple[float, float]) -> bool:
 
 
 def _outlook(config: Config, beyond: Mapping[tuple[float, float], str]) -> str:
-    """Return which points are left out, and what stands in the way of the analysis."""
+    """Return which points are left out, and what prevents the analysis."""
     reasons = []
     if beyond:
         (torque_Nm, speed_Hz), why = next(iter(beyond.items()))
@@ -158,7 +158,7 @@ def _load_and_capture(
 
 
 def _overpowered(seen: Observation) -> str:
-    """Return why the plan ends where the motor turns the rotor its own way, "" if not."""
+    """Return why the plan ends where the motor reverses the rotor, "" if it does not."""
     return _slips(seen) if seen.speed_Hz * seen.demand.speed_Hz < 0.0 else ""
 
 

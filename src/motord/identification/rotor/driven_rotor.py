@@ -72,7 +72,7 @@ class Driven:
 
     @property
     def speed_Hz(self) -> float:
-        """Mean speed over the whole turns (turns/s), positive either way round."""
+        """Mean speed over the whole turns (turns/s), positive in either direction."""
         duration_s = sum(float(self.t_s[end] - self.t_s[first]) for first, end in self.turns)
         return len(self.turns) / duration_s
 
@@ -91,7 +91,7 @@ def require(ticks: np.ndarray, names: Sequence[str], label: str, what: str) -> N
 def prepare(
     points: Iterable[PointData], motor: MotorConfig, names: Sequence[str], what: str
 ) -> tuple[list[Driven], tuple[LeftOut, ...]]:
-    """Return the whole turns of driven points, apart by direction and speed, and what is left out.
+    """Return the whole turns of driven points by direction and speed, and the spans left out.
 
     A point may be a capture at one speed, or a whole recording, its speed 0: slow starts, several
     speeds and both directions in it are found. `names` must be finite; what: what is missing
