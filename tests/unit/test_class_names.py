@@ -21,6 +21,7 @@ STANDARD = {
     "hear": "receive",
     "hears": "receives",
     "beside": "next_to, against, in_addition_to",
+    "sure": "significant, complete, known, coverage_factor, confidence_level",
 }
 """What a name says instead, by the word of everyday speech."""
 

@@ -12,11 +12,11 @@ from motord.config.devices import InverterConfig
 from motord.experiments.asynchronous_findings import asynchronous_line
 from motord.experiments.ilc.estimate import (
     Learning,
-    ResidualRipple,
+    PassResidual,
     over_orders,
+    pass_residual,
     refine,
     reopened,
-    residual_ripple,
     settled,
     unlearned,
 )
@@ -51,7 +51,7 @@ class LearnPass:
     """
 
     calibration: Calibration
-    residuals: tuple[ResidualRipple, ...]
+    residuals: tuple[PassResidual, ...]
     unreached: tuple[Unreached, ...] = ()
     reach: tuple[str, ...] = ()
     limit_Nm: float = np.inf
@@ -172,7 +172,7 @@ def learn(
     known = calibration.learned.orders if calibration.learned else ()
     orders = to_learn(seen, motor.pole_pairs, known)
     before = calibration.learned or _empty(seen, orders, learning)
-    residuals = tuple(residual_ripple(each, orders, motor.rated_torque_Nm) for each in seen)
+    residuals = tuple(pass_residual(each, orders, motor.rated_torque_Nm) for each in seen)
     widened = _over_orders(before, orders, seen, motor.rated_torque_Nm)
     learned = LearnedTorque(
         torques_Nm=before.torques_Nm,
@@ -221,7 +221,7 @@ def _over_orders(
 
 def _refined(
     points: Mapping[TorqueSpeed, LearnedPoint],
-    residuals: Sequence[ResidualRipple],
+    residuals: Sequence[PassResidual],
     rated_torque_Nm: float,
     learning: Learning,
 ) -> tuple[LearnedPoint, ...]:

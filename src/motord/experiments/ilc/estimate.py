@@ -45,7 +45,7 @@ class Learning:
 
 
 @dataclass(frozen=True)
-class ResidualRipple:
+class PassResidual:
     """Residual torque ripple of an operating point in a pass.
 
     error_Nm (n,): complex amplitudes of the torque error at the learned orders, order h being
@@ -62,9 +62,9 @@ class ResidualRipple:
     rms_percent: float
 
 
-def residual_ripple(
+def pass_residual(
     seen: SeenRipple, orders: tuple[int, ...], rated_torque_Nm: float
-) -> ResidualRipple:
+) -> PassResidual:
     """Return the residual ripple of a point, over the orders that are learned."""
     highest = min(seen.order.size, seen.highest)
     learned = np.array([order for order in orders if order <= highest], int) - 1
@@ -74,7 +74,7 @@ def residual_ripple(
     rms_Nm, stderr_Nm = repeating_rms(seen.even_odd_Nm[:, learned], seen.noise_Nm[learned])
     all_Nm, _ = repeating_rms(seen.even_odd_Nm, seen.noise_Nm)
     percent = 100 / rated_torque_Nm
-    return ResidualRipple(
+    return PassResidual(
         torque_Nm=seen.torque_Nm,
         speed_Hz=seen.speed_Hz,
         error_Nm=error_Nm,
@@ -115,7 +115,7 @@ def over_orders(
         rms_percent = best.rms_percent
         if seen is not None:
             new = tuple(order for order in now if order not in before)
-            added_percent = residual_ripple(seen, new, rated_torque_Nm).band_percent
+            added_percent = pass_residual(seen, new, rated_torque_Nm).band_percent
             rms_percent = float(np.hypot(rms_percent, added_percent))
         values = {"cos_Nm": wider(best.cos_Nm), "sin_Nm": wider(best.sin_Nm)}
         best = best.model_copy(update={**values, "rms_percent": rms_percent})
@@ -124,7 +124,7 @@ def over_orders(
 
 
 def refine(
-    point: LearnedPoint, residual: ResidualRipple, rated_torque_Nm: float, step: Learning
+    point: LearnedPoint, residual: PassResidual, rated_torque_Nm: float, step: Learning
 ) -> LearnedPoint:
     """Return what to apply next, after a pass with the correction of `point` and its residual."""
     here = Verified(
@@ -171,7 +171,7 @@ def _back(point: LearnedPoint, step: Learning) -> LearnedPoint:
     return _with(point.model_copy(update={"gain": gain}), (point.line_Nm + best_Nm) / 2)
 
 
-def _signal_share(residual: ResidualRipple) -> np.ndarray:
+def _signal_share(residual: PassResidual) -> np.ndarray:
     """Return w_h (n,): the share of each order's squared error that is not noise."""
     size = np.abs(residual.error_Nm) ** 2
     return np.asarray(np.maximum(1 - residual.noise_Nm**2 / np.maximum(size, 1e-30), 0.0))

@@ -66,95 +66,95 @@ Quantity = Callable[[TripWindow], float]
 
 
 def _field(name: str) -> Quantity:
-    return lambda w: float(w.last[name])
+    return lambda window: float(window.last[name])
 
 
 def _magnitude(name: str) -> Quantity:
-    return lambda w: abs(float(w.last[name]))
+    return lambda window: abs(float(window.last[name]))
 
 
 def _bits_set(word: str, bits: int) -> Quantity:
-    return lambda w: w.held_s(w.ticks[word] & bits != 0)
+    return lambda window: window.held_s(window.ticks[word] & bits != 0)
 
 
 def _bits_clear(word: str, bits: int) -> Quantity:
-    return lambda w: w.held_s(w.ticks[word] & bits == 0)
+    return lambda window: window.held_s(window.ticks[word] & bits == 0)
 
 
-def _largest_A(w: TripWindow) -> float:
-    return float(np.abs(w.currents_A()).max())
+def _largest_A(window: TripWindow) -> float:
+    return float(np.abs(window.currents_A()).max())
 
 
-def _inverter_age_s(w: TripWindow) -> float:
-    return 1e-9 * (int(w.last["sample_age_ns"]) + int(w.last["i_age_ns"]))
+def _inverter_age_s(window: TripWindow) -> float:
+    return 1e-9 * (int(window.last["sample_age_ns"]) + int(window.last["i_age_ns"]))
 
 
-def _jump_rad(w: TripWindow) -> float:
-    counts = int(w.parameters.counts)
-    steps = np.diff(w.ticks["encoder_count"][-JUMP_TICKS:].astype(np.int64))
+def _jump_rad(window: TripWindow) -> float:
+    counts = int(window.parameters.counts)
+    steps = np.diff(window.ticks["encoder_count"][-JUMP_TICKS:].astype(np.int64))
     steps = np.remainder(steps + counts // 2, counts) - counts // 2
     return float(np.abs(steps).max(initial=0)) * 2 * np.pi / counts
 
 
-def _faulty_s(w: TripWindow) -> float:
-    status, state = w.ticks["inverter_status"], w.ticks["state"]
+def _faulty_s(window: TripWindow) -> float:
+    status, state = window.ticks["inverter_status"], window.ticks["state"]
     unpowered = (status & InverterStatus.READY == 0) & (state == State.ENABLED)
     holds = (status & InverterStatus.FAULT != 0) | unpowered
     holds[-1] = True  # the state is that after the trip
-    return w.held_s(holds)
+    return window.held_s(holds)
 
 
-def _missed(w: TripWindow) -> float:
-    return float(np.diff(w.ticks["missed"][-2:].astype(np.int64)).sum())
+def _missed(window: TripWindow) -> float:
+    return float(np.diff(window.ticks["missed"][-2:].astype(np.int64)).sum())
 
 
-def _silent_s(w: TripWindow) -> float:
-    seq = w.ticks["setpoint_seq"]
-    return w.held_s(seq == seq[-1])
+def _silent_s(window: TripWindow) -> float:
+    seq = window.ticks["setpoint_seq"]
+    return window.held_s(seq == seq[-1])
 
 
-def _errors(w: TripWindow) -> float:
-    counts = w.ticks["link_errors"][-w.rate_Hz :]
+def _errors(window: TripWindow) -> float:
+    counts = window.ticks["link_errors"][-window.rate_Hz :]
     return float(int(counts[-1]) - int(counts[0]))
 
 
-def _bus_limit_V(w: TripWindow) -> float:
-    low, high = float(w.parameters.bus_V_min), float(w.parameters.bus_V_max)
-    return low if float(w.last["u_bus_V"]) < low else high
+def _bus_limit_V(window: TripWindow) -> float:
+    low, high = float(window.parameters.bus_V_min), float(window.parameters.bus_V_max)
+    return low if float(window.last["u_bus_V"]) < low else high
 
 
-def _arming_s(w: TripWindow) -> float:
-    ready = w.ticks["state"] == State.READY
+def _arming_s(window: TripWindow) -> float:
+    ready = window.ticks["state"] == State.READY
     ready[-1] = True  # the state is that after the trip
-    return w.held_s(ready)
+    return window.held_s(ready)
 
 
-def _not_finite(w: TripWindow) -> float:
-    values = (float(w.last["torque_Nm"]), *w.currents_A())
+def _not_finite(window: TripWindow) -> float:
+    values = (float(window.last["torque_Nm"]), *window.currents_A())
     return float(sum(not np.isfinite(value) for value in values))
 
 
-def _current_error_A(w: TripWindow) -> float:
+def _current_error_A(window: TripWindow) -> float:
     """Return the distance of the currents from the nearest command that can have been in force."""
-    now_A = w.currents_A()
-    begun_ns = w.ticks["t_ns"][:-1] + w.ticks["sample_age_ns"][:-1]
-    measured_ns = int(w.last["t_ns"]) - int(w.last["i_age_ns"])
-    settled_ns = measured_ns - int(w.parameters.settling_ns)
+    now_A = window.currents_A()
+    begun_ns = window.ticks["t_ns"][:-1] + window.ticks["sample_age_ns"][:-1]
+    measured_ns = int(window.last["t_ns"]) - int(window.last["i_age_ns"])
+    settled_ns = measured_ns - int(window.parameters.settling_ns)
     sent, settled = np.searchsorted(begun_ns, [measured_ns, settled_ns], side="right")
-    before = w.ticks[max(min(settled - 1, sent - 2), 0) : sent]
+    before = window.ticks[max(min(settled - 1, sent - 2), 0) : sent]
     if not len(before):
         return float(np.abs(now_A).max())
     commands_A = np.stack([before[f"i_cmd_{phase}_A"].astype(float) for phase in PHASES], axis=1)
     error_A = now_A - commands_A
-    if w.parameters.star:
+    if window.parameters.star:
         error_A -= error_A.mean(axis=1, keepdims=True)
     return float(np.abs(error_A).max(axis=1).min())
 
 
-def _torque_limit_Nm(w: TripWindow) -> float:
-    before_Nm = abs(float(w.ticks["torque_set_Nm"][-2:][0]))
-    induced_Nm = float(w.parameters.torque_per_A) * sum(map(abs, w.induced_offset_A))
-    return float(w.parameters.torque_error_Nm) + TORQUE_SHARE * before_Nm + induced_Nm
+def _torque_limit_Nm(window: TripWindow) -> float:
+    before_Nm = abs(float(window.ticks["torque_set_Nm"][-2:][0]))
+    induced_Nm = float(window.parameters.torque_per_A) * sum(map(abs, window.induced_offset_A))
+    return float(window.parameters.torque_error_Nm) + TORQUE_SHARE * before_Nm + induced_Nm
 
 
 _LINE_OPEN = "enable line open, for s"
@@ -168,7 +168,7 @@ _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
     ),
     Trip.ENCODER_STALE: (
         "age of the encoder's sample, s",
-        lambda w: 1e-9 * int(w.last["sample_age_ns"]),
+        lambda window: 1e-9 * int(window.last["sample_age_ns"]),
         "bridge_stale_s",
     ),
     Trip.ENCODER_IMPLAUSIBLE: (
@@ -205,7 +205,7 @@ _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
     ),
     Trip.TORQUE_IMPLAUSIBLE: (
         "distance of the torque from what the sensor should say, Nm",
-        lambda w: abs(float(w.last["torque_Nm"]) - w.expected_Nm),
+        lambda window: abs(float(window.last["torque_Nm"]) - window.expected_Nm),
         _torque_limit_Nm,
     ),
     Trip.BRAKE_TEMPERATURE: (
@@ -213,7 +213,7 @@ _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
     ),
     Trip.ENABLE_LINE: (_LINE_OPEN, _bits_clear("bridge_status", BridgeStatus.ENABLE_LINE), ""),
     Trip.CHANNEL: (
-        "channels that trip", lambda w: float(len(w.channels)), lambda w: 0.0
+        "channels that trip", lambda window: float(len(window.channels)), lambda window: 0.0
     ),
 }  # fmt: skip
 """Quantity, its value, and its limit: a function, a field of PARAMETERS, or "" for the debounce
@@ -230,25 +230,25 @@ _UNPOWERED: dict[str, Quantity] = {
 """What keeps a bench from power; ENABLE_TIMEOUT has those that hold among its values."""
 
 
-def _limit(trip: Trip, limit: str | Quantity, w: TripWindow) -> float:
+def _limit(trip: Trip, limit: str | Quantity, window: TripWindow) -> float:
     if not isinstance(limit, str):
-        return limit(w)
+        return limit(window)
     if limit:
-        return float(w.parameters[limit])
-    return int(w.parameters.lasts_ns[int(trip).bit_length() - 1]) / 1e9
+        return float(window.parameters[limit])
+    return int(window.parameters.lasts_ns[int(trip).bit_length() - 1]) / 1e9
 
 
-def trip_values(bits: int, w: TripWindow) -> ValuesAndLimits:
+def trip_values(bits: int, window: TripWindow) -> ValuesAndLimits:
     """Return value and limit for each cause in `bits`, by the quantity's name and unit."""
     values: dict[str, Mapping[str, float]] = {
-        quantity: {"value": value(w), "limit": _limit(trip, limit, w)}
+        quantity: {"value": value(window), "limit": _limit(trip, limit, window)}
         for trip, (quantity, value, limit) in _QUANTITIES.items()
         if bits & trip
     }
     for quantity, held in _UNPOWERED.items() if bits & Trip.ENABLE_TIMEOUT else ():
-        if held_s := held(w):
-            limit_s = float(w.parameters.enable_timeout_s)
+        if held_s := held(window):
+            limit_s = float(window.parameters.enable_timeout_s)
             values.setdefault(quantity, {"value": held_s, "limit": limit_s})
-    if bits & Trip.I2T and w.i2t_derating > 0.0:
-        values[DERATING] = {"value": w.i2t_derating, "limit": 1.0}
-    return {**values, **w.channels} if bits & Trip.CHANNEL else values
+    if bits & Trip.I2T and window.i2t_derating > 0.0:
+        values[DERATING] = {"value": window.i2t_derating, "limit": 1.0}
+    return {**values, **window.channels} if bits & Trip.CHANNEL else values

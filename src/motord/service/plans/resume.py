@@ -24,7 +24,7 @@ from motord.service.plans.journal_file import Journal
 from motord.service.plans.recorded_points import recorded
 from motord.service.recording.control import RecordingControl
 
-UNSURE = "the recorder died meanwhile, and a point may be missing in the recording"
+MAY_MISS_POINTS = "the recorder died meanwhile, and a point may be missing in the recording"
 ADVICE = "motord plan resume takes the rest, motord plan discard forgets it"
 
 MAY_CHANGE = {"bench", "accuracy", "recording", "calibration", "tracking", "zenoh", "plans"}
@@ -87,7 +87,7 @@ class Resumption:
         self._unix_ns = unix_ns
         self._journal_error = ""
         self._under_way = False
-        self._sure = True  # no recorder has died over the plan
+        self._recorded_in_full = True  # no recorder has died over the plan
         self._resumable = True
         self._parts = bench_parts(config)  # a large back-EMF table takes a while
 
@@ -105,7 +105,7 @@ class Resumption:
         One that is not resumable leaves nothing in the journal, neither of itself nor of another.
         """
         path = self._recording.plan_started(plan, view, notes)
-        self._resumable, self._sure = resumable, True
+        self._resumable, self._recorded_in_full = resumable, True
         self._under_way = True
         if not resumable:
             self._journal.forget()
@@ -163,7 +163,7 @@ class Resumption:
         if why:
             self.points_missing()
             return f"not recorded in full: {why}"
-        return UNSURE if why == "" and not self._sure else why
+        return MAY_MISS_POINTS if why == "" and not self._recorded_in_full else why
 
     def points_missing(self) -> None:
         """Note that points may be missing in the recording: the journal does not count."""
@@ -182,7 +182,7 @@ class Resumption:
     def recorder(self, link: RecorderLink | None) -> None:
         """A recorder was started, or has ended: in the midst of a plan, one has died."""
         if link is None and self._under_way:
-            self._sure = False
+            self._recorded_in_full = False
             if self._resumable:
                 self._journal.recorder_died(self._unix_ns())
 

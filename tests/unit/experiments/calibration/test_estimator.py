@@ -32,11 +32,11 @@ def test_the_residual_estimator_is_biased_where_the_joint_one_is_not(trials: lis
 
 
 def test_a_campaign_reports_what_was_not_kept(trials: list[Trial]) -> None:
-    sure = [
+    overconfident = [
         replace(t, half_width=t.half_width * 1e-3, alpha=t.alpha + 0.01, residual_alpha=t.alpha)
         for t in trials
     ]
-    failures = judge(sure).failures
+    failures = judge(overconfident).failures
     assert sum("in its interval" in failure for failure in failures) > 10
     assert any("joint" in failure for failure in failures)
     assert any("residual" in failure for failure in failures)

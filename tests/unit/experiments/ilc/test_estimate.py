@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from motord.experiments.ilc.estimate import (
     Learning,
-    ResidualRipple,
+    PassResidual,
     refine,
     reopened,
     settled,
@@ -22,10 +22,10 @@ RATED_NM, ORDERS = 6.0, 12
 STEP = Learning(gain=0.7)
 
 
-def measured(error_Nm: np.ndarray, noise_Nm: float = 1e-6, stderr: float = 1e-6) -> ResidualRipple:
+def measured(error_Nm: np.ndarray, noise_Nm: float = 1e-6, stderr: float = 1e-6) -> PassResidual:
     rms = 100 / RATED_NM * float(np.sqrt((np.abs(error_Nm) ** 2).sum() / 2))
     noise = np.full(error_Nm.size, noise_Nm)
-    return ResidualRipple(3.0, 0.7, error_Nm, noise, rms, stderr, rms)
+    return PassResidual(3.0, 0.7, error_Nm, noise, rms, stderr, rms)
 
 
 def disturbance(seed: int, size_Nm: float = 0.01) -> np.ndarray:
@@ -42,7 +42,7 @@ class Plant:
         self.disturbance = disturbance(seed)
         self.random = np.random.default_rng(seed + 1)
 
-    def run(self, point: LearnedPoint) -> ResidualRipple:
+    def run(self, point: LearnedPoint) -> PassResidual:
         error = self.disturbance - self.response * point.line_Nm
         wave = self.random.normal(size=ORDERS) + 1j * self.random.normal(size=ORDERS)
         stderr = 100 / RATED_NM * self.noise_Nm / 2

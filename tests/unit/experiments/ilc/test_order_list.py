@@ -7,8 +7,8 @@ from motord.config import TorqueSensorConfig
 from motord.experiments.ilc.estimate import (
     Learning,
     over_orders,
+    pass_residual,
     refine,
-    residual_ripple,
     unlearned,
 )
 from motord.experiments.ilc.order_list import in_lines, reach_text, shown, to_learn, unreached
@@ -75,7 +75,7 @@ def test_the_reach_names_what_limits_it() -> None:
 
 def test_a_point_keeps_what_it_learned_when_the_list_grows() -> None:
     first, step = ripple({6: 0.03}, 1), Learning()
-    point = refine(unlearned(1, step), residual_ripple(first, (6,), 6.0), 6.0, step)
+    point = refine(unlearned(1, step), pass_residual(first, (6,), 6.0), 6.0, step)
     second = ripple({6: 0.009, 10: 0.02}, 2)
     wider = over_orders(point, (6,), (6, 10), second, 6.0)
     assert wider.cos_Nm == (point.cos_Nm[0], 0.0)
@@ -83,7 +83,7 @@ def test_a_point_keeps_what_it_learned_when_the_list_grows() -> None:
     assert point.best is not None
     grown = np.hypot(point.best.rms_percent, 100 / 6.0 * 0.02 / np.sqrt(2))
     assert wider.best.rms_percent == pytest.approx(grown, rel=0.05)
-    after = refine(wider, residual_ripple(second, (6, 10), 6.0), 6.0, step)
+    after = refine(wider, pass_residual(second, (6, 10), 6.0), 6.0, step)
     assert after.gain == step.gain
     assert after.cos_Nm[1] == pytest.approx(0.7 * 0.02, rel=0.1)
     assert over_orders(wider, (6, 10), (6, 10), second, 6.0) is wider

@@ -35,7 +35,7 @@ def test_the_lines_meet_where_the_ripple_is_least() -> None:
     assert rms == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_slope_is_as_sure_as_its_points() -> None:
+def test_a_slope_has_the_uncertainty_of_its_points() -> None:
     quiet, noisy = (measured(0.0, noise=noise).branches[0].slope_stderr for noise in (1e-4, 0.05))
     assert 100 * quiet > noisy > 10 * quiet
     assert abs(measured(0.0, noise=0.05).branches[0].slope + 18) < 4 * noisy

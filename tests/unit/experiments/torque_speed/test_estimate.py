@@ -205,7 +205,7 @@ def test_a_beat_that_averages_out_is_hardly_scatter(number: int, blocks_a_beat: 
     assert error < stated < 0.6 * 0.5**0.5 / number**0.5
 
 
-def test_instants_of_a_ripple_are_as_sure_as_their_mean_is() -> None:
+def test_instants_of_a_ripple_have_the_uncertainty_of_their_mean() -> None:
     """Read at any phase; intervals from independent blocks are 5 times as wide."""
     machine, errors_W, stderrs_W = Machine(speed_Hz=4.4, noise_Nm=0.0), [], []
     turns = machine.turns(np.random.default_rng(1))
