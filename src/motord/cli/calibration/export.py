@@ -57,9 +57,8 @@ def export(
 ) -> None:
     """Write the cogging compensation of a calibration as a drive stores it.
 
-    Says what torque ripple the drive's table leaves of the cogging torque, and what of the
-    calibration the drive cannot take. Amperes, in moteus, csv and c-header, need the bench file or
-    --torque-constant.
+    Prints the residual torque ripple with the drive's table, and what of the calibration the drive
+    cannot take. Amperes, in moteus, csv and c-header, need the bench file or --torque-constant.
     """
     from motord.calibration.export import FORMATS, DriveFrame, exported
 
