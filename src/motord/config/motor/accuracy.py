@@ -1,6 +1,7 @@
 """`[accuracy]`: what data sheets and installation say of errors that data do not show (Type B)."""
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import Annotated
 
 from pydantic import Field
@@ -55,6 +56,11 @@ class AccuracyConfig(Section):
     """Friction that changes with the angle, of the rated torque."""
     offset_like_cogging_percent: Percent = 0.05
     """Cogging torque at the pole pairs and three times them, of the rated torque."""
+
+    @property
+    def torque_scale(self) -> float:
+        """Standard uncertainty of the torque sensor's gain, in parts (Type B)."""
+        return self.torque_gain_percent / 100 / sqrt(3)
 
 
 def widest(stated: Sequence[AccuracyConfig]) -> AccuracyConfig:

@@ -10,7 +10,7 @@ from motord.calibration import RmsErrors, RmsPoint, by_magnitude, load
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
-from motord.experiments.ripple.findings import findings
+from motord.experiments.ripple_findings import findings
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.text import TextTable
 
@@ -37,7 +37,8 @@ def estimate(
     if not measured:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: no good operating point in there")
-    return MeshRipple(measured, shares, (*findings(measured), *points_left_out(runs)))
+    found = (*findings(measured), *points_left_out(runs))
+    return MeshRipple(measured, shares, found, subject.accuracy.torque_scale)
 
 
 def _text(found: MeshRipple, _: Recordings) -> Iterator[str | TextTable]:

@@ -14,6 +14,7 @@ to have been compensated out of phase.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from math import hypot
 from typing import Any, ClassVar
 
 import numpy as np
@@ -69,7 +70,8 @@ class Explained:
 class MeshRipple:
     """Ripple of each operating point; explained: with the currents' share, where asked for.
 
-    findings: what is questionable about it.
+    findings: what is questionable about it; scale: standard uncertainty of the torque's scale, in
+    parts (Type B), which the standard errors of the JSON hold.
     """
 
     JSON: ClassVar = ("rms_error_percent", "points")
@@ -77,6 +79,7 @@ class MeshRipple:
     ripples: tuple[PointRipple, ...]
     explained: tuple[Explained, ...] = ()
     findings: tuple[Finding, ...] = ()
+    scale: float = 0.0
 
     @property
     def errors(self) -> RmsErrors:
@@ -92,9 +95,15 @@ class MeshRipple:
     def points(self) -> list[dict[str, Any]]:
         """The operating points as JSON has them."""
         return [
-            {**encode(ripple), **(encode(share) if share else {})}
+            {**encode(self._scaled(ripple)), **(encode(share) if share else {})}
             for ripple, share in zip_longest(self.ripples, self.explained)
         ]
+
+    def _scaled(self, ripple: PointRipple) -> PointRipple:
+        if ripple.stderr_percent is None:
+            return ripple
+        stderr_percent = hypot(ripple.stderr_percent, self.scale * ripple.rms_percent)
+        return replace(ripple, stderr_percent=stderr_percent)
 
 
 def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:

@@ -1,7 +1,6 @@
 """What errors of a calibration cost in ripple: theory, and the `sensitivity` plan's recordings."""
 
 from collections.abc import Iterator, Sequence
-from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -93,7 +92,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
         expected = float(model.rms_percent(ripple.torque_Nm, *wrong))
         for what, value in _single(induced).items():
             rows[what].append((value, ripple.rms_percent, ripple.stderr_percent, expected))
-    scale = subject.accuracy.torque_gain_percent / 100 / sqrt(3)
+    scale = subject.accuracy.torque_scale
     torque_Nm, speed_Hz = places[0] if places else (DEFAULT_TORQUE_Nm, 0.0)
     return Sensitivity(
         subject=subject,

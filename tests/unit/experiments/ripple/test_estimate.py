@@ -1,5 +1,6 @@
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,14 @@ from motord.calibration import load as load_calibration
 from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
 from motord.experiments.ripple import estimate
-from motord.experiments.ripple.findings import findings
-from motord.experiments.subject import Subject
+from motord.experiments.ripple.command import estimate as estimate_verify
+from motord.experiments.ripple_findings import findings
+from motord.experiments.subject import Recordings, Subject
 from motord.identification.disturbances import lines_of_points
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import AsynchronousLine
 from motord.recording.reader import open_run
-from tests.support.wrong_signals import change_recording
+from tests.support.wrong_signals import change_recording, scaled
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
 
@@ -49,6 +51,20 @@ def test_verify_with_the_calibration_reports_the_shares(recorded: Recorded, tmp_
     assert "not explained by them" in " ".join(out.split())
     assert "share_explained" in output.read_text()
     assert "Where the ripple comes from" in report.read_text()
+
+
+def test_the_gain_of_the_torque_sensor_is_in_the_stated_errors(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """A gain at the limit that [accuracy] assumes; noise is much less at these points."""
+    change = partial(scaled, ("torque_Nm",), 1.005)
+    path = change_recording(recorded.off, tmp_path / "gain.mcap", change)
+    of = {path: estimate_verify(Recordings.open([path])) for path in (recorded.off, path)}
+    for true, point, noise in zip(
+        of[recorded.off].points, of[path].points, of[path].ripples, strict=True
+    ):
+        off = point["rms_percent"] - true["rms_percent"]
+        assert 1.96 * noise.stderr_percent < off < 1.96 * point["stderr_percent"]
 
 
 def test_a_calibration_of_another_motor_is_refused(recorded: Recorded, tmp_path: Path) -> None:

@@ -22,14 +22,19 @@ HIDDEN_PERCENT = 0.1
 """Half-width of an RMS error, percent of rated, from which on noise that exceeds it matters."""
 
 
-def findings(ripples: Sequence[PointRipple]) -> tuple[Finding, ...]:
-    """Return what is questionable about the ripple of the points."""
+def findings(
+    ripples: Sequence[PointRipple], consequence: str = "the intervals hold that"
+) -> tuple[Finding, ...]:
+    """Return what is questionable about the ripple of the points.
+
+    consequence: what the results make of what lines that are not locked to the rotor change.
+    """
     faults = signal_findings((one.label, one.faults) for one in ripples)
     return (
         *_scale(ripples),
         *_one_turn(ripples),
         *_hidden(ripples),
-        *asynchronous_line(ripples),
+        *asynchronous_line(ripples, consequence),
         *_worse(ripples),
         *faults,
     )
@@ -60,13 +65,14 @@ def _one_turn(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def is_hidden(one: PointRipple) -> bool:
+    """Return whether noise is as large as the RMS error, which it may have made 0."""
+    return noise_half_width_percent(one) > max(HIDDEN_PERCENT, one.rms_percent)
+
+
 def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
-    """Yield a finding where noise is as large as the RMS error, which it may have made 0."""
-    hidden = [
-        (half, one)
-        for one in ripples
-        if (half := noise_half_width_percent(one)) > max(HIDDEN_PERCENT, one.rms_percent)
-    ]
+    """Yield a finding where noise hides the RMS error."""
+    hidden = [(noise_half_width_percent(one), one) for one in ripples if is_hidden(one)]
     if hidden:
         worst, _ = max(hidden, key=lambda each: each[0])
         most = max(one.rms_percent + half for half, one in hidden)
