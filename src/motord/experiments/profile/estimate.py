@@ -108,7 +108,7 @@ def _scale_uncertainty(subject: Subject, calibration: Calibration | None) -> flo
     """Return the standard uncertainty of the torque's scale, in parts (Type B); None: unknown."""
     accuracy = subject.accuracy
     if subject.sensor.passes_mean:
-        return accuracy.torque_gain_percent / 100 / sqrt(3)
+        return accuracy.torque_scale
     if calibration is None:
         return None
     if calibration.budget:
@@ -123,8 +123,8 @@ def _source(subject: Subject, calibration: Calibration | None) -> str:
     gains = (
         f"with calibration {calibration.id}"
         if calibration
-        else "whose gains and offsets are not known, so that energy, power and mean torque have no "
-        "interval: name the calibration with --calibration"
+        else "whose gains and offsets are not known, so that energy, power, mean torque and torque "
+        "error have no interval: name the calibration with --calibration"
     )
     return (
         f"as the sensor measures it above {1 / (2 * np.pi * tau_s):.2g} Hz; below that, which it "

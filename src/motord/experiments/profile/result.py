@@ -161,9 +161,13 @@ class ProfileTracking:
     @cached_property
     def torque_rms_Nm(self) -> CycleMean:
         """RMS of the torque error."""
-        scale, zero_Nm = self.torque_uncertainty or 0.0, self.torque_zero_Nm
-        common = [one.moments.of_rms_Nm(one.torque.rms, scale, zero_Nm) for one in self.cycles]
-        return _mean([one.torque.rms for one in self.cycles], common=float(np.mean(common)))
+        values_Nm, scale = [one.torque.rms for one in self.cycles], self.torque_uncertainty
+        if scale is None:
+            return _mean(values_Nm, None)
+        common = [
+            one.moments.of_rms_Nm(one.torque.rms, scale, self.torque_zero_Nm) for one in self.cycles
+        ]
+        return _mean(values_Nm, common=float(np.mean(common)))
 
     @cached_property
     def energy_J(self) -> CycleMean:

@@ -105,10 +105,11 @@ def test_tolerances_are_those_of_the_plan(played: Played, tmp_path: Path) -> Non
     assert any(note.startswith("one cycle shows no scatter") for note in wide.notes)
 
 
-def test_without_a_calibration_the_energy_has_no_interval(played: Played) -> None:
+def test_without_a_calibration_energy_and_torque_error_have_no_interval(played: Played) -> None:
     result = found(played.off)
     assert result.energy_J.value == pytest.approx(np.mean(true_energy_J(played.off)), rel=0.03)
     assert result.energy_J.low is None
+    assert result.torque_rms_Nm.low is result.torque_rms_Nm.stderr is None
     assert "name the calibration with --calibration" in result.notes[0]
 
 
