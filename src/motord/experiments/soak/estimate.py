@@ -2,31 +2,48 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
 
 import numpy as np
 
 from motord.experiments.points_left_out import points_left_out
+from motord.experiments.ripple_findings import is_hidden
+from motord.experiments.soak.point_ripples import (
+    noise_rms_Nm,
+    point_ripples,
+    ripple_findings,
+    without_orders,
+)
 from motord.experiments.soak.result import FigureTrend, Repetition, SoakResult
 from motord.experiments.soak.settings import NAME
 from motord.experiments.soak.trend import drifting, slope
 from motord.experiments.subject import AnalysisError, Recordings, Subject, check_plan
 from motord.identification.operating_points import good_points
-from motord.identification.point_ripple import rms_error_percent
+from motord.identification.point_ripple import PointRipple
 from motord.identification.signal_condition import require_change
 from motord.intervals import LEVEL
 from motord.recording.reader import Run, bounds_of
 
-COLUMNS = ("t_ns", "plan_point", "angle_rad", "speed_rad_s", "torque_Nm", "missed", "temperature_C")
+COLUMNS = ("t_ns", "plan_point", "speed_rad_s", "torque_Nm", "missed", "temperature_C")
 
-OWN_FIGURES = ("rms_error_percent", "torque_mean_Nm", "inverter_temperature_C", "missed_ticks")
+OWN_FIGURES = (
+    "rms_error_percent", "noise_rms_percent", "torque_mean_Nm", "inverter_temperature_C",
+    "missed_ticks",
+)  # fmt: skip
 """Figures of the ticks; a channel of such a name has "channel" before it."""
+
+
+OF_TORQUE = ("rms_error_percent", "noise_rms_percent", "torque_mean_Nm")
+"""Beginnings of the names of figures that have the scale of the torque."""
 
 
 @dataclass(frozen=True)
 class PointFigures:
     """A captured point: which of the inner plan's, its label, and the figures of its ticks.
 
-    figures: by name with its unit; those of the set-point, not finite where they are not known.
+    figures: by name with its unit; those of the set-point, not finite where they are not known;
+    ripple: without its orders, None where there is no whole turn.
     """
 
     run: str
@@ -37,28 +54,50 @@ class PointFigures:
     missed: float
     figures: Mapping[str, float]
     channels: Mapping[str, float]
+    ripple: PointRipple | None
 
 
 def soak_trends(recordings: Recordings) -> SoakResult:
     """Return the trends. Raises AnalysisError, ConfigError, RecordError."""
     runs, subject = recordings.runs, recordings.subject
     plan = _plan_of(runs)
-    points: dict[tuple[int, int], PointFigures] = {}
+    taken: dict[tuple[int, int], PointFigures] = {}
     for run in sorted(runs, key=_began_ns):
         for one in _points(run, subject):
-            points[one.repetition, one.place] = one
-    if not points:
+            taken[one.repetition, one.place] = one
+    if not taken:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: no good operating point in there")
+    points = _without_hidden(list(taken.values()))
     units = {name: one.unit for run in runs for name, one in run.channels().items()}
-    repetitions = _repetitions(list(points.values()))
+    repetitions = _repetitions(points)
+    scale = subject.accuracy.torque_scale
     trends = [
-        *_of_repetitions(repetitions, points.values(), units),
-        *_of_points(repetitions, points.values()),
+        one.with_scale(scale) if one.name.startswith(OF_TORQUE) else one
+        for one in (
+            *_of_repetitions(repetitions, points, units),
+            *_of_points(repetitions, points),
+        )
     ]
     drifts = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
     judged = tuple(replace(one, drifts=its) for one, its in zip(trends, drifts, strict=True))
-    return SoakResult(plan, tuple(repetitions.values()), judged, points_left_out(runs))
+    ripples = [one.ripple for one in points if one.ripple is not None]
+    questionable = (*ripple_findings(ripples), *points_left_out(runs))
+    return SoakResult(plan, tuple(repetitions.values()), judged, questionable)
+
+
+def _without_hidden(points: Sequence[PointFigures]) -> list[PointFigures]:
+    """Return the points without the RMS errors of set-points where noise hides it, at any time.
+
+    It comes out as 0 there, or as what noise made of it: its slope would be none of the ripple's.
+    """
+    hidden = {one.place for one in points if one.ripple is not None and is_hidden(one.ripple)}
+    return [
+        replace(one, figures={**one.figures, "rms_error_percent": np.nan})
+        if one.place in hidden
+        else one
+        for one in points
+    ]
 
 
 def _plan_of(runs: Sequence[Run]) -> str:
@@ -89,46 +128,53 @@ def _points(run: Run, subject: Subject) -> Iterable[PointFigures]:
         raise AnalysisError(
             f"{run.path}: ticks have no {', '.join(missing)}; record the {NAME} with this version"
         )
-    channels = {name: run.channel(name) for name in run.channels()}
     numbered = [one for one in run.operating_points() if {"repetition", "inner_index"} <= {*one}]
-    for point in good_points(numbered):
-        place = int(point["inner_index"])
-        ticks = run.ticks(COLUMNS, **bounds_of(point))
-        ticks = ticks[ticks["plan_point"] == int(point["index"])]
-        if not ticks.size:
-            continue
-        label = f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz"
-        require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {label}")
-        span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
-        yield PointFigures(
-            run=run.path.name,
-            repetition=int(point["repetition"]),
-            place=place,
-            label=label,
-            t_ns=sum(span_ns) / 2,
-            missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
-            figures=_figures(ticks, subject),
-            channels={name: _mean_within(*one, *span_ns) for name, one in channels.items()},
-        )
+    channels = {name: run.channel(name) for name in run.channels()}
+    for _, group in groupby(good_points(numbered), key=lambda point: int(point["repetition"])):
+        points = list(group)
+        ripples = point_ripples(run, points, subject)
+        for point in points:
+            ticks = run.ticks(COLUMNS, **bounds_of(point))
+            ticks = ticks[ticks["plan_point"] == int(point["index"])]
+            if ticks.size:
+                ripple = ripples.get(int(point["index"]))
+                yield _point(run, point, ticks, _figures(ticks, subject, ripple), channels, ripple)
 
 
-def _figures(ticks: np.ndarray, subject: Subject) -> dict[str, float]:
-    """Return the figures of a capture's ticks; nan where there is none.
+def _point(
+    run: Run,
+    point: Mapping[str, Any],
+    ticks: np.ndarray,
+    figures: Mapping[str, float],
+    channels: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    ripple: PointRipple | None,
+) -> PointFigures:
+    place = int(point["inner_index"])
+    label = f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz"
+    require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {label}")
+    span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
+    return PointFigures(
+        run=run.path.name,
+        repetition=int(point["repetition"]),
+        place=place,
+        label=label,
+        t_ns=sum(span_ns) / 2,
+        missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
+        figures=figures,
+        channels={name: _mean_within(*one, *span_ns) for name, one in channels.items()},
+        ripple=None if ripple is None else without_orders(ripple),
+    )
 
-    The RMS error is Poels 2008, eq. (4.16), of each whole turn about its mean, noise included.
-    """
-    torque_Nm, rated_Nm = ticks["torque_Nm"].astype(float), subject.motor.rated_torque_Nm
+
+def _figures(ticks: np.ndarray, subject: Subject, ripple: PointRipple | None) -> dict[str, float]:
+    """Return the figures of a capture's ticks; nan where there is none."""
+    torque_Nm = ticks["torque_Nm"].astype(float)
     weights = np.abs(ticks["speed_rad_s"].astype(float))
-    turned = np.unwrap(ticks["angle_rad"].astype(float)) / (2 * np.pi)
-    turn = np.abs(turned - turned[0]).astype(int)
-    squares = [
-        rms_error_percent(torque_Nm[turn == one], rated_Nm, weights[turn == one]) ** 2
-        for one in range(turn[-1])
-        if weights[turn == one].sum() > 0
-    ]
     mean_Nm = float(np.average(torque_Nm, weights=weights if weights.any() else None))
+    in_percent = 100 / subject.motor.rated_torque_Nm
     return {
-        "rms_error_percent": float(np.sqrt(np.mean(squares))) if squares else np.nan,
+        "rms_error_percent": np.nan if ripple is None else ripple.rms_percent,
+        "noise_rms_percent": np.nan if ripple is None else in_percent * noise_rms_Nm(ripple),
         "torque_mean_Nm": mean_Nm if subject.sensor.passes_mean else np.nan,
         "inverter_temperature_C": float(ticks["temperature_C"].astype(float).mean()),
     }
@@ -178,6 +224,7 @@ def _of_repetitions(
         }
 
     found = trend("rms_error_percent", "%", means("rms_error_percent"))
+    found += trend("noise_rms_percent", "%", means("noise_rms_percent"))
     found += trend("inverter_temperature_C", "degC", means("inverter_temperature_C"))
     for name, unit in units.items():
         read = {

@@ -1,14 +1,15 @@
 """What is found of a soak: its repetitions, and the trend of each figure over them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
 
 from motord.experiments.soak.trend import CORRELATION_MAX, LEAST, DriftSlope
 from motord.findings import Finding, listed
-from motord.intervals import plus_minus
+from motord.intervals import coverage_factor, plus_minus
 
 WARMS_UP = (
     "the bench was not at its steady temperature: begin once it is warm, or give it more rest "
@@ -82,6 +83,19 @@ class FigureTrend:
         """Mean of the values."""
         return float(self.values.mean())
 
+    def with_scale(self, scale: float) -> "FigureTrend":
+        """Return the trend whose slope is as unsure as the scale of its values, too (Type B).
+
+        scale: standard uncertainty, in parts.
+        """
+        slope = self.slope
+        if slope.stderr is None:
+            return self
+        common = scale * slope.value
+        half_width = hypot(slope.half_width or 0.0, coverage_factor() * common)
+        slope = replace(slope, stderr=hypot(slope.stderr, common), half_width=half_width)
+        return replace(self, slope=slope)
+
     def to_text(self) -> str:
         """Return the slope with half of its interval, if that is known."""
         half = self.slope.half_width
@@ -99,7 +113,7 @@ class SoakResult:
     plan: str
     repetitions: tuple[Repetition, ...]
     trends: tuple[FigureTrend, ...]
-    left_out: tuple[Finding, ...] = ()
+    questionable: tuple[Finding, ...] = ()
 
     @property
     def hours(self) -> float:
@@ -122,8 +136,8 @@ class SoakResult:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Drifts, a correlation that is too high for their intervals, and points left out."""
-        return (*self._drifts(), *self._correlated(), *self.left_out)
+        """Drifts, a correlation that is too high for their intervals, and what is questionable."""
+        return (*self._drifts(), *self._correlated(), *self.questionable)
 
     def _drifts(self) -> Iterator[Finding]:
         for one in self.trends:

@@ -1,0 +1,73 @@
+"""Ripple of the points of a repetition, freed of noise, as `verify` has it of its mesh."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import inf, nan, sqrt
+from typing import Any
+
+import numpy as np
+
+from motord.experiments.ripple_findings import findings
+from motord.experiments.subject import Subject
+from motord.findings import Finding
+from motord.identification import IdentifyError
+from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
+from motord.identification.operating_points import Samples, prepare, split
+from motord.identification.point_ripple import PointRipple, point_ripple
+from motord.recording.captures import COLUMNS
+from motord.recording.reader import Run, bounds_of
+
+
+def point_ripples(
+    run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
+) -> dict[int, PointRipple]:
+    """Return the ripple of good points by their index; points without a whole turn have none."""
+    motor, sensor = subject.motor, subject.sensor
+    index, found, detected = [], [], []
+    for number, samples in _samples(run, points, subject):
+        index.append(number)
+        found.append(point_ripple(samples, motor, sensor))
+        detected.append(DetectedLines.of(samples, motor.counts))
+    again = (samples for _, samples in _samples(run, points, subject))
+    ripples = with_asynchronous(found, detected, again, motor, sensor)
+    return dict(zip(index, ripples, strict=True))
+
+
+def _samples(
+    run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
+) -> Iterator[tuple[int, Samples]]:
+    for point in points:
+        for data in split(run.ticks(COLUMNS, **bounds_of(point)), [point]):
+            try:
+                samples = prepare(data, subject.motor.counts)
+            except IdentifyError:
+                continue
+            yield int(point["index"]), samples
+
+
+def noise_rms_Nm(ripple: PointRipple) -> float:
+    """Return the RMS of a turn's noise, in its orders, by even and odd turns; nan of one turn."""
+    if ripple.turns < 2:
+        return nan
+    apart_Nm = (ripple.even_odd_Nm[0] - ripple.even_odd_Nm[1]) / 2
+    return sqrt(ripple.turns / 2 * float((np.abs(apart_Nm) ** 2).sum()))
+
+
+def without_orders(ripple: PointRipple) -> PointRipple:
+    """Return the ripple without its orders: those of thousands of points take much memory."""
+    none = np.empty(0)
+    return replace(ripple, order=none, line_Nm=none, noise_Nm=none, even_odd_Nm=none)
+
+
+def ripple_findings(ripples: Iterable[PointRipple]) -> tuple[Finding, ...]:
+    """Return what is questionable about the ripple: of each set-point, where it is known worst."""
+    worst: dict[tuple[str, int], PointRipple] = {}
+    for one in ripples:
+        key = one.label, one.compensate
+        worst[key] = max(worst.get(key, one), one, key=_unsure)
+    consequence = "slopes are as unsure where that differs from repetition to repetition"
+    return findings(list(worst.values()), consequence) if worst else ()
+
+
+def _unsure(one: PointRipple) -> tuple[int, float]:
+    return len(one.faults), inf if one.stderr_percent is None else one.stderr_percent
