@@ -29,15 +29,24 @@ def record_dtype(fields: list[Any]) -> np.dtype[np.void]:
 
 
 def joined(blocks: Sequence[np.ndarray]) -> np.ndarray:
-    """Return blocks (n_k,) of one structured type, one block at least, as one (sum of n_k,).
-
-    As plain bytes: numpy copies a structured type field by field, which takes ten times as long.
-    """
+    """Return blocks (n_k,) of one structured type, one block at least, as one (sum of n_k,)."""
     dtype = blocks[0].dtype
     if dtype.hasobject or any(block.dtype != dtype for block in blocks):
         return np.concatenate(blocks, dtype=dtype)
-    plain = np.dtype((np.void, dtype.itemsize))
-    return np.concatenate([block.view(plain) for block in blocks]).view(dtype)
+    return np.concatenate([as_bytes(block) for block in blocks]).view(dtype)
+
+
+def rows_of(records: np.ndarray, chosen: np.ndarray | slice) -> np.ndarray:
+    """Return records (n,) of a structured type that a mask (n,) chooses, or a slice."""
+    return as_bytes(records)[chosen].view(records.dtype)
+
+
+def as_bytes(records: np.ndarray) -> np.ndarray:
+    """Return a view of records of a structured type without objects as plain bytes of its size.
+
+    numpy copies and chooses records field by field, which takes ten times as long.
+    """
+    return records.view(np.dtype((np.void, records.dtype.itemsize)))
 
 
 @dataclass(frozen=True)

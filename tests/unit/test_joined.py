@@ -1,9 +1,9 @@
-"""Blocks of ticks are joined as they are, also where one is a slice or of another type."""
+"""Ticks are joined and chosen as they are, also where they are a slice or of another type."""
 
 import numpy as np
 import pytest
 
-from motord.schema import TICK_DTYPE, joined
+from motord.schema import TICK_DTYPE, joined, rows_of
 
 
 def ticks(first: int, count: int) -> np.ndarray:
@@ -37,3 +37,13 @@ def test_blocks_of_another_type_become_that_of_the_first() -> None:
 def test_texts() -> None:
     text = np.dtype([("name", object)])
     assert joined([np.array([("a",)], text), np.array([("b",)], text)]).tolist() == [("a",), ("b",)]
+
+
+@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("columns", [["tick", "torque_Nm"], list(TICK_DTYPE.names or ())])
+def test_ticks_are_chosen_as_numpy_chooses_them(step: int, columns: list[str]) -> None:
+    records = ticks(0, 12)[columns][::step]
+    for chosen in (records["tick"] % 3 > 0, records["tick"] < 0, slice(1, 3)):
+        found = rows_of(records, chosen)
+        assert found.dtype == records.dtype
+        assert found.tolist() == records[chosen].tolist()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motord.identification.harmonics import lines_at
+from motord.schema import rows_of
 from motord.wire.ticks.blocks import Block
 
 POINTS = 2048
@@ -57,7 +58,7 @@ class TurnAverager:
         good = np.isfinite(angle_rad) & np.isfinite(block["torque_Nm"])
         if not good.any():
             return
-        block, angle_rad = block[good], angle_rad[good]
+        block, angle_rad = rows_of(block, good), angle_rad[good]
         before = self._angle_rad
         if before is None:  # somewhere in a turn
             before = float(angle_rad[0])

@@ -22,6 +22,7 @@ from motord.config.motor.accuracy import widest
 from motord.config.reading import load_motor
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run, bounds_of, open_run
+from motord.schema import rows_of
 from motord.untrusted import parse_toml
 
 Settings = TypeVar("Settings", bound=Section)
@@ -204,7 +205,7 @@ def captured_ticks(run: Run, columns: Sequence[str]) -> Iterator[np.ndarray]:
         whole = ticks["plan_point"] == int(point["index"])
         for name in columns:
             whole &= np.isfinite(ticks[name])
-        yield ticks[whole]
+        yield rows_of(ticks, whole)
 
 
 def _with_serial(subjects: Sequence[Subject]) -> list[Subject]:

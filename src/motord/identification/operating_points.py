@@ -18,6 +18,7 @@ from motord.identification.signal_condition import (
     signal_faults,
 )
 from motord.identification.turning import continuous_turns
+from motord.schema import rows_of
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
 COMMANDS = ("i_cmd_a_A", "i_cmd_b_A", "i_cmd_c_A")
@@ -121,7 +122,7 @@ def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> I
         yield PointData(
             torque_Nm=float(point["torque_Nm"]),
             speed_Hz=float(point["speed_Hz"]),
-            ticks=chosen[chosen["plan_point"] == int(point["index"])],
+            ticks=rows_of(chosen, chosen["plan_point"] == int(point["index"])),
             compensate=int(point.get("compensate", 0)),
             induced=point.get("induced", {}),
             turns_from_start=bool(point.get("turns_from_start", False)),
@@ -174,7 +175,7 @@ def prepare(point: PointData, counts: int) -> Samples:
         turns=turns,
         commanded=command_A is not None,
         back_emf_factor=point.back_emf_factor,
-        faults=_faults(ticks[good], len(turns), counts),
+        faults=_faults(rows_of(ticks, good), len(turns), counts),
     )
 
 

@@ -18,6 +18,7 @@ from motord.identification.operating_points import PointData, split
 from motord.identification.point_ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
 from motord.reproduce.evaluate import Errors
+from motord.schema import joined
 from motord.virtual.mesh import MeshPiece, run_points
 
 PASSES = 5
@@ -92,7 +93,7 @@ def learn_virtual(
 def _captured(piece: MeshPiece) -> list[PointData]:
     """Return what was captured, apart from the memory that goes with the piece."""
     return [
-        PointData(p.torque_Nm, p.speed_Hz, p.ticks.copy(), p.compensate)
+        PointData(p.torque_Nm, p.speed_Hz, joined([p.ticks]), p.compensate)
         for p in split(piece.ticks, [piece.point])
     ]
 

@@ -8,6 +8,7 @@ from scipy.optimize import nnls
 
 from motord.experiments.alignment.rests import PHASE_LAGS_RAD, Rests, unwrapped_rad
 from motord.identification import IdentifyError
+from motord.schema import rows_of
 
 STOPS_MIN = 10
 """Stops in each direction of the vector that a fit needs."""
@@ -174,7 +175,7 @@ def _motion_and_torque(ticks: np.ndarray, counts: int) -> tuple[np.ndarray, np.n
     All are means over the same triangle of +-HALF_S; samples are HALF_S apart. Ticks between two
     samples of the encoder repeat the time of the first.
     """
-    ticks = ticks[np.diff(ticks["t_ns"], prepend=0) > 0]
+    ticks = rows_of(ticks, np.diff(ticks["t_ns"], prepend=0) > 0)
     if ticks.size < 2:
         return np.zeros((0, 2)), np.zeros(0)
     t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9

@@ -38,6 +38,7 @@ from motord.experiments.subject import (
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
 from motord.identification.signal_condition import require_change
 from motord.recording.reader import Run, bounds_of
+from motord.schema import rows_of
 from motord.uncertainty_budget import totals
 
 COLUMNS = (
@@ -158,7 +159,7 @@ def _signals(
     ticks = run.ticks((*COLUMNS, *commands), **bounds)
     captured = ticks["plan_point"] == int(point["index"])
     torque_Nm, passed_Nm, currents_Nm = _torques(ticks, subject, calibration)[:, captured]
-    ticks = ticks[captured]
+    ticks = rows_of(ticks, captured)
     name = f"cycle {int(point['index']) + 1}"
     require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {name}")
     checked = CycleSignals.of(name, ticks, passed_Nm, currents_Nm, subject.motor)

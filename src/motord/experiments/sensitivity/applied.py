@@ -16,7 +16,7 @@ from motord.identification import IdentifyError
 from motord.identification.least_loss import currents_per_Nm
 from motord.identification.operating_points import COMMANDS, CURRENTS
 from motord.identification.resample import fill_gaps
-from motord.schema import Flag
+from motord.schema import Flag, joined, rows_of
 
 NEEDED = ("angle_predicted_rad", "torque_set_Nm", "cogging_comp_Nm", "flags", *COMMANDS)
 """Columns of the tick that describe the compensation."""
@@ -42,7 +42,7 @@ class Applied:
         that flows are wrong by just this gain and offset: sensed and commanded currents become
         ((alpha i* + beta) - offset_A) / gain.
         """
-        changed = ticks.copy()
+        changed = joined([ticks])
         for names in (CURRENTS, COMMANDS):
             for p, name in enumerate(names):
                 flowing_A = self.gain[p] * ticks[name] + self.offset_A[p]
@@ -74,7 +74,7 @@ class AppliedCompensation:
                 "the currents of this run were not compensated for gains, offsets and cogging "
                 "torque: install a calibration before the plan"
             )
-        t = ticks[good]
+        t = rows_of(ticks, good)
         position = t["angle_predicted_rad"].astype(float) * (self._counts / (2 * np.pi))
         whole = np.floor(position).astype(np.int64)
         share = (position - whole)[:, None]

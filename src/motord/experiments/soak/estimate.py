@@ -24,6 +24,7 @@ from motord.identification.point_ripple import PointRipple
 from motord.identification.signal_condition import require_change
 from motord.intervals import LEVEL
 from motord.recording.reader import Run, bounds_of
+from motord.schema import rows_of
 
 COLUMNS = ("t_ns", "plan_point", "speed_rad_s", "torque_Nm", "missed", "temperature_C")
 
@@ -135,7 +136,7 @@ def _points(run: Run, subject: Subject) -> Iterable[PointFigures]:
         ripples = point_ripples(run, points, subject)
         for point in points:
             ticks = run.ticks(COLUMNS, **bounds_of(point))
-            ticks = ticks[ticks["plan_point"] == int(point["index"])]
+            ticks = rows_of(ticks, ticks["plan_point"] == int(point["index"]))
             if ticks.size:
                 ripple = ripples.get(int(point["index"]))
                 yield _point(run, point, ticks, _figures(ticks, subject, ripple), channels, ripple)

@@ -12,6 +12,7 @@ from motord.identification.operating_points import PointData
 from motord.identification.resample import rising
 from motord.identification.signal_condition import require_sound
 from motord.identification.turning import continuous_turns, unwrap_counts
+from motord.schema import rows_of
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm")
 COLUMNS = (*REQUIRED, "u_bus_V", "tick", "plan_point")
@@ -43,7 +44,8 @@ class CapturedTurns:
         label, names = f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz", point.ticks.dtype.names
         if missing := [name for name in REQUIRED if name not in (names or ())]:
             raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
-        ticks = point.ticks[rising(point.ticks["t_ns"]) & np.isfinite(point.ticks["torque_Nm"])]
+        good = rising(point.ticks["t_ns"]) & np.isfinite(point.ticks["torque_Nm"])
+        ticks = rows_of(point.ticks, good)
         count = ticks["encoder_count"].astype(np.int64)
         turns = continuous_turns(count, motor.counts, label, from_start=point.turns_from_start)
         t0_ns = int(ticks["t_ns"][0])

@@ -110,7 +110,7 @@ class TurnWindows:
             return
         end = turns[-1][1]
         window = ticks[: end + MARGIN]
-        self._kept = [ticks[max(end - MARGIN, 0) :].copy()]
+        self._kept = [joined([ticks[max(end - MARGIN, 0) :]])]
         self._size = self._looked_at = self._kept[0].size
         if _one_way(unwrap_counts(window["encoder_count"], self._counts)):
             yield window

@@ -19,6 +19,7 @@ from motord.identification.signal_condition import (
     signal_faults,
 )
 from motord.identification.turning import TURN_MORE, Turn, segments, unwrapped, whole_turns
+from motord.schema import rows_of
 
 CURRENT_SHARE = 0.02
 """Part of the rated current that may turn with the rotor in a run without current."""
@@ -116,7 +117,7 @@ def _prepare(
     good = rising(point.ticks["t_ns"])
     for name in names:
         good &= np.isfinite(point.ticks[name])
-    ticks = point.ticks[good]
+    ticks = rows_of(point.ticks, good)
     all_s = (point.ticks["t_ns"] - point.ticks["t_ns"][:1]) * 1e-9
     t_s = all_s[good]
     position_rad, grid = unwrapped(ticks, motor.counts, label)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.schema import TICK_DTYPE, joined
+from motord.schema import TICK_DTYPE, joined, rows_of
 from motord.shm.ring import RingReader
 
 READ_AT_ONCE = 1 << 16
@@ -49,7 +49,7 @@ class CaptureTicks:
         with self._lock:
             ticks = joined(self._blocks)
             begin, end = np.searchsorted(ticks["tick"], [first, last + 1])
-            self._blocks, self._kept = [ticks[end:].copy()], len(ticks) - int(end)
+            self._blocks, self._kept = [joined([ticks[end:]])], len(ticks) - int(end)
             whole = self._whole_from <= first and last <= self._newest
         return ticks[begin:end] if whole else None
 
@@ -57,7 +57,7 @@ class CaptureTicks:
         if self._after_loss:
             self._whole_from, self._after_loss = int(block["tick"][0]), False
         self._newest = int(block["tick"][-1])
-        inside = block[block["plan_point"] >= 0]
+        inside = rows_of(block, block["plan_point"] >= 0)
         self._blocks.append(inside)
         self._kept += len(inside)
         if self._kept > self._kept_max:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motord.schema import rows_of
+
 SPAN_S = 60.0
 BUCKET_NS = 100_000_000
 BUCKETS = round(SPAN_S * 1e9 / BUCKET_NS)
@@ -43,7 +45,7 @@ class MinMaxHistory:
         """Add a block of ticks, shape (n,); those older than what is kept are left out."""
         buckets = ticks["t_ns"] // BUCKET_NS
         kept = buckets > max(self._newest, int(buckets.max(initial=0))) - self._size
-        ticks, buckets = ticks[kept], buckets[kept]
+        ticks, buckets = rows_of(ticks, kept), buckets[kept]
         if not len(ticks):
             return
         self._clear_up_to(int(buckets.max()))

@@ -13,7 +13,7 @@ from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
 from motord.recording.captures import COLUMNS
-from motord.schema import joined
+from motord.schema import joined, rows_of
 from motord.sequencing.observation import Precision
 
 AGAIN = 1.25
@@ -45,7 +45,7 @@ class LiveCalibration:
         """Take a block of ticks, structured as TICK_DTYPE; those of no operating point go."""
         inside = ticks["plan_point"] >= 0
         if inside.any():
-            self._blocks.append(ticks[inside])
+            self._blocks.append(rows_of(ticks, inside))
 
     def captured(self, point: Mapping[str, Any]) -> Precision:
         """Return what the captures give, with the one that `/operating_point` describes."""
