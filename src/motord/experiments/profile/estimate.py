@@ -15,7 +15,6 @@ from math import exp, hypot, sqrt
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from motord.calibration import Calibration
 from motord.experiments.points_left_out import points_left_out
@@ -197,6 +196,8 @@ def _torques(ticks: np.ndarray, subject: Subject, calibration: Calibration | Non
 
 def _passed(torque_Nm: np.ndarray, decay: float) -> np.ndarray:
     """Return what the high-pass passes of a torque (n,) that was constant before."""
+    from scipy.signal import lfilter  # 0.3 s, of whoever asks for less
+
     start = [decay * torque_Nm[0]]
     return np.asarray(torque_Nm - lfilter([1 - decay], [1, -decay], torque_Nm, zi=start)[0])
 

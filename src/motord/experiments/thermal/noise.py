@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 ORDER_MAX = 30
 """Largest number of coefficients."""
@@ -93,6 +92,8 @@ def _covariance(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 def _extended(covariance: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, int]:
     """Return the covariance of every lag (n,) by the best autoregression, and its order."""
+    from scipy.signal import lfilter  # 0.3 s, of whoever asks for less
+
     best, a = np.inf, np.zeros(0)
     for order in range(covariance.size):
         wanted = covariance[1 : order + 1]
