@@ -202,6 +202,7 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("limits", "current_error_s = 0.00099", "make it at least 0.001"),
         ("limits", "torque_error_s = 0.0027", "make it at least 0.0028"),
         ("loop", "enable_timeout_s = 0.0219", "make it at least 0.022"),
+        ("inverter", "feedback_age_s = 0.99\nstale_after_s = 1.0", "make it at least 1.02"),
         ("limits", "link_errors_per_s = 0.9", "limits.link_errors_per_s"),
         ("loop", "overrun_ticks = 1", "loop.overrun_ticks"),
         (

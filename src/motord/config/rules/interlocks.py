@@ -64,6 +64,7 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
     """What is normal for a while is no fault: a step on its way, one sample, one lost frame."""
     limits, inverter = config.limits, config.inverter
     period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
+    age_s = inverter.feedback_age_s
     for name, given_s, least_s, why in (
         ("[limits] current_error_s", limits.current_error_s, period_s,
          f"it would act as one period of {period_s:g} s does, in which feedback comes once"),
@@ -72,9 +73,10 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
          "a step of the torque would trip before it shows, after [inverter] actuation_delay_s, "
          f"{SETTLING_LAGS} lag_s, a tick and a sample"),
         ("[loop] enable_timeout_s", config.loop.enable_timeout_s,
-         DELAY_MAX_S + INTERVALS_MIN * max(period_s, sample_s),
+         DELAY_MAX_S + max(age_s + INTERVALS_MIN * period_s,
+                           INTERVALS_MIN * sample_s),
          "no drive and no enable line could be ready so soon, and say so in a message of "
-         "which one may be lost"),
+         "which one may be lost" + (", as old as [inverter] feedback_age_s" * (age_s > 0))),
     ):  # fmt: skip
         yield from SettingBound(name, given_s, "at least", least_s, "too short", why).refusal()
     yield from SettingBound(
