@@ -2,8 +2,10 @@
 
 A fading-memory tracking filter of second order: both poles at exp(-bandwidth dt), so the gains fit
 whatever time has passed between samples; after a long gap the speed is the mean over the gap.
-Samples that the speed cannot explain are not used, and counted. The estimate is as old as the
-newest sample used (`m.t_ns`), and who uses it asks for its age.
+Samples that the speed cannot explain are not used, and counted until it explains two in a row: of a
+rotor that makes half or a third of a turn between samples each second or third one seems to be of a
+slow rotor. The estimate is as old as the newest sample used (`m.t_ns`), and who uses it asks for
+its age.
 
 Acquisition: the filter starts at the speed 0, and locks on to a rotor that turns at most at e times
 the plausible jump times the bandwidth, at less where samples are rare. After RESYNC_SAMPLES
@@ -89,10 +91,13 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
         if m.implausible == 0:
             m.seen_ns = 0  # what was seen of an earlier fault is no part of this one
         m.implausible = min(int(m.implausible) + 1, RESYNC_SAMPLES + 1)
+        m.sound = 0
         if count >= 0:
             _acquire(p, m, t_ns, angle_rad)
         return
-    m.implausible = 0
+    if m.sound:
+        m.implausible = 0
+    m.sound = 1
     m.t_ns = t_ns
     pole = math.exp(-p.observer_bandwidth_rad_s * dt_s)
     m.angle_rad = wrap_angle(ahead_rad + (1.0 - pole * pole) * error_rad)
@@ -154,6 +159,7 @@ def _start(m: np.record, t_ns: int, angle_rad: float, speed_rad_s: float) -> Non
     m.tracking = 1
     m.acquiring = 0
     m.implausible = 0
+    m.sound = 1
     m.tracks_ns = 0  # the track monitor starts over, too
     m.t_ns = t_ns
     m.angle_rad = angle_rad

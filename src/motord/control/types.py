@@ -168,9 +168,10 @@ MEMORY = record_dtype(
         ("since_ns", "i8", (32,)),  # when each trip's condition began to hold
         ("conditions_held", "u4"),  # conditions that hold by the newest evidence of each
         ("causes", "u4"),  # those that have held for longer than they may
-        ("implausible", "u4"),  # encoder samples in a row that the speed cannot explain
+        ("implausible", "u4"),  # encoder samples that the speed cannot explain, since two it could
         ("encoder_count", "i4"),
         ("started", "u1"),  # the first tick is over
+        ("sound", "u1"),  # the speed explains the newest encoder sample
         ("tracking", "u1"),  # the observer has an angle
         ("acquiring", "u1"),  # it looks for the speed at which to start afresh
         ("arming", "u1"),  # READY, on the way to ENABLED

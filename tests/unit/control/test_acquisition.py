@@ -294,3 +294,21 @@ def test_a_fault_that_lasts_for_ever_stays_one() -> None:
     bench.run(10)
     assert all(int(bench.run()["trip_bits"]) & IMPLAUSIBLE for _ in range(5))
     assert int(bench.memory["implausible"][0]) == RESYNC_SAMPLES + 1
+
+
+@pytest.mark.parametrize("turn_rad", [1.97, 2.29, 3.0, 3.41, 3.99])
+def test_a_rotor_far_beyond_the_limit_is_not_enabled_as_a_slow_one(turn_rad: float) -> None:
+    """Every second or third sample of it seems to be one of a slow rotor."""
+    limits = {"trip_speed_rad_s": 157.0, "encoder_jump_rad": 0.5}
+    bench = Bench(
+        make_config(
+            loop={"rate_Hz": 200, "observer_bandwidth_Hz": 124},
+            bridge={"stale_after_s": 0.03},
+            limits=limits,
+        )
+    )
+    bench.speed_rad_s = 200 * turn_rad
+    bench.run(60)
+    bench.ask(Request.ENABLE)
+    bench.run(60)
+    assert bench.tick["state"][0] == State.OFF
