@@ -45,13 +45,18 @@ def query(table: "pa.Table", sql: str, parameters: Sequence[object] = ()) -> Ans
         sql.encode()
         with engine.connect(":memory:", config=OPTIONS) as connection:
             connection.register(VIEW, rows)
+            connection.execute("SET TimeZone = 'UTC'")  # of now(), which is compared with `time`
             connection.execute("SET enable_external_access = false")
             connection.execute("SET lock_configuration = true")
             statements = connection.extract_statements(sql)
             if [one.type.name for one in statements] not in [[kind] for kind in KINDS]:
                 raise ResultsError("SQL: give one SELECT: the store is only read")
             answer = connection.execute(statements[0], parameters)
-            columns = tuple(column[0] for column in answer.description or ())
+            description = answer.description or ()
+            for name, kind, *_ in description:
+                if "WITH TIME ZONE" in str(kind):  # needs pytz, which duckdb does not bring along
+                    raise ResultsError(f"SQL: {name} has a time zone: add ::TIMESTAMP, it is UTC")
+            columns = tuple(column[0] for column in description)
             return Answer(columns, answer.fetchall())
     except (engine.Error, UnicodeError) as error:
         raise ResultsError(f"SQL: {_first_paragraph(str(error))}") from None

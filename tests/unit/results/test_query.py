@@ -40,6 +40,11 @@ def test_questions(table, sql, columns, rows):
     assert (answer.columns, answer.rows) == (columns, rows)
 
 
+def test_now_is_utc_as_the_times_of_results_are(table):
+    """In another zone `time > now() - INTERVAL 1 HOUR` would be hours off."""
+    assert query(table, "SELECT current_setting('TimeZone')").rows == [("UTC",)]
+
+
 def test_values_are_those_that_were_stored_bit_for_bit(tmp_path):
     values = [0.1 + 0.2, math.pi, 5e-324, 1.7976931348623157e308, -0.0]
     table = fill(tmp_path / "s", values).read().table
@@ -60,6 +65,8 @@ def test_values_are_those_that_were_stored_bit_for_bit(tmp_path):
         ("-- nothing", "give one SELECT"),
         ("SELECT 1; SELECT 2", "give one SELECT"),
         ("\udcff", "surrogates"),
+        ("SELECT now() AS t", "t has a time zone: add ::TIMESTAMP"),
+        ("SELECT [now()] AS t", "t has a time zone: add ::TIMESTAMP"),
     ],
 )
 def test_an_error_is_one_line(table, sql, why):
