@@ -1,5 +1,7 @@
 """`motord security init|add|list|remove`: certificates and roles for other machines."""
 
+import json
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -46,7 +48,7 @@ def init(
     typer.echo(_section(folder.resolve()))
     typer.echo(
         f"ca.key makes certificates: keep it from others, the daemon does not need it. Next: "
-        f"motord security add NAME --role viewer|operator --in {folder}",
+        f"motord security add NAME --role viewer|operator --in {shlex.quote(str(folder))}",
         err=True,
     )
 
@@ -56,7 +58,9 @@ def _section(folder: Path) -> str:
         ("ca", "ca.pem"), ("certificate", "server.pem"), ("key", "server.key"),
         ("roles", "roles.toml"),
     )  # fmt: skip
-    files = "\n".join(f'{key} = "{folder / name}"' for key, name in names)
+    files = "\n".join(
+        f"{key} = {json.dumps(str(folder / name), ensure_ascii=False)}" for key, name in names
+    )
     return f"""\
 # in the bench file:
 [zenoh]

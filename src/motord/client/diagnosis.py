@@ -12,6 +12,7 @@ from motord.security.identity import Identity
 
 CONNECT_S = 3.0
 _ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)")
+_FORM = re.compile(rf"(tcp|tls)/[^/,]+:\d{{1,5}}|{UNIX_SOCKET}.+")
 _ALERTS = (
     ("CERTIFICATE_REQUIRED", "it asks for a certificate"),
     ("UNKNOWN_CA", "the certificate is from another authority"),
@@ -20,6 +21,14 @@ _ALERTS = (
     ("CERTIFICATE_EXPIRED", "the certificate has expired"),
     ("BAD_CERTIFICATE", "the certificate is not accepted"),
 )
+
+
+def why_no_endpoint(endpoint: str) -> str:
+    """Return what is wrong with the form of an endpoint, "" if it is one."""
+    if _FORM.fullmatch(endpoint):
+        return ""
+    forms = f"tcp/HOST:PORT, tls/HOST:PORT and {UNIX_SOCKET}/PATH"
+    return f"'{endpoint}' is no endpoint; those are {forms}"
 
 
 def why_no_socket(endpoint: str) -> str:

@@ -9,7 +9,7 @@ from motord import DEFAULT_ENDPOINT
 from motord.api.endpoints import KEY_ROOT, client_config, key
 from motord.client.client import Client
 from motord.client.connection import QUERY_S
-from motord.client.diagnosis import why_closed, why_no_socket
+from motord.client.diagnosis import why_closed, why_no_endpoint, why_no_socket
 from motord.client.error import ClientError
 from motord.security import identity as identity_folder
 from motord.security.error import SecurityError
@@ -73,6 +73,8 @@ def identity_for(endpoint: str, given: Identity | Path | str | None) -> Identity
 def _unreachable(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
     if who is not None and (refused := why_closed(endpoint, who)):
         return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
+    if malformed := why_no_endpoint(endpoint):
+        return ClientError("unreachable", malformed)
     if forbidden := why_no_socket(endpoint):
         return ClientError("forbidden", forbidden)
     which = f" for bench '{bench}'" if bench else ""

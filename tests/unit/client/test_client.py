@@ -60,6 +60,15 @@ def test_nobody_there_is_said_in_one_line():
     assert caught.value.code == "unreachable"
 
 
+@pytest.mark.parametrize(
+    "where", ["127.0.0.1:1", "tcp/127.0.0.1", "tcp:127.0.0.1:1", "tcp/127.0.0.1:1,tcp/127.0.0.1:2"]
+)
+def test_what_is_no_endpoint_is_named_rather_than_a_daemon_missed(where):
+    with pytest.raises(ClientError, match="is no endpoint; those are tcp/HOST:PORT") as caught:
+        connect(None, where)
+    assert caught.value.code == "unreachable"
+
+
 def test_another_zenoh_router_is_no_daemon():
     where = endpoint()
     with zenoh.open(router_config([where])), pytest.raises(ClientError, match="no motord"):

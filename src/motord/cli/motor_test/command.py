@@ -115,8 +115,10 @@ def _recorded_serial(paths: Sequence[Path]) -> str:
 
 def _require_folder(folder: Path) -> None:
     """Fail before anything moves if no certificate could be written to a folder."""
-    if not folder.is_dir() or not os.access(folder, os.W_OK):
-        fail(f"{folder}: the certificate could not be written there")
+    if not folder.is_dir():
+        fail(f"{folder}: no such folder for the certificate")
+    if not os.access(folder, os.W_OK):
+        fail(f"{folder}: no permission to write the certificate there")
 
 
 def _print(made: "Certificate", path: Path) -> None:

@@ -1,6 +1,7 @@
 """`motord new`: a first bench file, by questions or by options."""
 
 import inspect
+import shlex
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -118,7 +119,7 @@ def _write(file: Path, template: str, text: str, bench: "Config", as_json: bool)
 
     write_whole(file, text)
     to_check = text.count(f"# {CHECK}")
-    steps = [step.format(file=file) for step in TEMPLATES[template].next_steps]
+    steps = [step.format(file=shlex.quote(str(file))) for step in TEMPLATES[template].next_steps]
     lines = [f"wrote {file}: bench {bench.bench.name}, {TEMPLATES[template].summary}"]
     if to_check:
         lines.append(f"{to_check} values are an example's: look for {CHECK} in it")

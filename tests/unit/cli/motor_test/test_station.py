@@ -274,7 +274,7 @@ def test_a_station_reads_its_serial_numbers(options, said, monkeypatch, bench):
 def test_a_station_that_cannot_work_does_not_begin(monkeypatch, bench, analysed):
     done = CliRunner().invoke(app, [*STATION, "--certificate", "nowhere"])
     assert (done.exit_code, done.stderr) == (
-        *(1, "motord: nowhere: the certificate could not be written there\n"),
+        *(1, "motord: nowhere: no such folder for the certificate\n"),
     )
     Path("pump.toml").write_text(TYPE[: TYPE.index("[[plan")] + TYPE[TYPE.index("[[limit") :])
     done = CliRunner().invoke(app, STATION)
