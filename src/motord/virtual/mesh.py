@@ -13,6 +13,7 @@ import mmap
 import multiprocessing
 import os
 import shutil
+import signal
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -120,13 +121,32 @@ def _ahead(
 
 
 class _Processors(ProcessPoolExecutor):
-    """A pool whose processes are not left half started: one that is ends with a traceback."""
+    """A pool whose processes are interrupted in a task alone, and not left half started.
+
+    One that is interrupted at its start, or while it waits, would end, and break the pool: its
+    manager then fails at a future that is cancelled meanwhile, and the others never end.
+    """
 
     def submit(
         self, function: Callable[..., _Result], /, *arguments: Any, **named: Any
     ) -> "Future[_Result]":
         with put_off(INTERRUPTS):
-            return super().submit(function, *arguments, **named)
+            inherited = [signal.SIGINT, signal.SIGHUP]  # the latter for good: ours ends the pool
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, inherited)
+            try:
+                return super().submit(_interruptible, function, *arguments, **named)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _interruptible(function: Callable[..., _Result], /, *arguments: Any, **named: Any) -> _Result:
+    """Call a function; only meanwhile, or at its start, an interrupt is a KeyboardInterrupt."""
+    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        return function(*arguments, **named)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def processors() -> ProcessPoolExecutor:

@@ -1,5 +1,7 @@
 """Operating points on benches of their own: the same bits however many processes compute them."""
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -73,3 +75,21 @@ def test_a_point_that_fails_in_a_process_says_why() -> None:
     plan = build("calibrate", config, {**MESH, "settle_timeout_s": 0.1})
     with processors() as pool, pytest.raises(PlanFailed, match="the speed was still"):
         list(run_points(config, plan, seed=5, pool=pool))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_an_interrupt_of_a_process_that_waits_does_not_break_the_pool(number):
+    """A broken pool whose futures are cancelled never ends: Ctrl-C in the first seconds hung."""
+    with processors() as pool:
+        os.kill(pool.submit(os.getpid).result(), number)
+        assert all(pool.submit(os.getpid).result() for _ in range(10))
+
+
+def test_an_interrupt_of_a_process_that_starts_is_that_of_its_task():
+    with processors() as pool:
+        task = pool.submit(os.getpid)
+        (process,) = pool._processes  # still importing what the task needs
+        os.kill(process, signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            task.result()
+        assert pool.submit(os.getpid).result()
