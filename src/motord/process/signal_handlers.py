@@ -35,3 +35,16 @@ def put_off(numbers: Iterable[signal.Signals]) -> Iterator[None]:
         yield
     for number in came[:1]:
         signal.raise_signal(number)
+
+
+@contextmanager
+def blocked(numbers: Iterable[signal.Signals]) -> Iterator[None]:
+    """Block signals while a process is started, which inherits that, from its first instruction.
+
+    Of a Ctrl-C that it is to ignore it would else show a traceback until it has imported enough.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

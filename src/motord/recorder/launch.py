@@ -1,11 +1,13 @@
 """How the supervisor talks to a child process through pipes, above all to the recorder."""
 
 import os
+import signal
 import subprocess
 from collections.abc import Mapping, Sequence
 from typing import IO, Any, Generic
 
 from motord.process.one_thread import ONE_THREAD
+from motord.process.signal_handlers import blocked
 from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import M, MessageReader, RecorderReport
@@ -17,14 +19,15 @@ BACKLOG_MAX_BYTES = 4 << 20
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
-    """Start a process with pipes to its stdin and from its stdout.
+    """Start a process with pipes to its stdin and from its stdout, and without Ctrl-C.
 
     Without thread pools: their threads would only wait for each other where one processor is left.
     """
     environment = {**os.environ, **ONE_THREAD}
-    return subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
-    )
+    with blocked([signal.SIGINT]):
+        return subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
+        )
 
 
 class PipedChild(Generic[M]):

@@ -27,7 +27,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.process.signal_handlers import INTERRUPTS, put_off
+from motord.process.signal_handlers import INTERRUPTS, blocked, put_off
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, joined
 from motord.sequencing import Plan
 from motord.virtual.bench import VirtualBench
@@ -130,13 +130,9 @@ class _Processors(ProcessPoolExecutor):
     def submit(
         self, function: Callable[..., _Result], /, *arguments: Any, **named: Any
     ) -> "Future[_Result]":
-        with put_off(INTERRUPTS):
-            inherited = [signal.SIGINT, signal.SIGHUP]  # the latter for good: ours ends the pool
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, inherited)
-            try:
-                return super().submit(_interruptible, function, *arguments, **named)
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        inherited = [signal.SIGINT, signal.SIGHUP]  # the latter for good: ours ends the pool
+        with put_off(INTERRUPTS), blocked(inherited):
+            return super().submit(_interruptible, function, *arguments, **named)
 
 
 def _interruptible(function: Callable[..., _Result], /, *arguments: Any, **named: Any) -> _Result:

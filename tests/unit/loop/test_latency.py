@@ -247,3 +247,11 @@ def test_a_loop_that_dies_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(LatencyError, match="the loop ended with code 1"):
         LoopOnDemand(LoopSetup(loop=LoopConfig(), period_ns=PERIOD_NS))
+
+
+def test_a_loop_that_is_interrupted_at_its_start_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    ready = Ready(realtime=RIGHTS, priority=7).model_dump_json()
+    code = f"import os, signal; os.kill(os.getpid(), signal.SIGINT); print({ready!r})"
+    monkeypatch.setattr(measurement, "module_command", lambda _: [sys.executable, "-c", code])
+    with LoopOnDemand(LoopSetup(loop=LoopConfig(), period_ns=PERIOD_NS)) as loop:
+        assert loop.ready.priority == 7

@@ -7,6 +7,7 @@ counted apart.
 """
 
 import os
+import signal
 import subprocess
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.loop.steal_time import stolen_ticks
 from motord.process.module_command import module_command
 from motord.process.one_thread import ONE_THREAD
+from motord.process.signal_handlers import blocked
 from motord.shm.histogram import TimeHistogram
 from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing
@@ -100,12 +102,13 @@ class LoopOnDemand:
     """The loop in a process of its own, which runs a slice on request."""
 
     def __init__(self, setup: LoopSetup) -> None:
-        self._process = subprocess.Popen(
-            module_command("motord.loop.latency.measured_loop"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, **ONE_THREAD},
-        )
+        with blocked([signal.SIGINT]):
+            self._process = subprocess.Popen(
+                module_command("motord.loop.latency.measured_loop"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, **ONE_THREAD},
+            )
         self._send(setup.model_dump_json())
         self.ready = Ready.model_validate_json(self._receive(0))
 

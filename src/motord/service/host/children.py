@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from motord.api.messages import ProcessView
 from motord.config import Config
+from motord.process.signal_handlers import blocked
 from motord.service.host.descriptors import DescriptorReserve
 from motord.shm.run_directory import RunDir
 
@@ -49,8 +50,9 @@ class Process:
 
 
 def spawn(command: Sequence[str]) -> "subprocess.Popen[bytes]":
-    """Start a child; it writes to the same stderr as the daemon."""
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    """Start a child without Ctrl-C; it writes to the same stderr as the daemon."""
+    with blocked([signal.SIGINT]):
+        return subprocess.Popen(command, stdin=subprocess.DEVNULL)
 
 
 @dataclass(frozen=True)
