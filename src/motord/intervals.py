@@ -95,6 +95,11 @@ def f_tail(ratio: "ArrayLike", numerator: "ArrayLike", denominator: "ArrayLike")
     return np.asarray(fdtrc(numerator, denominator, np.maximum(ratio, 0.0)))
 
 
+def two_digits(value: float) -> str:
+    """Return a value with two digits: "0.034", "160" rather than "1.6e+02"."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def plus_minus(value: float, half_width: float, sign: str = "+-") -> str:
     """Return value and half of its interval with two digits of the latter: "0.8012 +- 0.0034"."""
     if not (isfinite(half_width) and half_width > 0):

@@ -12,6 +12,7 @@ from motord.intervals import (
     plus_minus,
     standard_uncertainty,
     t_quantile,
+    two_digits,
 )
 
 
@@ -48,6 +49,13 @@ def test_figures_have_the_digits_that_mean_something(
     value: float, half_width: float, text: str
 ) -> None:
     assert plus_minus(value, half_width) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(123.4, "120"), (99.6, "100"), (0.0341, "0.034"), (0.1, "0.1"), (0, "0")]
+)
+def test_two_digits_have_no_exponent_where_it_is_readable_without(value, text):
+    assert two_digits(value) == text
 
 
 def test_a_known_covariance_has_all_freedom() -> None:

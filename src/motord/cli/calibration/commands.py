@@ -148,10 +148,11 @@ def install(
 
 def _uncertainty_lines(budget: list[dict[str, Any]]) -> list[str]:
     """Return the combined standard uncertainties as text."""
+    from motord.intervals import two_digits
     from motord.uncertainty_budget import QUANTITIES, Contribution, totals
 
     both = totals([Contribution.model_validate(one) for one in budget])[2]
-    sizes = [f"{name} {value(both):.2g} {unit}" for name, unit, value in QUANTITIES]
+    sizes = [f"{name} {two_digits(value(both))} {unit}" for name, unit, value in QUANTITIES]
     return [
         f"uncertainty  {', '.join(sizes)}",
         "             (standard, Type A and B combined; the intervals above are of Type A alone)",

@@ -13,7 +13,7 @@ from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRu
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import coverage_factor, plus_minus, two_digits
 from motord.report.text import TextTable
 from motord.uncertainty_budget import QUANTITIES, Contribution, totals
 
@@ -85,7 +85,7 @@ def _uncertainties(budget: Sequence[Contribution]) -> TextTable:
         [
             (
                 f"{name} ({unit})",
-                *(f"{value(total):.2g}" for total in totals(budget)),
+                *(two_digits(value(total)) for total in totals(budget)),
                 _most_of(others, value),
             )
             for name, unit, value in QUANTITIES

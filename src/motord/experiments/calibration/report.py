@@ -12,7 +12,7 @@ from motord.experiments.calibration.plots import Labelled, budget, cogging
 from motord.experiments.ripple import report as ripple
 from motord.experiments.subject import Recordings
 from motord.identification.operating_points import good_points
-from motord.intervals import plus_minus
+from motord.intervals import plus_minus, two_digits
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
 from motord.uncertainty_budget import QUANTITIES, Contribution, totals
@@ -85,14 +85,14 @@ def _budget(page: Page, contributions: Sequence[Contribution]) -> None:
 
     def sizes(one: Contribution) -> list[str]:
         sized = [(value(one), value(both)) for _, _, value in QUANTITIES]
-        return [f"{u:.2g}" if u > NEGLIGIBLE * whole else "0" for u, whole in sized]
+        return [two_digits(u) if u > NEGLIGIBLE * whole else "0" for u, whole in sized]
 
     rows = [[one.source, one.type, one.limit_text, *sizes(one)] for one in contributions]
     for one, label in ((of_data, "A"), (others, "B"), (both, "A and B")):
         rows.append([one.source, label, "", *sizes(one)])
     factors = both.coverage_factors
     expanded = [
-        f"{k * value(both):.2g}" for k, (_, _, value) in zip(factors, QUANTITIES, strict=True)
+        two_digits(k * value(both)) for k, (_, _, value) in zip(factors, QUANTITIES, strict=True)
     ]
     rows.append(["expanded (95 %)", "", "", *expanded])
     rows.append(["coverage factor k", "", "", *(f"{k:.2f}" for k in factors)])

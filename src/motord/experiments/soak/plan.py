@@ -15,6 +15,7 @@ from motord.config import Config
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.experiments.soak.settings import NAME, SoakConfig
+from motord.intervals import two_digits
 from motord.schema import TICK_DTYPE
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.motions import (
@@ -113,7 +114,7 @@ def _outlook(config: Config, own: SoakConfig, inner: Plan, plan: Plan) -> str:
     text = (
         f"{len(plan.points) // len(inner.points)} repetitions of {inner.name}, {len(inner.points)} "
         f"points and about {inner.seconds:.0f} s each, {own.pause_s:g} s between: "
-        f"{plan.seconds / 3600:.2g} h; its recording takes up to {gigabytes:.2g} GB"
+        f"{two_digits(plan.seconds / 3600)} h; its recording takes up to {two_digits(gigabytes)} GB"
     )
     return "; ".join(filter(None, (text, inner.outlook)))
 

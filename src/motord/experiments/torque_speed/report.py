@@ -3,6 +3,7 @@
 from motord.experiments.subject import Recordings
 from motord.experiments.torque_speed.plots import efficiency_contours, losses
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
+from motord.intervals import two_digits
 from motord.report.html import Page
 
 HEADER = ("set-points", "mechanical (W)", "electrical (W)", "losses (W)", "efficiency (%)")
@@ -77,8 +78,8 @@ def _fill_budget(page: Page, found: EfficiencyMap) -> None:
             [
                 one.source,
                 one.type,
-                f"{one.loss_W:.2g}",
-                "-" if one.efficiency_percent is None else f"{one.efficiency_percent:.2g}",
+                two_digits(one.loss_W),
+                "-" if one.efficiency_percent is None else two_digits(one.efficiency_percent),
             ]
             for one in best.budget
         ],
