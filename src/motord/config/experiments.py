@@ -67,6 +67,27 @@ class Experiment:
     position: int = 100
 
 
+def experiment(
+    package: str,
+    name: str,
+    *,
+    settings: Section,
+    plan: str,
+    analysis: str,
+    schema: str,
+    position: int,
+    figures: tuple[FigureKind, ...] = (),
+) -> Experiment:
+    """Return an experiment of one plan and its analysis, both called `name`.
+
+    package: has `make` in its module `plan` and `ANALYSIS` in its module `command`; plan and
+    analysis: their summaries.
+    """
+    made = PlanKind(name, plan, settings, make=f"{package}.plan:make")
+    analysed = AnalysisKind(name, analysis, f"{package}.command:ANALYSIS", (), figures, schema)
+    return Experiment((made,), (analysed,), position)
+
+
 @cache
 def _registered() -> tuple[tuple[Experiment, ...], dict[str, str]]:
     """Return the experiments in order, and why others could not be imported, by name."""

@@ -68,8 +68,8 @@ def figures(content: Mapping[str, Any]) -> list[ResultFigure]:
 
 
 def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[ResultFigure]:
-    freedom = content.get("degrees_of_freedom", content.get("freedom", around.freedom))
-    errors = _errors(content)
+    freedom = freedom_of_all(content, around.freedom)
+    errors = error_keys(content)
     stated = {key for known in errors.values() for key in known.values()}
     for key, part in content.items():
         if key in NOT_RESULTS or key in stated or key.endswith(OWN_FREEDOM):
@@ -126,7 +126,12 @@ def _figure(
     return ResultFigure(field, unit, value, stderr, low, high)
 
 
-def _errors(content: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+def freedom_of_all(content: Mapping[str, Any], around: float | None = None) -> Any:
+    """Return the degrees of freedom that hold for an object: one number, or those of each key."""
+    return content.get("degrees_of_freedom", content.get("freedom", around))
+
+
+def error_keys(content: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Return which keys state what of which, by the key of the quantity: {quantity: {role: key}}"""
     found: dict[str, dict[str, str]] = {}
     for place, key in enumerate(content):

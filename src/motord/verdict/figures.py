@@ -7,7 +7,7 @@ from typing import Any
 
 from motord.config.figures import FigureKind
 from motord.intervals import coverage_factor, standard_uncertainty
-from motord.results.figures import element_of, finite_number
+from motord.results.figures import element_of, error_keys, finite_number, freedom_of_all
 from motord.uncertainty_budget import Contribution, totals
 from motord.verdict.decision import Figure
 
@@ -42,23 +42,18 @@ def _serious(result: Mapping[str, Any]) -> str:
 def _rows(
     kind: FigureKind, result: Mapping[str, Any]
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Yield what separates each row from the others, and the row with all that it states."""
-    for row in _at(result, kind.rows) or () if kind.rows else (result,):
-        keys = (kind.value, kind.stderr, kind.low, kind.high)
-        parts = {key: _at(row, key) for key in keys if key}
-        parts[kind.freedom] = _at(row, kind.freedom) or _at(result, kind.freedom)
+    """Yield what separates each row from the others, and what it states of the value, by role."""
+    for row in result.get(kind.rows) or () if kind.rows else (result,):
+        freedom = freedom_of_all(row) or freedom_of_all(result)
+        freedom = freedom.get(kind.value) if isinstance(freedom, Mapping) else freedom
+        errors = error_keys(row).get(kind.value, {})
+        parts = {"value": row.get(kind.value), "freedom": freedom}
+        parts |= {role: row[key] for role, key in errors.items()}
         if kind.by != ("phase",):
             yield {key: row[key] for key in kind.by}, parts
             continue
         for place, phase in enumerate(PHASES):
             yield {"phase": phase}, {key: element_of(part, place) for key, part in parts.items()}
-
-
-def _at(content: Any, path: str) -> Any:
-    """Return what is at a path of keys, None if nothing is."""
-    for key in path.split("."):
-        content = content.get(key) if isinstance(content, Mapping) else None
-    return content
 
 
 def _selected(key: Mapping[str, Any], at: Selection) -> bool:
@@ -80,8 +75,8 @@ def _figure(
     kind: FigureKind, key: Mapping[str, Any], row: Mapping[str, Any], result: Mapping[str, Any]
 ) -> Figure:
     """Return the figure of a row; freedom of Type A and Type B together: Welch-Satterthwaite."""
-    value, type_b = finite_number(row[kind.value]), 0.0
-    type_a, freedom, known = _type_a(kind, row)
+    value, type_b = finite_number(row["value"]), 0.0
+    type_a, freedom, known = _type_a(row)
     name = _name(kind.name, key)
     if kind.budget:
         budget = [Contribution.model_validate(one) for one in result.get("budget", ())]
@@ -89,7 +84,7 @@ def _figure(
             return Figure(name, kind.unit, value, None, None, "it has no uncertainty budget")
         data, others, _ = totals(budget)
         type_b = _of_budget(others, kind, key)
-        type_a = type_a if kind.stderr else _of_budget(data, kind, key)
+        type_a = type_a if "stderr" in row else _of_budget(data, kind, key)
     if type_a is None or not type_a > 0:
         return Figure(name, kind.unit, value, None, None, "its uncertainty is not stated")
     whole = hypot(type_a, type_b)
@@ -97,10 +92,10 @@ def _figure(
     return Figure(name, kind.unit, value, whole, wide, freedom_known=known)
 
 
-def _type_a(kind: FigureKind, row: Mapping[str, Any]) -> tuple[float | None, float | None, bool]:
+def _type_a(row: Mapping[str, Any]) -> tuple[float | None, float | None, bool]:
     """Return the standard error, its degrees of freedom, None for many, and if these are known."""
-    parts = (kind.value, kind.stderr, kind.low, kind.high, kind.freedom)
-    value, stderr, low, high, freedom = (finite_number(row.get(key)) for key in parts)
+    roles = ("value", "stderr", "low", "high", "freedom")
+    value, stderr, low, high, freedom = (finite_number(row.get(role)) for role in roles)
     if freedom is not None and stderr is None and low is not None and high is not None:
         return (high - low) / 2 / coverage_factor(freedom), freedom, True
     if freedom is not None or value is None:

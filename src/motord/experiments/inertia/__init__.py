@@ -26,16 +26,7 @@ EXPERIMENT = Experiment(
             command="motord.experiments.inertia.command:ANALYSIS",
             schema="motord.inertia/1",
             aliases=("inertia-oscillation", "inertia-acceleration"),
-            figures=(
-                FigureKind(
-                    "inertia_kg_m2",
-                    "kg m2",
-                    "moment of inertia",
-                    value="inertia_kg_m2",
-                    stderr="uncertainty_kg_m2",
-                    freedom="freedom",
-                ),
-            ),
+            figures=(FigureKind("inertia_kg_m2", "moment of inertia"),),
         ),
     ),
     position=60,
