@@ -1,5 +1,6 @@
 """95 % intervals by Student's t, and figures with the digits that these allow."""
 
+from dataclasses import dataclass
 from math import floor, hypot, inf, isfinite, log10
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,6 +14,27 @@ LEVEL = 0.95
 SERIOUS_BIAS = 0.3
 """Share of half of an interval above which an error of one sign leaves a verdict in doubt: an
 interval that is widened by it holds the truth, but does not keep a risk above that of its end."""
+
+
+@dataclass(frozen=True)
+class IntervalEstimate:
+    """A value with its combined standard uncertainty and 95 % interval; None: not known.
+
+    A result that has one as `x_Nm` has x_Nm, x_stderr_Nm, x_low_Nm and x_high_Nm in its JSON.
+    """
+
+    value: float | None = None
+    stderr: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+    def text(self) -> str:
+        """Return value and half of the interval, as far as they are known."""
+        if self.value is None:
+            return ""
+        if self.high is None:
+            return f"{self.value:.4g}"
+        return plus_minus(self.value, self.high - self.value)
 
 
 def coverage_factor(freedom: float | None = None) -> float:

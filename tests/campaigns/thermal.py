@@ -24,6 +24,7 @@ from motord.experiments.thermal.command import estimate, measure
 from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
 from motord.experiments.thermal.network import LINKS, LumpedNetwork
 from motord.experiments.thermal.result import ThermalConstants
+from motord.intervals import IntervalEstimate
 from motord.rig.energy.thermal import ThermalNetwork
 from motord.rig.truth import RigTruth, ThermalTruth, load
 from motord.simulate import PlanSource, record_plan
@@ -133,26 +134,23 @@ def figures(found: ThermalConstants, truth: LumpedNetwork, feedback_W_per_K: flo
     }
     known: Figures = {
         f"time constant {one.number}, {one.phase}": (
-            one.time_constant_s, one.time_constant_low_s, one.time_constant_high_s,
-            float(times[one.phase][one.number - 1]),
+            *_interval(one.time_constant_s), float(times[one.phase][one.number - 1])
         )
         for one in found.time_constants
     }  # fmt: skip
-    total = found.resistance
-    known["to ambient, all paths"] = (
-        total.value or 0.0, total.low or 0.0, total.high or 0.0, float(truth.steady_rise_K(1.0)[0])
-    )  # fmt: skip
+    total = float(truth.steady_rise_K(1.0)[0])
+    known["to ambient, all paths"] = (*_interval(found.resistance_K_per_W), total)
     for one, conductance in zip(found.resistances, truth.conductance_W_per_K, strict=True):
-        known[one.between] = (
-            one.resistance_K_per_W, one.resistance_low_K_per_W, one.resistance_high_K_per_W,
-            1 / float(conductance),
-        )  # fmt: skip
+        known[one.between] = (*_interval(one.resistance_K_per_W), 1 / float(conductance))
     for each, capacity in zip(found.capacities, truth.capacity_J_per_K, strict=True):
         known[f"capacity of the {each.node}"] = (
-            each.capacity_J_per_K, each.capacity_low_J_per_K, each.capacity_high_J_per_K,
-            float(capacity),
+            *_interval(each.capacity_J_per_K), float(capacity)
         )  # fmt: skip
     return known
+
+
+def _interval(one: IntervalEstimate) -> tuple[float, float, float]:
+    return one.value or 0.0, one.low or 0.0, one.high or 0.0
 
 
 def judge(name: str, trials: list[Figures], covered: tuple[float, float] | None = COVERED) -> bool:

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from motord.config.unit_suffixes import split_unit
 from motord.experiments.damaged_recordings import show_damage
 from motord.findings import Finding
+from motord.intervals import IntervalEstimate
 
 if TYPE_CHECKING:
     from motord.experiments.subject import Recordings
@@ -29,12 +31,14 @@ def encode(value: Any) -> Any:
     """Return a result as JSON has it: the one encoder of all experiments.
 
     Of a dataclass, the fields and properties that its class attribute `JSON` names, by default all
-    fields; "name=path.of.it" gives what has another name here. Of an array its values.
+    fields; "name=path.of.it" gives what has another name here. Of an array its values; of an
+    `IntervalEstimate` x_Nm besides its value x_stderr_Nm, x_low_Nm and x_high_Nm.
     """
     if is_dataclass(value) and not isinstance(value, type):
         names = getattr(value, "JSON", None) or [one.name for one in fields(value)]
         pairs = (one.partition("=") for one in names)
-        return {name: encode(attrgetter(path or name)(value)) for name, _, path in pairs}
+        found = {name: attrgetter(path or name)(value) for name, _, path in pairs}
+        return {key: part for name, one in found.items() for key, part in _encoded(name, one)}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -42,6 +46,16 @@ def encode(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [encode(part) for part in value]
     return value
+
+
+def _encoded(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the keys of a field of an object, and what JSON has of each."""
+    if not isinstance(value, IntervalEstimate):
+        yield name, encode(value)
+        return
+    x, unit = split_unit(name)
+    for role in ("", "stderr", "low", "high"):
+        yield "_".join(filter(None, (x, role, unit))), getattr(value, role or "value")
 
 
 def json_of(schema: str, *motor: str) -> Callable[[Any, "Recordings"], dict[str, Any]]:

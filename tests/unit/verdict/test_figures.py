@@ -1,12 +1,14 @@
 """Figures of results: uncertainty combined from Type A and B, selection, doubts."""
 
-from dataclasses import fields
+from dataclasses import fields, make_dataclass
 from math import hypot
+from typing import get_type_hints
 
 import pytest
 
 from motord.calibration import Calibration, Harmonic
 from motord.config.experiments import analysis_kinds
+from motord.experiments.analysis import encode
 from motord.experiments.back_emf.result import ElectricalHarmonic, MeasuredBackEmf
 from motord.experiments.cogging.result import MeanHarmonic, MeasuredCogging
 from motord.experiments.friction.result import DirectionalFriction, Friction
@@ -18,7 +20,7 @@ from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.thermal.result import ThermalConstants, TimeConstant
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.identification.point_ripple import PointRipple
-from motord.intervals import coverage_factor, t_quantile
+from motord.intervals import IntervalEstimate, coverage_factor, t_quantile
 from motord.results.figures import error_keys
 from motord.uncertainty_budget import Contribution
 from motord.verdict.decision import Tolerance, decide
@@ -31,12 +33,26 @@ def of(analysis, name, result, **at):
     return figures_of(kinds[name], result, at)
 
 
+def type_of(kind, name):
+    """Return the type of a field or of a property."""
+    own = vars(kind).get(name)
+    function = getattr(own, "fget", None) or getattr(own, "func", None)
+    return get_type_hints(function)["return"] if function else get_type_hints(kind).get(name)
+
+
+def field_of_type(name, type_):
+    """Return an object that has one field of a type."""
+    value = IntervalEstimate() if type_ is IntervalEstimate else None
+    return make_dataclass("Field", [name])(value)
+
+
 def keys(kind):
     """Return the keys that a class has in JSON, in order."""
     if hasattr(kind, "model_fields"):
         return list(kind.model_fields)
     names = getattr(kind, "JSON", None) or [one.name for one in fields(kind)]
-    return [one.partition("=")[0] for one in names]
+    pairs = [(name, path or name) for name, _, path in (one.partition("=") for one in names)]
+    return [key for name, path in pairs for key in encode(field_of_type(name, type_of(kind, path)))]
 
 
 CLASSES = {

@@ -1,9 +1,8 @@
 """The report of a profile: torque and speed over time, errors, energy."""
 
 from motord.experiments.profile.plots import errors, over_plane, over_time
-from motord.experiments.profile.result import CycleMean, ProfileTracking
+from motord.experiments.profile.result import ProfileTracking
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
 from motord.report.html import Page
 
 
@@ -14,7 +13,7 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
         [
             (f"{found.speed_rms_Hz.value:.3g} turns/s", "speed error, RMS"),
             (f"{found.torque_rms_Nm.value:.3g} Nm", "torque error, RMS"),
-            (f"{with_interval(found.energy_J)} J", "mechanical energy of a cycle"),
+            (f"{found.energy_J.text()} J", "mechanical energy of a cycle"),
         ]
     )
     page.heading("Torque and speed over time")
@@ -70,17 +69,10 @@ def cycle_rows(found: ProfileTracking) -> list[list[str]]:
 def mean_rows(found: ProfileTracking) -> list[list[str]]:
     """Return name and value of each mean."""
     return [
-        ["mechanical energy (J)", with_interval(found.energy_J)],
-        ["mechanical power (W)", with_interval(found.power_mean_W)],
-        ["torque (Nm)", with_interval(found.torque_mean_Nm)],
-        ["speed (turns/s)", with_interval(found.speed_mean_Hz)],
-        ["speed error, RMS (turns/s)", with_interval(found.speed_rms_Hz)],
-        ["torque error, RMS (Nm)", with_interval(found.torque_rms_Nm)],
+        ["mechanical energy (J)", found.energy_J.text()],
+        ["mechanical power (W)", found.power_mean_W.text()],
+        ["torque (Nm)", found.torque_mean_Nm.text()],
+        ["speed (turns/s)", found.speed_mean_Hz.text()],
+        ["speed error, RMS (turns/s)", found.speed_rms_Hz.text()],
+        ["torque error, RMS (Nm)", found.torque_rms_Nm.text()],
     ]
-
-
-def with_interval(found: CycleMean) -> str:
-    """Return a mean with half of its interval, if that is known."""
-    if found.high is None:
-        return f"{found.value:.4g}"
-    return plus_minus(found.value, found.high - found.value)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.findings import Finding
-from motord.intervals import coverage_factor, expanded_uncertainty
+from motord.intervals import IntervalEstimate, coverage_factor, expanded_uncertainty
 
 TRACKED_PERCENT = 95.0
 """Share of the time within the tolerance below which that is a finding."""
@@ -108,16 +108,6 @@ class Cycle:
 
 
 @dataclass(frozen=True)
-class CycleMean:
-    """A mean over the cycles, its standard error and 95 % interval; None: not of one cycle."""
-
-    value: float
-    stderr: float | None
-    low: float | None
-    high: float | None
-
-
-@dataclass(frozen=True)
 class ProfileTracking:
     """A profile that was played once or more.
 
@@ -128,19 +118,9 @@ class ProfileTracking:
 
     JSON: ClassVar = (
         "file", "sha256", "speed_tolerance_Hz", "torque_tolerance_Nm",
-        "speed_rms_Hz=speed_rms_Hz.value", "speed_rms_stderr_Hz=speed_rms_Hz.stderr",
-        "speed_rms_low_Hz=speed_rms_Hz.low", "speed_rms_high_Hz=speed_rms_Hz.high",
-        "torque_rms_Nm=torque_rms_Nm.value", "torque_rms_stderr_Nm=torque_rms_Nm.stderr",
-        "torque_rms_low_Nm=torque_rms_Nm.low", "torque_rms_high_Nm=torque_rms_Nm.high",
-        "energy_J=energy_J.value", "energy_stderr_J=energy_J.stderr", "energy_low_J=energy_J.low",
-        "energy_high_J=energy_J.high", "power_mean_W=power_mean_W.value",
-        "power_mean_stderr_W=power_mean_W.stderr", "power_mean_low_W=power_mean_W.low",
-        "power_mean_high_W=power_mean_W.high", "torque_mean_Nm=torque_mean_Nm.value",
-        "torque_mean_stderr_Nm=torque_mean_Nm.stderr", "torque_mean_low_Nm=torque_mean_Nm.low",
-        "torque_mean_high_Nm=torque_mean_Nm.high", "speed_mean_Hz=speed_mean_Hz.value",
-        "speed_mean_stderr_Hz=speed_mean_Hz.stderr", "speed_mean_low_Hz=speed_mean_Hz.low",
-        "speed_mean_high_Hz=speed_mean_Hz.high", "speed_max_Hz", "torque_max_Nm",
-        "speed_within_percent", "torque_within_percent", "cycles", "notes",
+        "speed_rms_Hz", "torque_rms_Nm", "energy_J", "power_mean_W", "torque_mean_Nm",
+        "speed_mean_Hz", "speed_max_Hz", "torque_max_Nm", "speed_within_percent",
+        "torque_within_percent", "cycles", "notes",
     )  # fmt: skip
 
     file: str
@@ -154,12 +134,12 @@ class ProfileTracking:
     torque_zero_Nm: float = 0.0
 
     @cached_property
-    def speed_rms_Hz(self) -> CycleMean:
+    def speed_rms_Hz(self) -> IntervalEstimate:
         """RMS of the speed error."""
         return _mean([one.speed.rms for one in self.cycles])
 
     @cached_property
-    def torque_rms_Nm(self) -> CycleMean:
+    def torque_rms_Nm(self) -> IntervalEstimate:
         """RMS of the torque error."""
         values_Nm, scale = [one.torque.rms for one in self.cycles], self.torque_uncertainty
         if scale is None:
@@ -170,20 +150,20 @@ class ProfileTracking:
         return _mean(values_Nm, common=float(np.mean(common)))
 
     @cached_property
-    def energy_J(self) -> CycleMean:
+    def energy_J(self) -> IntervalEstimate:
         """Mechanical energy of a cycle."""
         zero_J = 2 * pi * self._turns * self.torque_zero_Nm
         return _mean([one.energy_J for one in self.cycles], self.torque_uncertainty, zero_J)
 
     @cached_property
-    def power_mean_W(self) -> CycleMean:
+    def power_mean_W(self) -> IntervalEstimate:
         """Mean mechanical power."""
         duration_s = float(np.mean([one.duration_s for one in self.cycles]))
         zero_W = 2 * pi * self._turns / duration_s * self.torque_zero_Nm
         return _mean([one.power_mean_W for one in self.cycles], self.torque_uncertainty, zero_W)
 
     @cached_property
-    def torque_mean_Nm(self) -> CycleMean:
+    def torque_mean_Nm(self) -> IntervalEstimate:
         """Mean torque."""
         means_Nm = [one.torque_mean_Nm for one in self.cycles]
         return _mean(means_Nm, self.torque_uncertainty, self.torque_zero_Nm)
@@ -194,7 +174,7 @@ class ProfileTracking:
         return float(np.mean([one.turns for one in self.cycles]))
 
     @cached_property
-    def speed_mean_Hz(self) -> CycleMean:
+    def speed_mean_Hz(self) -> IntervalEstimate:
         """Mean speed."""
         return _mean([one.speed_mean_Hz for one in self.cycles])
 
@@ -254,7 +234,9 @@ class ProfileTracking:
                 )  # fmt: skip
 
 
-def _mean(values: list[float], relative: float | None = 0.0, common: float = 0.0) -> CycleMean:
+def _mean(
+    values: list[float], relative: float | None = 0.0, common: float = 0.0
+) -> IntervalEstimate:
     """Return the mean with its interval; relative: standard uncertainty of their scale, if known.
 
     common: standard uncertainty of what is added to all of them alike, such as by a zero.
@@ -265,5 +247,5 @@ def _mean(values: list[float], relative: float | None = 0.0, common: float = 0.0
     scatter = float(np.std(values, ddof=1)) / sqrt(n) if n > 1 else 0.0
     half = expanded_uncertainty(scatter, n - 1, common)
     if relative is None or half == 0.0:
-        return CycleMean(mean, None, None, None)
-    return CycleMean(mean, hypot(scatter, common), mean - half, mean + half)
+        return IntervalEstimate(mean)
+    return IntervalEstimate(mean, hypot(scatter, common), mean - half, mean + half)

@@ -12,7 +12,6 @@ import numpy as np
 from motord.experiments.thermal.estimate import ThermalFit
 from motord.experiments.thermal.result import (
     SEPARATED,
-    ConstantEstimate,
     HeatCapacity,
     Phase,
     SteadyTemperature,
@@ -22,13 +21,10 @@ from motord.experiments.thermal.result import (
     rms,
     unseparated,
 )
-from motord.intervals import coverage_factor
+from motord.intervals import IntervalEstimate, coverage_factor
 
 REACHED = 0.02
 """Part of the rise that may be missing at the end of a heat-up that counts as steady."""
-
-Interval = tuple[float, float, float, float]
-"""Value, standard error, low, high."""
 
 
 def constants_of(fit: ThermalFit) -> ThermalConstants:
@@ -43,10 +39,10 @@ def constants_of(fit: ThermalFit) -> ThermalConstants:
         nodes=course.nodes,
         channels=tuple(each.channel for each in course.readings.values()),
         time_constants=(*_time_constants(fit, "cooling", 0.0), *_heating_constants(fit)),
-        resistance=ConstantEstimate(
-            *(_positive(total, stderr, uncertainty, fit.freedom) if known else ())
-        ),
-        rise=ConstantEstimate(*_positive(total * ohm, stderr * ohm, 0.0, fit.freedom)),
+        resistance_K_per_W=_positive(total, stderr, uncertainty, fit.freedom)
+        if known
+        else IntervalEstimate(),
+        rise=_positive(total * ohm, stderr * ohm, 0.0, fit.freedom),
         resistances=_resistances(fit) if known else (),
         capacities=_capacities(fit) if known else (),
         steady=_steady(fit, end_C),
@@ -65,14 +61,15 @@ def constants_of(fit: ThermalFit) -> ThermalConstants:
     return replace(found, notes=tuple(_notes(found)))
 
 
-def _positive(value: float, stderr: float, relative: float, freedom: int) -> Interval:
+def _positive(value: float, stderr: float, relative: float, freedom: int) -> IntervalEstimate:
     """Return the interval of the logarithm; relative: further standard uncertainty, in parts.
 
     freedom: degrees of freedom of stderr.
     """
     in_parts = hypot(stderr / value, relative)
     factor = exp(min(coverage_factor(freedom) * in_parts, 50.0))
-    return float(value), float(value * in_parts), float(value / factor), float(value * factor)
+    ends = float(value / factor), float(value * factor)
+    return IntervalEstimate(float(value), float(value * in_parts), *ends)
 
 
 def _time_constants(
@@ -80,7 +77,7 @@ def _time_constants(
 ) -> tuple[TimeConstant, ...]:
     found, stderr = fit.of(lambda one: 1.0 / one.network.rates_per_s(feedback_W_per_K))
     return tuple(
-        TimeConstant(phase, number, *_positive(*pair, 0.0, fit.freedom))
+        TimeConstant(phase, number, _positive(*pair, 0.0, fit.freedom))
         for number, pair in enumerate(zip(found, stderr, strict=True), start=1)
     )
 
@@ -97,7 +94,7 @@ def _resistances(fit: ThermalFit) -> tuple[ThermalResistance, ...]:
     return tuple(
         ThermalResistance(
             f"{one} - {other}",
-            *_positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
+            _positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
             separated=bool(error < SEPARATED * value),
         )
         for (one, other), value, error in zip(fit.network.links, found, stderr, strict=True)
@@ -109,7 +106,7 @@ def _capacities(fit: ThermalFit) -> tuple[HeatCapacity, ...]:
     return tuple(
         HeatCapacity(
             node,
-            *_positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
+            _positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
             separated=bool(error < SEPARATED * value),
         )
         for node, value, error in zip(fit.course.nodes, found, stderr, strict=True)
@@ -136,7 +133,7 @@ def _steady(fit: ThermalFit, end_C: np.ndarray) -> tuple[SteadyTemperature, ...]
     channels = [each.channel for each in fit.course.readings.values()]
     if fit.network.rates_per_s(fit.feedback_W_per_K)[0] <= 0:
         return tuple(
-            SteadyTemperature(channel, float(end), None, None, None, None, extrapolated=True)
+            SteadyTemperature(channel, float(end), IntervalEstimate(), extrapolated=True)
             for channel, end in zip(channels, end_C, strict=True)
         )
     found, stderr = fit.of(steady_C)
@@ -145,13 +142,15 @@ def _steady(fit: ThermalFit, end_C: np.ndarray) -> tuple[SteadyTemperature, ...]
     missing = np.abs(found - end_C) / rise_K
     return tuple(
         SteadyTemperature(
-            channel, float(end), float(value), float(error), float(value - h), float(value + h),
+            channel,
+            float(end),
+            IntervalEstimate(float(value), float(error), float(value - h), float(value + h)),
             extrapolated=bool(part > REACHED),
         )
         for channel, end, value, error, h, part in zip(
             channels, end_C, found, stderr, half, missing, strict=True
         )
-    )  # fmt: skip
+    )
 
 
 def _notes(found: ThermalConstants) -> list[str]:
@@ -180,9 +179,9 @@ def _notes(found: ThermalConstants) -> list[str]:
         )
     notes += [
         f"{one.channel}: {one.end_C:.1f} degC at the end of the heat-up, its steady temperature "
-        f"{one.steady_C:.1f} degC is extrapolated"
+        f"{one.steady_C.value:.1f} degC is extrapolated"
         for one in found.steady
-        if one.steady_C is not None and one.extrapolated
+        if one.steady_C.value is not None and one.extrapolated
     ]
     if lost := [*unseparated(found.resistances), *unseparated(found.capacities)]:
         notes.append(

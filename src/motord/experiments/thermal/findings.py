@@ -54,7 +54,8 @@ def findings(
 
     frozen: channels and the seconds for which they were; readings: of each channel, as recorded.
     """
-    fit, shortest_s = found.fit, min(one.time_constant_s for one in found.time_constants)
+    constants_s = (one.time_constant_s.value for one in found.time_constants)
+    fit, shortest_s = found.fit, min(filter(None, constants_s))
     return (
         *current_scale(fit.course.current_ratios, "all K/W and J/K go with their square"),
         *_frozen(frozen),
@@ -131,18 +132,20 @@ def _runaway(found: ThermalConstants) -> Iterator[Finding]:
 
 def _not_steady(found: ThermalConstants) -> Iterator[Finding]:
     for one in found.steady:
-        if one.steady_C is None or not one.extrapolated:
+        steady_C = one.steady_C.value
+        if steady_C is None or not one.extrapolated:
             continue
-        missing = 100 * abs(one.steady_C - one.end_C) / abs(one.steady_C - found.ambient_C)
+        missing = 100 * abs(steady_C - one.end_C) / abs(steady_C - found.ambient_C)
         yield Finding(
             "not-steady", missing, 2.0, "%", "note" if missing < 20 else "warning",
             f"{one.channel} had this part of its rise still to come when the heat-up ended "
             f"({found.ended_by[0]}): its steady temperature is extrapolated by the model",
             "raise heating_max_s, or lower the current if temperature_max_C ended it",
         )  # fmt: skip
-    if found.ended_by[1] == STOPPED:
+    slowest_s = found.time_constants[0].time_constant_s.value
+    if found.ended_by[1] == STOPPED and slowest_s is not None:
         yield Finding(
-            "cooling-cut-short", found.cooling_s, found.time_constants[0].time_constant_s, "s",
+            "cooling-cut-short", found.cooling_s, slowest_s, "s",
             "note", "the plan did not end the cooling: what was recorded of it is used",
             "let the plan end by itself",
         )  # fmt: skip

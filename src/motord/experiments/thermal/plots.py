@@ -29,8 +29,8 @@ def temperatures(found: ThermalConstants) -> Figure:
             )
             upper.plot(minutes, fitted_C, color=colour, linewidth=1.2, label=each.channel)
             lower.plot(minutes, residual_K, ".", color=colour, markersize=1.5, alpha=0.6)
-            if steady.steady_C is not None:
-                _steady(upper, steady.steady_C, course.heating_s / 60, colour)
+            if (steady_C := steady.steady_C.value) is not None:
+                _steady(upper, steady_C, course.heating_s / 60, colour)
         if course.ambient is not None:
             upper.plot(
                 course.ambient.t_s / 60, course.ambient.value_C, color=SOFT, linewidth=0.9,

@@ -4,7 +4,7 @@ from motord.experiments.operator_notes import add_operator_notes
 from motord.experiments.subject import Recordings
 from motord.experiments.thermal.plots import temperatures
 from motord.experiments.thermal.result import ThermalConstants
-from motord.intervals import coverage_factor
+from motord.intervals import IntervalEstimate, coverage_factor
 from motord.report.html import Page
 
 HEADER = ("", "value", "95 % interval", "unit")
@@ -15,9 +15,9 @@ def report(found: ThermalConstants, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Thermal constants", recordings.subject.lead)
     slowest = found.time_constants[0]
-    cards = [(f"{slowest.time_constant_s:.4g} s", "slowest time constant, cooling")]
-    if found.resistance.value is not None:
-        cards.append((f"{found.resistance.value:.4g} K/W", f"{found.nodes[0]} to ambient"))
+    cards = [(f"{slowest.time_constant_s.value:.4g} s", "slowest time constant, cooling")]
+    if (ambient_K_per_W := found.resistance_K_per_W.value) is not None:
+        cards.append((f"{ambient_K_per_W:.4g} K/W", f"{found.nodes[0]} to ambient"))
     page.cards(cards)
     page.table([], [*recordings.facts, *_facts(found)])
     fill(page, found)
@@ -42,40 +42,24 @@ def fill(page: Page, found: ThermalConstants) -> None:
 def rows(found: ThermalConstants) -> list[list[str]]:
     """Return the constants as rows under HEADER."""
     table = [
-        _row(
-            f"time constant {one.number}, {one.phase}", one.time_constant_s,
-            one.time_constant_low_s, one.time_constant_high_s, "s",
-        )
+        _row(f"time constant {one.number}, {one.phase}", one.time_constant_s, "s")
         for one in found.time_constants
-    ]  # fmt: skip
-    if found.resistance.value is not None:
-        table.append(
-            _row(
-                f"{found.nodes[0]} to ambient, all paths", found.resistance.value,
-                found.resistance.low, found.resistance.high, "K/W",
-            )
-        )  # fmt: skip
+    ]
+    if found.resistance_K_per_W.value is not None:
+        name = f"{found.nodes[0]} to ambient, all paths"
+        table.append(_row(name, found.resistance_K_per_W, "K/W"))
     else:
-        table.append(
-            _row(
-                f"{found.nodes[0]} above ambient for each A\u00b2", found.rise.value,
-                found.rise.low, found.rise.high, "K/A\u00b2",
-            )
-        )  # fmt: skip
+        name = f"{found.nodes[0]} above ambient for each A\u00b2"
+        table.append(_row(name, found.rise, "K/A\u00b2"))
+    lost = {True: "", False: ", not separated"}
     table += [
-        _row(
-            one.between, one.resistance_K_per_W, one.resistance_low_K_per_W,
-            one.resistance_high_K_per_W, "K/W" if one.separated else "K/W, not separated",
-        )
+        _row(one.between, one.resistance_K_per_W, f"K/W{lost[one.separated]}")
         for one in found.resistances
-    ]  # fmt: skip
+    ]
     table += [
-        _row(
-            one.node, one.capacity_J_per_K, one.capacity_low_J_per_K, one.capacity_high_J_per_K,
-            "J/K" if one.separated else "J/K, not separated",
-        )
+        _row(one.node, one.capacity_J_per_K, f"J/K{lost[one.separated]}")
         for one in found.capacities
-    ]  # fmt: skip
+    ]
     return table
 
 
@@ -85,18 +69,17 @@ def steady_rows(found: ThermalConstants) -> list[list[str]]:
         [
             one.channel,
             f"{one.end_C:.2f}",
-            "none" if one.steady_C is None else f"{one.steady_C:.2f}",
-            "" if one.steady_C is None else f"{one.steady_low_C:.2f} to {one.steady_high_C:.2f}",
+            "none" if steady.value is None else f"{steady.value:.2f}",
+            "" if steady.value is None else f"{steady.low:.2f} to {steady.high:.2f}",
             "extrapolated" if one.extrapolated else "reached",
         ]
         for one in found.steady
+        for steady in (one.steady_C,)
     ]
 
 
-def _row(
-    name: str, value: float | None, low: float | None, high: float | None, unit: str
-) -> list[str]:
-    return [name, f"{value:.4g}", f"{low:.4g} to {high:.4g}", unit]
+def _row(name: str, one: IntervalEstimate, unit: str) -> list[str]:
+    return [name, f"{one.value:.4g}", f"{one.low:.4g} to {one.high:.4g}", unit]
 
 
 def _facts(found: ThermalConstants) -> list[tuple[str, str]]:

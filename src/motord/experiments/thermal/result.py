@@ -8,6 +8,7 @@ import numpy as np
 
 from motord.experiments.thermal.estimate import ThermalFit
 from motord.findings import Finding
+from motord.intervals import IntervalEstimate
 
 Phase = Literal["heat-up", "cooling"]
 
@@ -24,10 +25,7 @@ class TimeConstant:
 
     phase: Phase
     number: int
-    time_constant_s: float
-    time_constant_stderr_s: float
-    time_constant_low_s: float
-    time_constant_high_s: float
+    time_constant_s: IntervalEstimate
 
 
 @dataclass(frozen=True)
@@ -38,10 +36,7 @@ class ThermalResistance:
     """
 
     between: str
-    resistance_K_per_W: float
-    resistance_stderr_K_per_W: float
-    resistance_low_K_per_W: float
-    resistance_high_K_per_W: float
+    resistance_K_per_W: IntervalEstimate
     separated: bool
 
 
@@ -50,10 +45,7 @@ class HeatCapacity:
     """A heat capacity with its 95 % interval."""
 
     node: str
-    capacity_J_per_K: float
-    capacity_stderr_J_per_K: float
-    capacity_low_J_per_K: float
-    capacity_high_J_per_K: float
+    capacity_J_per_K: IntervalEstimate
     separated: bool
 
 
@@ -66,37 +58,22 @@ class SteadyTemperature:
 
     channel: str
     end_C: float
-    steady_C: float | None
-    steady_stderr_C: float | None
-    steady_low_C: float | None
-    steady_high_C: float | None
+    steady_C: IntervalEstimate
     extrapolated: bool
-
-
-@dataclass(frozen=True)
-class ConstantEstimate:
-    """A value with its standard error and 95 % interval; None: not known."""
-
-    value: float | None = None
-    stderr: float | None = None
-    low: float | None = None
-    high: float | None = None
 
 
 @dataclass(frozen=True)
 class ThermalConstants:
     """Thermal constants of a motor. Without the winding's resistance there are no K/W and J/K.
 
-    resistance: from where the heat enters to the ambient over all paths, K/W; rise: the same for
+    resistance_K_per_W: from where the heat enters to the ambient over all paths; rise: the same for
     each A^2 of the sum of the squares of the phase currents, with the winding at resistance_C.
     heating_s, cooling_s: how long it was heated and cooled; ended_by: why either ended. heat_W:
     copper loss at the end of the heat-up, None if it is not known. residual_K: RMS of each channel.
     """
 
     JSON: ClassVar = (
-        "nodes", "channels", "time_constants", "resistance_K_per_W=resistance.value",
-        "resistance_stderr_K_per_W=resistance.stderr", "resistance_low_K_per_W=resistance.low",
-        "resistance_high_K_per_W=resistance.high", "rise_K_per_A2=rise.value",
+        "nodes", "channels", "time_constants", "resistance_K_per_W", "rise_K_per_A2=rise.value",
         "rise_stderr_K_per_A2=rise.stderr", "rise_low_K_per_A2=rise.low",
         "rise_high_K_per_A2=rise.high", "resistances", "capacities", "steady", "ambient_C",
         "ambient_stderr_C", "ambient_measured", "current_rms_A", "heat_W", "heating_s",
@@ -106,8 +83,8 @@ class ThermalConstants:
     nodes: tuple[str, ...]
     channels: tuple[str, ...]
     time_constants: tuple[TimeConstant, ...]
-    resistance: ConstantEstimate
-    rise: ConstantEstimate
+    resistance_K_per_W: IntervalEstimate
+    rise: IntervalEstimate
     resistances: tuple[ThermalResistance, ...]
     capacities: tuple[HeatCapacity, ...]
     steady: tuple[SteadyTemperature, ...]

@@ -15,13 +15,7 @@ import numpy as np
 
 from motord.config import AccuracyConfig
 from motord.experiments.torque_speed.power_series import PowerSeries
-from motord.experiments.torque_speed.result import (
-    UNDEFINED,
-    Mode,
-    OperatingPower,
-    PowerEstimate,
-    UncertaintyShare,
-)
+from motord.experiments.torque_speed.result import Mode, OperatingPower, UncertaintyShare
 from motord.experiments.torque_speed.turns import CapturedTurns, blocks
 from motord.experiments.torque_speed.uncertainty import (
     LEAST_BLOCKS,
@@ -30,6 +24,7 @@ from motord.experiments.torque_speed.uncertainty import (
     scatter_of,
 )
 from motord.identification import IdentifyError
+from motord.intervals import IntervalEstimate
 
 READINGS_PER_BLOCK = 2
 """Readings of the power that a block of turns has at least."""
@@ -143,9 +138,9 @@ def operating_power(
         torque_mean_Nm=found.torque_Nm,
         speed_mean_Hz=found.speed_rad_s / (2 * pi),
         mode=budget.mode,
-        mechanical=PowerEstimate.of(mechanical_W, budget.errors(1.0, 0.0)),
-        electrical=PowerEstimate.of(electrical_W, budget.errors(0.0, 1.0)),
-        loss=PowerEstimate.of(electrical_W - mechanical_W, loss),
+        mechanical=budget.errors(1.0, 0.0).around(mechanical_W),
+        electrical=budget.errors(0.0, 1.0).around(electrical_W),
+        loss=loss.around(electrical_W - mechanical_W),
         efficiency=efficiency,
         efficiency_reason=reason,
         t_start_ns=turns.t0_ns + round(found.edges_s[0] * 1e9),
@@ -209,22 +204,23 @@ class _Budget:
             return out_W / in_W, 1 / in_W, -out_W / in_W**2
         return in_W / out_W, -in_W / out_W**2, 1 / out_W
 
-    def efficiency(self) -> tuple[PowerEstimate, str]:
+    def efficiency(self) -> tuple[IntervalEstimate, str]:
         """Return the efficiency, or why it is not defined."""
         if self.mode == "braking":
-            return UNDEFINED, "mechanical and electrical power are both taken in: all of it is lost"
+            return (
+                IntervalEstimate(),
+                "mechanical and electrical power are both taken in: all of it is lost",
+            )
         motoring = self.mode == "motoring"
         input_W = self.electrical_W if motoring else self.mechanical_W
         half_width_W = (self.errors(0.0, 1.0) if motoring else self.errors(1.0, 0.0)).half_width
         if abs(input_W) < LEAST_INPUT * half_width_W or (motoring and input_W < 0):
             return (
-                UNDEFINED,
+                IntervalEstimate(),
                 f"the input power, {input_W:.3g} W +- {half_width_W:.2g} W, is near zero",
             )
         value, *slopes = self._slopes()
-        in_parts = PowerEstimate.of(value, self.errors(*slopes))
-        parts = (in_parts.value, in_parts.stderr, in_parts.low, in_parts.high)
-        return PowerEstimate(*(None if one is None else 100 * one for one in parts)), ""
+        return self.errors(*slopes).around(value, 100), ""
 
     def shares(self, *, defined: bool) -> tuple[UncertaintyShare, ...]:
         """Return what each source contributes to losses and efficiency; defined: it is."""

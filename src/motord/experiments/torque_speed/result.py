@@ -4,38 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from motord.experiments.torque_speed.uncertainty import ErrorSum
 from motord.findings import Finding
-from motord.intervals import plus_minus
+from motord.intervals import IntervalEstimate
 from motord.recording.plan_columns import PlanValue
 
 Mode = Literal["motoring", "generating", "braking"]
 """Which way the power goes; braking: motor and supply both give power, and all of it is lost."""
-
-
-@dataclass(frozen=True)
-class PowerEstimate:
-    """A value with its combined standard uncertainty and 95 % interval; None: not defined."""
-
-    value: float | None
-    stderr: float | None = None
-    low: float | None = None
-    high: float | None = None
-
-    @classmethod
-    def of(cls, value: float, errors: ErrorSum) -> "PowerEstimate":
-        """Return a value with what its errors make of it."""
-        half = errors.half_width
-        return cls(value, errors.stderr, value - half, value + half)
-
-    def text(self) -> str:
-        """Return value and half of the interval, "" if it is not defined."""
-        if self.value is None or self.high is None:
-            return ""
-        return plus_minus(self.value, self.high - self.value)
-
-
-UNDEFINED = PowerEstimate(None)
 
 
 @dataclass(frozen=True)
@@ -67,14 +41,8 @@ class OperatingPower:
 
     JSON: ClassVar = (
         "torque_Nm", "speed_Hz", "torque_mean_Nm", "speed_mean_Hz", "mode",
-        "mechanical_W=mechanical.value", "mechanical_stderr_W=mechanical.stderr",
-        "mechanical_low_W=mechanical.low", "mechanical_high_W=mechanical.high",
-        "electrical_W=electrical.value", "electrical_stderr_W=electrical.stderr",
-        "electrical_low_W=electrical.low", "electrical_high_W=electrical.high",
-        "loss_W=loss.value", "loss_stderr_W=loss.stderr", "loss_low_W=loss.low",
-        "loss_high_W=loss.high", "efficiency_percent=efficiency.value",
-        "efficiency_stderr_percent=efficiency.stderr", "efficiency_low_percent=efficiency.low",
-        "efficiency_high_percent=efficiency.high", "efficiency_reason", "t_start_ns", "t_end_ns",
+        "mechanical_W=mechanical", "electrical_W=electrical", "loss_W=loss",
+        "efficiency_percent=efficiency", "efficiency_reason", "t_start_ns", "t_end_ns",
         "turns", "blocks", "readings", "read_every_s", "sampling_W", "bus_ripple_W",
         "loss_drift_W", "loss_drift_stderr_W", "in_step", "envelope_Nm", "budget",
     )  # fmt: skip
@@ -84,10 +52,10 @@ class OperatingPower:
     torque_mean_Nm: float
     speed_mean_Hz: float
     mode: Mode
-    mechanical: PowerEstimate
-    electrical: PowerEstimate
-    loss: PowerEstimate
-    efficiency: PowerEstimate
+    mechanical: IntervalEstimate
+    electrical: IntervalEstimate
+    loss: IntervalEstimate
+    efficiency: IntervalEstimate
     efficiency_reason: str
     t_start_ns: int
     t_end_ns: int

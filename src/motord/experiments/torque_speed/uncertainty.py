@@ -19,7 +19,7 @@ import numpy as np
 
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.turns import CapturedTurns
-from motord.intervals import LEVEL
+from motord.intervals import LEVEL, IntervalEstimate
 
 LEAST_BLOCKS = 4
 """Blocks of turns from which on their scatter is a standard error."""
@@ -95,6 +95,12 @@ class ErrorSum:
         total = np.asarray(self.rectangular) @ uniform + self.sampling * normal
         total += self.scatter.stderr * _student(min(self.scatter.freedom, FREEDOM_MAX))
         return float(np.quantile(np.abs(total), LEVEL))
+
+    def around(self, value: float, factor: float = 1) -> IntervalEstimate:
+        """Return a value with what these errors make of it, all times a factor."""
+        half = self.half_width
+        parts = (value, self.stderr, value - half, value + half)
+        return IntervalEstimate(*(factor * part for part in parts))
 
 
 @cache

@@ -34,15 +34,17 @@ def test_constants_are_those_of_the_network(nodes: int) -> None:
     true_s = 1 / network.rates_per_s()
     cooling = [one for one in found.time_constants if one.phase == "cooling"]
     for one, true in zip(cooling, true_s, strict=True):
-        assert one.time_constant_s == pytest.approx(true, rel=0.02)
-        assert abs(one.time_constant_s - true) < 4 * one.time_constant_stderr_s
-    assert found.resistance.value == pytest.approx(network.steady_rise_K(1.0)[0], rel=0.005)
+        assert one.time_constant_s.value == pytest.approx(true, rel=0.02)
+        assert abs(one.time_constant_s.value - true) < 4 * one.time_constant_s.stderr
+    assert found.resistance_K_per_W.value == pytest.approx(network.steady_rise_K(1.0)[0], rel=0.005)
     for one, conductance in zip(found.resistances, network.conductance_W_per_K, strict=True):
-        off = abs(one.resistance_K_per_W - 1 / conductance)
-        assert off < 4 * one.resistance_stderr_K_per_W
-        assert one.resistance_low_K_per_W < one.resistance_K_per_W < one.resistance_high_K_per_W
+        off = abs(one.resistance_K_per_W.value - 1 / conductance)
+        assert off < 4 * one.resistance_K_per_W.stderr
+        assert (
+            one.resistance_K_per_W.low < one.resistance_K_per_W.value < one.resistance_K_per_W.high
+        )
     for one, capacity in zip(found.capacities, network.capacity_J_per_K, strict=True):
-        assert abs(one.capacity_J_per_K - capacity) < 4 * one.capacity_stderr_J_per_K
+        assert abs(one.capacity_J_per_K.value - capacity) < 4 * one.capacity_J_per_K.stderr
     assert found.ambient_C == pytest.approx(AMBIENT_C, abs=0.1)
     assert names(found) <= {"not-steady"}
 
@@ -51,9 +53,9 @@ def test_the_heat_up_is_slower_than_the_cooling_by_the_feedback_of_the_copper(
     two: ThermalConstants,
 ) -> None:
     feedback = 0.1 * 0.00393 * 550.0
-    heating = [one.time_constant_s for one in two.time_constants if one.phase == "heat-up"]
+    heating = [one.time_constant_s.value for one in two.time_constants if one.phase == "heat-up"]
     assert heating == pytest.approx(1 / NETWORKS[2].rates_per_s(feedback), rel=0.02)
-    cooling = [one.time_constant_s for one in two.time_constants if one.phase == "cooling"]
+    cooling = [one.time_constant_s.value for one in two.time_constants if one.phase == "cooling"]
     assert heating[0] > 1.05 * cooling[0]
 
 
@@ -61,26 +63,28 @@ def test_the_uncertainty_of_the_heat_is_in_resistances_and_not_in_times(
     two: ThermalConstants,
 ) -> None:
     unsure = measure(course(2), replace(COPPER, heat_uncertainty=0.03))
-    assert unsure.resistance.stderr == pytest.approx(0.03 * unsure.resistance.value, rel=0.05)
+    assert unsure.resistance_K_per_W.stderr == pytest.approx(
+        0.03 * unsure.resistance_K_per_W.value, rel=0.05
+    )
     assert unsure.time_constants == two.time_constants
 
 
 def test_without_a_resistance_there_are_time_constants_alone(two: ThermalConstants) -> None:
     found = measure(course(2), CopperResistance(1.0, 25.0, 0.00393, 0.1, known=False))
-    assert found.resistance.value is None
+    assert found.resistance_K_per_W.value is None
     assert (found.resistances, found.capacities, found.heat_W) == ((), (), None)
     assert "time constants only" in found.notes[0]
     assert found.rise.value == pytest.approx(two.rise.value, rel=1e-3)
     for one, known in zip(found.time_constants, two.time_constants, strict=True):
-        assert one.time_constant_s == pytest.approx(known.time_constant_s, rel=1e-3)
+        assert one.time_constant_s.value == pytest.approx(known.time_constant_s.value, rel=1e-3)
 
 
 def test_a_heat_up_that_is_cut_short_is_extrapolated_and_says_so() -> None:
     found = measure(course(2, heating_s=600.0, cooling_s=600.0), COPPER)
     steady = found.steady[0]
     assert steady.extrapolated
-    assert abs(steady.steady_C - measure(course(2), COPPER).steady[0].steady_C) < 2.0
-    assert steady.steady_low_C < steady.steady_C < steady.steady_high_C
+    assert abs(steady.steady_C.value - measure(course(2), COPPER).steady[0].steady_C.value) < 2.0
+    assert steady.steady_C.low < steady.steady_C.value < steady.steady_C.high
     assert "not-steady" in names(found)
     assert any("is extrapolated" in note for note in found.notes)
 
@@ -108,8 +112,8 @@ def test_a_room_that_gets_warmer_is_found_unless_it_is_measured(two: ThermalCons
     room = Readings("room_C", t_s, AMBIENT_C + 2.0 * t_s / warmer.duration_s)
     measured = measure(replace(warmer, ambient=room), COPPER)
     assert "ambient-drifts" not in names(measured)
-    assert measured.time_constants[0].time_constant_s == pytest.approx(
-        two.time_constants[0].time_constant_s, rel=0.01
+    assert measured.time_constants[0].time_constant_s.value == pytest.approx(
+        two.time_constants[0].time_constant_s.value, rel=0.01
     )
 
 
@@ -123,8 +127,8 @@ def test_a_channel_that_freezes_is_named_and_its_readings_are_left_out(
     [frozen] = [one for one in found.findings if one.name == "channel-frozen"]
     assert frozen.value == pytest.approx(3.0 * 149, rel=0.02)
     assert "housing_C" in frozen.meaning
-    slowest = two.time_constants[0].time_constant_s
-    assert found.time_constants[0].time_constant_s == pytest.approx(slowest, rel=0.02)
+    slowest = two.time_constants[0].time_constant_s.value
+    assert found.time_constants[0].time_constant_s.value == pytest.approx(slowest, rel=0.02)
 
 
 def test_a_channel_that_never_moves_is_named() -> None:
@@ -142,7 +146,7 @@ def test_a_frozen_channel_is_found_among_invalid_readings() -> None:
     found = measure(scattered(changed(whole, "winding", value_C), 0.3), COPPER)
     [frozen] = [one for one in found.findings if one.name == "channel-frozen"]
     assert frozen.value == pytest.approx(0.4 * 1000, rel=0.02)
-    assert found.time_constants[0].time_constant_s == pytest.approx(250.0, rel=0.02)
+    assert found.time_constants[0].time_constant_s.value == pytest.approx(250.0, rel=0.02)
 
 
 def test_a_coarse_channel_is_not_frozen() -> None:
@@ -172,7 +176,7 @@ def test_readings_that_are_missing_are_counted_and_do_not_matter(two: ThermalCon
     value_C[np.random.default_rng(1).random(value_C.size) < 0.1] = np.nan
     found = measure(changed(whole, "winding", value_C), COPPER)
     assert "readings-invalid" in names(found)
-    assert found.resistance.value == pytest.approx(two.resistance.value, rel=0.005)
+    assert found.resistance_K_per_W.value == pytest.approx(two.resistance_K_per_W.value, rel=0.005)
 
 
 def scattered(whole: ThermalCourse, part: float) -> ThermalCourse:
@@ -188,9 +192,9 @@ def test_invalid_readings_cost_no_more_than_themselves(number: int, part: float)
     whole = course(1, every_s=4800.0 / number)
     found = measure(scattered(whole, part), COPPER)
     true_s, cooling = 1 / NETWORKS[1].rates_per_s()[0], found.time_constants[0]
-    assert abs(cooling.time_constant_s - true_s) < 3 * cooling.time_constant_stderr_s
+    assert abs(cooling.time_constant_s.value - true_s) < 3 * cooling.time_constant_s.stderr
     known = measure(whole, COPPER).time_constants[0]
-    ratio = cooling.time_constant_stderr_s / known.time_constant_stderr_s
+    ratio = cooling.time_constant_s.stderr / known.time_constant_s.stderr
     assert ratio == pytest.approx(1.0, abs=0.25)
     assert ("readings-invalid" in names(found)) == (part > 0.05)
 
@@ -207,11 +211,11 @@ def test_intervals_are_those_of_the_degrees_of_freedom() -> None:
     found = measure(course(1, every_s=135.0), COPPER)
     assert found.fit.freedom == 32
     one = found.time_constants[0]
-    in_parts = np.log(one.time_constant_high_s / one.time_constant_s)
-    student = in_parts * one.time_constant_s / one.time_constant_stderr_s
+    in_parts = np.log(one.time_constant_s.high / one.time_constant_s.value)
+    student = in_parts * one.time_constant_s.value / one.time_constant_s.stderr
     assert student == pytest.approx(2.037, abs=0.001)
     [steady] = found.steady
-    assert (steady.steady_high_C - steady.steady_C) / steady.steady_stderr_C == pytest.approx(
+    assert (steady.steady_C.high - steady.steady_C.value) / steady.steady_C.stderr == pytest.approx(
         2.037, abs=0.001
     )
 
@@ -233,7 +237,7 @@ def test_currents_of_no_machine_are_refused() -> None:
 
 def test_correlated_noise_widens_the_intervals() -> None:
     white, slow = (
-        measure(course(1, correlation=rho), COPPER).time_constants[0].time_constant_stderr_s
+        measure(course(1, correlation=rho), COPPER).time_constants[0].time_constant_s.stderr
         for rho in (0.0, 0.95)
     )
     assert 2.0 < slow / white < 8.0

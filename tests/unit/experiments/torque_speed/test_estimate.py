@@ -11,7 +11,7 @@ from motord.experiments.torque_speed.bus_voltage import bus_voltage
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.findings import ACCURACIES, findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
-from motord.experiments.torque_speed.result import OperatingPower, PowerEstimate
+from motord.experiments.torque_speed.result import OperatingPower
 from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.experiments.torque_speed.uncertainty import (
     ErrorSum,
@@ -21,7 +21,7 @@ from motord.experiments.torque_speed.uncertainty import (
     scatter_of,
 )
 from motord.identification import IdentifyError
-from motord.intervals import coverage_factor
+from motord.intervals import IntervalEstimate, coverage_factor
 from tests.unit.experiments.torque_speed.captures import ACCURACY, MOTOR, Machine
 
 EXACT = PowerAccuracy(0.0, 0.0, 0.0, 0.0)
@@ -46,7 +46,7 @@ def found(
     ],
 )
 def test_a_power_has_the_digits_of_its_interval(value: float, half: float, text: str) -> None:
-    assert PowerEstimate(value, half / 2, value - half, value + half).text() == text
+    assert IntervalEstimate(value, half / 2, value - half, value + half).text() == text
 
 
 @pytest.mark.parametrize("means", [True, False])
