@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from motord.findings import Finding, listed
-from motord.identification.point_ripple import AsynchronousLine, PointRipple
+from motord.identification.point_ripple import PointRipple
 from motord.intervals import SERIOUS_BIAS, coverage_factor
 
 LINE_PERCENT = 0.1
@@ -59,7 +59,7 @@ def _where(humming: Sequence[PointRipple]) -> tuple[str, str]:
 
     Where not the frequency, but the order is the same at all speeds it turns with the rotor.
     """
-    lines = [max(one.asynchronous_lines, key=_amplitude_Nm) for one in humming]
+    lines = [max(one.asynchronous_lines, key=lambda line: line.amplitude_Nm) for one in humming]
     frequencies_Hz = [line.frequency_Hz for line in lines]
     orders = [line.frequency_Hz / one.speed_Hz for line, one in zip(lines, humming, strict=True)]
     if not _alike(frequencies_Hz) and _alike(orders):
@@ -77,10 +77,6 @@ def _where(humming: Sequence[PointRipple]) -> tuple[str, str]:
 
 def _alike(values: Sequence[float]) -> bool:
     return max(values) - min(values) < ALIKE * max(values)
-
-
-def _amplitude_Nm(line: AsynchronousLine) -> float:
-    return line.amplitude_Nm
 
 
 def noise_half_width_percent(one: PointRipple) -> float:

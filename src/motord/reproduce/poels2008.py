@@ -11,7 +11,7 @@ import numpy as np
 
 from motord.experiments.inertia.oscillation import POELS2008_METHOD
 from motord.experiments.ripple.estimate import Explained
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import plus_minus
 from motord.reproduce.cad_difference import CAD_KG_M2, MEASURED_KG_M2, explanations
 from motord.reproduce.run import Results
 
@@ -50,10 +50,6 @@ def as_json(found: Results) -> dict[str, Any]:
     return {"beside": {name: [asdict(r) for r in rows] for name, rows in chapters(found).items()}}
 
 
-def _with_interval(value: float, stderr: float) -> str:
-    return plus_minus(value, coverage_factor() * stderr, "\u00b1")
-
-
 def _oscillation(found: Results) -> Iterator[Row]:
     one, truth = found.oscillation, found.inertia_truth.rotor.inertia_kg_m2
     own = next(r for r in one.readings if r.label == POELS2008_METHOD)
@@ -61,8 +57,8 @@ def _oscillation(found: Results) -> Iterator[Row]:
         "2.2.3",
         "inertia by oscillation",
         f"{MEASURED_KG_M2:g} kg m\u00b2; CAD {CAD_KG_M2:g}, so {_percent(0.066)} apart",
-        f"{_with_interval(one.inertia_kg_m2, one.budget.uncertainty_kg_m2)} kg m\u00b2; "
-        f"true {truth:g}, so {_percent(one.inertia_kg_m2 / truth - 1, 3)} apart",
+        plus_minus(one.inertia_kg_m2, one.half_width_kg_m2, "\u00b1")
+        + f" kg m\u00b2; true {truth:g}, so {_percent(one.inertia_kg_m2 / truth - 1, 3)} apart",
         "Here lengths, stiffness and masses are known exactly. There they were measured with a "
         "ruler, weights and a balance, which is what the stated uncertainty is made of.",
     )

@@ -59,9 +59,5 @@ def query(table: "pa.Table", sql: str, parameters: Sequence[object] = ()) -> Ans
             columns = tuple(column[0] for column in description)
             return Answer(columns, answer.fetchall())
     except (engine.Error, UnicodeError) as error:
-        raise ResultsError(f"SQL: {_first_paragraph(str(error))}") from None
-
-
-def _first_paragraph(text: str) -> str:
-    """Return an error without the picture of where in the statement it is."""
-    return " ".join(text.split("\n\n")[0].split())
+        reason = str(error).split("\n\n")[0]  # without the picture of where in the statement it is
+        raise ResultsError(f"SQL: {' '.join(reason.split())}") from None

@@ -33,14 +33,9 @@ def driven_point(point: OperatingPoint, driven: DrivenConfig, fastest_Hz: float)
 
     It comes from a higher speed, at most `fastest_Hz`.
     """
-    seen = yield from guarded(
-        _steady_turns(point, driven, _from_Hz(point, driven, fastest_Hz)), _stopped
-    )
+    from_Hz = min(driven.spin_up * point.speed_Hz, fastest_Hz)
+    seen = yield from guarded(_steady_turns(point, driven, from_Hz), _stopped)
     return account(point, seen, quality_at_speed(seen, point.speed_Hz, driven), driven=True)
-
-
-def _from_Hz(point: OperatingPoint, driven: DrivenConfig, fastest_Hz: float) -> float:
-    return min(driven.spin_up * point.speed_Hz, fastest_Hz)
 
 
 def _stopped(seen: Observation) -> str:

@@ -24,7 +24,9 @@ def figures_of(kind: FigureKind, result: Mapping[str, Any], at: Selection) -> tu
     """
     doubt = _serious(result)
     found = [
-        _figure(kind, key, row, result) for key, row in _rows(kind, result) if _selected(key, at)
+        _figure(kind, key, row, result)
+        for key, row in _rows(kind, result)
+        if all(_equal(key[name], value) for name, value in at.items())
     ]
     name = _name(kind.name, at)
     if not found:
@@ -54,10 +56,6 @@ def _rows(
             continue
         for place, phase in enumerate(PHASES):
             yield {"phase": phase}, {key: element_of(part, place) for key, part in parts.items()}
-
-
-def _selected(key: Mapping[str, Any], at: Selection) -> bool:
-    return all(_equal(key[name], value) for name, value in at.items())
 
 
 def _equal(one: Any, other: str | float) -> bool:

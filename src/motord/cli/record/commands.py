@@ -109,12 +109,12 @@ def export(
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
     """Yield the facts as text, one a line."""
     points = facts["operating_points"]
-    motor = facts.get("motor")
+    motor, plan = facts.get("motor"), facts.get("plan")
     shown = {
         "file": f"{facts['file']}, {facts['bytes'] / 1e6:.1f} MB in {facts['chunks']} chunks",
         "bench": facts.get("bench"),
         "motor": _motor(motor) if isinstance(motor, dict) else motor,
-        "plan": _plan_name(facts.get("plan")),
+        "plan": plan.get("name", "") if isinstance(plan, dict) else plan,
         "calibration": _calibration(facts),
         "notes": facts.get("notes"),
         **_black_box(facts.get("blackbox")),
@@ -163,10 +163,6 @@ def _black_box(account: object) -> dict[str, object]:
         "all causes": ", ".join(account.get("causes", [])),
         "suggested": account.get("action"),
     }
-
-
-def _plan_name(plan: object) -> object:
-    return plan.get("name", "") if isinstance(plan, dict) else plan
 
 
 def _recovered(account: dict[str, Any] | None) -> str | None:

@@ -45,9 +45,10 @@ def with_values(text: str, table: str, values: Mapping[str, Value], where: str) 
     value that is not on a line of its own.
     """
     lines = text.splitlines()
+    is_head = re.compile(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?")
     try:
         wanted = parse_toml(text)
-        head = lines.index(next(line for line in lines if _is_head(line, table)))
+        head = next(n for n, line in enumerate(lines) if is_head.fullmatch(line))
     except (ValueError, StopIteration):
         raise ConfigError(f"{where}: there is no table [{table}] to write to") from None
     missing = []
@@ -68,10 +69,6 @@ def with_values(text: str, table: str, values: Mapping[str, Value], where: str) 
         keys = ", ".join(f"{key} = {toml_value(value)}" for key, value in values.items())
         raise ConfigError(f"{where}: cannot be changed safely; write into [{table}]: {keys}")
     return edited
-
-
-def _is_head(line: str, table: str) -> bool:
-    return re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", line) is not None
 
 
 def _line_of(lines: list[str], head: int, key: str) -> int | None:

@@ -95,13 +95,8 @@ def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileT
         _source(subject, calibration),
         tuple(cycle for cycle, _ in found),
         (*findings([signals for _, signals in found], subject), *points_left_out(runs)),
-        _zero_uncertainty_Nm(subject),
+        subject.accuracy.torque_zero_Nm / sqrt(3) if subject.sensor.passes_mean else 0.0,
     )
-
-
-def _zero_uncertainty_Nm(subject: Subject) -> float:
-    """Return the standard uncertainty of the torque's zero (Type B), where the sensor shows it."""
-    return subject.accuracy.torque_zero_Nm / sqrt(3) if subject.sensor.passes_mean else 0.0
 
 
 def _scale_uncertainty(subject: Subject, calibration: Calibration | None) -> float | None:

@@ -44,7 +44,8 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     if not taken:
         raise PlanError(f"{NAME}: all steps are 0 and there is no mesh: nothing to do")
     for point in taken:
-        check_operating_points(config, (_mean_torque_Nm(point),), (point.speed_Hz,))
+        torque_Nm = point.torque_Nm * sum(point.induced.gain) / 3  # of its currents, about
+        check_operating_points(config, (torque_Nm,), (point.speed_Hz,))
     mesh = MeshConfig(
         turns=own.turns,
         settle_s=own.settle_s,
@@ -94,8 +95,3 @@ def _steps_of(interval: tuple[float, float], steps: int) -> list[float]:
     """Return even steps over an interval, rounded so that the ideal is met exactly."""
     values: list[float] = np.round(np.linspace(*interval, steps), 12).tolist()
     return values
-
-
-def _mean_torque_Nm(point: OperatingPoint) -> float:
-    """Return about what torque the currents of a point make."""
-    return point.torque_Nm * sum(point.induced.gain) / 3

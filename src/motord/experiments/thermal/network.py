@@ -60,11 +60,6 @@ class LumpedNetwork:
                 matrix[j, i] -= conductance
         return matrix
 
-    @property
-    def to_ambient_W_per_K(self) -> np.ndarray:
-        """Conductance from each node to the ambient (n,)."""
-        return np.asarray(self.laplacian_W_per_K.sum(axis=1))
-
     def rates_per_s(self, feedback_W_per_K: float = 0.0) -> np.ndarray:
         """Return the rates (n,) at which its modes decay, the slowest first.
 
@@ -96,7 +91,8 @@ class LumpedNetwork:
         rates = np.maximum(rates, 1e-12)
         into = modes.T / root  # heat of a node into each mode
         begin = modes.T @ (root * begin_C)
-        gains = np.outer(into[:, 0], heat_W) + np.outer(into @ self.to_ambient_W_per_K, ambient_C)
+        to_ambient_W_per_K = self.laplacian_W_per_K.sum(axis=1)
+        gains = np.outer(into[:, 0], heat_W) + np.outer(into @ to_ambient_W_per_K, ambient_C)
         decay = np.exp(-rates * step_s)
         found = np.empty((heat_W.size + 1, rates.size))
         for mode, (keep, rate) in enumerate(zip(decay, rates, strict=True)):

@@ -37,7 +37,8 @@ def stated(
         else _cogging(calibration, rest, changes)
     )
     grown = value / in_force if kind == "gain" else 1.0
-    half_widths = grown * scale * change.half_width, scale * _half_width(quantity)
+    half_width = coverage_factor(quantity.degrees_of_freedom) * quantity.stderr
+    half_widths = grown * scale * change.half_width, scale * half_width
     if unit == "rad":
         half_widths = min(half_widths[0], pi), min(half_widths[1], pi)
     return TrackedQuantity(
@@ -51,10 +52,6 @@ def stated(
         departed=change.drifted,
         adoptable=adoptable,
     )
-
-
-def _half_width(quantity: Quantity) -> float:
-    return coverage_factor(quantity.degrees_of_freedom) * quantity.stderr
 
 
 def _gain(calibration: Calibration, which: str, percent: float) -> Value:

@@ -112,7 +112,8 @@ class TurnWindows:
         window = ticks[: end + MARGIN]
         self._kept = [joined([ticks[max(end - MARGIN, 0) :]])]
         self._size = self._looked_at = self._kept[0].size
-        if _one_way(unwrap_counts(window["encoder_count"], self._counts)):
+        position = unwrap_counts(window["encoder_count"], self._counts)
+        if abs(position[-1] - position[0]) >= ONE_WAY * np.abs(np.diff(position)).sum():
             yield window
 
     def _turns(self, count: np.ndarray) -> tuple[tuple[int, int], ...]:
@@ -120,8 +121,3 @@ class TurnWindows:
             return continuous_turns(count, self._counts, "window")
         except IdentifyError:
             return ()
-
-
-def _one_way(position: np.ndarray) -> bool:
-    """Return whether a rotor at these positions (n,) keeps its direction."""
-    return bool(abs(position[-1] - position[0]) >= ONE_WAY * np.abs(np.diff(position)).sum())

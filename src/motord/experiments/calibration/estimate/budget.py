@@ -161,7 +161,16 @@ def budget(
     vector = _Linear.of(result, fitted)
     both_ways = any(one.name == "friction-ripple" for one in sensitivities)
     return (
-        _of_the_data(result),
+        Contribution(
+            source="scatter of the data",
+            type="A",
+            basis="data",
+            alpha=triple(result.alpha_stderr),
+            beta_A=triple(result.beta_stderr_A),
+            delta_epsilon=result.delta_epsilon_stderr or 0.0,
+            cogging_Nm=max((h.stderr_Nm or 0.0 for h in result.harmonics), default=0.0),
+            degrees_of_freedom=_fewest(result),
+        ),
         *(
             _contribution(source, vector.scaled(source, result, bench), bench)
             for source in (*SCALES, *(_of_temperature(back_emf) if back_emf else ()))
@@ -236,19 +245,6 @@ class _Linear:
                 shift = self.derivative @ one.shift
                 total += np.einsum("vt,tu,vu->v", shift, one.second_moment(half_widths), shift)
         return total
-
-
-def _of_the_data(result: CalibrationResult) -> Contribution:
-    return Contribution(
-        source="scatter of the data",
-        type="A",
-        basis="data",
-        alpha=triple(result.alpha_stderr),
-        beta_A=triple(result.beta_stderr_A),
-        delta_epsilon=result.delta_epsilon_stderr or 0.0,
-        cogging_Nm=max((h.stderr_Nm or 0.0 for h in result.harmonics), default=0.0),
-        degrees_of_freedom=_fewest(result),
-    )
 
 
 def _fewest(

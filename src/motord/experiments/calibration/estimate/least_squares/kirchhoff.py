@@ -9,7 +9,6 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     ALPHA,
     BETA,
     Regression,
-    TurnSums,
 )
 from motord.intervals import t_quantile
 
@@ -21,17 +20,12 @@ AGREEMENT = 1e-3
 with temperature, and currents are held from tick to tick."""
 
 
-def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
+def alpha_of_law(law: np.ndarray) -> np.ndarray:
     """Return alpha (3,), product 1, from sum_p (alpha_p i*_p + beta_p) = 0 alone.
 
-    The ratios follow from the currents, with no torque sensor: the direction in which the
-    instrumented currents do not vary.
+    law: the squares that it leaves, as a form (p, p), `TurnSums.law`. The ratios follow from the
+    currents, with no torque sensor: the direction in which the instrumented currents do not vary.
     """
-    return alpha_of_law(turns.law().sum(axis=0))
-
-
-def alpha_of_law(law: np.ndarray) -> np.ndarray:
-    """Return the same from the squares that the law leaves, as a form (p, p): `TurnSums.law`."""
     law = (law + law.T) / 2
     offset = law[ALPHA, BETA.start]
     gains = law[ALPHA, ALPHA] - np.outer(offset, offset) / law[BETA.start, BETA.start]
@@ -76,7 +70,7 @@ def kirchhoff_agreement(regression: Regression, rated_A: float, fitted: JointFit
     torque = fit(regression, rated_A, use_law=False)
     by_gain = torque.gain_shift[ALPHA]
     alpha = torque.solution.alpha + by_gain * (fitted.solution.delta_epsilon - 1)
-    difference = alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
+    difference = alpha - alpha_of_law(regression.sums(torque.solution.alpha).law().sum(axis=0))
     variances = torque.stderr[ALPHA] ** 2, (by_gain * fitted.stderr[-1]) ** 2
     least = np.maximum(np.sqrt(sum(variances)), 1e-9)
     worst = int(np.argmax(np.abs(difference) / least))
