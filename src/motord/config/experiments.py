@@ -77,13 +77,14 @@ def experiment(
     schema: str,
     position: int,
     figures: tuple[FigureKind, ...] = (),
+    make: str = "",
 ) -> Experiment:
     """Return an experiment of one plan and its analysis, both called `name`.
 
-    package: has `make` in its module `plan` and `ANALYSIS` in its module `command`; plan and
-    analysis: their summaries.
+    package: has `ANALYSIS` in its module `command`, and `make` in its module `plan` unless `make`
+    says where else; plan and analysis: their summaries.
     """
-    made = PlanKind(name, plan, settings, make=f"{package}.plan:make")
+    made = PlanKind(name, plan, settings, make or f"{package}.plan:make")
     analysed = AnalysisKind(name, analysis, f"{package}.command:ANALYSIS", (), figures, schema)
     return Experiment((made,), (analysed,), position)
 

@@ -43,6 +43,10 @@ def driven_plan(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:
     )
 
 
+make_back_emf, make_cogging = (partial(driven_plan, name) for name in ("back-emf", "cogging"))
+"""Make the plans of these names from a bench and settings."""
+
+
 def driven_points(
     driven: DrivenConfig, fastest_Hz: float, points: tuple[OperatingPoint, ...]
 ) -> Motion[None]:

@@ -66,6 +66,10 @@ def mesh_plan(
     )
 
 
+make_verify = partial(mesh_plan, "verify", MeshConfig, compensate="on")
+"""Makes the plan `verify` from a bench and settings: with the installed calibration applied."""
+
+
 def operating_points(
     mesh: MeshConfig, brake: BrakeConfig, compensate: int, points: tuple[OperatingPoint, ...]
 ) -> Motion[None]:

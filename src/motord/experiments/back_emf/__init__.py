@@ -9,6 +9,7 @@ EXPERIMENT = experiment(
     "back-emf",
     settings=DrivenConfig(speeds_Hz=(0.53, 0.87, 1.37)),
     plan="rotor driven from outside without current, for the back-EMF of the phases",
+    make="motord.sequencing.driven_rotor:make_back_emf",
     analysis="Measure the back-EMF; -o writes the table that `[motor] back_emf` may name.",
     schema="motord.back-emf/1",
     position=50,

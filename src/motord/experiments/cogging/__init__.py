@@ -9,6 +9,7 @@ EXPERIMENT = experiment(
     "cogging",
     settings=DrivenConfig(),
     plan="rotor driven from outside without current, for the cogging torque",
+    make="motord.sequencing.driven_rotor:make_cogging",
     analysis="Measure the cogging torque from a rotor that was driven without current.",
     schema="motord.cogging/1",
     position=40,

@@ -20,12 +20,6 @@ def report(found: Friction, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Friction of the free rotor", recordings.subject.lead)
     page.table([], recordings.facts)
-    fill(page, found, recordings.subject.motor.counts)
-    return page
-
-
-def fill(page: Page, found: Friction, counts: int) -> None:
-    """Add the friction run to a page; counts: of the encoder in a turn."""
     page.heading("Friction torque over speed")
     page.picture(
         friction_over_speed(found.directions),
@@ -46,7 +40,8 @@ def fill(page: Page, found: Friction, counts: int) -> None:
         [_curve_row(point) for point in found.curve],
         numbers=True,
     )
-    _fill_coast_downs(page, found, counts)
+    _fill_coast_downs(page, found, recordings.subject.motor.counts)
+    return page
 
 
 def _fill_coast_downs(page: Page, found: Friction, counts: int) -> None:

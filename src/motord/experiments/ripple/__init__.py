@@ -9,6 +9,7 @@ EXPERIMENT = experiment(
     "verify",
     settings=MeshConfig(),
     plan="the same mesh with the installed calibration applied, for the remaining ripple",
+    make="motord.sequencing.mesh:make_verify",
     analysis="Measure the RMS error of the torque at each operating point, before and after.",
     schema="motord.verification/1",
     position=30,

@@ -20,13 +20,6 @@ def report(found: ThermalConstants, recordings: Recordings) -> Page:
         cards.append((f"{ambient_K_per_W:.4g} K/W", f"{found.nodes[0]} to ambient"))
     page.cards(cards)
     page.table([], [*recordings.facts, *_facts(found)])
-    fill(page, found)
-    add_operator_notes(page, recordings)
-    return page
-
-
-def fill(page: Page, found: ThermalConstants) -> None:
-    """Add the constants to a page."""
     page.heading("Heat-up and cooling")
     page.picture(
         temperatures(found),
@@ -37,6 +30,8 @@ def fill(page: Page, found: ThermalConstants) -> None:
     page.table(HEADER, rows(found), numbers=True)
     page.table(STEADY_HEADER, steady_rows(found), numbers=True)
     page.points(found.notes)
+    add_operator_notes(page, recordings)
+    return page
 
 
 def rows(found: ThermalConstants) -> list[list[str]]:

@@ -21,12 +21,6 @@ def report(found: EfficiencyMap, recordings: Recordings) -> Page:
             ]
         )
     page.table([], recordings.facts)
-    fill(page, found)
-    return page
-
-
-def fill(page: Page, found: EfficiencyMap) -> None:
-    """Add the efficiency map to a page."""
     page.heading("Efficiency over torque and speed")
     page.picture(
         efficiency_contours(found.points),
@@ -52,6 +46,7 @@ def fill(page: Page, found: EfficiencyMap) -> None:
     )
     page.points([f"left out: {reason}" for reason in found.left_out])
     _fill_budget(page, found)
+    return page
 
 
 def row(one: OperatingPower) -> list[str]:
