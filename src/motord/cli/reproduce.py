@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import (
-    explain_first_run,
-    fail,
-    plain_console,
-    print_json,
-    progress_bar,
-)
+from motord.cli.console import explain_first_run, fail, plain_console, print_json, progress_bar
 
 if TYPE_CHECKING:
     from motord.reproduce.bench import StageProgress

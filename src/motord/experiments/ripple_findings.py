@@ -4,11 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import hypot
 
 from motord.experiments.asynchronous_findings import asynchronous_line, noise_half_width_percent
-from motord.experiments.signal_findings import (
-    beyond_rated,
-    mean_torque_scale,
-    signal_findings,
-)
+from motord.experiments.signal_findings import beyond_rated, mean_torque_scale, signal_findings
 from motord.findings import Finding, listed
 from motord.identification.point_ripple import PointRipple
 

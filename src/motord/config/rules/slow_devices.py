@@ -5,12 +5,7 @@ from collections.abc import Iterator
 from motord.config.bounds import SettingBound, is_below
 from motord.config.devices.slow_devices import BRAKE_MARGIN_K, register_counts, shares_line
 from motord.config.sections import Sections
-from motord.config.timing import (
-    DRIVE_FALLS_S,
-    DRIVE_REACTS_S,
-    INTERVALS_MIN,
-    SLOW_SILENCE_MAX_S,
-)
+from motord.config.timing import DRIVE_FALLS_S, DRIVE_REACTS_S, INTERVALS_MIN, SLOW_SILENCE_MAX_S
 
 STEP_MAX = 0.02
 """Of the largest set-point, between two that can be written: they are rounded."""

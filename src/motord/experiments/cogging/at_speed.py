@@ -21,12 +21,7 @@ import numpy as np
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification import IdentifyError
 from motord.identification.basis import cell_gain, highpass
-from motord.identification.cluster_robust_ls import (
-    FEWEST_TURNS,
-    ClusterFit,
-    Regressors,
-    first_rows,
-)
+from motord.identification.cluster_robust_ls import FEWEST_TURNS, ClusterFit, Regressors, first_rows
 from motord.identification.harmonics import lines_at
 from motord.identification.orders import (
     SAMPLES_PER_COGGING_ORDER,

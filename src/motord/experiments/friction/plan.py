@@ -13,15 +13,7 @@ from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanErr
 from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, take_points
 from motord.sequencing.limits import check_speed, check_torque
-from motord.sequencing.motions import (
-    Capture,
-    Motion,
-    guarded,
-    hold,
-    restartable,
-    wait,
-    within,
-)
+from motord.sequencing.motions import Capture, Motion, guarded, hold, restartable, wait, within
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
 

@@ -9,12 +9,7 @@ from math import sqrt
 
 import numpy as np
 
-from motord.experiments.inertia.springs import (
-    HEAVY,
-    UNLOADED,
-    SpringSetup,
-    mass_factors,
-)
+from motord.experiments.inertia.springs import HEAVY, UNLOADED, SpringSetup, mass_factors
 
 DRAWS = 200_000
 """Draws of the Monte Carlo; they are drawn PIECE at a time."""

@@ -6,13 +6,7 @@ from datetime import datetime
 
 import numpy as np
 
-from motord.calibration import (
-    Calibration,
-    CalibrationError,
-    DegreesOfFreedom,
-    Harmonic,
-    RmsErrors,
-)
+from motord.calibration import Calibration, CalibrationError, DegreesOfFreedom, Harmonic, RmsErrors
 from motord.experiments.calibration.estimate.result import cogging_table
 from motord.experiments.check_calibration.quantities import PHASES, Quantity
 from motord.experiments.check_calibration.result import Change

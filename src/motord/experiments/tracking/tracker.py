@@ -13,11 +13,7 @@ from motord.experiments.check_calibration.quantities import Quantity, quantities
 from motord.experiments.check_calibration.result import Change
 from motord.experiments.tracking.adopted import adopted, is_adoptable
 from motord.experiments.tracking.departures import changes
-from motord.experiments.tracking.shift import (
-    COMMON_GAIN_DRIFT,
-    operating_points,
-    tracked_shift,
-)
+from motord.experiments.tracking.shift import COMMON_GAIN_DRIFT, operating_points, tracked_shift
 from motord.experiments.tracking.stated import stated
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 from motord.experiments.tracking.turn_windows import TurnWindows

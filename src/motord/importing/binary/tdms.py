@@ -14,13 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from motord.importing.mapping import TdmsMap
-from motord.importing.source import (
-    ColumnSource,
-    RowClock,
-    WantedColumn,
-    readable,
-    readable_as,
-)
+from motord.importing.source import ColumnSource, RowClock, WantedColumn, readable, readable_as
 from motord.recording.errors import RecordError
 
 MAGIC = b"TDSm"
