@@ -156,8 +156,8 @@ def exported(
         layout = drive_format.layout
         factor, gain = _conversion(quantity, constant, drive_format, cogging_Nm.size)
         stored = layout.fit(frame.seen(-cogging_Nm / factor))
-        left_Nm = residual_Nm(stored, -cogging_Nm, gain, frame, layout.resolution)
-        return StoredQuantity(quantity, stored, ResidualRipple.of(left_Nm, rated_Nm))
+        residual_torque_Nm = residual_Nm(stored, -cogging_Nm, gain, frame, layout.resolution)
+        return StoredQuantity(quantity, stored, ResidualRipple.of(residual_torque_Nm, rated_Nm))
 
     return Exported(
         calibration=calibration,

@@ -23,13 +23,13 @@ def point_ripples(
 ) -> dict[int, PointRipple]:
     """Return the ripple of good points by their index; points without a whole turn have none."""
     motor, sensor = subject.motor, subject.sensor
-    index, found, detected = [], [], []
+    index, found = [], []
     for number, samples in _samples(run, points, subject):
         index.append(number)
-        found.append(point_ripple(samples, motor, sensor))
-        detected.append(DetectedLines.of(samples, motor.counts))
+        lines = DetectedLines.of(samples, motor.counts)
+        found.append((point_ripple(samples, motor, sensor), lines))
     again = (samples for _, samples in _samples(run, points, subject))
-    ripples = with_asynchronous(found, detected, again, motor, sensor)
+    ripples = with_asynchronous(found, again, motor, sensor)
     return dict(zip(index, ripples, strict=True))
 
 
@@ -64,10 +64,10 @@ def ripple_findings(ripples: Iterable[PointRipple]) -> tuple[Finding, ...]:
     worst: dict[tuple[str, int], PointRipple] = {}
     for one in ripples:
         key = one.label, one.compensate
-        worst[key] = max(worst.get(key, one), one, key=_unsure)
-    consequence = "slopes are as unsure where that differs from repetition to repetition"
+        worst[key] = max(worst.get(key, one), one, key=_uncertainty)
+    consequence = "slopes are as uncertain where that differs from repetition to repetition"
     return findings(list(worst.values()), consequence) if worst else ()
 
 
-def _unsure(one: PointRipple) -> tuple[int, float]:
+def _uncertainty(one: PointRipple) -> tuple[int, float]:
     return len(one.faults), inf if one.stderr_percent is None else one.stderr_percent

@@ -88,8 +88,8 @@ class ResidualEstimator:
         y = inverse @ products[:6, 6]
         with np.errstate(invalid="ignore"):
             means = self._sums[:4] / self._sums[4]
-        left_Nm = means[3] - y[:3] @ (means[:3] * self._k) - y[3:] @ self._k
-        return y, fill_gaps(left_Nm)
+        residual_Nm = means[3] - y[:3] @ (means[:3] * self._k) - y[3:] @ self._k
+        return y, fill_gaps(residual_Nm)
 
     def solve(self, ripples: Sequence[PointRipple] = ()) -> CalibrationResult:
         """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14).
