@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -137,6 +138,11 @@ def test_what_is_no_number_is_wrong_usage(option: str, value: str, file: Path) -
     assert "have to be finite" in err or "greater than or equal" in err
 
 
+def in_force(service: Any) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(service.publisher.documents["state"]())["calibration"]
+    return content
+
+
 def test_without_a_file_it_is_the_calibration_in_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,8 +151,12 @@ def test_without_a_file_it_is_the_calibration_in_force(
         code, _, err = export("--format", "odrive", "--connect", service.listen)
         assert code == 1
         assert "no calibration is in force; name a file, or install one" in err
+        service.store.current = of_bench()
+        until(lambda: in_force(service))
+        code, _, err = export("--format", "odrive", "--connect", service.listen)
+        assert (code, "is in force, but not written to a file yet: try again" in err) == (1, True)
         put_in_force(service.store, of_bench())
-        until(lambda: json.loads(service.publisher.documents["state"]())["calibration"])
+        until(lambda: in_force(service)["path"])
         code, out, err = export("--format", "odrive", "--connect", service.listen)
     assert code == 0, err
     assert json.loads(out)["calibration"] == of_bench().id

@@ -27,4 +27,6 @@ def load_in_force(
     view = client.state().calibration
     if view is None:
         fail(missing)
+    if not view.path:
+        fail(f"calibration {view.id} is in force, but not written to a file yet: try again")
     return load(Path(view.path))
