@@ -27,9 +27,9 @@ from motord.rig.truth import load as load_rig
 from motord.schema import TICK_DTYPE, InverterStatus
 from motord.wire.can.dbc import signal_codec
 from tests.support.channel_package import install
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 
-WAIT_S = 20.0
 DBC = packaged("inverter.dbc")
 TEMPERATURE = "InverterStatus.Temperature"
 
@@ -155,7 +155,7 @@ def first(config: Config) -> ChannelSource:
 
 def read(source: ChannelSource, peer: Peer, value: float) -> RawSample:
     """Return the first sample of this value; errors of a peer that comes back are waited out."""
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     error: object = "another value"
     while time.monotonic() < end_s:
         try:
@@ -184,7 +184,7 @@ def test_it_reads_what_the_peer_has_also_after_the_peer_was_gone(peer: Peer) -> 
     try:
         for value in (42.0, -17.0, 0.0):
             sample = read(source, peer, value)
-            assert 0.0 <= sample.age_s < WAIT_S
+            assert 0.0 <= sample.age_s < PATIENCE_S
         if not isinstance(peer, CanPeer):  # a bus stays when a device leaves it
             peer.leave()
             for words in (r"no valid answer|refused|lost|does not answer", GONE, GONE):

@@ -4,7 +4,8 @@ import re
 import socket
 import time
 
-_PATIENCE_S = 20.0
+from tests.support.patience import PATIENCE_S
+
 _PC = 15
 _XPSR = 25
 _IPSR_MASK = 0x1FF  # the interrupt that the processor is in, 0 for none
@@ -29,8 +30,8 @@ class Debugger:
     def __init__(self, path):
         self._received = b""
         self._socket = socket.socket(socket.AF_UNIX)
-        self._socket.settimeout(_PATIENCE_S)
-        deadline_s = time.monotonic() + _PATIENCE_S
+        self._socket.settimeout(PATIENCE_S)
+        deadline_s = time.monotonic() + PATIENCE_S
         while self._socket.connect_ex(str(path)):
             assert time.monotonic() < deadline_s, "QEMU does not listen"
             time.sleep(0.01)

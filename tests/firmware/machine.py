@@ -9,8 +9,8 @@ from motord.emulate.bridge.feed import FeedDecoder, input_frame
 from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
+from tests.support.patience import PATIENCE_S
 
-PATIENCE_S = 20.0
 FIRMWARE_TIME = ("-icount", "shift=4,sleep=off")
 """Lets the machine's time pass by instructions done, and jump while it sleeps: a computer that
 stalls does not show, and seconds take milliseconds."""

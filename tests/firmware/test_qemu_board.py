@@ -11,7 +11,8 @@ from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 from tests.firmware.debugger import Debugger, arguments, hang
 from tests.firmware.images import emulated
-from tests.firmware.machine import FIRMWARE_TIME, PATIENCE_S, machine, mutated
+from tests.firmware.machine import FIRMWARE_TIME, machine, mutated
+from tests.support.patience import PATIENCE_S
 
 pytestmark = pytest.mark.system
 

@@ -11,7 +11,8 @@ from motord.emulate.pty import Pty
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 from tests.firmware.images import emulated
-from tests.firmware.machine import PATIENCE_S, machine
+from tests.firmware.machine import machine
+from tests.support.patience import PATIENCE_S
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = pytest.mark.system

@@ -12,7 +12,8 @@ import pytest
 from motord.wire.bridge import frames, segmentation
 from tests.firmware.debugger import Debugger, arguments, pend
 from tests.firmware.images import emulated
-from tests.firmware.machine import PATIENCE_S, machine
+from tests.firmware.machine import machine
+from tests.support.patience import PATIENCE_S
 
 pytestmark = pytest.mark.system
 

@@ -19,13 +19,13 @@ from motord.client import connect
 from motord.proto import FOLDER
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import BlockCodec
+from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import live_service
 
 TESTS = Path(__file__).resolve().parents[1]
 PROTO = FOLDER / "tick.proto"
 CODEC = BlockCodec(TICK)
 BLOCKS = 3
-PATIENCE_S = 60.0
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc: apt-get install gcc")
 needs_node = pytest.mark.skipif(

@@ -14,10 +14,11 @@ from types import TracebackType
 
 import pytest
 
+from tests.support.patience import PATIENCE_S
+
 HERE = Path(__file__).parent
 HEADER = Path("/usr/include/modbus/modbus.h")
 FLAGS = ("-std=c11", "-D_DEFAULT_SOURCE", "-O1", "-Wall", "-Wextra", "-Werror")
-PATIENCE_S = 20.0
 BAUD = 115_200
 
 

@@ -12,7 +12,8 @@ from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
 from motord.wire.modbus.pdu import crc16_modbus
 from motord.wire.modbus.registers import DeviceStatus
-from tests.modbus.peers import BAUD, PATIENCE_S, Peer
+from tests.modbus.peers import BAUD, Peer
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 
 PATIENT_MS, SHORT_MS = 5000, 200

@@ -16,8 +16,9 @@ from google.protobuf.json_format import MessageToDict
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from tests.support.patience import PATIENCE_S
+
 SUBPROTOCOL = "foxglove.sdk.v1"
-PATIENCE_S = 30.0
 _MESSAGE_DATA = 1
 
 

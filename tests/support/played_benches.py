@@ -15,9 +15,8 @@ from motord.api.messages import (
     RecordingView,
     SetpointView,
 )
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
-
-PATIENCE_S = 30.0
 
 
 def endpoint():

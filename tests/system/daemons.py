@@ -20,10 +20,10 @@ from motord.client import ClientError, connect
 from motord.recording.file_names import stem_of, whole_of
 from motord.recording.reader import open_run
 from tests.support import again, stalls
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 from tests.support.stalls import STALE_S
 
-PATIENCE_S = 120.0
 RING_S = 60.0
 """A recorder that is started again by a busy computer takes longer than half of the usual ring."""
 START_S = 450.0

@@ -14,8 +14,9 @@ import time
 from contextlib import ExitStack, contextmanager
 
 from motord.client.benches import Benches
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
-from tests.system.daemons import PATIENCE_S, daemon, wait_until, write_sim
+from tests.system.daemons import daemon, wait_until, write_sim
 
 PLAN = {
     "torques_Nm": [0.5, 1.0], "speeds_Hz": [1.0, 1.5], "turns": 2, "settle_s": 0.1,

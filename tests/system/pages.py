@@ -11,7 +11,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from motord.dashboard.frames import decode, encode
-from tests.system.daemons import PATIENCE_S, Program
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import Program
 
 
 class Dashboard(Program):

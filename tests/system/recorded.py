@@ -22,9 +22,9 @@ from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
 from motord.unix_clock import Clock
 from tests.support.loop_process import start_loop
+from tests.support.patience import PATIENCE_S
 from tests.system.daemons import patient
 
-PATIENCE_S = 120.0
 BEAT_S = 0.01
 
 

@@ -13,7 +13,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from tests.system.daemons import PATIENCE_S
+from tests.support.patience import PATIENCE_S
 
 _TOKEN = re.compile(
     r"\x1b\[(\d+);(\d+)H|\x1b\[[0-9;?<>=$]*[@-~]|\x1b\][^\x07]*\x07|\x1b.|(.)", re.S

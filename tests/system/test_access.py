@@ -15,12 +15,11 @@ from motord.api.endpoints import client_config
 from motord.client import ClientError, connect
 from motord.security import authority, identity, roles
 from motord.security.roles import Role
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
-from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import daemon, wait_for, wait_until, write_sim
 
 pytestmark = pytest.mark.system
-
-WAIT_S = 20.0
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +77,7 @@ def test_an_operator_commands(bench, certificates):
     with connect(None, bench.remote, who(certificates, "anna")) as client:
         assert client.bench == "gated"
         with client.subscribe_ticks() as blocks:
-            assert len(blocks.get(WAIT_S))
+            assert len(blocks.get(PATIENCE_S))
         with client.lease("anna") as lease:
             assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
         wait_for(client, lambda s: s.state == "READY", "disabled")
@@ -96,7 +95,7 @@ def test_a_viewer_watches(bench, certificates):
         assert client.rpc("plan/list")["plans"]
         for subscribe in (client.subscribe_state, client.subscribe_ticks):
             with subscribe() as coming:
-                assert coming.get(WAIT_S) is not None
+                assert coming.get(PATIENCE_S) is not None
 
 
 @pytest.mark.parametrize("name", ["lease/acquire", "enable", "stop", "set", "plan/start"])
@@ -124,7 +123,7 @@ def test_a_viewer_cannot_speak_in_the_name_of_the_bench(bench, certificates):
                 "motord/gated/rpc/stop", lambda query: query.reply(query.key_expr, b"{}")
             )
             event = logged(local, "ben (viewer) may not publish motord/gated/plan")
-            assert states.get(WAIT_S) is not None
+            assert states.get(PATIENCE_S) is not None
         assert event.data["action"] == "Put"
         assert not seen
         assert local.rpc("stop", by="a test")["state"] == "OFF"

@@ -8,7 +8,8 @@ import pytest
 
 from motord.recording.reader import open_run
 from motord.schema import State
-from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import daemon, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -24,7 +24,8 @@ from motord.client import connect
 from motord.config import load, packaged
 from motord.config.text.editing import with_values
 from tests.support import stalls
-from tests.system.daemons import PATIENCE_S, Program, emulator, patient
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import Program, emulator, patient
 from tests.unit.emulate.benches import write_bench
 
 GUIDE = Path(__file__).parents[2] / "docs" / "bring-up.md"

@@ -11,14 +11,8 @@ from motord.client import ClientError
 from motord.schema import Flag, State
 from motord.sequencing.capture import final
 from motord.sequencing.quality import GOOD
-from tests.system.daemons import (
-    PATIENCE_S,
-    Program,
-    daemon,
-    wait_for,
-    wait_until,
-    write_sim,
-)
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import Program, daemon, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -16,7 +16,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from motord.dashboard.app import MALFORMED
 from motord.schema import State
-from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import daemon, wait_for, wait_until, write_sim
 from tests.system.pages import dashboard, opened
 
 pytestmark = pytest.mark.system

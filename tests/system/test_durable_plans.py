@@ -9,7 +9,8 @@ import pytest
 
 from motord.client import ClientError
 from motord.identification.operating_points import split
-from tests.system.daemons import PATIENCE_S, daemon, journal, wait_for, wait_until, write_sim
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import daemon, journal, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

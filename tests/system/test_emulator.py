@@ -20,12 +20,12 @@ from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.registry import make_rig, make_setpoint_device
 from motord.recording.reader import open_run
 from motord.schema import BridgeStatus, InverterStatus
+from tests.support.patience import PATIENCE_S
 from tests.support.stalls import FORGIVEN
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = pytest.mark.system
 
-PATIENCE_S = 30.0
 COMPILE_S = 120.0
 """The first emulator after a change of the rig compiles it."""
 MS = 1_000_000

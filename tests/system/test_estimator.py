@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.early_end import POINTS_WITHOUT, QUANTITY
-from tests.system.daemons import PATIENCE_S, daemon, wait_until, write_sim
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import daemon, wait_until, write_sim
 from tests.unit.experiments.external.test_external import announce
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

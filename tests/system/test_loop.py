@@ -23,10 +23,9 @@ from motord.shm.tables import TablesWriter
 from motord.shm.timing import Timing
 from motord.unix_clock import Clock
 from tests.support.loop_process import start_loop
+from tests.support.patience import PATIENCE_S
 
 pytestmark = pytest.mark.system
-
-PATIENCE_S = 60.0
 
 
 def write_bench(folder: Path, rate_Hz: int = 1000) -> Path:

@@ -7,7 +7,8 @@ from contextlib import ExitStack, closing
 import pytest
 
 from motord.client import connect
-from tests.system.daemons import PATIENCE_S, wait_for, wait_until
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import wait_for, wait_until
 from tests.system.many_benches import (
     RouterProcess,
     Sightings,

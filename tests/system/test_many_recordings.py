@@ -14,11 +14,11 @@ import pytest
 
 from motord.results.store import ResultsStore
 from tests.support import probe_analysis
+from tests.support.patience import PATIENCE_S
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 GOOD = 6
-PATIENCE_S = 60.0
 
 OF_TWO_WORKERS = 4
 """Processes below the command: these, their fork server, and multiprocessing's resource tracker."""

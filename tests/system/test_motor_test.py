@@ -17,7 +17,8 @@ from motord.cli import app
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
 from motord.results.store import ResultsStore
-from tests.system.daemons import PATIENCE_S, daemon, forgive, stalls_from_now, wait_for, write_sim
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import daemon, forgive, stalls_from_now, wait_for, write_sim
 
 pytestmark = pytest.mark.system
 

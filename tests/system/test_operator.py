@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from motord.schema import State
-from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import daemon, wait_for, wait_until, write_sim
 
 pytestmark = pytest.mark.system
 

@@ -6,9 +6,9 @@ import signal
 import pytest
 
 from motord.client import ClientError
+from tests.support.patience import PATIENCE_S
 from tests.system.daemons import (
     LONG_LEASE_S,
-    PATIENCE_S,
     daemon,
     forgive,
     stalls_from_now,

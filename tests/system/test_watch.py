@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from tests.system.daemons import PATIENCE_S, wait_for
+from tests.support.patience import PATIENCE_S
+from tests.system.daemons import wait_for
 from tests.system.terminal import ScreenOf
 
 pytestmark = pytest.mark.system

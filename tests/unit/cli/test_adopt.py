@@ -12,11 +12,10 @@ from motord.calibration import load
 from motord.cli import app
 from motord.service.tracker.link import NOT_WRITTEN
 from motord.shm.run_directory import RunDir
+from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_adoption import FakeTracker, tracked
 from tests.unit.service.test_installation import calibration, put_in_force
-
-WAIT_S = 60.0
 
 
 @pytest.fixture
@@ -37,7 +36,7 @@ def bench(tmp_path, monkeypatch):
 
 def shown(bench):
     """Wait until the state has what is tracked now."""
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     view, in_force = bench.tracker.view, bench.store.current is not None
     now = view and view.model_dump(mode="json"), in_force
     while published(bench) != now:

@@ -10,14 +10,8 @@ from motord.api.messages import RecordingView
 from motord.cli import app
 from motord.cli.bench import overview
 from motord.client import benches
-from tests.support.played_benches import (
-    PATIENCE_S,
-    await_answers,
-    endpoint,
-    played,
-    publishing,
-    router,
-)
+from tests.support.patience import PATIENCE_S
+from tests.support.played_benches import await_answers, endpoint, played, publishing, router
 from tests.unit.archive.test_faults import recordings
 
 

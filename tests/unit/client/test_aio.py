@@ -11,8 +11,8 @@ from motord.client.aio import AsyncSubscription
 from motord.client.aio.threads import Threads
 from motord.client.subscription import Subscription
 from motord.client.tick_subscription import TickLosses
+from tests.support.patience import PATIENCE_S
 
-WAIT_S = 20.0
 SHORT = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
 
 
@@ -20,7 +20,7 @@ def run(live, use):
     """Run `use(client)` with a client of the bench."""
 
     async def main():
-        async with asyncio.timeout(3 * WAIT_S), aio.connect("live", live.listen) as client:
+        async with asyncio.timeout(3 * PATIENCE_S), aio.connect("live", live.listen) as client:
             await use(client)
 
     asyncio.run(main())
@@ -59,7 +59,7 @@ def test_ticks_come_without_a_gap_and_the_iterator_ends_the_subscription(live):
                 break
         assert np.all(np.diff(np.concatenate(blocks)["tick"].astype(int)) == 1)
         assert ticks.losses == TickLosses()
-        async with asyncio.timeout(WAIT_S):
+        async with asyncio.timeout(PATIENCE_S):
             while not ticks._sync._closed:
                 await asyncio.sleep(0)
 
@@ -116,7 +116,7 @@ def test_a_cancelled_task_gives_its_lease_back(live):
 def test_a_lease_that_is_taken_over_is_noticed(live):
     async def use(client):
         async with client.lease("anna") as lease, client.lease("ben", force=True):
-            async with asyncio.timeout(WAIT_S):
+            async with asyncio.timeout(PATIENCE_S):
                 await lease.lost.wait()
             assert "ben took over" in lease.why
 
@@ -131,7 +131,7 @@ class Gate:
 
     def enter(self):
         self.entered.set()
-        assert self.opened.wait(WAIT_S)
+        assert self.opened.wait(PATIENCE_S)
         return "entered"
 
 

@@ -25,9 +25,9 @@ from motord.client.decoding import (
     decode_state,
     decode_ticks,
 )
+from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import endpoint
 
-WAIT_S = 20.0
 ROOT = "motord/false"
 PAYLOADS = (
     b"", b"null", b"[]", b"{}", b"[[]]", b'"x"', b"\xff\xfe", b"{" * 900, b"[" * 100_000, b"NaN",
@@ -182,7 +182,7 @@ def test_a_subscription_drops_what_is_malformed_and_goes_on(false_daemon, client
             client_is_there.put(payload)
         client_is_there.delete()
         client_is_there.put(good.to_json())
-        assert done.wait(WAIT_S)
+        assert done.wait(PATIENCE_S)
         assert arrived == [good]
         assert events.malformed == len(PAYLOADS) + 1
     assert caplog.text.count("not what the daemon says") == 1

@@ -9,14 +9,13 @@ from motord.api.endpoints import key
 from motord.client import ClientError, connect
 from motord.client.benches import Benches
 from motord.client.roster import ANSWERED_S, SILENT_S, BenchRoster
+from tests.support.patience import PATIENCE_S
 from tests.support.played_benches import endpoint, played, router, state_of
-
-WAIT_S = 20.0
 
 
 def until(benches, condition, publishing=()):
     """Return the entries by name once they fulfil `condition`, while benches publish."""
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s:
         for one in publishing:
             one.publish()
@@ -108,13 +107,13 @@ def test_a_state_that_cannot_be_read_is_said():
 
 
 def test_daemons_of_a_name_are_counted_once_all_have_answered(monkeypatch):
-    monkeypatch.setattr("motord.client.benches.ANSWER_S", 10 * WAIT_S)
+    monkeypatch.setattr("motord.client.benches.ANSWER_S", 10 * PATIENCE_S)
     with (
         played("a") as (quick,),
         played("a", answers=False) as (slow,),
         router(quick.listen, slow.listen) as (listen, session),
     ):
-        end_s = time.monotonic() + WAIT_S
+        end_s = time.monotonic() + PATIENCE_S
         while not slow.stuck:  # the router knows the way to both
             session.get(key("a", "state"), lambda _: None, target=zenoh.QueryTarget.ALL)
             assert time.monotonic() < end_s

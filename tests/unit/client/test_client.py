@@ -23,9 +23,9 @@ from motord.client import (
 from motord.schema import TICK_DTYPE
 from motord.security.identity import Identity
 from motord.service.publish.zenoh_api import ApiError
+from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import LiveService, endpoint, live_service
 
-WAIT_S = 20.0
 SHORT = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
 
 
@@ -36,8 +36,8 @@ def client(live):
 
 
 def wait_for(states, condition):
-    for _ in range(round(WAIT_S * 10)):
-        state = states.get(WAIT_S)
+    for _ in range(round(PATIENCE_S * 10)):
+        state = states.get(PATIENCE_S)
         assert state is not None
         if condition(state):
             return state
@@ -110,7 +110,7 @@ def test_state_and_ticks_arrive(client):
         assert wait_for(states, lambda s: s.tick is not None).bench == "live"
     assert client.state().state == "OFF"
     with client.subscribe_ticks() as blocks:
-        first, second = blocks.get(WAIT_S), blocks.get(WAIT_S)
+        first, second = blocks.get(PATIENCE_S), blocks.get(PATIENCE_S)
     assert first.dtype == TICK_DTYPE
     numbers = np.concatenate([first, second])["tick"]
     assert np.array_equal(np.diff(numbers), np.ones(len(numbers) - 1))
@@ -119,7 +119,7 @@ def test_state_and_ticks_arrive(client):
 def test_callbacks_get_what_subscriptions_get(client):
     seen = threading.Event()
     with client.subscribe_state(lambda state: seen.set()):
-        assert seen.wait(WAIT_S)
+        assert seen.wait(PATIENCE_S)
 
 
 def test_a_subscription_is_iterated(client):
@@ -139,7 +139,7 @@ def test_single_ticks_are_plain_protobuf(live):
 
     with zenoh.open(client_config(live.listen)) as session:
         session.declare_subscriber("motord/live/tick", receive)
-        assert arrived.wait(WAIT_S)
+        assert arrived.wait(PATIENCE_S)
     assert encodings[0][0] == "application/protobuf;motord.Tick"
 
 
@@ -164,7 +164,7 @@ def test_a_second_commander_is_refused_and_a_takeover_is_noticed(client):
             client.lease("ben").acquire()
         with client.lease("ben", force=True) as other:
             assert other.took_over_from == "anna"
-            assert lease.lost.wait(WAIT_S)
+            assert lease.lost.wait(PATIENCE_S)
             assert "ben took over" in lease.why
         assert code_of(client, "enable", token=lease.token) == "no_lease"
     assert operator()
@@ -190,14 +190,14 @@ class Flaky:
 def test_a_lease_outlives_a_connection_that_comes_back_in_time():
     daemon = Flaky(failures=2)
     with Lease(daemon, "anna") as lease:
-        assert daemon.renewed.wait(WAIT_S)
+        assert daemon.renewed.wait(PATIENCE_S)
         assert not lease.lost.is_set()
 
 
 @pytest.mark.parametrize("code", ["unreachable", "no_lease"])
 def test_a_lease_is_lost_when_it_is_refused_or_the_daemon_stays_away(code):
     with Lease(Flaky(failures=10**9, code=code), "anna") as lease:
-        assert lease.lost.wait(WAIT_S)
+        assert lease.lost.wait(PATIENCE_S)
         assert lease.why == "it is gone"
 
 
@@ -206,11 +206,11 @@ def test_a_lease_can_be_acquired_again_and_is_renewed_again():
     lease = Lease(daemon, "anna")
     for _ in range(2):
         with lease:
-            assert daemon.renewed.wait(WAIT_S)
+            assert daemon.renewed.wait(PATIENCE_S)
         daemon.renewed.clear()
     daemon.code, daemon.failures = "no_lease", 10**9
     with lease:
-        assert lease.lost.wait(WAIT_S)
+        assert lease.lost.wait(PATIENCE_S)
     daemon.failures = 0
     with lease:
         assert (lease.lost.is_set(), lease.why) == (False, "")
@@ -260,7 +260,7 @@ def test_refusals_carry_code_and_message(client):
 )
 def test_whatever_comes_in_is_answered_with_json(live, name, payload):
     with zenoh.open(client_config(live.listen)) as session:
-        [reply] = session.get(f"motord/live/rpc/{name}", payload=payload, timeout=WAIT_S)
+        [reply] = session.get(f"motord/live/rpc/{name}", payload=payload, timeout=PATIENCE_S)
     content = (reply.ok or reply.err).payload.to_bytes()
     if reply.err is not None:
         assert json.loads(content).keys() == {"code", "message"}
@@ -274,8 +274,8 @@ def test_a_wildcard_commands_nothing(live, client):
     before = len(client.events())
     with zenoh.open(client_config(live.listen)) as session:
         for wide in ("**", "motord/live/**", "motord/*/rpc/stop", "motord/live/rpc/*"):
-            assert list(session.get(wide, timeout=WAIT_S)) == []
-        [state] = session.get("motord/*/state", timeout=WAIT_S)
+            assert list(session.get(wide, timeout=PATIENCE_S)) == []
+        [state] = session.get("motord/*/state", timeout=PATIENCE_S)
         assert (str(state.ok.key_expr), json.loads(bytes(state.ok.payload))["bench"]) == (
             "motord/live/state", "live",
         )  # fmt: skip
@@ -286,14 +286,14 @@ def test_a_subscriber_that_does_not_read_keeps_the_newest(client, monkeypatch):
     monkeypatch.setattr("motord.client.subscription.KEPT", 2)
     with client.subscribe_state() as states, client.subscribe_state() as watched:
         while states.lost < 2:
-            assert watched.get(WAIT_S) is not None
-        assert states.get(WAIT_S).t_ns > 0
+            assert watched.get(PATIENCE_S) is not None
+        assert states.get(PATIENCE_S).t_ns > 0
 
 
 def test_events_are_remembered_and_published(client):
     with client.subscribe_events() as coming:
         client.rpc("stop", by="a test")
-        assert coming.get(WAIT_S).message == "stop, from a test"
+        assert coming.get(PATIENCE_S).message == "stop, from a test"
     assert any(event.message == "stop, from a test" for event in client.events())
 
 
@@ -301,7 +301,7 @@ def test_the_last_state_and_progress_come_at_once(client):
     with client.subscribe_state() as states, client.subscribe_state(latest=False) as later:
         first = states.get(0.0)
         assert first.bench == "live"
-        assert later.get(WAIT_S).t_ns >= first.t_ns
+        assert later.get(PATIENCE_S).t_ns >= first.t_ns
     with client.subscribe_plan() as progress:
         present, first = client.plan(), progress.get(0.0)
         assert (first is None) == (present is None)
@@ -378,12 +378,12 @@ def test_plan_progress_is_published(client):
     with client.lease("anna") as lease, client.subscribe_plan(latest=False) as progress:
         outline = client.rpc("plan/start", token=lease.token, name="calibrate", settings=SHORT)
         assert len(outline["points"]) == 1
-        view = progress.get(WAIT_S)
+        view = progress.get(PATIENCE_S)
         assert (view.plan, view.state, view.started_by) == ("calibrate", "running", "anna")
         assert client.plan().plan == "calibrate"
         client.rpc("plan/abort", token=lease.token)
         while not view.over:
-            view = progress.get(WAIT_S)
+            view = progress.get(PATIENCE_S)
         assert view.message == "aborted by anna"
 
 

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from motord.client.subscription import DocumentSubscription, Subscription
-
-WAIT_S = 20.0
+from tests.support.patience import PATIENCE_S
 
 
 def document(t_ns, name=""):
@@ -33,11 +32,11 @@ def test_a_callback_that_stands_still_holds_up_nobody(session):
     def slow(number):
         taken.append(number)
         entered.set()
-        assert go_on.wait(WAIT_S)
+        assert go_on.wait(PATIENCE_S)
 
     with plain(session, slow, kept=2) as numbers:
         session.sends(b"0")
-        assert entered.wait(WAIT_S)
+        assert entered.wait(PATIENCE_S)
         for number in range(1, 10):
             session.sends(b"%d" % number)
         assert numbers.lost == 7
@@ -59,7 +58,7 @@ def test_an_error_in_a_callback_is_logged_and_the_next_item_comes(session, caplo
     with caplog.at_level(logging.ERROR, "motord"), plain(session, callback):
         session.sends(b"0")
         session.sends(b"1")
-        assert done.wait(WAIT_S)
+        assert done.wait(PATIENCE_S)
     assert "of a bug" in caplog.text
 
 
@@ -70,7 +69,7 @@ def test_who_waits_is_released_when_it_is_closed(session, how):
     waiting = threading.Thread(target=lambda: outcome.append(wait()))
     waiting.start()
     numbers.close()
-    waiting.join(WAIT_S)
+    waiting.join(PATIENCE_S)
     assert outcome == [None if how == "get" else []]
     numbers.close()
 
@@ -84,7 +83,7 @@ def test_a_callback_may_close_its_own_subscription(session):
 
     numbers = plain(session, once)
     session.sends(b"1")
-    assert closed.wait(WAIT_S)
+    assert closed.wait(PATIENCE_S)
 
 
 @pytest.mark.parametrize(

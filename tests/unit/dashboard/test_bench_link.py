@@ -7,8 +7,7 @@ import pytest
 from motord.client import ClientError
 from motord.dashboard import bench_link
 from motord.dashboard.bench_link import BenchLink
-
-PATIENCE_S = 20.0
+from tests.support.patience import PATIENCE_S
 
 
 class FakeSubscription:

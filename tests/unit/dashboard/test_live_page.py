@@ -12,9 +12,8 @@ from motord.dashboard.page.live_page import CALLS_MAX, LivePage
 from motord.dashboard.page.messages import RpcCall
 from motord.dashboard.page.sending import PageGone
 from motord.security.roles import Role
+from tests.support.patience import PATIENCE_S
 from tests.unit.dashboard.fake_link import FakeLink
-
-PATIENCE_S = 20.0
 
 
 async def never(_):

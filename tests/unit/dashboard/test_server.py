@@ -12,12 +12,12 @@ from uvicorn.server import ServerState
 
 from motord.dashboard import server
 from motord.dashboard.server import HOST, _Protocol
+from tests.support.patience import PATIENCE_S
 
 HANDSHAKE = "\r\n".join([
     "GET /socket HTTP/1.1", f"Host: {HOST}", "Upgrade: websocket", "Connection: Upgrade",
     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13", "", "",
 ])  # fmt: skip
-WAIT_S = 60.0
 
 
 async def sends_more_than_is_taken(
@@ -45,7 +45,7 @@ def test_a_closed_page_that_does_not_read_is_aborted(
         listening = await loop.create_server(lambda: _Protocol(config, state, {}), HOST)
         with socket.create_connection(listening.sockets[0].getsockname()) as page:
             page.sendall(HANDSHAKE.encode())
-            async with asyncio.timeout(WAIT_S):
+            async with asyncio.timeout(PATIENCE_S):
                 for there in (True, False):
                     while bool(state.connections) is not there:
                         await asyncio.sleep(0.001)

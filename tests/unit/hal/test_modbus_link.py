@@ -16,8 +16,7 @@ from motord.hal.modbus import link as modbus_link
 from motord.hal.modbus.client import ModbusClient
 from motord.hal.modbus.link import RtuLink, TcpLink, connect
 from motord.wire.modbus.pdu import ModbusRequest, read, rtu_frame, write
-
-PATIENCE_S = 10.0
+from tests.support.patience import PATIENCE_S
 
 
 @contextmanager

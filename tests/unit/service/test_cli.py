@@ -18,11 +18,11 @@ from motord.cli.plan.settings import parse_settings
 from motord.client import ClientError, Commander, Subscription, connect
 from motord.schema import State, Trip
 from tests.contract.peers import until
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 from tests.unit.emulate.benches import write_bench
 from tests.unit.service.live_service import endpoint, live_service
 
-WAIT_S = 20.0
 UNHURRIED = ("--limit-s", "3600")
 """For dry runs whose forecasts are asked: by default they end after two minutes, done or not."""
 UNDONE = re.compile(r"motord: the bench is (OFF$|(OFF|READY), and what was set is undone)", re.M)
@@ -50,7 +50,7 @@ def off(live):
 @pytest.fixture
 def motord(live, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr("motord.cli.bench.set_report.LATE_S", WAIT_S)  # of a busy computer
+    monkeypatch.setattr("motord.cli.bench.set_report.LATE_S", PATIENCE_S)  # of a busy computer
 
     def run(*arguments):
         return CliRunner().invoke(app, [*arguments, "--bench", "cli", "--connect", live.listen])
@@ -105,7 +105,7 @@ def test_enable_holds_the_lease_and_then_lets_the_bench_ramp_down(live, motord):
     assert result.stdout == "ENABLED\n"
     assert "in command for 0.5 s" in result.stderr
     with connect("cli", live.listen) as client, client.subscribe_state() as states:
-        while states.get(WAIT_S).state != "READY":
+        while states.get(PATIENCE_S).state != "READY":
             pass
     assert list(folder("cli").iterdir()) == []
 
@@ -122,13 +122,13 @@ def test_set_uses_the_lease_that_another_terminal_holds(live, motord):
         ):
             client.rpc("enable", token=lease.token)
             enabled.set()
-            done.wait(WAIT_S)
+            done.wait(PATIENCE_S)
             outcome.append(lease.lost.is_set())
 
     done = threading.Event()
     thread = threading.Thread(target=first_terminal)
     thread.start()
-    assert enabled.wait(WAIT_S)
+    assert enabled.wait(PATIENCE_S)
     answer = printed(motord("set", "--torque-Nm", "1", "--speed-Hz", "0.5", "--json"))
     assert answer["setpoint"]["speed_Hz"] == 0.5
     said = motord("set", "--torque-Nm", "0.5").stdout
@@ -166,7 +166,7 @@ def test_what_is_set_without_torque_is_held_until_somebody_stops_it(live, motord
     def stop_when_set():
         with connect("cli", live.listen) as client, client.subscribe_state() as states:
             for _ in range(10):  # a second
-                while not (s := states.get(WAIT_S).setpoint).drive_Hz and not s.brake:
+                while not (s := states.get(PATIENCE_S).setpoint).drive_Hz and not s.brake:
                     pass
             assert 0.5 in (set_point.drive_Hz, set_point.brake)
             client.rpc("stop", by="another terminal")
@@ -224,7 +224,7 @@ def test_a_trip_ends_the_hold_and_is_reported_with_all_that_helps(live, motord, 
 
     def trip_when_enabled():
         with connect("cli", live.listen) as client, client.subscribe_state() as states:
-            while states.get(WAIT_S).state != "ENABLED":
+            while states.get(PATIENCE_S).state != "ENABLED":
                 pass
         memory = live.loop.virtual._memory
         memory["trip_bits"] = memory["first_trip"] = Trip.OVER_SPEED
@@ -253,10 +253,10 @@ def test_a_trip_ends_the_hold_and_is_reported_with_all_that_helps(live, motord, 
 def test_a_takeover_ends_the_hold(live, motord):
     def take_over():
         with connect("cli", live.listen) as client, client.subscribe_state() as states:
-            while states.get(WAIT_S).state != "ENABLED":
+            while states.get(PATIENCE_S).state != "ENABLED":
                 pass
             with client.lease("ben", force=True):
-                done.wait(WAIT_S)
+                done.wait(PATIENCE_S)
 
     done = threading.Event()
     thread = threading.Thread(target=take_over)

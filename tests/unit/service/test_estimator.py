@@ -26,10 +26,10 @@ from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
 from motord.shm.ring import RingReader, RingWriter
 from motord.shm.run_directory import RunDir
+from tests.support.patience import PATIENCE_S
 from tests.support.played_process import PlayedProcess
 
 CONFIG = packaged("sim.toml")
-WAIT_S = 60.0
 [ROW] = (row for row in PROCESSES if row.name == ESTIMATOR)
 
 
@@ -266,7 +266,7 @@ def test_the_ring_is_followed_while_an_estimate_takes_longer_than_it_holds(
         def captured(self, point):
             for first in range(5, 205, 40):  # the ring holds 63
                 publish(ring, first, [1] * 40)
-                end_s = time.monotonic() + WAIT_S
+                end_s = time.monotonic() + PATIENCE_S
                 while captures._newest < first + 39:
                     assert time.monotonic() < end_s
                     time.sleep(0.001)
@@ -498,7 +498,7 @@ class Running:
         return made
 
     def until(self, condition, what):
-        end_s = time.monotonic() + WAIT_S
+        end_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < end_s, f"{what}: {self.link.precision}"
             time.sleep(0.01)
@@ -539,8 +539,8 @@ def test_the_process_reports_steps_back_and_ends_with_the_plan(running, ring):
 def test_when_the_supervisor_dies_the_process_ends(run_dir, ring):
     alone = spawn_piped(run_dir.command(process.__name__, CONFIG))
     alone.stdin.close()
-    assert select.select([alone.stdout], [], [], WAIT_S)[0]
-    assert (alone.wait(WAIT_S), alone.stdout.read()) == (0, b"")
+    assert select.select([alone.stdout], [], [], PATIENCE_S)[0]
+    assert (alone.wait(PATIENCE_S), alone.stdout.read()) == (0, b"")
     alone.stdout.close()
 
 

@@ -24,10 +24,9 @@ from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
 from motord.shm.run_directory import RunDir
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 from tests.unit.service.live_service import endpoint, live_service
-
-WAIT_S = 20.0
 
 
 @pytest.fixture
@@ -63,7 +62,7 @@ class Opened:
 
         def until(tls, before, meanwhile):
             self.up.set()
-            assert self.end.wait(WAIT_S)
+            assert self.end.wait(PATIENCE_S)
             return process.signature(tls) != before
 
         monkeypatch.setattr(process, "_until_changed_or_ended", until)
@@ -77,7 +76,7 @@ class Opened:
 
     def __enter__(self):
         self.thread.start()
-        assert self.up.wait(WAIT_S)
+        assert self.up.wait(PATIENCE_S)
         return self
 
     def __exit__(self, *error):
@@ -86,7 +85,7 @@ class Opened:
 
     def comes_to_say(self, *parts):
         """Wait for a report with all of `parts` in it: it comes from threads of Zenoh."""
-        end_s = time.monotonic() + WAIT_S
+        end_s = time.monotonic() + PATIENCE_S
         while not any(all(part in said for part in parts) for said in self.said()):
             assert time.monotonic() < end_s, f"{parts} are not in {self.said()}"
             time.sleep(0.01)
@@ -131,7 +130,7 @@ def test_nobody_speaks_for_the_bench_to_either_side_of_the_gateway(gated, folder
                 intruder.put(f"motord/live/{name}", b"{}")
             remote = zenoh.Locality.REMOTE
             key = "motord/live/rpc/plan/list"
-            assert list(intruder.get(key, timeout=WAIT_S, allowed_destination=remote))
+            assert list(intruder.get(key, timeout=PATIENCE_S, allowed_destination=remote))
             for there in (client, local):
                 with there.lease("anna") as lease:
                     assert lease.token
@@ -218,7 +217,7 @@ def spoken(script):
     link.step(0)
     children.start_all(0)
     process = children.process(GATEWAY)
-    process.wait(WAIT_S)
+    process.wait(PATIENCE_S)
     for _ in range(3):
         link.step(0)
     link.stop(0)
@@ -246,7 +245,7 @@ def test_a_gateway_that_floods_is_ended_and_started_again(flood):
     children, events = in_its_place(script), EventLog(lambda: 0)
     link = GatewayLink(children, events)
     children.start_all(0)
-    first, ends, end_s = children.process(GATEWAY), [], time.monotonic() + WAIT_S
+    first, ends, end_s = children.process(GATEWAY), [], time.monotonic() + PATIENCE_S
     while not ends and time.monotonic() < end_s:
         link.step(0)  # no time passes: whatever comes is at once
         ends += children.poll(0)
@@ -255,7 +254,7 @@ def test_a_gateway_that_floods_is_ended_and_started_again(flood):
     while link._process is first and time.monotonic() < end_s:  # read the rest, then the next one
         link.step(10**9)
     link.stop(10**9)
-    first.wait(WAIT_S)
+    first.wait(PATIENCE_S)
     assert [end.how for end in ends] == ["killed by SIGKILL"]
     reported = [e for e in events.recent() if e.kind == "process"]
     assert 1 <= len(reported) <= 3

@@ -43,10 +43,10 @@ from motord.service.rpc.outstanding import (
     OutstandingQueries,
 )
 from tests.contract.peers import until
+from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration
 
-WAIT_S = 20.0
 TOKEN = b"0123456789abcdef"
 LIMIT = 2 * MAX_REQUEST_BYTES
 PIECE_BYTES = 64_000
@@ -79,7 +79,7 @@ class Query:
 
     def outcome(self):
         """Wait for the answer; return the code of the refusal, or the content."""
-        assert self.done.wait(WAIT_S)
+        assert self.done.wait(PATIENCE_S)
         return self.code or self.content
 
 
@@ -105,7 +105,7 @@ class Played:
 
     def _prepare(self, payload):
         self.begun.release()
-        assert self.go_on.acquire(timeout=WAIT_S)
+        assert self.go_on.acquire(timeout=PATIENCE_S)
         if self.refuse:
             raise RpcError("failed", "prepared")
         return WithToken(token="t"), None
@@ -153,7 +153,7 @@ def test_a_long_request_is_not_parsed_without_the_lease(played, name):
     played.go_on.release()
     proven = played.bring(name, long + TOKEN)
     if name == "calibration/install":
-        assert played.begun.acquire(timeout=WAIT_S)
+        assert played.begun.acquire(timeout=PATIENCE_S)
     else:
         assert [call.name for call in played.calls.take()] == [name]
         assert played.parsed == [(name, UNPROVEN_BYTES + 17 + len(TOKEN))]
@@ -175,7 +175,7 @@ def test_what_takes_long_is_not_begun_without_the_lease(played):
 
 def test_what_takes_long_is_done_one_after_the_other(played):
     first = played.bring("calibration/install", TOKEN)
-    assert played.begun.acquire(timeout=WAIT_S)
+    assert played.begun.acquire(timeout=PATIENCE_S)
     second = played.bring("calibration/install", TOKEN)
     assert played.bring("calibration/install", TOKEN).outcome() == "busy"
     played.go_on.release(2)
@@ -188,11 +188,11 @@ def test_what_is_prepared_too_late_to_be_answered_is_not_done(played, monkeypatc
     now_s = time.monotonic()
     monkeypatch.setattr(outstanding.time, "monotonic", lambda: now_s)
     query = played.bring("calibration/install", TOKEN)
-    assert played.begun.acquire(timeout=WAIT_S)
+    assert played.begun.acquire(timeout=PATIENCE_S)
     monkeypatch.setattr(intake.time, "monotonic", lambda: now_s + took_s)
     played.go_on.release()
     if outcome == "refused":
-        assert played.calls.wait(WAIT_S)
+        assert played.calls.wait(PATIENCE_S)
         played.calls.close("it was begun")
     assert query.outcome() == outcome
     assert played.calls.take() == []
@@ -228,7 +228,7 @@ def test_room_is_kept_for_whoever_is_in_command_and_for_stop(played):
     taken += [played.bring("stop", b"") for _ in range(ROOM_OF_STOP - ROOM_IN_COMMAND)]
     assert played.bring("stop", b"").dropped
     assert not any(query.dropped for query in taken)
-    until_s = time.monotonic() + WAIT_S
+    until_s = time.monotonic() + PATIENCE_S
     while not all(query.done.is_set() for query in taken) and time.monotonic() < until_s:
         for call in played.calls.take():
             call.reply(RpcReply())
@@ -314,9 +314,9 @@ def test_longer_messages_are_dropped_by_zenoh_and_the_session_goes_on(tmp_path, 
         install, stop = (f"motord/live/rpc/{name}" for name in ("calibration/install", "stop"))
         for size in (longest + ENVELOPE_BYTES, 50_000_000):
             session.get(install, lambda reply: None, payload=bytes(size))
-        [refused] = session.get(install, payload=bytes(longest + 1), timeout=WAIT_S)
+        [refused] = session.get(install, payload=bytes(longest + 1), timeout=PATIENCE_S)
         assert json.loads(refused.err.payload.to_bytes())["code"] == "invalid"
-        [stopped] = session.get(stop, timeout=WAIT_S)
+        [stopped] = session.get(stop, timeout=PATIENCE_S)
         assert stopped.ok is not None
     assert sizes == [longest + 1, 0]
 
@@ -336,7 +336,7 @@ def test_memory_shared_with_a_client_is_not_read(tmp_path, monkeypatch):
         sharing.insert_json5("transport/shared_memory/mode", '"init"')
         with zenoh.open(sharing) as session:
             for _ in range(10):
-                list(session.get("motord/live/rpc/stop", payload=bytes(50_000), timeout=WAIT_S))
+                list(session.get("motord/live/rpc/stop", payload=bytes(50_000), timeout=PATIENCE_S))
     assert shared == [False] * 10
 
 
@@ -401,7 +401,7 @@ def test_a_reply_may_come_as_what_renders_it(played, monkeypatch):
     monkeypatch.setattr(played, "refuse", False)
     query = played.bring("calibration/install", TOKEN)
     played.go_on.release()
-    assert played.calls.wait(WAIT_S)
+    assert played.calls.wait(PATIENCE_S)
     for call in played.calls.take():
         call.reply(RpcReply())
     assert query.outcome() == b"rendered"

@@ -17,9 +17,9 @@ from motord.api.endpoints import (
     router_config,
 )
 from motord.client import ClientError, connect
+from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import endpoint, live_service
 
-WAIT_S = 20.0
 ROOT = "motord/live"
 WIDE = ("**", "motord/**", "motord/live/**", "motord/live/rpc/**", "*/*/rpc/lease/*")
 EXACT = tuple(f"{ROOT}/rpc/{name}" for name in ("stop", "lease/acquire", "enable", "none/of/ours"))
@@ -44,7 +44,7 @@ def test_connections_that_say_nothing_keep_nobody_out_for_long(tmp_path):
         host, port = service.listen.removeprefix("tcp/").split(":")
         for _ in range(MAX_HANDSHAKES + 8):
             silent.enter_context(socket.create_connection((host, int(port))))
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < until_s:
             with suppress(ClientError):
                 connect("live", service.listen).close()
@@ -88,10 +88,10 @@ class Intruder:
         One that was there first asks until it has found the daemon.
         """
         remote = zenoh.Locality.REMOTE  # not what it declared itself
-        until_s = time.monotonic() + WAIT_S
+        until_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < until_s:
             key = f"{ROOT}/rpc/config"
-            if list(self.session.get(key, timeout=WAIT_S, allowed_destination=remote)):
+            if list(self.session.get(key, timeout=PATIENCE_S, allowed_destination=remote)):
                 return
         pytest.fail("the intruder never reached the daemon")
 
@@ -124,13 +124,15 @@ def test_nothing_is_captured_and_nothing_forged(tmp_path, mode, first):
             assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
             for target in (zenoh.QueryTarget.ALL, zenoh.QueryTarget.BEST_MATCHING):
                 replies = list(
-                    observer.get(f"{ROOT}/rpc/stop", target=target, payload=b"{}", timeout=WAIT_S)
+                    observer.get(
+                        f"{ROOT}/rpc/stop", target=target, payload=b"{}", timeout=PATIENCE_S
+                    )
                 )
                 assert [json.loads(r.ok.payload.to_bytes())["state"] for r in replies] == ["OFF"]
-        assert list(observer.get(f"{ROOT}/rpc/none/of/ours", timeout=WAIT_S)) == []
-        alive = list(observer.liveliness().get("**", timeout=WAIT_S))
+        assert list(observer.get(f"{ROOT}/rpc/none/of/ours", timeout=PATIENCE_S)) == []
+        alive = list(observer.liveliness().get("**", timeout=PATIENCE_S))
         assert [str(token.ok.key_expr) for token in alive] == [f"{ROOT}/alive"]
-        assert ticks.wait(WAIT_S)
+        assert ticks.wait(PATIENCE_S)
         assert not [key for key, payload in received if payload in (FORGED, b"")]
         assert intruder.captured == []
 

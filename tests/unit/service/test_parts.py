@@ -26,8 +26,7 @@ from motord.service.host.events import KEPT, EventLog
 from motord.service.host.log import log_to_stderr
 from motord.service.rpc.dispatcher import Call, CallQueue, Dispatcher, Wait, handles
 from motord.service.setpoint import UNSEEN_NS, Setpoint
-
-WAIT_S = 20.0
+from tests.support.patience import PATIENCE_S
 
 
 def test_every_trip_has_a_meaning():
@@ -108,7 +107,7 @@ def test_a_stuck_terminal_holds_up_nobody(monkeypatch, for_good):
     terminal = StuckTerminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr("motord.service.host.log.CAPACITY", 1)
-    monkeypatch.setattr("motord.service.host.log.STOP_S", 0.01 if for_good else WAIT_S)
+    monkeypatch.setattr("motord.service.host.log.STOP_S", 0.01 if for_good else PATIENCE_S)
 
     def warn():
         with log_to_stderr():
@@ -119,7 +118,7 @@ def test_a_stuck_terminal_holds_up_nobody(monkeypatch, for_good):
 
     speaker = threading.Thread(target=warn, daemon=True)
     speaker.start()
-    speaker.join(WAIT_S)
+    speaker.join(PATIENCE_S)
     waited = speaker.is_alive()
     terminal.goes_on.set()
     assert not waited

@@ -38,12 +38,12 @@ from motord.service.tracker.protocol import TrackerReport
 from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir
 from tests.support.counting_tracker import CountingTracker
+from tests.support.patience import PATIENCE_S
 from tests.support.played_process import PlayedProcess
 from tests.unit.service.test_installation import calibration, put_in_force
 
 CONFIG = packaged("sim.toml")
 COUNTING = "tests.support.counting_tracker:CountingTracker"
-WAIT_S = 60.0
 STEP_NS = 10_000_000
 [ROW] = (row for row in PROCESSES if row.name == TRACKER)
 
@@ -561,7 +561,7 @@ def test_tracking_that_begins_anew_is_no_return(linked):
 class Asked(threading.Thread):
     """Asks in a thread of its own, as the intake does."""
 
-    def __init__(self, link, timeout_s=WAIT_S):
+    def __init__(self, link, timeout_s=PATIENCE_S):
         super().__init__()
         self.link, self.timeout_s, self.answer = link, timeout_s, None
         self.start()
@@ -574,7 +574,7 @@ class Asked(threading.Thread):
 
 
 def until(linked, condition):
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end_s
         linked.step()
@@ -639,7 +639,7 @@ def test_who_asks_when_the_daemon_ends_is_answered_at_once(linked):
     linked.link.stop()
     assert before.result(0).obstacle == SHUTTING_DOWN
     after = Asked(linked.link)
-    after.join(WAIT_S / 2)
+    after.join(PATIENCE_S / 2)
     assert after.answer.obstacle == SHUTTING_DOWN
 
 
@@ -668,7 +668,7 @@ class Running(Linked):
         return self.started[-1]
 
     def until(self, condition):
-        end_s = time.monotonic() + WAIT_S
+        end_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < end_s, self.link.view
             time.sleep(0.01)

@@ -13,9 +13,9 @@ from motord.cli.bench.watch.glyphs import UNICODE
 from motord.cli.bench.watch.keys import ACTIONS, KEYS
 from motord.cli.bench.watch.operator_session import UNANSWERED_S, OperatorSession
 from motord.client import ClientError
+from tests.support.patience import PATIENCE_S
 from tests.unit.cli.watch.samples import NOW_NS, PLAN, TRIP, FakeClient, state, ticks
 
-PATIENCE_S = 20.0
 NOBODY = {"holder": None, "remaining_s": 0.0, "duration_s": 2.0}
 
 
