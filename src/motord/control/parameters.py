@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motord.config import Config
-from motord.config.rules.encoder import lags
 from motord.control.interlock_table import INTERLOCKS
 from motord.control.types import PARAMETERS
 from motord.learned import COEFFICIENTS_MAX, LearnedTorque
@@ -99,7 +98,6 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.torque_decay = np.exp(-p.period_s / tau_s) if tau_s > 0 else 1.0
     p.brake_trip_C = config.brake.trip_temperature_C
     p.tracks = watched_tracks(config.motor.counts)
-    _, p.angle_lag_rad, p.speed_lag_rad_s = lags(config)
     p.bridge_stale_s = config.bridge.stale_after_s
     p.inverter_stale_s = config.inverter.stale_after_s
     p.supervisor_timeout_s = config.loop.supervisor_timeout_s

@@ -1,9 +1,7 @@
 """Encoder tracks that are stuck: compiled.
 
 A reflected Gray code's track b changes every 2^(b+1) counts. One that has not changed over 2.5
-times as much is stuck, even where the jumps that it causes are small enough to be plausible. How
-far the rotor turns, and how fast, is what the observer says, which lags behind one that accelerates
-or stops: it may be wrong by so much.
+times as much is stuck, even where the jumps that it causes are small enough to be plausible.
 """
 
 import numpy as np
@@ -21,8 +19,8 @@ ALL = 0xFFFFFFFF
 def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     """Take in a code read at `t_ns`, after the observer has; True where a track is stuck.
 
-    Tracks too fine for the speed, or its lag, and the time between samples are left out. Once
-    found, or after a gap in the samples, the watch starts over, and after `start_over`.
+    Tracks too fine for the speed and the time between samples are left out. Once found, or after a
+    gap in the samples, the watch starts over, and after `start_over`.
     """
     dt_s = (t_ns - m.tracks_ns) * 1e-9
     if dt_s == 0.0:
@@ -33,17 +31,15 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     changed = np.int64(gray) ^ np.int64(m.gray)
     m.gray = gray
     counts_per_rad = p.counts / TWO_PI
-    step_counts = max(abs(m.speed_rad_s), p.speed_lag_rad_s) * dt_s * counts_per_rad
-    lag_counts = 2.0 * p.angle_lag_rad * counts_per_rad  # from one side to the other
+    step_counts = abs(m.speed_rad_s) * dt_s * counts_per_rad
     if not 0.0 < dt_s <= POSITION_AGE_MAX_S:
         changed = np.int64(ALL)
     far = False
     for track in range(p.tracks):
         if changed >> track & 1 or step_counts >= 1 << track:
             m.track_rad[track] = m.turned_rad
-        else:
-            turned_counts = abs(m.turned_rad - m.track_rad[track]) * counts_per_rad
-            far |= turned_counts > FAR * (2 << track) + lag_counts
+        elif abs(m.turned_rad - m.track_rad[track]) * counts_per_rad > FAR * (2 << track):
+            far = True
     m.track_samples = m.track_samples + 1 if far else 0
     if m.track_samples < STUCK_SAMPLES:
         return False

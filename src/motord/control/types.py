@@ -109,9 +109,6 @@ PARAMETERS = record_dtype(
         ("torque_decay", "f8"),  # of the torque sensor's high-pass over a period
         ("brake_trip_C", "f8"),
         ("tracks", "i8"),  # of the encoder, watched for being stuck
-        # by how much the observer lags at most behind a rotor that is well
-        ("angle_lag_rad", "f8"),
-        ("speed_lag_rad_s", "f8"),
         ("bridge_stale_s", "f8"),
         ("inverter_stale_s", "f8"),
         ("supervisor_timeout_s", "f8"),

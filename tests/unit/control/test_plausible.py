@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.config.rules.interlocks import dead_sensor_error_Nm
-from motord.config.timing import ACCELERATION_RAD_S2
 from motord.control.parameters import watched_tracks
 from motord.schema import Compensate, Flag, Request, State, Trip
 from tests.support.properties import examples
@@ -336,31 +335,6 @@ def test_a_stuck_track_of_before_enabling_is_not_found_after_it(tripped: bool) -
     bench.enable()
     bench.speed_rad_s = 0.3
     assert until_trip(bench, 150) == (0, Trip(0))
-
-
-@pytest.mark.kernel
-@pytest.mark.parametrize("then_rad_s", [-2.0, 0.0])
-@pytest.mark.parametrize(("rate_Hz", "bandwidth_Hz"), [(870, 23), (5000, 15)])
-def test_no_track_of_a_fine_encoder_seems_stuck_as_the_rotor_turns_back_or_stops(
-    rate_Hz: int, bandwidth_Hz: int, then_rad_s: float
-) -> None:
-    """The observer, whose speed tells which tracks are too fine to watch, lags behind."""
-    bench = Answering(
-        loop={"rate_Hz": rate_Hz, "observer_bandwidth_Hz": bandwidth_Hz},
-        bridge={"stale_after_s": 0.03},
-        inverter={"stale_after_s": 0.03},
-        motor={"counts": 65536},
-        limits={"encoder_jump_rad": 0.6},
-    )
-    bench.speed_rad_s = 0.0
-    bench.enable()
-    for wanted_rad_s in (2.0, then_rad_s) * 5:
-        for _ in range(round(0.3 * rate_Hz)):
-            step_rad_s = ACCELERATION_RAD_S2 / rate_Hz
-            ahead_rad_s = wanted_rad_s - bench.speed_rad_s
-            bench.speed_rad_s += min(max(ahead_rad_s, -step_rad_s), step_rad_s)
-            tick = bench.ticks(1)
-            assert tick.state == State.ENABLED, Trip(int(tick.trip_bits))
 
 
 ACCELERATION_MAX_RAD_S2 = 500.0

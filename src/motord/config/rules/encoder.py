@@ -33,43 +33,32 @@ def _pole(config: Sections) -> float:
     return math.exp(-2 * math.pi * config.loop.observer_bandwidth_Hz * config.sample_interval_s)
 
 
-def lags(config: Sections) -> tuple[float, float, float]:
-    """Return the gap G (s) and by how much angle (rad) and speed (rad/s) lag at most behind a rotor
-    that accelerates by a = ACCELERATION_RAD_S2.
-
-    G is the longest time between samples that are compared: the time that the bridge may be silent,
-    up to POSITION_AGE_MAX_S. With the poles of the observer at its bandwidth w, the angle is up to
-    a / w^2 behind and the speed a / w (2 + h exp(-1 / h)), h = w G / 2 - 1, where 0 < h: after a
-    gap, over which the mean speed was taken, the observer's speed falls behind once more until its
-    position does.
-    """
-    dt_s, w_rad_s = config.sample_interval_s, 2 * math.pi * config.loop.observer_bandwidth_Hz
-    gap_s = max(min(config.bridge.stale_after_s, POSITION_AGE_MAX_S), dt_s)
-    again = 0.5 * w_rad_s * gap_s - 1
-    times = 2.0 if again <= 0 else 2.0 + again * math.exp(-1 / again)
-    return gap_s, ACCELERATION_RAD_S2 / w_rad_s**2, times * ACCELERATION_RAD_S2 / w_rad_s
-
-
 def least_jump_rad(config: Sections) -> float:
     """Return the least limits.encoder_jump_rad at which a rotor that is well never seems to jump.
 
-    The poles of the observer are at p = exp(-w dt) for samples dt apart. A sample may be off from
-    where its speed would have taken the rotor in a time T by
+    The poles of the observer are at its bandwidth w, p = exp(-w dt) for samples dt apart. A sample
+    may be off from where its speed would have taken the rotor in a time T by
 
-    - the acceleration a: position and speed are behind by their `lags`, the rotor gains a T^2 / 2;
+    - the acceleration a: the position is up to a / w^2 behind and the speed a / w (2 + h exp(-1 /
+      h)), h = w G / 2 - 1, where 0 < h: after a gap G, over which the mean speed was taken, the
+      observer's speed falls behind once more until its position does; the rotor gains a T^2 / 2;
     - the counts: half of one by which the sample is off, at most 1.27 of such halves in the
       position, which is the sum of its responses to one, and `speed_resolution_rad_s`;
     - times that are off by SAMPLE_TIME_S, at the speed that trips: once in the position, (1 - p)^2
       / dt times in the speed.
 
     All over T / STEADY_S, from where on a jump may be larger in proportion. T is an interval, or,
-    where samples are lost, the gap of `lags`. It is the most at STEADY_S or there, since it is a
-    sum of 1 / T, 1 and T.
+    where samples are lost, G: the time that the bridge may be silent, up to POSITION_AGE_MAX_S. It
+    is the most at STEADY_S or at G, since it is a sum of 1 / T, 1 and T.
     """
-    dt_s, count_rad = config.sample_interval_s, 2 * math.pi / config.motor.counts
-    gap_s, position_rad, speed_rad_s = lags(config)
+    dt_s, w_rad_s = config.sample_interval_s, 2 * math.pi * config.loop.observer_bandwidth_Hz
+    gap_s = max(min(config.bridge.stale_after_s, POSITION_AGE_MAX_S), dt_s)
+    count_rad = 2 * math.pi / config.motor.counts
     time_rad = config.limits.trip_speed_rad_s * SAMPLE_TIME_S
-    position_rad += 0.5 * (1 + 1.27) * count_rad + time_rad
+    again = 0.5 * w_rad_s * gap_s - 1
+    lags = 2.0 if again <= 0 else 2.0 + again * math.exp(-1 / again)
+    position_rad = ACCELERATION_RAD_S2 / w_rad_s**2 + 0.5 * (1 + 1.27) * count_rad + time_rad
+    speed_rad_s = lags * ACCELERATION_RAD_S2 / w_rad_s
     speed_rad_s += (1 - _pole(config)) ** 2 / dt_s * time_rad + speed_resolution_rad_s(config)
 
     def jump_rad(over_s: float) -> float:
