@@ -149,7 +149,8 @@ def test_a_bench_that_is_none_is_said(bench):
 
 @pytest.mark.parametrize("where", ["", ",", "nonsense", "tcp/,nonsense"])
 def test_endpoints_that_are_none_are_said(where):
-    assert "no motord at" in failed(["status", "--all", "--connect", where])
+    said = failed(["status", "--all", "--connect", where])
+    assert "is no endpoint; those are tcp/HOST:PORT" in said
 
 
 def test_somebody_else_at_the_endpoint_is_no_daemon():
