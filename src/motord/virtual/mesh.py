@@ -15,6 +15,7 @@ import os
 import shutil
 import signal
 import tempfile
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
@@ -147,7 +148,20 @@ def _interruptible(function: Callable[..., _Result], /, *arguments: Any, **named
 
 def processors() -> ProcessPoolExecutor:
     """Return a pool of one process a processor; use it as a context manager."""
-    return _Processors(os.cpu_count(), multiprocessing.get_context("spawn"))
+    spawn = multiprocessing.get_context("spawn")
+    return _Processors(os.cpu_count(), spawn, _end_with_parent)
+
+
+def _end_with_parent() -> None:
+    """End this process once the one that made the pool has ended, however that was."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def _take(task: _Task) -> MeshPiece:

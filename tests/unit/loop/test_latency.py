@@ -249,6 +249,21 @@ def test_a_loop_that_dies_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
         LoopOnDemand(LoopSetup(loop=LoopConfig(), period_ns=PERIOD_NS))
 
 
+def test_an_interrupt_while_the_loop_starts_ends_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started = tmp_path / "pid"
+    code = (
+        f"import os, signal; open({str(started)!r}, 'w').write(str(os.getpid()));"
+        "os.kill(os.getppid(), signal.SIGINT); signal.pause()"
+    )
+    monkeypatch.setattr(measurement, "module_command", lambda _: [sys.executable, "-c", code])
+    with pytest.raises(KeyboardInterrupt):
+        LoopOnDemand(LoopSetup(loop=LoopConfig(), period_ns=PERIOD_NS))
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(started.read_text()), 0)
+
+
 def test_a_loop_that_is_interrupted_at_its_start_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     ready = Ready(realtime=RIGHTS, priority=7).model_dump_json()
     code = f"import os, signal; os.kill(os.getpid(), signal.SIGINT); print({ready!r})"

@@ -2,9 +2,13 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from motord.config import load
@@ -12,6 +16,7 @@ from motord.experiments.plans import build
 from motord.virtual import mesh
 from motord.virtual.mesh import MeshPiece, processors, run_points
 from motord.virtual.plan import PlanFailed
+from tests.support.patience import PATIENCE_S
 
 MESH = {
     "torques_Nm": [2.0, 3.0], "speeds_Hz": [0.9, 1.0], "turns": 2, "settle_s": 0.2,
@@ -93,3 +98,35 @@ def test_an_interrupt_of_a_process_that_starts_is_that_of_its_task():
         with pytest.raises(KeyboardInterrupt):
             task.result()
         assert pool.submit(os.getpid).result()
+
+
+POOL_THAT_IS_KILLED = """
+import os, signal
+from motord.virtual.mesh import processors
+
+pool = processors()
+tasks = [pool.submit(os.getpid) for _ in range(4)]
+print(*{task.result() for task in tasks} | set(pool._processes), flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_processes_end_with_one_that_is_killed() -> None:
+    """They wait for tasks; a closed terminal left one of each dry run for each processor."""
+    command = [sys.executable, "-c", POOL_THAT_IS_KILLED]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    assert done.returncode == -signal.SIGKILL
+    processes = [int(pid) for pid in done.stdout.split()]
+    assert processes
+    end_s = time.monotonic() + PATIENCE_S
+    while any(map(runs, processes)):
+        assert time.monotonic() < end_s, processes
+        time.sleep(0.05)
+
+
+def runs(pid: int) -> bool:
+    """Return whether a process has not ended; one that nobody waits for stays as a zombie."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

@@ -109,8 +109,13 @@ class LoopOnDemand:
                 stdout=subprocess.PIPE,
                 env={**os.environ, **ONE_THREAD},
             )
-        self._send(setup.model_dump_json())
-        self.ready = Ready.model_validate_json(self._receive(0))
+        try:
+            self._send(setup.model_dump_json())
+            self.ready = Ready.model_validate_json(self._receive(0))
+        except BaseException:  # an interrupt, which the loop does not have
+            self._process.kill()
+            self._process.communicate()
+            raise
 
     def __enter__(self) -> "LoopOnDemand":
         return self
