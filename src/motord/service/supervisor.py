@@ -191,8 +191,9 @@ class Supervisor:
             self.tracker.stop()
         self.children.stop(LOOP)
         block, _ = self.loop.read()
-        self.publisher.step(block, self.clock_ns())
         self.recording.take_ticks(block)
+        with self.guard.part("publisher", now_ns := self.clock_ns()):
+            self.publisher.step(block, now_ns)
         self.recording.close()
         self.bench.plans.conclude()  # journalled before a recorder that hangs is waited for
         self.recording.recorder.stop()

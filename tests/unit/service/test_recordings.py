@@ -172,6 +172,20 @@ def test_power_in_ticks_that_come_while_the_daemon_ends_is_recorded(played):
     assert len(played.recorders[0].received("start")) == 1
 
 
+def test_a_publisher_that_fails_keeps_no_last_ticks_from_the_recording(played, monkeypatch):
+    played.up()
+    played.step(5)
+    loop = played.loops[0]
+    loop.wait = lambda timeout=None: loop.tick(State.ENABLED, 20) or 0
+
+    def fail(*_):
+        raise OSError("the session is gone")
+
+    monkeypatch.setattr(played.supervisor.publisher, "step", fail)
+    played.supervisor.take_down()
+    assert len(played.recorders[0].received("start")) == 1
+
+
 def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     played.up()
