@@ -163,7 +163,7 @@ class BridgeStatus(IntFlag):
     """What motord understands of any bridge's status word (tick field `bridge_status`)."""
 
     ENABLE_LINE = 1 << 0  # the line to the inverter is closed
-    HEARTBEAT_LOST = 1 << 1  # no heartbeat reached the board in time: the line is open
+    HEARTBEAT_LOST = 1 << 1  # no heartbeat came in time, the line is open; or none is acknowledged
     TORQUE_INVALID = 1 << 2  # the torque sample is not to be trusted (saturated, ADC error)
     ENCODER_INVALID = 1 << 3  # the encoder lines are not to be trusted
     FAULT = 1 << 4  # the board's self-test failed

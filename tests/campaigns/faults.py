@@ -235,9 +235,9 @@ Samples that jump count until the speed explains one, and without power until it
 row. A rotor that makes nearly whole turns from one sample to the next looks like a slow one, and no
 rule can tell them apart.
 An encoder track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for the
-speed are left out, and the count starts anew when the bench is enabled or a trip is reset. Angle and
-speed are the observer's: with a slow one (near the least `observer_bandwidth_Hz`), many counts and
-few samples a rotor that stops at 100 rad/s^2 may trip, and of tracks that are about as fine as the
+speed are left out, and the count starts anew when the bench is enabled or a trip is reset. Angle
+and speed are the observer's: with a slow one (near the least `observer_bandwidth_Hz`), many counts
+and few samples a rotor that stops at 100 rad/s^2 may trip, and of tracks about as fine as what the
 rotor turns between samples one that is stuck may stay unseen.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"

@@ -30,6 +30,8 @@ REPLY_S = 35.0
 """Longer than any request takes; each handler has a shorter timeout."""
 CHECK_S = 1.0
 LOG_S = 10.0
+FREE_BYTES = 1 << 20
+"""Of payloads, after which what is free in the heaps goes back to the system."""
 
 Document = Callable[[], bytes]
 """Renders a document, in the thread that replies."""
@@ -58,6 +60,7 @@ class OutstandingQueries:
         self._lock = threading.Lock()
         self._outstanding: set[OutstandingQuery] = set()
         self._bytes = 0
+        self._freeable_bytes = 0  # of payloads since free memory went back
         self._queue: queue.SimpleQueue[_Item] = queue.SimpleQueue()  # bounded by the outstanding
         self._refused: Counter[str] = Counter()
         self._logged_s = self._checked_s = time.monotonic()
@@ -88,6 +91,7 @@ class OutstandingQueries:
         """Admit a query if there is room, else drop it and return None; never waits."""
         pending = OutstandingQuery(name, reply_key, query, size, time.monotonic() + REPLY_S)
         with self._lock:
+            self._freeable_bytes += size
             full = len(self._outstanding) >= room or self._bytes + size > self._max_bytes
             if full:
                 self._refused["dropped"] += 1
@@ -154,11 +158,12 @@ class OutstandingQueries:
                 return
             self._checked_s = now_s
             overdue = [pending for pending in self._outstanding if now_s >= pending.due_s]
-            idle = not self._outstanding
+            free = not self._outstanding and self._freeable_bytes >= FREE_BYTES
+            self._freeable_bytes *= not free
         for pending in overdue:
             message = f"{pending.name}: no answer from the supervisor in {REPLY_S:g} s"
             self.reply(pending, RpcError("busy", message))
-        if idle:
+        if free:
             return_free_memory()
         self._log(now_s)
 
