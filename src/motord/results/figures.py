@@ -51,6 +51,22 @@ class ResultFigure:
 
 
 @dataclass(frozen=True)
+class StatedQuantity:
+    """What an object states of a quantity by the names of its keys; None: nothing, or no number.
+
+    low, high: ends of the 95 % interval, both or none. freedom: its own degrees of freedom, else
+    those of the object, else those around it. of_error: whether any key is of its error.
+    """
+
+    value: float | None
+    stderr: float | None
+    low: float | None
+    high: float | None
+    freedom: float | None
+    of_error: bool
+
+
+@dataclass(frozen=True)
 class _Around:
     """What holds for an object by where it is: path, suffix of a unit, degrees of freedom."""
 
@@ -82,53 +98,71 @@ def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[ResultFi
                 rest = {name: value for name, value in element.items() if name not in used}
                 yield from _of_object(rest, inner.within(label, "", inner.freedom))
         else:
-            known = {role: content[name] for role, name in errors.get(key, {}).items()}
-            own = content.get(f"{split_unit(key)[0]}{OWN_FREEDOM}", freedom)
-            yield from _of_numbers(key, part, known, content, inner, own)
+            yield from _of_numbers(key, errors.get(key, {}), content, inner)
 
 
 def _of_numbers(
-    key: str,
-    part: Any,
-    errors: dict[str, Any],
-    content: Mapping[str, Any],
-    around: _Around,
-    freedom: Any,
+    key: str, errors: Mapping[str, str], content: Mapping[str, Any], around: _Around
 ) -> Iterator[ResultFigure]:
     """Yield the figure of a number, or those of a short list of numbers."""
     path = around.path[:-1] if key == "value" else around.path
     unit = UNITS.get(around.suffix, "")
     if key in UNIT_STATED and isinstance(content.get("unit"), str):
         unit = content["unit"]
+    if finite_number(content[key]) is not None:
+        places: list[tuple[int | None, str]] = [(None, ".".join(path) or key)]
+    else:
+        elements = number_elements(key, content[key])
+        places = [(place, ".".join((*path, label))) for place, label in elements]
+    for place, field in places:
+        stated = stated_quantity(content, key, errors, around.freedom, place)
+        if stated.value is not None:
+            yield _figure(field, unit, stated.value, stated)
+
+
+def _figure(field: str, unit: str, value: float, stated: StatedQuantity) -> ResultFigure:
+    low, high = stated.low, stated.high
+    if low is None and stated.stderr is not None:
+        half = coverage_factor(stated.freedom) * stated.stderr
+        low, high = value - half, value + half
+    return ResultFigure(field, unit, value, stated.stderr, low, high)
+
+
+def stated_quantity(
+    content: Mapping[str, Any],
+    key: str,
+    errors: Mapping[str, str],
+    around: float | None = None,
+    place: int | None = None,
+) -> StatedQuantity:
+    """Return what an object states of the quantity of a key, or of an element of its list.
+
+    errors: of that key, from `error_keys`; around: degrees of freedom of what holds the object.
+    """
+    own, of_all = content.get(split_unit(key)[0] + OWN_FREEDOM), freedom_of_all(content, around)
+    freedom = own if own is not None else of_all
     freedom = freedom.get(key) if isinstance(freedom, Mapping) else freedom
-    if (value := finite_number(part)) is not None:
-        yield _figure(".".join(path) or key, unit, value, errors, freedom)
-        return
-    for place, label in number_elements(key, part):
-        if (value := finite_number(part[place])) is not None:
-            own = {role: element_of(error, place) for role, error in errors.items()}
-            field = ".".join((*path, label))
-            yield _figure(field, unit, value, own, element_of(freedom, place))
-
-
-def _figure(
-    field: str, unit: str, value: float, errors: dict[str, Any], freedom: Any
-) -> ResultFigure:
-    stderr = finite_number(errors.get("stderr"))
-    half = finite_number(errors.get("half_width"))
-    if half is None and stderr is not None:
-        half = coverage_factor(finite_number(freedom)) * stderr
-    ends = errors.get("interval")
-    low = finite_number(errors.get("low") if ends is None else element_of(ends, 0))
-    high = finite_number(errors.get("high") if ends is None else element_of(ends, 1))
+    parts = {"value": content.get(key)} | {role: content[name] for role, name in errors.items()}
+    if place is not None:
+        parts = {role: element_of(part, place) for role, part in parts.items()}
+        freedom = element_of(freedom, place) if isinstance(freedom, Sequence) else freedom
+    value, half, low, high = (
+        finite_number(parts.get(role)) for role in ("value", "half_width", "low", "high")
+    )
+    if (ends := parts.get("interval")) is not None:
+        low, high = (finite_number(element_of(ends, end)) for end in (0, 1))
     if low is None or high is None:
-        low, high = (None, None) if half is None else (value - half, value + half)
-    return ResultFigure(field, unit, value, stderr, low, high)
+        low = high = None
+        if value is not None and half is not None:
+            low, high = value - half, value + half
+    stderr = finite_number(parts.get("stderr"))
+    return StatedQuantity(value, stderr, low, high, finite_number(freedom), bool(errors))
 
 
 def freedom_of_all(content: Mapping[str, Any], around: float | None = None) -> Any:
     """Return the degrees of freedom that hold for an object: one number, or those of each key."""
-    return content.get("degrees_of_freedom", content.get("freedom", around))
+    stated = (content.get("degrees_of_freedom"), content.get("freedom"), around)
+    return next((one for one in stated if one is not None), None)
 
 
 def error_keys(content: Mapping[str, Any]) -> dict[str, dict[str, str]]:

@@ -7,7 +7,13 @@ from typing import Any
 
 from motord.config.figures import FigureKind
 from motord.intervals import coverage_factor, standard_uncertainty
-from motord.results.figures import element_of, error_keys, finite_number, freedom_of_all
+from motord.results.figures import (
+    StatedQuantity,
+    error_keys,
+    finite_number,
+    freedom_of_all,
+    stated_quantity,
+)
 from motord.uncertainty_budget import Contribution, totals
 from motord.verdict.decision import Figure
 
@@ -43,19 +49,17 @@ def _serious(result: Mapping[str, Any]) -> str:
 
 def _rows(
     kind: FigureKind, result: Mapping[str, Any]
-) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Yield what separates each row from the others, and what it states of the value, by role."""
+) -> Iterator[tuple[dict[str, Any], StatedQuantity]]:
+    """Yield what separates each row from the others, and what it states of the figure."""
+    around = finite_number(freedom_of_all(result))
     for row in result.get(kind.rows) or () if kind.rows else (result,):
-        freedom = freedom_of_all(row) or freedom_of_all(result)
-        freedom = freedom.get(kind.value) if isinstance(freedom, Mapping) else freedom
         errors = error_keys(row).get(kind.value, {})
-        parts = {"value": row.get(kind.value), "freedom": freedom}
-        parts |= {role: row[key] for role, key in errors.items()}
         if kind.by != ("phase",):
-            yield {key: row[key] for key in kind.by}, parts
+            stated = stated_quantity(row, kind.value, errors, around)
+            yield {key: row[key] for key in kind.by}, stated
             continue
         for place, phase in enumerate(PHASES):
-            yield {"phase": phase}, {key: element_of(part, place) for key, part in parts.items()}
+            yield {"phase": phase}, stated_quantity(row, kind.value, errors, around, place)
 
 
 def _equal(one: Any, other: str | float) -> bool:
@@ -70,10 +74,10 @@ def _name(name: str, key: Mapping[str, Any]) -> str:
 
 
 def _figure(
-    kind: FigureKind, key: Mapping[str, Any], row: Mapping[str, Any], result: Mapping[str, Any]
+    kind: FigureKind, key: Mapping[str, Any], row: StatedQuantity, result: Mapping[str, Any]
 ) -> Figure:
     """Return the figure of a row; freedom of Type A and Type B together: Welch-Satterthwaite."""
-    value, type_b = finite_number(row["value"]), 0.0
+    value, type_b = row.value, 0.0
     type_a, freedom, known = _type_a(row)
     name = _name(kind.name, key)
     if kind.budget:
@@ -82,7 +86,7 @@ def _figure(
             return Figure(name, kind.unit, value, None, None, "it has no uncertainty budget")
         data, others, _ = totals(budget)
         type_b = _of_budget(others, kind, key)
-        type_a = type_a if "stderr" in row else _of_budget(data, kind, key)
+        type_a = type_a if row.of_error else _of_budget(data, kind, key)
     if type_a is None or not type_a > 0:
         return Figure(name, kind.unit, value, None, None, "its uncertainty is not stated")
     whole = hypot(type_a, type_b)
@@ -90,15 +94,24 @@ def _figure(
     return Figure(name, kind.unit, value, whole, wide, freedom_known=known)
 
 
-def _type_a(row: Mapping[str, Any]) -> tuple[float | None, float | None, bool]:
-    """Return the standard error, its degrees of freedom, None for many, and if these are known."""
-    roles = ("value", "stderr", "low", "high", "freedom")
-    value, stderr, low, high, freedom = (finite_number(row.get(role)) for role in roles)
-    if freedom is not None and stderr is None and low is not None and high is not None:
-        return (high - low) / 2 / coverage_factor(freedom), freedom, True
-    if freedom is not None or value is None:
-        return stderr, freedom, True
-    return standard_uncertainty(value, stderr, low, high) or (None, None, True)
+def _type_a(row: StatedQuantity) -> tuple[float | None, float | None, bool]:
+    """Return the standard error, its degrees of freedom, None for many, and if these are known.
+
+    Where degrees of freedom, standard error and interval are stated, the fewest freedom counts.
+    """
+    if row.value is None:
+        return row.stderr, row.freedom, True
+    found = standard_uncertainty(row.value, row.stderr, row.low, row.high)
+    if found is None:
+        return None, row.freedom, True
+    if row.freedom is None:
+        return found
+    factor = coverage_factor(row.freedom)
+    if row.stderr is None:  # that of the normal distribution, from an interval by Student's t
+        return found.value * coverage_factor() / factor, row.freedom, True
+    if found.freedom is None or found.freedom * (1 + 1e-6) >= row.freedom:
+        return row.stderr, row.freedom, True
+    return found
 
 
 def _of_budget(total: Contribution, kind: FigureKind, key: Mapping[str, Any]) -> float:

@@ -81,6 +81,10 @@ def interval(value, stderr, factor=MANY):
             {"degrees_of_freedom": {"alpha": [5]}, "alpha": [0.0, None, 1.0], "alpha_stderr": [1]},
             [ResultFigure("alpha.a", "", 0.0, 1.0, -T5, T5), ResultFigure("alpha.c", "", 1.0)],
         ),
+        (
+            {"degrees_of_freedom": 5, "gain": [0.0], "gain_stderr": [1]},
+            [ResultFigure("gain.1", "", 0.0, 1.0, -T5, T5)],
+        ),
     ],
 )  # fmt: skip
 def test_names_say_what_is_what(content, expected):

@@ -8,6 +8,7 @@ import pytest
 
 from motord.calibration import Calibration, Harmonic
 from motord.config.experiments import analysis_kinds
+from motord.config.figures import FigureKind
 from motord.experiments.analysis import encode
 from motord.experiments.back_emf.result import ElectricalHarmonic, MeasuredBackEmf
 from motord.experiments.cogging.result import MeanHarmonic, MeasuredCogging
@@ -180,6 +181,44 @@ def test_of_an_interval_that_is_not_symmetric_the_longer_side_counts():
     row |= {"resistance_low_K_per_W": 0.8, "resistance_high_K_per_W": 1 + 0.1 * coverage_factor(7)}
     [one] = of("thermal", "resistance_K_per_W", row)
     assert one.degrees_of_freedom == pytest.approx(7)
+
+
+GAIN = FigureKind("gain_Nm", summary="of another package")
+IN_ROWS = FigureKind("gain_Nm", summary="of another package", rows="rows")
+
+
+@pytest.mark.parametrize(
+    ("stated", "freedom"),
+    [
+        ({"gain_stderr_Nm": 0.1, "gain_degrees_of_freedom": 2}, 2.0),
+        ({"gain_stderr_Nm": 0.1, "gain_degrees_of_freedom": 2, "degrees_of_freedom": 99}, 2.0),
+        ({"gain_stderr_Nm": 0.1, "gain_degrees_of_freedom": None, "degrees_of_freedom": 3}, 3.0),
+        ({"gain_stderr_Nm": 0.1, "gain_half_width_Nm": 0.1 * coverage_factor(2)}, 2.0),
+        ({"stderr_Nm": 0.1, "half_width_Nm": 0.1 * coverage_factor(2), "freedom": 50}, 2.0),
+        ({"gain_half_width_Nm": 0.1 * coverage_factor(2), "degrees_of_freedom": 2}, 2.0),
+        ({"gain_stderr_Nm": 0.1, "gain_interval_95_Nm": [0.9, 1 + 0.1 * coverage_factor(2)]}, 2.0),
+        ({"gain_stderr_Nm": 0.1, "degrees_of_freedom": 4}, 4.0),
+    ],
+)
+def test_all_that_the_results_store_finds_of_a_figure_a_motor_test_finds(stated, freedom):
+    row = {"gain_Nm": 1.0, **stated}
+    for kind, result in ((GAIN, row), (IN_ROWS, {"rows": [row], "degrees_of_freedom": 99})):
+        [one] = figures_of(kind, result, {})
+        assert one.standard_uncertainty == pytest.approx(0.1)
+        assert one.degrees_of_freedom == pytest.approx(freedom, rel=1e-6)
+    assert decide(one, Tolerance(0.79, None), 0.025).decision == "undecidable" or freedom > 2
+
+
+def test_a_half_width_alone_decides_nothing():
+    [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_half_width_Nm": 0.2}, {})
+    assert one.expanded_uncertainty == pytest.approx(0.2)
+    assert not one.freedom_known
+
+
+def test_degrees_of_freedom_of_the_result_hold_for_each_phase():
+    kind = FigureKind("gain", summary="of another package", by=("phase",))
+    result = {"gain": [1.0, 2.0, 3.0], "gain_stderr": [0.1, 0.2, 0.3], "degrees_of_freedom": 2}
+    assert [one.degrees_of_freedom for one in figures_of(kind, result, {})] == [2.0, 2.0, 2.0]
 
 
 def test_an_interval_alone_decides_nothing_at_a_risk_that_it_may_not_keep():
