@@ -1,6 +1,6 @@
 """What an experiment announces of the figures that its results state with an uncertainty."""
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
 from motord.config.unit_suffixes import unit_of
@@ -21,6 +21,7 @@ class FigureKind:
     """
 
     name: str
+    _: KW_ONLY
     summary: str
     value: str = ""
     unit: str = ""
@@ -31,4 +32,10 @@ class FigureKind:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "value", self.value or self.name)
+        for field in ("value", "rows"):
+            if "." in (key := getattr(self, field)):
+                raise ValueError(
+                    f"figure {self.name}: {field} = {key!r} is a path: name a key of the result, or"
+                    " of a row of its list `rows`, and let the analysis state the figure there"
+                )
         object.__setattr__(self, "unit", self.unit or unit_of(self.name))

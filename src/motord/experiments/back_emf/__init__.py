@@ -16,7 +16,7 @@ EXPERIMENT = experiment(
     figures=(
         FigureKind(
             "back_emf_V_s_per_rad",
-            "amplitude of each electrical order of the back-EMF, mean of the phases",
+            summary="amplitude of each electrical order of the back-EMF, mean of the phases",
             value="amplitude_V_s_per_rad",
             rows="harmonics",
             by=("order",),

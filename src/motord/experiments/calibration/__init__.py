@@ -13,22 +13,26 @@ EXPERIMENT = experiment(
     schema="motord.calibration/1",
     position=20,
     figures=(
-        FigureKind("alpha", "current gain of each phase", budget="alpha", by=("phase",)),
+        FigureKind("alpha", summary="current gain of each phase", budget="alpha", by=("phase",)),
         FigureKind(
             "alpha_spread",
-            "largest current gain less the smallest",
+            summary="largest current gain less the smallest",
             value="alpha",
             budget="alpha",
             by=("phase",),
             combine="spread",
         ),
-        FigureKind("beta_A", "current offset of each phase", budget="beta_A", by=("phase",)),
         FigureKind(
-            "delta_epsilon", "common gain of torque and current sensors", budget="delta_epsilon"
+            "beta_A", summary="current offset of each phase", budget="beta_A", by=("phase",)
+        ),
+        FigureKind(
+            "delta_epsilon",
+            summary="common gain of torque and current sensors",
+            budget="delta_epsilon",
         ),
         FigureKind(
             "cogging_Nm",
-            "amplitude of each order of the cogging torque",
+            summary="amplitude of each order of the cogging torque",
             value="amplitude_Nm",
             budget="cogging_Nm",
             rows="tau_cog_harmonics",

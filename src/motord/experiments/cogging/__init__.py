@@ -16,7 +16,7 @@ EXPERIMENT = experiment(
     figures=(
         FigureKind(
             "cogging_Nm",
-            "amplitude of each order of the cogging torque",
+            summary="amplitude of each order of the cogging torque",
             value="amplitude_Nm",
             rows="harmonics",
             by=("order",),

@@ -14,11 +14,14 @@ EXPERIMENT = experiment(
     position=65,
     figures=(
         FigureKind(
-            "coulomb_Nm", "Coulomb friction of each direction", rows="directions", by=("direction",)
+            "coulomb_Nm",
+            summary="Coulomb friction of each direction",
+            rows="directions",
+            by=("direction",),
         ),
         FigureKind(
             "viscous_Nm_s_per_rad",
-            "viscous friction of each direction",
+            summary="viscous friction of each direction",
             rows="directions",
             by=("direction",),
         ),

@@ -13,8 +13,8 @@ EXPERIMENT = experiment(
     schema="motord.profile/1",
     position=75,
     figures=(
-        FigureKind("speed_rms_Hz", "speed error, RMS, mean over the cycles"),
-        FigureKind("torque_rms_Nm", "torque error, RMS, mean over the cycles"),
-        FigureKind("energy_J", "mechanical energy, mean over the cycles"),
+        FigureKind("speed_rms_Hz", summary="speed error, RMS, mean over the cycles"),
+        FigureKind("torque_rms_Nm", summary="torque error, RMS, mean over the cycles"),
+        FigureKind("energy_J", summary="mechanical energy, mean over the cycles"),
     ),
 )

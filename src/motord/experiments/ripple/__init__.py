@@ -16,14 +16,14 @@ EXPERIMENT = experiment(
     figures=(
         FigureKind(
             "rms_percent",
-            "torque ripple, RMS, of each operating point",
+            summary="torque ripple, RMS, of each operating point",
             rows="points",
             by=("torque_Nm", "speed_Hz", "compensate"),
             unit="% of rated",
         ),
         FigureKind(
             "rms_mean_percent",
-            "torque ripple, RMS, mean over the points",
+            summary="torque ripple, RMS, mean over the points",
             value="rms_percent",
             rows="points",
             by=("torque_Nm", "speed_Hz", "compensate"),

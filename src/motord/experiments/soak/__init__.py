@@ -15,7 +15,7 @@ EXPERIMENT = experiment(
     figures=(
         FigureKind(
             "slope",
-            "trend of a figure over the repetitions",
+            summary="trend of a figure over the repetitions",
             value="value",
             rows="trends",
             by=("name",),

@@ -15,13 +15,13 @@ EXPERIMENT = experiment(
     figures=(
         FigureKind(
             "time_constant_s",
-            "thermal time constants of heat-up and cooling, 1 the slowest",
+            summary="thermal time constants of heat-up and cooling, 1 the slowest",
             rows="time_constants",
             by=("phase", "number"),
         ),
         FigureKind(
             "resistance_K_per_W",
-            "thermal resistance from where the heat enters to the ambient, over all paths",
+            summary="thermal resistance from where the heat enters to the ambient, over all paths",
         ),
     ),
 )

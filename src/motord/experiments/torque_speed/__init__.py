@@ -17,13 +17,13 @@ EXPERIMENT = experiment(
     figures=(
         FigureKind(
             "efficiency_percent",
-            "efficiency at each operating point where it is defined",
+            summary="efficiency at each operating point where it is defined",
             rows="points",
             by=_PLACE,
         ),
         FigureKind(
             "loss_W",
-            "losses of motor and inverter at each operating point",
+            summary="losses of motor and inverter at each operating point",
             rows="points",
             by=_PLACE,
         ),
