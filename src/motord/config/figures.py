@@ -13,7 +13,8 @@ class FigureKind:
     rows: the list of objects that have one each, by default the result itself; by: keys that
     separate the rows. value: its key in the row, by default its name; a list of three is of phases
     a, b, c. unit: by default that of its name. Standard error, 95 % interval and degrees of freedom
-    are found by the names of their keys, as `motord.results.figures` says.
+    are found by the names of their keys, as `motord.results.figures` says. leading: errors without
+    a name, such as stderr_Nm, are of this figure, though others in its row have its unit, too.
     budget: quantity of the result's uncertainty budget, whose Type B adds to the uncertainty, and
     whose Type A is the uncertainty if no key states one.
 
@@ -29,6 +30,7 @@ class FigureKind:
     rows: str = ""
     by: tuple[str, ...] = ()
     combine: Literal["", "spread", "mean"] = ""
+    leading: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "value", self.value or self.name)

@@ -3,7 +3,8 @@
 Names say what is what, as everywhere: `x_Nm` is a quantity in Nm, of which `x_stderr_Nm` or
 `x_uncertainty_Nm` is the standard error, `x_half_width_Nm` half of the 95 % interval, `x_low_Nm`
 and `x_high_Nm` its ends, and `interval_95_Nm` both. `stderr_Nm` without a name is that of the
-quantity in Nm that stands before it, `stderr` that of `value`, whose unit is in `unit`.
+only quantity in Nm, of several the one that stands before it unless a `FigureKind` says which,
+`stderr` that of `value`, whose unit is in `unit`.
 `degrees_of_freedom` holds for the object that it is in and all in it, `x_degrees_of_freedom` for
 the quantity `x_Nm` alone.
 """
@@ -165,31 +166,40 @@ def freedom_of_all(content: Mapping[str, Any], around: float | None = None) -> A
     return next((one for one in stated if one is not None), None)
 
 
-def error_keys(content: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Return which keys state what of which, by the key of the quantity: {quantity: {role: key}}"""
+def error_keys(content: Mapping[str, Any], leading: str = "") -> dict[str, dict[str, str]]:
+    """Return which keys state what of which, by the key of the quantity: {quantity: {role: key}}
+
+    leading: the quantity in its unit that errors without a name are of.
+    """
+    names = {key: split_unit(key) for key in content}
+    errors = [
+        (name == ending, rank, name.removesuffix(ending).removesuffix("_"), key, role)
+        for key, (name, _) in names.items()
+        for rank, (ending, role) in enumerate(ROLES.items())
+        if name == ending or name.endswith(f"_{ending}")
+    ]
     found: dict[str, dict[str, str]] = {}
-    for place, key in enumerate(content):
-        name, suffix = split_unit(key)
-        for ending, role in ROLES.items():
-            of = name.removesuffix(ending)
-            if of == name or not (of == "" or of.endswith("_")):
-                continue
-            quantity = _quantity(list(content)[:place], of.removesuffix("_"), suffix, content)
-            if quantity is not None and role not in found.get(quantity, {}):
-                found.setdefault(quantity, {})[role] = key
+    for _, _, name, key, role in sorted(errors):  # those with a name first
+        suffix = names[key][1]
+        if name or not suffix:
+            quantity = "_".join(filter(None, (name or "value", suffix)))
+        else:
+            stated = {one for known in found.values() for one in known.values()}
+            same = [k for k, (of, end) in names.items() if end == suffix and of not in ROLES]
+            quantity = _nameless([k for k in same if k not in stated], list(names), key, leading)
+        if quantity in content and role not in found.get(quantity, {}):
+            found.setdefault(quantity, {})[role] = key
     return found
 
 
-def _quantity(
-    before: Sequence[str], name: str, suffix: str, content: Mapping[str, Any]
-) -> str | None:
-    """Return the key of the quantity that an error is of, None if it is not of any."""
-    if name or not suffix:
-        key = "_".join(filter(None, (name or "value", suffix)))
-        return key if key in content else None
-    same = [key for key in before if split_unit(key)[1] == suffix]
-    quantities = [key for key in same if split_unit(key)[0] not in ROLES]
-    return quantities[-1] if quantities else None
+def _nameless(quantities: Sequence[str], keys: Sequence[str], key: str, leading: str) -> str:
+    """Return which of the quantities in its unit an error without a name is of, "" for none."""
+    if leading in quantities:
+        return leading
+    if len(quantities) == 1:
+        return quantities[0]
+    before = [one for one in quantities if keys.index(one) < keys.index(key)]
+    return before[-1] if before else ""
 
 
 def element_of(values: Any, place: int) -> Any:

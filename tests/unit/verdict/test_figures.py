@@ -1,5 +1,6 @@
 """Figures of results: uncertainty combined from Type A and B, selection, doubts."""
 
+import json
 from dataclasses import fields, make_dataclass
 from math import hypot
 from typing import get_type_hints
@@ -26,7 +27,7 @@ from motord.results.figures import error_keys
 from motord.uncertainty_budget import Contribution
 from motord.verdict.decision import Tolerance, decide
 from motord.verdict.figures import figures_of
-from tests.unit.verdict.made_up import calibration
+from tests.unit.verdict.made_up import calibration, contribution
 
 
 def of(analysis, name, result, **at):
@@ -68,6 +69,12 @@ CLASSES = {
 """Of each analysis the classes of its result, of which one is, and of its rows."""
 
 
+def errors_of(figure, keys):
+    """Return the keys of a figure's errors by role, of an object with keys in this order."""
+    leading = figure.value if figure.leading else ""
+    return error_keys(dict.fromkeys(keys), leading).get(figure.value, {})
+
+
 def test_all_that_is_announced_is_in_the_results():
     announced = {kind.name: kind.figures for kind in analysis_kinds().values() if kind.figures}
     assert announced.keys() == CLASSES.keys()
@@ -77,12 +84,46 @@ def test_all_that_is_announced_is_in_the_results():
             places = [keys(row)] if figure.rows else [keys(result) for result in results]
             for place in places:
                 assert figure.value in place, (name, figure.value)
-                stated = error_keys(dict.fromkeys(place)).get(figure.value, {})
+                stated = errors_of(figure, place)
                 assert "stderr" in stated or figure.budget  # a bare interval has no known freedom
+                assert ("low" in stated) == ("high" in stated)
+                assert errors_of(figure, sorted(place)) == stated
+                assert errors_of(figure, reversed(place)) == stated
             for result in results:
                 assert not figure.rows or figure.rows in keys(result)
             assert figure.by in ((), ("phase",)) or set(figure.by) <= set(keys(row))
             assert not figure.budget or figure.budget in Contribution.model_fields
+
+
+def result_of(class_, **stated):
+    """Return the JSON of a result in which what is stated has the keys of its class."""
+    assert set(stated) <= set(keys(class_)), (class_, stated)
+    return encode(stated)
+
+
+def test_errors_and_degrees_of_freedom_of_results_are_found_whatever_the_order_of_keys():
+    stator = MeanHarmonic(16, 0.08, 0.6, 0.001, 0.01, 0.001 * coverage_factor(9), 0.03, True)
+    line = ElectricalHarmonic(1, 0.2, 0.0, 0.001, 5.0, 2e-3, 2.0, True)
+    inertia = encode(Acceleration(0.01, 1e-4, 5.0, 0.03, 0.04, (), ()))
+    del inertia["interval_95_kg_m2"]  # which shows the freedom, too
+    results = {
+        ("calibrate", "alpha"): (calibration(budget=[contribution("A")]), (0.003, 4.0)),
+        ("calibrate", "beta_A"): (calibration(budget=[contribution("A")]), (0.01, 4.0)),
+        ("cogging", "cogging_Nm"): (
+            result_of(MeasuredCogging, harmonics=[stator], degrees_of_freedom=9),
+            (0.001, 9.0),
+        ),
+        ("back-emf", "back_emf_V_s_per_rad"): (
+            result_of(MeasuredBackEmf, harmonics=[line], degrees_of_freedom=9),
+            (0.001, 5.0),
+        ),
+        ("inertia", "inertia_kg_m2"): (inertia, (1e-4, 5.0)),
+    }
+    for (analysis, name), (result, expected) in results.items():
+        for one in (result, json.loads(json.dumps(result, sort_keys=True))):
+            figure, *_ = of(analysis, name, one)
+            found = (figure.standard_uncertainty, figure.degrees_of_freedom)
+            assert found == pytest.approx(expected), (analysis, name)
 
 
 def test_type_a_and_b_together_and_their_freedom():

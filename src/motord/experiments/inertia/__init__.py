@@ -26,7 +26,7 @@ EXPERIMENT = Experiment(
             command="motord.experiments.inertia.command:ANALYSIS",
             schema="motord.inertia/1",
             aliases=("inertia-oscillation", "inertia-acceleration"),
-            figures=(FigureKind("inertia_kg_m2", summary="moment of inertia"),),
+            figures=(FigureKind("inertia_kg_m2", summary="moment of inertia", leading=True),),
         ),
     ),
     position=60,

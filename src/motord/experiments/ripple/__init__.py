@@ -20,6 +20,7 @@ EXPERIMENT = experiment(
             rows="points",
             by=("torque_Nm", "speed_Hz", "compensate"),
             unit="% of rated",
+            leading=True,
         ),
         FigureKind(
             "rms_mean_percent",
@@ -29,6 +30,7 @@ EXPERIMENT = experiment(
             by=("torque_Nm", "speed_Hz", "compensate"),
             combine="mean",
             unit="% of rated",
+            leading=True,
         ),
     ),
 )
