@@ -110,7 +110,7 @@ def _type_a(row: StatedQuantity) -> tuple[float | None, float | None, bool]:
     if row.stderr is None:  # that of the normal distribution, from an interval by Student's t
         return found.value * coverage_factor() / factor, row.freedom, True
     if found.freedom is None or found.freedom * (1 + 1e-6) >= row.freedom:
-        return row.stderr, row.freedom, True
+        return found.value, row.freedom, True
     return found
 
 

@@ -250,6 +250,14 @@ def test_all_that_the_results_store_finds_of_a_figure_a_motor_test_finds(stated,
     assert decide(one, Tolerance(0.79, None), 0.025).decision == "undecidable" or freedom > 2
 
 
+def test_an_interval_that_one_degree_of_freedom_does_not_explain_enlarges_the_error():
+    stated = {"gain_stderr_Nm": 0.1, "gain_half_width_Nm": 0.2 * coverage_factor(1)}
+    for more in ({}, {"degrees_of_freedom": 1}, {"gain_degrees_of_freedom": 9}):
+        [one] = figures_of(GAIN, {"gain_Nm": 1.0, **stated, **more}, {})
+        assert one.standard_uncertainty == pytest.approx(0.2)
+        assert one.degrees_of_freedom == 1.0
+
+
 def test_a_half_width_alone_decides_nothing():
     [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_half_width_Nm": 0.2}, {})
     assert one.expanded_uncertainty == pytest.approx(0.2)
