@@ -1,6 +1,7 @@
 """Lines of the torque that are not locked to the rotor, such as mains hum, as a finding."""
 
 from collections.abc import Iterator, Sequence
+from math import inf
 
 from motord.findings import Finding, listed
 from motord.identification.point_ripple import PointRipple
@@ -61,7 +62,8 @@ def _where(humming: Sequence[PointRipple]) -> tuple[str, str]:
     """
     lines = [max(one.asynchronous_lines, key=lambda line: line.amplitude_Nm) for one in humming]
     frequencies_Hz = [line.frequency_Hz for line in lines]
-    orders = [line.frequency_Hz / one.speed_Hz for line, one in zip(lines, humming, strict=True)]
+    speeds_Hz = [abs(one.speed_Hz) or inf for one in humming]
+    orders = [one / speed_Hz for one, speed_Hz in zip(frequencies_Hz, speeds_Hz, strict=True)]
     if not _alike(frequencies_Hz) and _alike(orders):
         return (
             f"{sum(orders) / len(orders):.2f} orders, at all speeds,",

@@ -21,8 +21,14 @@ from motord.recording.reader import Run, bounds_of
 def point_ripples(
     run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
 ) -> dict[int, PointRipple]:
-    """Return the ripple of good points by their index; points without a whole turn have none."""
+    """Return the ripple of good points by their index.
+
+    Points without a whole turn have none, nor have those that do not hold their set-points: only
+    plans of points that hold them for a number of turns have `turns` among their settings.
+    """
     motor, sensor = subject.motor, subject.sensor
+    turns = "turns" in run.plan_metadata.get("settings", {}).get("inner", {})
+    points = [one for one in points if turns and one["speed_Hz"]]
     index, found = [], []
     for number, samples in _samples(run, points, subject):
         index.append(number)

@@ -176,16 +176,24 @@ def test_what_a_line_is_worth(
 
 
 @pytest.mark.parametrize(
-    ("at_Hz", "said", "advised"),
+    ("at_Hz", "speeds_Hz", "said", "advised"),
     [
-        (lambda speed_Hz: 7.31 * speed_Hz, "a line at 7.31 orders, at all speeds,", "a belt"),
-        (lambda speed_Hz: 50 + 0.01 * speed_Hz, "a line at 50.0 Hz", "mains hum"),
-        (lambda speed_Hz: 1234.5, "a line at 1234.5 Hz", "mains hum"),
+        (
+            lambda speed_Hz: 7.31 * abs(speed_Hz), speeds_Hz,
+            "a line at 7.31 orders, at all speeds,",
+            "a belt",
+        )
+        for speeds_Hz in ((0.6, 0.8, 1.0), (-0.6, -0.8, 1.0))
+    ] + [
+        (lambda speed_Hz: 50 + 0.01 * speed_Hz, (0.6, 0.8, 1.0), "a line at 50.0 Hz", "mains hum"),
+        (lambda speed_Hz: 1234.5, (0.6, 0.8, 1.0), "a line at 1234.5 Hz", "mains hum"),
+        (lambda speed_Hz: 50 + speed_Hz, (0.0, 1.0), "a line at 50.0, 51.0 Hz", "mains hum"),
     ],
-)
+)  # fmt: skip
 def test_a_line_is_named_by_what_is_constant(
-    recorded: Recorded, at_Hz: Callable[[float], float], said: str, advised: str
-) -> None:
+    recorded: Recorded, at_Hz: Callable[[float], float], speeds_Hz: tuple[float, ...], said: str,
+    advised: str,
+) -> None:  # fmt: skip
     [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
     points = [
         replace(
@@ -194,7 +202,7 @@ def test_a_line_is_named_by_what_is_constant(
             asynchronous_percent=0.5,
             asynchronous_lines=(AsynchronousLine(at_Hz(speed_Hz), 0.03, 0.001),),
         )
-        for speed_Hz in (0.6, 0.8, 1.0)
+        for speed_Hz in speeds_Hz
     ]
     [found] = findings(points)
     assert said in found.meaning

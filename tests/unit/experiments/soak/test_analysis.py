@@ -1,6 +1,7 @@
 """Recordings of a soak, made up: drifts that are in them are found, others are not claimed."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -55,11 +56,12 @@ def captured(
 def write(
     path: Path, repetitions: range, drift_Nm: float = 0.0, seed: int = 1, last_points: int = 2,
     shows_mean: bool = False, channel: str = "winding_C", noise_Nm: float = 0.001,
-    **settings: object,
+    set_points: Mapping[str, float] | None = None, **settings: object,
 ) -> Path:  # fmt: skip
     """Write a soak with these repetitions, the last one with fewer points."""
     source, rng = PlanSource.of(), np.random.default_rng([seed, repetitions.start])
-    plan = build("soak", source.config, {**SETTINGS, **settings})
+    given = {name: one for name, one in {**SETTINGS, **settings}.items() if one is not None}
+    plan = build("soak", source.config, given)
     text = source.text.replace(HIGHPASS, "") if shows_mean else source.text
     known = {"name": plan.name, "settings": plan.settings, "run_id": "one"}
     with RunWriter(path, describe(source.config, text, plan=known)) as writer:
@@ -76,6 +78,7 @@ def write(
                     "torque_Nm": 1.0 + place, "speed_Hz": 1.0, "compensate": 0,
                     "tick_start": int(ticks["tick"][0]), "tick_end": int(ticks["tick"][-1]),
                     "t_start_ns": first_ns, "t_end_ns": last_ns, "turns": 4.0, "quality": "ok",
+                    **(set_points or {}),
                 })  # fmt: skip
     return path
 
@@ -173,6 +176,24 @@ def test_where_noise_hides_the_ripple_no_slope_of_it_is_stated(tmp_path: Path) -
     assert not [one.name for one in result.trends if one.name.startswith("rms_error_percent")]
     assert "noise-hides-ripple" in [one.name for one in result.findings]
     assert "noise_rms_percent" in [one.name for one in result.trends]
+
+
+@pytest.mark.parametrize(
+    ("plan", "compensate", "set_points"),
+    [
+        ("friction", "off", {"torque_Nm": 4.0}),  # accelerates the rotor, which coasts then
+        ("align", None, {"torque_Nm": 0.0, "speed_Hz": 0.0}),
+    ],
+)
+def test_points_that_do_not_hold_their_set_point_have_no_ripple(
+    tmp_path: Path, plan: str, compensate: str | None, set_points: dict[str, float]
+) -> None:
+    path, inner = tmp_path / "soak.mcap", {"plan": plan, "inner": {}, "compensate": compensate}
+    write(path, range(7), shows_mean=True, set_points=set_points, **inner)
+    result = soak_trends(Recordings.open([path]))
+    assert "torque-scale" not in [one.name for one in result.findings]
+    assert not [one.name for one in result.trends if "rms" in one.name]
+    assert [one.name for one in result.trends if one.name.startswith("torque_mean_Nm")]
 
 
 def test_the_gain_of_the_torque_sensor_is_in_the_interval_of_a_slope(drifted: Path) -> None:
