@@ -55,8 +55,10 @@ def noise_rms_Nm(ripple: PointRipple) -> float:
     """Return the RMS of a turn's noise, in its orders, by even and odd turns; nan of one turn."""
     if ripple.turns < 2:
         return nan
-    apart_Nm = (ripple.even_odd_Nm[0] - ripple.even_odd_Nm[1]) / 2
-    return sqrt(ripple.turns / 2 * float((np.abs(apart_Nm) ** 2).sum()))
+    odd = ripple.turns // 2
+    apart_Nm = ripple.even_odd_Nm[0] - ripple.even_odd_Nm[1]
+    per_turn = odd * (ripple.turns - odd) / ripple.turns  # the inverse of 1 / odd + 1 / even
+    return sqrt(per_turn / 2 * float((np.abs(apart_Nm) ** 2).sum()))
 
 
 def without_orders(ripple: PointRipple) -> PointRipple:
