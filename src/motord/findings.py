@@ -35,6 +35,7 @@ class Finding:
 
 
 def listed(texts: Sequence[str], most: int = 4, between: str = "; ") -> str:
-    """Return texts as one; of many the first, and how many more there are."""
+    """Return texts, each once, as one; of many the first, and how many more there are."""
+    texts = list(dict.fromkeys(texts))
     more = f" and {len(texts) - most} more" if len(texts) > most else ""
     return between.join(texts[:most]) + more

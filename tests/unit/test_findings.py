@@ -11,3 +11,4 @@ from motord.findings import listed
 )
 def test_of_many_the_first_are_listed(count: int, most: int, text: str) -> None:
     assert listed([str(n) for n in range(count)], most) == text
+    assert listed([str(n // 2) for n in range(2 * count)], most) == text

@@ -69,9 +69,8 @@ def _where(humming: Sequence[PointRipple]) -> tuple[str, str]:
             f"{sum(orders) / len(orders):.2f} orders, at all speeds,",
             "look for what turns with the rotor at another speed (a belt, a gear, another shaft)",
         )
-    distinct = dict.fromkeys(f"{frequency_Hz:.1f}" for frequency_Hz in frequencies_Hz)
     return (
-        f"{listed(list(distinct), between=', ')} Hz",
+        f"{listed([f'{frequency_Hz:.1f}' for frequency_Hz in frequencies_Hz], between=', ')} Hz",
         "look for mains hum on the torque sensor (50 or 60 Hz and multiples; shield, ground) and "
         "vibration of the bench",
     )

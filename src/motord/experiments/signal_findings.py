@@ -106,7 +106,8 @@ def signal_findings(seen: Iterable[tuple[str, Sequence[SignalFault]]]) -> tuple[
     found: dict[tuple[str, str], dict[str, float]] = {}
     for label, faults in seen:
         for one in faults:
-            found.setdefault((one.signal, one.kind), {})[label] = 100 * one.share
+            percents = found.setdefault((one.signal, one.kind), {})
+            percents[label] = max(percents.get(label, 0.0), 100 * one.share)
     return tuple(_finding(*key, percents) for key, percents in found.items())
 
 

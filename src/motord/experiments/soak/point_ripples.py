@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.experiments.ripple_findings import findings
+from motord.experiments.ripple_findings import findings, is_hidden
 from motord.experiments.subject import Subject
 from motord.findings import Finding
 from motord.identification import IdentifyError
@@ -68,10 +68,14 @@ def without_orders(ripple: PointRipple) -> PointRipple:
 
 
 def ripple_findings(ripples: Iterable[PointRipple]) -> tuple[Finding, ...]:
-    """Return what is questionable about the ripple: of each set-point, where it is known worst."""
-    worst: dict[tuple[str, int], PointRipple] = {}
+    """Return what is questionable about the ripple.
+
+    Of each set-point, where it is known worst: of the repetitions where noise hides it, and of the
+    others.
+    """
+    worst: dict[tuple[str, int, bool], PointRipple] = {}
     for one in ripples:
-        key = one.label, one.compensate
+        key = one.label, one.compensate, is_hidden(one)
         worst[key] = max(worst.get(key, one), one, key=_uncertainty)
     consequence = "slopes are as uncertain where that differs from repetition to repetition"
     return findings(list(worst.values()), consequence) if worst else ()

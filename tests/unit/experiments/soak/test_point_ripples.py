@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.experiments.soak.point_ripples import noise_rms_Nm
-from motord.identification.point_ripple import PointRipple
+from motord.experiments.soak.point_ripples import noise_rms_Nm, ripple_findings
+from motord.identification.point_ripple import AsynchronousLine, PointRipple
+from motord.identification.signal_condition import SignalFault
 
 NONE = np.empty(0)
 HIDDEN = PointRipple(
@@ -22,3 +23,39 @@ def test_noise_of_a_turn_does_not_depend_on_how_many_there_are(turns: int) -> No
     even_odd_Nm = np.array([lines_Nm[first::2].mean(axis=0) for first in (0, 1)])
     ripple = replace(HIDDEN, turns=turns, even_odd_Nm=even_odd_Nm)
     assert noise_rms_Nm(ripple) == pytest.approx(0.1 * 20_000**0.5, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({}, ["noise-hides-ripple"]),
+        ({"leakage_percent": 0.28, "stderr_percent": 0.3}, ["noise-hides-ripple"]),
+        (
+            {"faults": (SignalFault("torque_Nm", "clipped", 0.1),)},
+            ["noise-hides-ripple", "torque-clipped"],
+        ),
+        (
+            {"turns": 1, "stderr_percent": None, "noise_stderr_percent": None},
+            ["one-turn", "noise-hides-ripple"],
+        ),
+    ],
+)
+def test_a_set_point_that_noise_hides_in_a_repetition_is_a_finding(
+    changes: dict[str, object], names: list[str]
+) -> None:
+    found = ripple_findings([HIDDEN, replace(SEEN, **changes)])
+    assert [one.name for one in found] == names
+
+
+def test_a_set_point_is_named_once_with_the_worst_of_its_repetitions() -> None:
+    hum = {
+        "asynchronous_percent": 0.5,
+        "asynchronous_lines": (AsynchronousLine(50.0, 0.03, 0.001),),
+    }
+    ripples = [
+        replace(one, **hum, faults=(SignalFault("torque_Nm", "clipped", share),))
+        for one, share in ((HIDDEN, 0.3), (SEEN, 0.1))
+    ]
+    found = {one.name: one for one in ripple_findings(ripples)}
+    assert found["asynchronous-line"].meaning.startswith("1 Nm, 1 Hz: the torque has a line")
+    assert found["torque-clipped"].value == pytest.approx(30.0)
