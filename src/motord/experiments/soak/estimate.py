@@ -36,7 +36,7 @@ OWN_FIGURES = (
 
 
 OF_TORQUE = ("rms_error_percent", "noise_rms_percent", "torque_mean_Nm")
-"""Beginnings of the names of figures that have the scale of the torque."""
+"""Figures that have the scale of the torque, those of set-points with " of " after them."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     repetitions = _repetitions(points)
     scale = subject.accuracy.torque_scale
     trends = [
-        one.with_scale(scale) if one.name.startswith(OF_TORQUE) else one
+        one.with_scale(scale) if one.name.partition(" of ")[0] in OF_TORQUE else one
         for one in (
             *_of_repetitions(repetitions, points, units),
             *_of_points(repetitions, points),

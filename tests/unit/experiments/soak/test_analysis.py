@@ -205,6 +205,16 @@ def test_the_gain_of_the_torque_sensor_is_in_the_interval_of_a_slope(drifted: Pa
     assert wider.slope.p_value == slope.slope.p_value
 
 
+def test_a_channel_called_like_a_torque_does_not_have_the_gain_of_its_sensor(
+    tmp_path: Path,
+) -> None:
+    channels = ("winding_C", "torque_mean_Nm_brake")
+    found = [
+        trends(write(tmp_path / f"{one}.mcap", range(7), channel=one))[one] for one in channels
+    ]
+    assert found[0].slope == found[1].slope
+
+
 @pytest.mark.parametrize("count", [1, 4])
 def test_of_few_repetitions_nothing_is_claimed(tmp_path: Path, count: int) -> None:
     result = soak_trends(Recordings.open([write(tmp_path / "s.mcap", range(count), 0.006)]))
