@@ -19,17 +19,20 @@ HIDDEN_PERCENT = 0.1
 
 
 def findings(
-    ripples: Sequence[PointRipple], consequence: str = "the intervals hold that"
+    ripples: Sequence[PointRipple],
+    consequence: str = "the intervals hold that",
+    hidden: str = "0.00 is no measurement, nor are mean and worst",
 ) -> tuple[Finding, ...]:
     """Return what is questionable about the ripple of the points.
 
-    consequence: what the results make of what lines that are not locked to the rotor change.
+    consequence: what the results make of what lines that are not locked to the rotor change;
+    hidden: what they make of RMS errors that noise hides.
     """
     faults = signal_findings((one.label, one.faults) for one in ripples)
     return (
         *_scale(ripples),
         *_one_turn(ripples),
-        *_hidden(ripples),
+        *_hidden(ripples, hidden),
         *asynchronous_line(ripples, consequence),
         *_worse(ripples),
         *faults,
@@ -66,7 +69,7 @@ def is_hidden(one: PointRipple) -> bool:
     return noise_half_width_percent(one) > max(HIDDEN_PERCENT, one.rms_percent)
 
 
-def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
+def _hidden(ripples: Sequence[PointRipple], consequence: str) -> Iterator[Finding]:
     """Yield a finding where noise hides the RMS error."""
     hidden = [(noise_half_width_percent(one), one) for one in ripples if is_hidden(one)]
     if hidden:
@@ -75,8 +78,8 @@ def _hidden(ripples: Sequence[PointRipple]) -> Iterator[Finding]:
         yield Finding(
             "noise-hides-ripple", worst, HIDDEN_PERCENT, "% of rated", "warning",
             f"{listed([one.label for _, one in hidden])}: the noise of the torque is larger than "
-            f"the RMS error, of which no more is known than that it is below {most:.2g} %; 0.00 is "
-            "no measurement, nor are mean and worst",
+            f"the RMS error, of which no more is known than that it is below {most:.2g} %; "
+            f"{consequence}",
             "look for what disturbs the torque sensor (mains, a loose shield); take more turns",
         )  # fmt: skip
 

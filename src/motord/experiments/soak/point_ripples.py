@@ -78,7 +78,8 @@ def ripple_findings(ripples: Iterable[PointRipple]) -> tuple[Finding, ...]:
         key = one.label, one.compensate, is_hidden(one)
         worst[key] = max(worst.get(key, one), one, key=_uncertainty)
     consequence = "slopes are as uncertain where that differs from repetition to repetition"
-    return findings(list(worst.values()), consequence) if worst else ()
+    hidden = "no slope of it is stated, as that is so in one repetition or more"
+    return findings(list(worst.values()), consequence, hidden) if worst else ()
 
 
 def _uncertainty(one: PointRipple) -> tuple[int, float]:

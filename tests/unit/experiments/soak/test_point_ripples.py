@@ -45,6 +45,8 @@ def test_a_set_point_that_noise_hides_in_a_repetition_is_a_finding(
 ) -> None:
     found = ripple_findings([HIDDEN, replace(SEEN, **changes)])
     assert [one.name for one in found] == names
+    [hidden] = [one for one in found if one.name == "noise-hides-ripple"]
+    assert "below 0.39 %; no slope of it is stated" in hidden.meaning
 
 
 def test_a_set_point_is_named_once_with_the_worst_of_its_repetitions() -> None:
