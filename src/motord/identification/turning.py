@@ -27,6 +27,10 @@ TURN_MORE = (
 """What to do where there is no whole turn."""
 
 
+class NoWholeTurn(IdentifyError):
+    """The samples have no whole turn."""
+
+
 @dataclass(frozen=True)
 class Turn:
     """Samples `first` to `end` (not included) of one whole turn, forward (1) or backward (-1)."""
@@ -92,7 +96,8 @@ def continuous_turns(
 
     from_start: from the first sample's position instead, so that short captures lose no part of a
     turn. For a capture, in which the rotor keeps its direction: a count that trembles at the end of
-    a turn ends none, where `whole_turns` sees it turn back. Raises IdentifyError if there is none.
+    a turn ends none, where `whole_turns` sees it turn back. Raises NoWholeTurn, and IdentifyError
+    where counts are out of range.
     """
     _check_range(count, counts, label)
     position = unwrap_counts(count, counts)
@@ -105,7 +110,7 @@ def continuous_turns(
     edges = np.searchsorted(turn, np.arange(first, last + 1))
     pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
     if not pairs:
-        raise IdentifyError(f"{label}: no whole turn from zero point to zero point; {TURN_MORE}")
+        raise NoWholeTurn(f"{label}: no whole turn from zero point to zero point; {TURN_MORE}")
     return pairs
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from motord.experiments.ripple_findings import findings, is_hidden
 from motord.experiments.subject import Subject
 from motord.findings import Finding
-from motord.identification import IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple, point_ripple
+from motord.identification.turning import NoWholeTurn
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of
 
@@ -46,7 +46,7 @@ def _samples(
         for data in split(run.ticks(COLUMNS, **bounds_of(point)), [point]):
             try:
                 samples = prepare(data, subject.motor.counts)
-            except IdentifyError:
+            except NoWholeTurn:
                 continue
             yield int(point["index"]), samples
 

@@ -12,6 +12,7 @@ from motord.config import load, packaged
 from motord.experiments.plans import build
 from motord.experiments.soak.estimate import soak_trends
 from motord.experiments.subject import AnalysisError, Recordings
+from motord.identification import IdentifyError
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
@@ -19,6 +20,7 @@ from motord.results.query import query
 from motord.results.store import ResultsStore
 from motord.schema import TICK_DTYPE
 from motord.simulate import PlanSource, record_plan
+from tests.support.wrong_signals import change_recording
 from tests.unit.experiments.test_cli import run
 from tests.unit.recording.runs import point_of
 
@@ -275,6 +277,22 @@ def test_a_channel_called_like_a_figure_of_the_ticks_has_a_name_of_its_own(tmp_p
     path = write(tmp_path / "soak.mcap", range(7), channel="missed_ticks")
     names = [one.name for one in soak_trends(Recordings.open([path])).trends]
     assert names.count("missed_ticks") == names.count("channel missed_ticks") == 1
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_rotor_that_did_not_turn_has_no_ripple_and_counts_of_another_encoder_are_refused(
+    tmp_path: Path, drifted: Path, turned: bool
+) -> None:
+    def change(ticks: np.ndarray) -> np.ndarray:
+        ticks["encoder_count"] = 2 * ticks["encoder_count"] if turned else 7
+        return ticks
+
+    path = change_recording(drifted, tmp_path / "s.mcap", change)
+    if turned:
+        with pytest.raises(IdentifyError, match="1 Nm, 1 Hz: encoder counts from 0 to 8064, but"):
+            trends(path)
+    else:
+        assert not [name for name in trends(path) if "rms" in name]
 
 
 def test_ticks_without_a_column_are_refused_with_what_to_do(
