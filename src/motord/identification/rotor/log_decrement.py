@@ -56,7 +56,7 @@ class FreeOscillation:
 
 @dataclass(frozen=True)
 class FivePeriods:
-    """What Poels 2008 takes of a oscillation: eqs. (2.5), (2.6).
+    """What Poels 2008 takes of an oscillation: eqs. (2.5), (2.6).
 
     period_s: mean of five, of crossings in either direction; square_rad2: mean square of the
     amplitude meanwhile.
