@@ -10,6 +10,7 @@ import numpy as np
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.ripple_findings import is_hidden
 from motord.experiments.soak.point_ripples import (
+    changed_behind_noise,
     noise_rms_Nm,
     point_ripples,
     ripple_findings,
@@ -82,8 +83,12 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     ]
     drifts = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
     judged = tuple(replace(one, drifts=its) for one, its in zip(trends, drifts, strict=True))
-    ripples = [one.ripple for one in points if one.ripple is not None]
-    questionable = (*ripple_findings(ripples), *points_left_out(runs))
+    ripples = [(one.repetition, one.ripple) for one in points if one.ripple is not None]
+    questionable = (
+        *ripple_findings([one for _, one in ripples]),
+        *changed_behind_noise(ripples),
+        *points_left_out(runs),
+    )
     return SoakResult(plan, tuple(repetitions.values()), judged, questionable)
 
 
@@ -219,10 +224,14 @@ def _of_repetitions(
         return _trend(name, unit, {repetitions[key].hours: one for key, one in values.items()})
 
     def means(name: str) -> dict[int, float]:
-        return {
-            key: float(np.mean([one.figures[name] for one in group]))
-            for key, group in groups.items()
-        }
+        """Return the means over the set-points whose figure is known in all repetitions."""
+        figures = [(one, one.figures[name]) for group in groups.values() for one in group]
+        unknown = {one.place for one, value in figures if not np.isfinite(value)}
+        known: dict[int, list[float]] = {}
+        for one, value in figures:
+            if one.place not in unknown:
+                known.setdefault(one.repetition, []).append(value)
+        return {key: float(np.mean(values)) for key, values in known.items()}
 
     found = trend("rms_error_percent", "%", means("rms_error_percent"))
     found += trend("noise_rms_percent", "%", means("noise_rms_percent"))

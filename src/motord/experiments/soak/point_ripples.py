@@ -9,11 +9,12 @@ import numpy as np
 
 from motord.experiments.ripple_findings import findings, is_hidden
 from motord.experiments.subject import Subject
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple, point_ripple
 from motord.identification.turning import NoWholeTurn
+from motord.intervals import coverage_factor
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of
 
@@ -80,6 +81,39 @@ def ripple_findings(ripples: Iterable[PointRipple]) -> tuple[Finding, ...]:
     consequence = "slopes are as uncertain where that differs from repetition to repetition"
     hidden = "no slope of it is stated, as that is so in one repetition or more"
     return findings(list(worst.values()), consequence, hidden) if worst else ()
+
+
+def changed_behind_noise(ripples: Iterable[tuple[int, PointRipple]]) -> Iterator[Finding]:
+    """Yield a finding where the ripple of a set-point that has no slope changed for certain.
+
+    ripples: with their repetitions. It did where the interval of an RMS error is above those of all
+    repetitions in which noise hides it.
+    """
+    known: dict[tuple[str, int], list[tuple[int, PointRipple]]] = {}
+    for number, one in ripples:
+        if one.stderr_percent is not None:
+            known.setdefault((one.label, one.compensate), []).append((number, one))
+    changed = []
+    for (label, _), series in known.items():
+        hidden = [_interval(one)[1] for _, one in series if is_hidden(one)]
+        low, number = max((_interval(one)[0], number) for number, one in series)
+        if hidden and low > max(hidden):
+            changed.append((low - max(hidden), low, max(hidden), f"{label}, repetition {number}"))
+    if changed:
+        _, low, most, _ = max(changed)
+        yield Finding(
+            "ripple-changed", low, most, "% of rated", "warning",
+            f"{listed([at for *_, at in changed])}: the RMS error is larger than it can have been "
+            "in the repetitions in which noise hides it; no slope of it is stated, but it changed",
+            "look for what disturbs the torque sensor in these (mains, a loose shield); repeat the "
+            "soak, with more turns",
+        )  # fmt: skip
+
+
+def _interval(one: PointRipple) -> tuple[float, float]:
+    """Return the 95 % interval of an RMS error (%)."""
+    half = coverage_factor() * (one.stderr_percent or 0.0)
+    return one.rms_percent - half, one.rms_percent + half
 
 
 def _uncertainty(one: PointRipple) -> tuple[int, float]:

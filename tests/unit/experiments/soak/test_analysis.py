@@ -180,6 +180,23 @@ def test_where_noise_hides_the_ripple_no_slope_of_it_is_stated(tmp_path: Path) -
     assert "noise_rms_percent" in [one.name for one in result.trends]
 
 
+def test_what_noise_hides_at_times_is_not_in_the_mean_and_said_to_have_changed(
+    tmp_path: Path,
+) -> None:
+    """From 1 to 20 %, hidden at the first of the repetitions at one of two set-points."""
+    path = write(tmp_path / "soak.mcap", range(12), drift_Nm=1.0, noise_Nm=0.2)
+    result = soak_trends(Recordings.open([path]))
+    found = {one.name: one for one in result.trends}
+    mean, of_point = (found[f"rms_error_percent{of}"] for of in ("", " of point 1, 1 Nm, 1 Hz"))
+    assert "rms_error_percent of point 2, 2 Nm, 1 Hz" not in found
+    np.testing.assert_array_equal(mean.values, of_point.values)
+    assert mean.low < 100 * 1.0 / 6 < mean.high
+    assert mean.drifts
+    [changed] = [one for one in result.findings if one.name == "ripple-changed"]
+    assert changed.meaning.startswith("2 Nm, 1 Hz, repetition 12: the RMS error is larger")
+    assert changed.value > 15.0 > 3.0 > changed.limit
+
+
 @pytest.mark.parametrize(
     ("plan", "compensate", "set_points"),
     [

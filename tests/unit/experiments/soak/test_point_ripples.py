@@ -5,7 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.experiments.soak.point_ripples import noise_rms_Nm, ripple_findings
+from motord.experiments.soak.point_ripples import (
+    changed_behind_noise,
+    noise_rms_Nm,
+    ripple_findings,
+)
 from motord.identification.point_ripple import AsynchronousLine, PointRipple
 from motord.identification.signal_condition import SignalFault
 
@@ -61,3 +65,26 @@ def test_a_set_point_is_named_once_with_the_worst_of_its_repetitions() -> None:
     found = {one.name: one for one in ripple_findings(ripples)}
     assert found["asynchronous-line"].meaning.startswith("1 Nm, 1 Hz: the torque has a line")
     assert found["torque-clipped"].value == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(
+    ("series", "changed"),
+    [
+        ([HIDDEN, SEEN], True),
+        ([SEEN, HIDDEN], True),
+        ([HIDDEN, replace(SEEN, rms_percent=0.45)], False),
+        ([HIDDEN, replace(SEEN, stderr_percent=0.3)], False),
+        ([HIDDEN, replace(HIDDEN, rms_percent=0.2, stderr_percent=0.5), SEEN], False),
+        ([HIDDEN, replace(SEEN, stderr_percent=None, noise_stderr_percent=None)], False),
+        ([HIDDEN, replace(SEEN, speed_Hz=2.0)], False),
+        ([replace(SEEN, rms_percent=0.2), SEEN], False),
+    ],
+)  # fmt: skip
+def test_a_ripple_that_is_larger_than_noise_can_have_hidden_has_changed(
+    series: list[PointRipple], changed: bool
+) -> None:
+    found = list(changed_behind_noise(enumerate(series, 1)))
+    assert [one.name for one in found] == ["ripple-changed"] * changed
+    for one in found:
+        assert f"1 Nm, 1 Hz, repetition {1 + series.index(SEEN)}: " in one.meaning
+        assert (one.value, one.limit) == pytest.approx((0.802, 0.394), abs=0.001)
