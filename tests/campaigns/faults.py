@@ -231,8 +231,6 @@ much later as their feedback is late, right ones not at any age up to `inverter.
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
-While the set-point moves it may be anywhere between those of the last one to two lags (settling
-time of the drive, a tick and a sample): within a ramp wrong torque trips by as much later.
 Samples that jump count until the speed explains one, and without power until it explains two in a
 row. A rotor that makes nearly whole turns from one sample to the next looks like a slow one, and no
 rule can tell them apart.

@@ -244,11 +244,6 @@ class Sections(Section):
         return 1.0 / min(self.loop.rate_Hz, self.sample_rate_Hz)
 
     @property
-    def torque_lag_s(self) -> float:
-        """Time until a step of the torque has settled and shows: also a tick and a sample."""
-        return self.inverter.settling_s + 1.0 / self.loop.rate_Hz + self.sample_interval_s
-
-    @property
     def torque_Nm_per_count(self) -> float:
         """Torque for each count of the bridge's converter."""
         return self.bridge.adc_V_per_count * self.torque_sensor.gain_Nm_per_V

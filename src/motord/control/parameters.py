@@ -96,7 +96,6 @@ def _fill_limits(p: np.record, config: Config) -> None:
         p.lasts_ns[interlock.bit] = round(interlock.lasts_s(config) * 1e9)
     tau_s = config.torque_sensor.highpass_time_constant_s
     p.torque_decay = np.exp(-p.period_s / tau_s) if tau_s > 0 else 1.0
-    p.torque_lag_ticks = math.ceil(config.torque_lag_s * config.loop.rate_Hz)
     p.brake_trip_C = config.brake.trip_temperature_C
     p.tracks = watched_tracks(config.motor.counts)
     p.bridge_stale_s = config.bridge.stale_after_s

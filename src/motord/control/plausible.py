@@ -122,36 +122,14 @@ def torque_error(p: np.record, m: np.record, torque_Nm: float, missed: int) -> f
 
     That is its share, and what induced offsets add and limited currents take away at most. Both of
     the tick before go through the sensor's high-pass: what |x| <= A leaves is within A plus the
-    mean that was taken for A. While the set-point moves the torque may be anywhere between what
-    was allowed since a set-point that has settled. Call once a tick; missed: ticks that the loop
-    has missed since the tick before.
+    mean that was taken for A. Call once a tick; missed: ticks that the loop has missed since the
+    tick before.
     """
-    moves = m.torque_asked_Nm != m.torque_before_Nm
     decay = p.torque_decay if missed == 0 else p.torque_decay ** (1 + missed)
     m.torque_expected_Nm = decay * (m.torque_expected_Nm + m.torque_asked_Nm - m.torque_before_Nm)
     m.torque_before_Nm = m.torque_asked_Nm
     m.deviation_mean_Nm += (1.0 - decay) * (m.deviation_Nm - m.deviation_mean_Nm)
     apart_Nm = abs(torque_Nm - float(m["torque_expected_Nm"]))
     may_Nm = TORQUE_SHARE * abs(m.torque_asked_Nm) + m.deviation_Nm + m.deviation_mean_Nm
-    _widen(p, m, m.torque_expected_Nm - may_Nm, m.torque_expected_Nm + may_Nm, 1 + missed)
     excess_Nm = float(apart_Nm - may_Nm)
-    if moves:
-        low_Nm = min(m.torque_low_Nm[0], m.torque_low_Nm[1])
-        high_Nm = max(m.torque_high_Nm[0], m.torque_high_Nm[1])
-        excess_Nm = float(max(low_Nm - torque_Nm, torque_Nm - high_Nm))
     return excess_Nm if math.isfinite(apart_Nm) else 0.0
-
-
-@jit
-def _widen(p: np.record, m: np.record, low_Nm: float, high_Nm: float, ticks: int) -> None:
-    """Let what the sensor may show include the torques from `low_Nm` to `high_Nm`.
-
-    It forgets what is older than one to two times torque_lag_ticks: `ticks` have passed.
-    """
-    m.torque_seen_ticks += ticks
-    if m.torque_seen_ticks >= p.torque_lag_ticks:
-        m.torque_seen_ticks = 0
-        m.torque_low_Nm[1], m.torque_high_Nm[1] = m.torque_low_Nm[0], m.torque_high_Nm[0]
-        m.torque_low_Nm[0], m.torque_high_Nm[0] = low_Nm, high_Nm
-    m.torque_low_Nm[0] = min(m.torque_low_Nm[0], low_Nm)
-    m.torque_high_Nm[0] = max(m.torque_high_Nm[0], high_Nm)

@@ -107,7 +107,6 @@ PARAMETERS = record_dtype(
         ("commands", "i8"),  # how many are remembered
         ("lasts_ns", "i8", (32,)),  # for how long each trip's condition may hold
         ("torque_decay", "f8"),  # of the torque sensor's high-pass over a period
-        ("torque_lag_ticks", "i8"),  # until a set-point has settled and the sensor shows it
         ("brake_trip_C", "f8"),
         ("tracks", "i8"),  # of the encoder, watched for being stuck
         ("bridge_stale_s", "f8"),
@@ -151,11 +150,6 @@ MEMORY = record_dtype(
         ("torque_cut_Nm", "f8"),  # the most torque that limited currents lacked lately
         ("deviation_Nm", "f8"),  # that, and the most torque that induced offsets make
         ("deviation_mean_Nm", "f8"),  # what the torque sensor's high-pass takes for its mean
-        # what the sensor may show, since ticks of which there are less than torque_lag_ticks, and
-        # in at least so many before them
-        ("torque_seen_ticks", "i8"),
-        ("torque_low_Nm", "f8", (2,)),
-        ("torque_high_Nm", "f8", (2,)),
         # encoder tracks: time and angle of the newest code, angle since the start, and at which
         # angle each track last changed
         ("tracks_ns", "i8"),

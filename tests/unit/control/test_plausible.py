@@ -276,45 +276,6 @@ def test_a_step_of_the_torque_is_no_error_at_the_least_time_that_is_legal(dead: 
     assert not dead or Trip(int(bench.tick["first_trip"][0])) is Trip.TORQUE_IMPLAUSIBLE
 
 
-def ramped(fault: str, late: int = 21) -> tuple[int, Trip]:
-    """Return the tick of a trip after the middle of a ramp of 190 ms from -6 to 6 Nm, 0: none.
-
-    The drive takes 20 ms, in which the torque falls 1.3 Nm behind; the sensor is well until the
-    middle, then it stays as it is ("stuck") or shows 4.5 Nm more than there are ("offset").
-    """
-    bench = Answering(
-        limits={"torque_error_s": 0.03, "torque_error_Nm": 0.46, "torque_rate_Nm_per_s": 63.0},
-        inverter={"actuation_delay_s": 0.02},
-    )
-    bench.enable()
-    steps = [0.0] * late
-    for tick in range(600):
-        bench.setpoint["torque_Nm"] = -6.0 if tick < 200 else 6.0
-        steps.append(float(bench.memory["torque_set_Nm"][0]))
-        bench.before_Nm, bench.shown_Nm = steps[-1], 0.0
-        begun = tick - 295  # the set-point passes zero
-        wrong = begun >= 0
-        shown_Nm = steps[-late - begun] if wrong and fault == "stuck" else steps[-late]
-        bench.error_Nm = shown_Nm + (4.5 if wrong and fault == "offset" else 0.0)
-        if bench.ticks(1).state != State.ENABLED:
-            return begun, Trip(int(bench.tick["first_trip"][0]))
-    return 0, Trip(0)
-
-
-@pytest.mark.kernel
-def test_torque_that_lags_while_its_set_point_moves_is_no_error() -> None:
-    assert ramped("none") == (0, Trip(0))
-
-
-@pytest.mark.kernel
-@pytest.mark.parametrize("fault", ["stuck", "offset"])
-def test_wrong_torque_is_found_within_a_ramp(fault: str) -> None:
-    """After torque_error_s and at most two lags of 23 ticks, before the ramp ends."""
-    after, trip = ramped(fault)
-    assert trip is Trip.TORQUE_IMPLAUSIBLE
-    assert 30 <= after <= 30 + 2 * 23 < 95
-
-
 @pytest.mark.kernel
 def test_a_hot_brake() -> None:
     bench = at_torque(1.0)

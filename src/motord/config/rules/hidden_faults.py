@@ -60,8 +60,8 @@ def _hidden_torque_sensor(bench: Sections, currents_A: np.ndarray) -> Iterator[s
 def _changes_that_show_it(bench: Sections, reached: LimitsConfig) -> list[str]:
     """Return what would show a sensor at zero up to `reached`'s torque, alone, else together."""
     tau_s = bench.torque_sensor.highpass_time_constant_s
-    faster = {"torque_rate_Nm_per_s": 1e12}
-    shorter = {"torque_error_s": bench.torque_lag_s}
+    shortest_s = bench.inverter.settling_s + 1.0 / bench.loop.rate_Hz + bench.sample_interval_s
+    faster, shorter = {"torque_rate_Nm_per_s": 1e12}, {"torque_error_s": shortest_s}
     changes = {
         "a faster torque_rate_Nm_per_s": faster,
         "a shorter torque_error_s": shorter,

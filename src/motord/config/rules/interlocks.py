@@ -68,7 +68,8 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
     for name, given_s, least_s, why in (
         ("[limits] current_error_s", limits.current_error_s, period_s,
          f"it would act as one period of {period_s:g} s does, in which feedback comes once"),
-        ("[limits] torque_error_s", limits.torque_error_s, config.torque_lag_s,
+        ("[limits] torque_error_s", limits.torque_error_s,
+         inverter.settling_s + period_s + sample_s,
          "a step of the torque would trip before it shows, after [inverter] actuation_delay_s, "
          f"{SETTLING_LAGS} lag_s, a tick and a sample"),
         ("[loop] enable_timeout_s", config.loop.enable_timeout_s,
