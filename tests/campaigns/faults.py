@@ -231,9 +231,9 @@ much later as their feedback is late, right ones not at any age up to `inverter.
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
-Samples that jump count until the speed explains one, and without power until it explains two in a
-row. A rotor that makes nearly whole turns from one sample to the next looks like a slow one, and no
-rule can tell them apart.
+Samples that jump count until the speed explains two in a row: of misread samples that come by
+chance, as of one in a hundred, more than of three in a row. A rotor that makes nearly whole turns
+from one sample to the next looks like a slow one, and no rule can tell them apart.
 An encoder track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for the
 speed are left out, and the count starts anew when the bench is enabled or a trip is reset. Angle
 and speed are the observer's: with a slow one (near the least `observer_bandwidth_Hz`), many counts

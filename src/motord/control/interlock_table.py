@@ -79,8 +79,8 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.ENCODER_IMPLAUSIBLE,
-        "three encoder samples in a row jumped further than the speed can explain or gave no "
-        "position, or an encoder track is stuck",
+        "three encoder samples jumped further than the speed can explain or gave no position, "
+        "without two good ones in a row between them, or an encoder track is stuck",
         "limits.encoder_jump_rad",
     ),
     Interlock(

@@ -2,10 +2,10 @@
 
 A fading-memory tracking filter of second order: both poles at exp(-bandwidth dt), so the gains fit
 whatever time has passed between samples; after a long gap the speed is the mean over the gap.
-Samples that the speed cannot explain are not used, and counted until it explains one, without power
-two in a row: of a rotor that makes half or a third of a turn between samples each second or third
-one seems to be of a slow rotor. The estimate is as old as the newest sample used (`m.t_ns`), and
-who uses it asks for its age.
+Samples that the speed cannot explain are not used, and counted until it explains two in a row: of a
+rotor that makes half or a third of a turn between samples each second or third one seems to be of a
+slow rotor. The estimate is as old as the newest sample used (`m.t_ns`), and who uses it asks for
+its age.
 
 Acquisition: the filter starts at the speed 0, and locks on to a rotor that turns at most at e times
 the plausible jump times the bandwidth, at less where samples are rare. After RESYNC_SAMPLES
@@ -95,7 +95,7 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
         if count >= 0:
             _acquire(p, m, t_ns, angle_rad)
         return
-    if m.sound or m.state == STATE.ENABLED:
+    if m.sound:
         m.implausible = 0
     m.sound = 1
     m.t_ns = t_ns

@@ -165,7 +165,7 @@ MEMORY = record_dtype(
         ("since_ns", "i8", (32,)),  # when each trip's condition began to hold
         ("conditions_held", "u4"),  # conditions that hold by the newest evidence of each
         ("causes", "u4"),  # those that have held for longer than they may
-        ("implausible", "u4"),  # encoder samples that the speed cannot explain, since it could
+        ("implausible", "u4"),  # encoder samples that the speed cannot explain, since two it could
         ("encoder_count", "i4"),
         ("started", "u1"),  # the first tick is over
         ("sound", "u1"),  # the speed explains the newest encoder sample

@@ -312,3 +312,16 @@ def test_a_rotor_far_beyond_the_limit_is_not_enabled_as_a_slow_one(turn_rad: flo
     bench.ask(Request.ENABLE)
     bench.run(60)
     assert bench.tick["state"][0] == State.OFF
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("turns", [0.5, 0.5005])
+def test_a_rotor_of_half_a_turn_a_sample_stays_enabled_at_no_tick(turns: float) -> None:
+    """Every second sample is explained; READY lasts one tick if drive and line are ready."""
+    for at in range(40, 64):
+        bench = Bench(make_config())
+        bench.speed_rad_s = 2 * np.pi * 1000 * turns
+        bench.run(at)
+        bench.ask(Request.ENABLE)
+        bench.run(60)
+        assert bench.tick["state"][0] != State.ENABLED, at
