@@ -11,8 +11,8 @@ from motord.api.endpoints import UNIX_SOCKET
 from motord.security.identity import Identity
 
 CONNECT_S = 3.0
-_ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)")
-_FORM = re.compile(rf"(tcp|tls)/[^/,]+:\d{{1,5}}|{UNIX_SOCKET}.+")
+_ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)(?:[?#].*)?")
+_FORM = re.compile(r"(?:tcp|tls)/[^/,]+:\d{1,5}(?:[?#].*)?|(?!tcp/|tls/)[a-z][a-z-]*/.+")
 _ALERTS = (
     ("CERTIFICATE_REQUIRED", "it asks for a certificate"),
     ("UNKNOWN_CA", "the certificate is from another authority"),

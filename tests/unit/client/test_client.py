@@ -20,6 +20,7 @@ from motord.client import (
     connection,
     operator,
 )
+from motord.client.diagnosis import why_no_endpoint
 from motord.schema import TICK_DTYPE
 from motord.security.identity import Identity
 from motord.service.publish.zenoh_api import ApiError
@@ -67,6 +68,15 @@ def test_what_is_no_endpoint_is_named_rather_than_a_daemon_missed(where):
     with pytest.raises(ClientError, match="is no endpoint; those are tcp/HOST:PORT") as caught:
         connect(None, where)
     assert caught.value.code == "unreachable"
+
+
+@pytest.mark.parametrize(
+    "where",
+    ["tcp/[::1]:7447", "tcp/localhost:7447#iface=lo", "tls/host:7447?rel=1", "udp/host:1",
+     "quic/host:1", "unixsock-stream//run/motord.sock"],
+)  # fmt: skip
+def test_whatever_zenoh_connects_to_is_an_endpoint(where):
+    assert why_no_endpoint(where) == ""
 
 
 def test_another_zenoh_router_is_no_daemon():
