@@ -27,6 +27,7 @@ from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.steal_time import stolen_ticks
 from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing
+from tests.support.patience import PATIENCE_S
 
 PERIOD_NS = 1_000_000
 RIGHTS = RealtimeStatus(
@@ -249,19 +250,25 @@ def test_a_loop_that_dies_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
         LoopOnDemand(LoopSetup(loop=LoopConfig(), period_ns=PERIOD_NS))
 
 
+@pytest.mark.parametrize(
+    ("end_s", "serve"), [(PATIENCE_S, "sys.stdin.read()"), (0.1, "signal.pause()")]
+)
 def test_an_interrupt_while_the_loop_starts_ends_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, end_s: float, serve: str
 ) -> None:
-    started = tmp_path / "pid"
+    """It removes its ring where it takes note of the end of its input."""
+    monkeypatch.setattr(measurement, "END_S", end_s)
+    started, ended = tmp_path / "pid", tmp_path / "ended"
     code = (
-        f"import os, signal; open({str(started)!r}, 'w').write(str(os.getpid()));"
-        "os.kill(os.getppid(), signal.SIGINT); signal.pause()"
+        f"import os, signal, sys; open({str(started)!r}, 'w').write(str(os.getpid()));"
+        f"os.kill(os.getppid(), signal.SIGINT); {serve}; open({str(ended)!r}, 'w')"
     )
     monkeypatch.setattr(measurement, "module_command", lambda _: [sys.executable, "-c", code])
     with pytest.raises(KeyboardInterrupt):
         LoopOnDemand(LoopSetup(loop=LoopConfig(), period_ns=PERIOD_NS))
     with pytest.raises(ProcessLookupError):
         os.kill(int(started.read_text()), 0)
+    assert ended.exists() == (serve == "sys.stdin.read()")
 
 
 def test_a_loop_that_is_interrupted_at_its_start_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

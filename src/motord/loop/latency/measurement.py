@@ -29,6 +29,8 @@ from motord.shm.timing import TIMING, Timing
 SLICE_S = 0.25
 SETTLE_S = 0.02
 """Unmeasured beginning of each slice: caches and margin recover from the pause."""
+END_S = 10.0
+"""For the loop to end by itself: the rest of a slice, and the removal of its ring."""
 ENOUGH_CLEAN = 32
 """Clean slices of a kind after which there is no need to go on."""
 _ACCOUNT_S = 0.01
@@ -113,17 +115,22 @@ class LoopOnDemand:
             self._send(setup.model_dump_json())
             self.ready = Ready.model_validate_json(self._receive(0))
         except BaseException:  # an interrupt, which the loop does not have
-            self._process.kill()
-            self._process.communicate()
+            self._end()
             raise
 
     def __enter__(self) -> "LoopOnDemand":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:
-        if kind is not None:
+    def __exit__(self, *_error: object) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        """End the loop by the end of its input, for which it removes its ring; else by force."""
+        try:
+            self._process.communicate(timeout=END_S)
+        except subprocess.TimeoutExpired:
             self._process.kill()
-        self._process.communicate()
+            self._process.communicate()
 
     def run(self, settle_ticks: int, ticks: int) -> Timing:
         """Run `settle_ticks` and then `ticks`; return what the latter took."""
@@ -149,8 +156,7 @@ class LoopOnDemand:
         return answer
 
     def _fail(self) -> None:
-        self._process.kill()
-        self._process.communicate()
+        self._end()
         raise LatencyError(
             f"the loop ended with code {self._process.returncode}; what it said is above"
         )
