@@ -61,9 +61,10 @@ def t_quantile(probability: float, freedom: float) -> float:
 def freedom_of(half_width: float, stderr: float) -> float | None:
     """Return the degrees of freedom by which half of a 95 % interval is so many standard errors.
 
-    None for many: also of an interval that is narrower than that of a normal distribution.
+    None for many: also of an interval that is narrower than that of a normal distribution. One
+    where an interval is around no error at all.
     """
-    if stderr == 0 or not half_width > coverage_factor() * stderr * (1 + 1e-9):
+    if not half_width > coverage_factor() * stderr * (1 + 1e-9):
         return None
     if half_width >= coverage_factor(1.0) * stderr:
         return 1.0

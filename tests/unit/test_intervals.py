@@ -84,6 +84,13 @@ def test_an_interval_and_its_error_say_their_freedom(freedom):
     assert freedom_of(coverage_factor(freedom) * 0.2, 0.2) == pytest.approx(freedom)
 
 
+def test_an_interval_around_no_error_is_one_degree_of_freedom_as_around_the_least():
+    least, none = (standard_uncertainty(3.0, error, 2.8, 3.2) for error in (1e-12, 0.0))
+    assert none == least
+    assert none.value * coverage_factor(none.freedom) == pytest.approx(0.2)
+    assert standard_uncertainty(3.0, 0.0, 3.0, 3.0) == (0.0, None, True)
+
+
 @pytest.mark.parametrize("half_width", [0.0, 1.0, 1.959963, float("nan")])
 def test_an_interval_that_is_no_wider_than_a_normal_one_has_many(half_width):
     assert freedom_of(half_width, 1.0) is None
@@ -91,7 +98,7 @@ def test_an_interval_that_is_no_wider_than_a_normal_one_has_many(half_width):
 
 def test_the_fewest_degrees_of_freedom_are_one():
     assert freedom_of(1e9, 1.0) == 1.0
-    assert freedom_of(1.0, 0.0) is None
+    assert freedom_of(1.0, 0.0) == 1.0
 
 
 @pytest.mark.parametrize(

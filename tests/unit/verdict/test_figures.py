@@ -258,6 +258,17 @@ def test_an_interval_that_one_degree_of_freedom_does_not_explain_enlarges_the_er
         assert one.degrees_of_freedom == 1.0
 
 
+@pytest.mark.parametrize("more", [{}, {"degrees_of_freedom": 5}, {"gain_degrees_of_freedom": 50}])
+@pytest.mark.parametrize("stderr_Nm", [0.0, 1e-9])
+def test_an_interval_around_no_error_is_not_narrowed(stderr_Nm, more):
+    stated = {"gain_Nm": 1.0, "gain_stderr_Nm": stderr_Nm, **more}
+    [one] = figures_of(GAIN, {**stated, "gain_half_width_Nm": 0.2}, {})
+    assert one.expanded_uncertainty == pytest.approx(0.2)
+    assert decide(one, Tolerance(0.81, None), 0.025).decision == "undecidable"
+    [none] = figures_of(GAIN, {**stated, "gain_stderr_Nm": 0.0, "gain_half_width_Nm": 0.0}, {})
+    assert decide(none, Tolerance(0.5, None), 0.025).reason == "its uncertainty is not stated"
+
+
 def test_a_half_width_alone_decides_nothing():
     [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_half_width_Nm": 0.2}, {})
     assert one.expanded_uncertainty == pytest.approx(0.2)
