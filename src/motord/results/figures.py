@@ -73,10 +73,10 @@ class _Around:
 
     path: tuple[str, ...] = ()
     suffix: str = ""
-    freedom: float | None = None
+    freedom: Any = None
 
     def within(self, key: str, suffix: str, freedom: Any) -> "_Around":
-        return _Around((*self.path, key), suffix or self.suffix, finite_number(freedom))
+        return _Around((*self.path, key), suffix or self.suffix, freedom)
 
 
 def figures(content: Mapping[str, Any]) -> list[ResultFigure]:
@@ -133,12 +133,13 @@ def stated_quantity(
     content: Mapping[str, Any],
     key: str,
     errors: Mapping[str, str],
-    around: float | None = None,
+    around: Any = None,
     place: int | None = None,
 ) -> StatedQuantity:
     """Return what an object states of the quantity of a key, or of an element of its list.
 
-    errors: of that key, from `error_keys`; around: degrees of freedom of what holds the object.
+    errors: of that key, from `error_keys`; around: degrees of freedom of what holds the object, one
+    number or those of each key.
     """
     own, of_all = content.get(split_unit(key)[0] + OWN_FREEDOM), freedom_of_all(content, around)
     freedom = own if own is not None else of_all
@@ -160,7 +161,7 @@ def stated_quantity(
     return StatedQuantity(value, stderr, low, high, finite_number(freedom), bool(errors))
 
 
-def freedom_of_all(content: Mapping[str, Any], around: float | None = None) -> Any:
+def freedom_of_all(content: Mapping[str, Any], around: Any = None) -> Any:
     """Return the degrees of freedom that hold for an object: one number, or those of each key."""
     stated = (content.get("degrees_of_freedom"), content.get("freedom"), around)
     return next((one for one in stated if one is not None), None)

@@ -10,7 +10,6 @@ from motord.intervals import coverage_factor, standard_uncertainty
 from motord.results.figures import (
     StatedQuantity,
     error_keys,
-    finite_number,
     freedom_of_all,
     stated_quantity,
 )
@@ -51,7 +50,7 @@ def _rows(
     kind: FigureKind, result: Mapping[str, Any]
 ) -> Iterator[tuple[dict[str, Any], StatedQuantity]]:
     """Yield what separates each row from the others, and what it states of the figure."""
-    around = finite_number(freedom_of_all(result))
+    around = freedom_of_all(result)
     for row in result.get(kind.rows) or () if kind.rows else (result,):
         errors = error_keys(row, kind.value if kind.leading else "").get(kind.value, {})
         if kind.by != ("phase",):

@@ -85,6 +85,15 @@ def interval(value, stderr, factor=MANY):
             {"degrees_of_freedom": 5, "gain": [0.0], "gain_stderr": [1]},
             [ResultFigure("gain.1", "", 0.0, 1.0, -T5, T5)],
         ),
+        (
+            {"degrees_of_freedom": {"x_Nm": 5}, "list": [{"order": 4, "x_Nm": 0.0, "stderr_Nm": 1}],
+             "part": {"x_Nm": 0.0, "stderr_Nm": 1, "y_s": 0.0, "stderr_s": 1}},
+            [
+                ResultFigure("list.4.x_Nm", "Nm", 0.0, 1.0, -T5, T5),
+                ResultFigure("part.x_Nm", "Nm", 0.0, 1.0, -T5, T5),
+                ResultFigure("part.y_s", "s", 0.0, 1.0, -MANY, MANY),
+            ],
+        ),
         ({"stderr_Nm": 1.0, "x_Nm": 0.0, "y_s": 2.0, "degrees_of_freedom": 5},
          [ResultFigure("x_Nm", "Nm", 0.0, 1.0, -T5, T5), ResultFigure("y_s", "s", 2.0)]),
         ({"uncertainty": 3.0, "stderr": 1.0, "value": 0.0, "degrees_of_freedom": 5},

@@ -250,6 +250,18 @@ def test_all_that_the_results_store_finds_of_a_figure_a_motor_test_finds(stated,
     assert decide(one, Tolerance(0.79, None), 0.025).decision == "undecidable" or freedom > 2
 
 
+@pytest.mark.parametrize(
+    ("by", "freedom", "expected"),
+    [((), {"gain_Nm": 2}, [2.0]), (("phase",), {"gain_Nm": [2, 3, 4]}, [2.0, 3.0, 4.0])],
+)
+def test_degrees_of_freedom_by_key_hold_for_rows(by, freedom, expected):
+    kind = FigureKind("gain_Nm", summary="of another package", rows="rows", by=by)
+    row = {"gain_Nm": [1.0] * 3, "gain_stderr_Nm": [0.1] * 3}
+    row = row if by else {key: value[0] for key, value in row.items()}
+    found = figures_of(kind, {"rows": [row], "degrees_of_freedom": freedom}, {})
+    assert [one.degrees_of_freedom for one in found] == expected
+
+
 def test_an_interval_that_one_degree_of_freedom_does_not_explain_enlarges_the_error():
     stated = {"gain_stderr_Nm": 0.1, "gain_half_width_Nm": 0.2 * coverage_factor(1)}
     for more in ({}, {"degrees_of_freedom": 1}, {"gain_degrees_of_freedom": 9}):
