@@ -2,16 +2,17 @@
 
 Names say what is what, as everywhere: `x_Nm` is a quantity in Nm, of which `x_stderr_Nm` or
 `x_uncertainty_Nm` is the standard error, `x_half_width_Nm` half of the 95 % interval, `x_low_Nm`
-and `x_high_Nm` its ends, and `interval_95_Nm` both. `stderr_Nm` without a name is that of the
+and `x_high_Nm` its ends, and `interval_95_Nm` both; where they differ the larger error and the
+outermost ends count. `stderr_Nm` without a name is that of the
 only quantity in Nm, of several the one that stands before it unless a `FigureKind` says which,
 `stderr` that of `value`, whose unit is in `unit`.
 `degrees_of_freedom` holds for the object that it is in and all in it, `x_degrees_of_freedom` for
-the quantity `x_Nm` alone.
+the quantity `x_Nm` alone, instead; what is no number there counts as one, the fewest.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 from motord.config.unit_suffixes import UNITS, split_unit
@@ -32,10 +33,7 @@ OWN_FREEDOM = "_degrees_of_freedom"
 UNIT_STATED = ("value", "limit", "detectable", "bound")
 """Keys whose unit is the one that the object states in `unit`."""
 
-ROLES = {
-    "stderr": "stderr", "uncertainty": "stderr", "half_width": "half_width",
-    "low": "low", "high": "high", "interval_95": "interval",
-}  # fmt: skip
+ROLES = ("stderr", "uncertainty", "half_width", "low", "high", "interval_95")
 """What a key states of another one, by the end of its name."""
 
 
@@ -148,17 +146,29 @@ def stated_quantity(
     if place is not None:
         parts = {role: element_of(part, place) for role, part in parts.items()}
         freedom = element_of(freedom, place) if isinstance(freedom, Sequence) else freedom
-    value, half, low, high = (
-        finite_number(parts.get(role)) for role in ("value", "half_width", "low", "high")
-    )
-    if (ends := parts.get("interval")) is not None:
+    stderrs = (finite_number(parts.get(role)) for role in ("stderr", "uncertainty"))
+    stderr = max((one for one in stderrs if one is not None), default=None)
+    value, ends = finite_number(parts["value"]), list(_intervals(parts))
+    low = min((low for low, _ in ends), default=None)
+    high = max((high for _, high in ends), default=None)
+    return StatedQuantity(value, stderr, low, high, _freedom(freedom), bool(errors))
+
+
+def _intervals(parts: Mapping[str, Any]) -> Iterator[tuple[float, float]]:
+    """Yield the ends of each 95 % interval of which both are stated, by role."""
+    value, half = finite_number(parts["value"]), finite_number(parts.get("half_width"))
+    around = () if value is None or half is None else (value - half, value + half)
+    for ends in ((parts.get("low"), parts.get("high")), parts.get("interval_95"), around):
         low, high = (finite_number(element_of(ends, end)) for end in (0, 1))
-    if low is None or high is None:
-        low = high = None
-        if value is not None and half is not None:
-            low, high = value - half, value + half
-    stderr = finite_number(parts.get("stderr"))
-    return StatedQuantity(value, stderr, low, high, finite_number(freedom), bool(errors))
+        if low is not None and high is not None:
+            yield low, high
+
+
+def _freedom(stated: Any) -> float | None:
+    """Return degrees of freedom, None for many or none stated; one for what is no number."""
+    if stated is None or stated == inf:
+        return None
+    return 1.0 if (number := finite_number(stated)) is None else number
 
 
 def freedom_of_all(content: Mapping[str, Any], around: Any = None) -> Any:
@@ -174,10 +184,10 @@ def error_keys(content: Mapping[str, Any], leading: str = "") -> dict[str, dict[
     """
     names = {key: split_unit(key) for key in content}
     errors = [
-        (name == ending, rank, name.removesuffix(ending).removesuffix("_"), key, role)
+        (name == role, ROLES.index(role), name.removesuffix(role).removesuffix("_"), key, role)
         for key, (name, _) in names.items()
-        for rank, (ending, role) in enumerate(ROLES.items())
-        if name == ending or name.endswith(f"_{ending}")
+        for role in ROLES
+        if name == role or name.endswith(f"_{role}")
     ]
     found: dict[str, dict[str, str]] = {}
     for _, _, name, key, role in sorted(errors):  # those with a name first

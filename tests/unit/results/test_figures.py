@@ -97,7 +97,7 @@ def interval(value, stderr, factor=MANY):
         ({"stderr_Nm": 1.0, "x_Nm": 0.0, "y_s": 2.0, "degrees_of_freedom": 5},
          [ResultFigure("x_Nm", "Nm", 0.0, 1.0, -T5, T5), ResultFigure("y_s", "s", 2.0)]),
         ({"uncertainty": 3.0, "stderr": 1.0, "value": 0.0, "degrees_of_freedom": 5},
-         [ResultFigure("uncertainty", "", 3.0), ResultFigure("value", "", 0.0, 1.0, -T5, T5)]),
+         [ResultFigure("value", "", 0.0, 3.0, -3 * T5, 3 * T5)]),
         ({"x_Nm": 0.0, "y_Nm": 0.0, "y_stderr_Nm": 1.0, "low_Nm": 1.0, "high_Nm": 2.0},
          [ResultFigure("x_Nm", "Nm", 0.0), ResultFigure("y_Nm", "Nm", 0.0, 1.0, 1.0, 2.0)]),
     ],

@@ -85,7 +85,9 @@ def test_all_that_is_announced_is_in_the_results():
             for place in places:
                 assert figure.value in place, (name, figure.value)
                 stated = errors_of(figure, place)
-                assert "stderr" in stated or figure.budget  # a bare interval has no known freedom
+                assert (
+                    stated.keys() & {"stderr", "uncertainty"} or figure.budget
+                )  # a bare interval has no known freedom
                 assert ("low" in stated) == ("high" in stated)
                 assert errors_of(figure, sorted(place)) == stated
                 assert errors_of(figure, reversed(place)) == stated
@@ -260,6 +262,40 @@ def test_degrees_of_freedom_by_key_hold_for_rows(by, freedom, expected):
     row = row if by else {key: value[0] for key, value in row.items()}
     found = figures_of(kind, {"rows": [row], "degrees_of_freedom": freedom}, {})
     assert [one.degrees_of_freedom for one in found] == expected
+
+
+@pytest.mark.parametrize(
+    ("stated", "half_Nm"),
+    [
+        ({"gain_stderr_Nm": 0.01, "gain_uncertainty_Nm": 0.1}, 0.1 * coverage_factor()),
+        ({"gain_stderr_Nm": 0.1, "gain_uncertainty_Nm": 0.01}, 0.1 * coverage_factor()),
+        ({"gain_half_width_Nm": 0.5, "gain_low_Nm": 0.98, "gain_high_Nm": 1.02}, 0.5),
+        ({"gain_half_width_Nm": 0.02, "gain_low_Nm": 0.5, "gain_high_Nm": 1.5}, 0.5),
+        ({"gain_interval_95_Nm": [0.98, 1.02], "gain_low_Nm": 0.5, "gain_high_Nm": 1.5}, 0.5),
+        ({"gain_interval_95_Nm": [None, 1.02], "gain_low_Nm": 0.5, "gain_high_Nm": 1.5}, 0.5),
+        ({"gain_interval_95_Nm": [0.5, 1.5], "gain_low_Nm": 0.98, "gain_high_Nm": 1.02}, 0.5),
+        ({"gain_interval_95_Nm": [0.5, 1.5], "gain_low_Nm": None, "gain_high_Nm": 1.02}, 0.5),
+        ({"gain_interval_95_Nm": [0.98, 1.02], "gain_half_width_Nm": 0.5}, 0.5),
+    ],
+)
+def test_of_errors_that_contradict_each_other_the_larger_counts(stated, half_Nm):
+    for row in ({"gain_Nm": 1.0, **stated}, {**stated, "gain_Nm": 1.0}):
+        [one] = figures_of(GAIN, {"gain_stderr_Nm": 0.01, **row}, {})
+        assert one.expanded_uncertainty == pytest.approx(half_Nm)
+
+
+@pytest.mark.parametrize("name", ["degrees_of_freedom", "freedom", "gain_degrees_of_freedom"])
+@pytest.mark.parametrize("freedom", [float("nan"), "2", [2], True, {"gain_Nm": "2"}])
+def test_degrees_of_freedom_that_are_no_number_are_the_fewest(name, freedom):
+    [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_stderr_Nm": 0.1, name: freedom}, {})
+    assert one.degrees_of_freedom == 1.0
+
+
+@pytest.mark.parametrize("freedom", [None, float("inf"), {"other_Nm": 2}, {"gain_Nm": None}])
+def test_degrees_of_freedom_that_are_not_stated_or_endless_are_many(freedom):
+    stated = {"gain_Nm": 1.0, "gain_stderr_Nm": 0.1, "degrees_of_freedom": freedom}
+    [one] = figures_of(GAIN, stated, {})
+    assert one.degrees_of_freedom is None
 
 
 def test_an_interval_that_one_degree_of_freedom_does_not_explain_enlarges_the_error():
