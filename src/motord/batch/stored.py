@@ -7,6 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from motord.config.experiments import analysis_kinds
 from motord.experiments.subject import Recordings, Subject
 from motord.recording.plan_columns import common_columns, plan_columns
 from motord.recording.reader import Run
@@ -54,7 +55,7 @@ def stored_result(
         version=version("motord"),
         settings=with_back_emf(settings, subject),
         recordings=[(run.path.name, file_digest(run.path)) for run in runs],
-        figures=figures(content),
+        figures=figures(content, analysis_kinds()[experiment].leading),
         plan=common_columns([plan_columns(run.metadata) for run in runs]),
     )
 

@@ -57,6 +57,11 @@ class AnalysisKind:
     figures: tuple[FigureKind, ...] = ()
     schema: str = ""
 
+    @property
+    def leading(self) -> frozenset[str]:
+        """Keys of the quantities that errors without a name are of."""
+        return frozenset(one.value for one in self.figures if one.leading)
+
 
 @dataclass(frozen=True)
 class Experiment:

@@ -3,14 +3,14 @@
 Names say what is what, as everywhere: `x_Nm` is a quantity in Nm, of which `x_stderr_Nm` or
 `x_uncertainty_Nm` is the standard error, `x_half_width_Nm` half of the 95 % interval, `x_low_Nm`
 and `x_high_Nm` its ends, and `interval_95_Nm` both; where they differ the larger error and the
-outermost ends count. `stderr_Nm` without a name is that of the
-only quantity in Nm, of several the one that stands before it unless a `FigureKind` says which,
-`stderr` that of `value`, whose unit is in `unit`.
+outermost ends count. `stderr_Nm` without a name is that of the only quantity in Nm, of several the
+one that a `FigureKind` says is leading, else the one that stands before it, `stderr` that of
+`value`, whose unit is in `unit`.
 `degrees_of_freedom` holds for the object that it is in and all in it, `x_degrees_of_freedom` for
 the quantity `x_Nm` alone, instead; what is no number there counts as one, the fewest.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any
@@ -77,25 +77,27 @@ class _Around:
         return _Around((*self.path, key), suffix or self.suffix, freedom)
 
 
-def figures(content: Mapping[str, Any]) -> list[ResultFigure]:
-    """Return all finite figures of a result, in its order."""
-    return list(_of_object(content, _Around()))
+def figures(content: Mapping[str, Any], leading: Collection[str] = ()) -> list[ResultFigure]:
+    """Return all finite figures of a result, in its order; leading: as of `error_keys`."""
+    return list(_of_object(content, _Around(), leading))
 
 
-def _of_object(content: Mapping[str, Any], around: _Around) -> Iterator[ResultFigure]:
+def _of_object(
+    content: Mapping[str, Any], around: _Around, leading: Collection[str]
+) -> Iterator[ResultFigure]:
     freedom = freedom_of_all(content, around.freedom)
-    errors = error_keys(content)
+    errors = error_keys(content, leading)
     stated = {key for known in errors.values() for key in known.values()}
     for key, part in content.items():
         if key in NOT_RESULTS or key in stated or key.endswith(OWN_FREEDOM):
             continue
         inner = around.within(key, split_unit(key)[1], freedom)
         if isinstance(part, Mapping):
-            yield from _of_object(part, inner)
+            yield from _of_object(part, inner, leading)
         elif isinstance(part, Sequence) and part and all(isinstance(o, Mapping) for o in part):
             for label, element, used in label_elements(part):
                 rest = {name: value for name, value in element.items() if name not in used}
-                yield from _of_object(rest, inner.within(label, "", inner.freedom))
+                yield from _of_object(rest, inner.within(label, "", inner.freedom), leading)
         else:
             yield from _of_numbers(key, errors.get(key, {}), content, inner)
 
@@ -177,10 +179,12 @@ def freedom_of_all(content: Mapping[str, Any], around: Any = None) -> Any:
     return next((one for one in stated if one is not None), None)
 
 
-def error_keys(content: Mapping[str, Any], leading: str = "") -> dict[str, dict[str, str]]:
+def error_keys(
+    content: Mapping[str, Any], leading: Collection[str] = ()
+) -> dict[str, dict[str, str]]:
     """Return which keys state what of which, by the key of the quantity: {quantity: {role: key}}
 
-    leading: the quantity in its unit that errors without a name are of.
+    leading: quantities that errors without a name are of, before others in their unit.
     """
     names = {key: split_unit(key) for key in content}
     errors = [
@@ -203,10 +207,11 @@ def error_keys(content: Mapping[str, Any], leading: str = "") -> dict[str, dict[
     return found
 
 
-def _nameless(quantities: Sequence[str], keys: Sequence[str], key: str, leading: str) -> str:
+def _nameless(
+    quantities: Sequence[str], keys: Sequence[str], key: str, leading: Collection[str]
+) -> str:
     """Return which of the quantities in its unit an error without a name is of, "" for none."""
-    if leading in quantities:
-        return leading
+    quantities = [one for one in quantities if one in leading] or quantities
     if len(quantities) == 1:
         return quantities[0]
     before = [one for one in quantities if keys.index(one) < keys.index(key)]

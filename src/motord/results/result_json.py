@@ -6,14 +6,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from motord.config.experiments import AnalysisKind
 from motord.results.error import ResultsError
 from motord.results.figures import figures
 from motord.results.stored_result import StoredResult, file_digest
 from motord.untrusted import parse_json, read_text
 
 
-def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
-    """Return the result in a file; experiments: by the schema of their JSON.
+def read_result(path: Path, kinds: Mapping[str, AnalysisKind]) -> StoredResult:
+    """Return the result in a file; kinds: by the schema of their JSON.
 
     Version and recordings are not known of it; its time is that of `created`, else of the file.
     Raises ResultsError.
@@ -27,17 +28,17 @@ def read_result(path: Path, experiments: Mapping[str, str]) -> StoredResult:
     except ValueError as error:
         raise ResultsError(f"{path}: no result of an analysis: no valid JSON: {error}") from None
     schema = content.get("schema") if isinstance(content, dict) else None
-    if not isinstance(schema, str) or schema not in experiments:
+    if not isinstance(schema, str) or schema not in kinds:
         reason = f"its schema is {schema!r}" if schema else "it names no schema"
         raise ResultsError(f"{path}: no result of an analysis: {reason}")
-    found = figures(content)
+    found = figures(content, kinds[schema].leading)
     if not found:
         raise ResultsError(f"{path}: no result of an analysis: it has no figures")
     motor = content.get("motor")
     known: Mapping[str, Any] = motor if isinstance(motor, dict) else {"name": motor}
     runs = content.get("runs")
     return StoredResult(
-        experiment=experiments[schema],
+        experiment=kinds[schema].name,
         motor=_text(known.get("name")),
         serial=_text(known.get("serial")),
         bench=_text(content.get("bench")),

@@ -52,7 +52,7 @@ def _rows(
     """Yield what separates each row from the others, and what it states of the figure."""
     around = freedom_of_all(result)
     for row in result.get(kind.rows) or () if kind.rows else (result,):
-        errors = error_keys(row, kind.value if kind.leading else "").get(kind.value, {})
+        errors = error_keys(row, (kind.value,) if kind.leading else ()).get(kind.value, {})
         if kind.by != ("phase",):
             stated = stated_quantity(row, kind.value, errors, around)
             yield {key: row[key] for key in kind.by}, stated

@@ -189,6 +189,15 @@ def test_results_of_other_experiments():
     assert found["point.raw_percent"] == (None, None, None)
 
 
+def test_the_leading_quantity_of_an_analysis_has_the_errors_without_a_name():
+    leading = analysis_kinds()["verify"].leading
+    point = encode(PointRipple(3.0, 1.0, 1, 5, 0.2, 0.05, 0.3, *(None,) * 4))
+    for order in (sorted(point), sorted(point, reverse=True)):
+        content = {"points": [{key: point[key] for key in order}]}
+        errors = {one.field.split(".")[-1]: one.stderr for one in figures(content, leading)}
+        assert (errors["rms_percent"], errors["raw_percent"]) == (0.05, None)
+
+
 def test_a_quantity_may_have_degrees_of_freedom_of_its_own():
     content = {"delay_s": 1e-3, "delay_stderr_s": 1e-5, "delay_degrees_of_freedom": 2.0,
                "x_Nm": 1.0, "x_stderr_Nm": 0.1, "degrees_of_freedom": 5}  # fmt: skip

@@ -71,7 +71,7 @@ CLASSES = {
 
 def errors_of(figure, keys):
     """Return the keys of a figure's errors by role, of an object with keys in this order."""
-    leading = figure.value if figure.leading else ""
+    leading = (figure.value,) if figure.leading else ()
     return error_keys(dict.fromkeys(keys), leading).get(figure.value, {})
 
 

@@ -73,11 +73,11 @@ def add(
 
     results = ResultsStore(named(store))
     results.make()
-    experiments = {kind.schema: kind.name for kind in analysis_kinds().values() if kind.schema}
+    kinds = {kind.schema: kind for kind in analysis_kinds().values() if kind.schema}
     done, failed = [], []
     for file in files:
         try:
-            done.append(results.add(read_result(file, experiments)))
+            done.append(results.add(read_result(file, kinds)))
         except ResultsError as error:
             failed.append(str(error))
             continue
