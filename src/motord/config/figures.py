@@ -16,7 +16,7 @@ class FigureKind:
     are found by the names of their keys, as `motord.results.figures` says. leading: errors without
     a name, such as stderr_Nm, are of this figure, though others in its row have its unit, too.
     budget: quantity of the result's uncertainty budget, whose Type B adds to the uncertainty, and
-    whose Type A is the uncertainty if no key states one.
+    whose Type A is the uncertainty if no key is of one; null there says that it is not known.
 
     combine: one figure of all rows or phases, the largest less the smallest, or the mean.
     """

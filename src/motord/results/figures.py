@@ -54,7 +54,8 @@ class StatedQuantity:
     """What an object states of a quantity by the names of its keys; None: nothing, or no number.
 
     low, high: ends of the 95 % interval, both or none. freedom: its own degrees of freedom, else
-    those of the object, else those around it. of_error: whether any key is of its error.
+    those of the object, else those around it. of_error: whether any key is of its error, also one
+    that states by null that it is not known.
     """
 
     value: float | None
