@@ -44,7 +44,8 @@ OF_TORQUE = ("rms_error_percent", "noise_rms_percent", "torque_mean_Nm")
 class PointFigures:
     """A captured point: which of the inner plan's, its label, and the figures of its ticks.
 
-    figures: by name with its unit; those of the set-point, not finite where they are not known;
+    figures: by name with its unit; not finite where they are not known in this repetition, without
+    those that are stated of the set-point in none;
     ripple: without its orders, None where there is no whole turn.
     """
 
@@ -99,7 +100,7 @@ def _without_hidden(points: Sequence[PointFigures]) -> list[PointFigures]:
     """
     hidden = {one.place for one in points if one.ripple is not None and is_hidden(one.ripple)}
     return [
-        replace(one, figures={**one.figures, "rms_error_percent": np.nan})
+        replace(one, figures={k: v for k, v in one.figures.items() if k != "rms_error_percent"})
         if one.place in hidden
         else one
         for one in points
@@ -182,14 +183,18 @@ def _figures(ticks: np.ndarray, subject: Subject, ripple: PointRipple | None) ->
         "rms_error_percent": np.nan if ripple is None else ripple.rms_percent,
         "noise_rms_percent": np.nan if ripple is None else in_percent * noise_rms_Nm(ripple),
         "torque_mean_Nm": mean_Nm if subject.sensor.passes_mean else np.nan,
-        "inverter_temperature_C": float(ticks["temperature_C"].astype(float).mean()),
+        "inverter_temperature_C": _finite_mean(ticks["temperature_C"].astype(float)),
     }
 
 
 def _mean_within(t_ns: np.ndarray, values: np.ndarray, first_ns: int, last_ns: int) -> float:
     """Return the mean of a channel's readings (n,) within a span; nan where there is none."""
-    within = values[(t_ns >= first_ns) & (t_ns <= last_ns) & np.isfinite(values)]
-    return float(within.mean()) if within.size else np.nan
+    return _finite_mean(values[(t_ns >= first_ns) & (t_ns <= last_ns)])
+
+
+def _finite_mean(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else np.nan
 
 
 def _repetitions(points: Sequence[PointFigures]) -> dict[int, Repetition]:
@@ -224,14 +229,12 @@ def _of_repetitions(
         return _trend(name, unit, {repetitions[key].hours: one for key, one in values.items()})
 
     def means(name: str) -> dict[int, float]:
-        """Return the means over the set-points whose figure is known in all repetitions."""
-        figures = [(one, one.figures[name]) for group in groups.values() for one in group]
-        unknown = {one.place for one, value in figures if not np.isfinite(value)}
-        known: dict[int, list[float]] = {}
-        for one, value in figures:
-            if one.place not in unknown:
-                known.setdefault(one.repetition, []).append(value)
-        return {key: float(np.mean(values)) for key, values in known.items()}
+        """Return the means over the set-points that have the figure; nan where one is not known."""
+        values = {
+            key: [one.figures[name] for one in group if name in one.figures]
+            for key, group in groups.items()
+        }
+        return {key: float(np.mean(one)) for key, one in values.items() if one}
 
     found = trend("rms_error_percent", "%", means("rms_error_percent"))
     found += trend("noise_rms_percent", "%", means("noise_rms_percent"))
@@ -257,7 +260,7 @@ def _of_points(
         labels[one.place] = one.label
         for name in ("rms_error_percent", "torque_mean_Nm"):
             at_h = repetitions[one.repetition].hours
-            series.setdefault((one.place, name), {})[at_h] = one.figures[name]
+            series.setdefault((one.place, name), {})[at_h] = one.figures.get(name, np.nan)
     units = {"rms_error_percent": "%", "torque_mean_Nm": "Nm"}
     return [
         replace(trend, of_point=True)

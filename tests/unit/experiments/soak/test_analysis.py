@@ -197,6 +197,31 @@ def test_what_noise_hides_at_times_is_not_in_the_mean_and_said_to_have_changed(
     assert changed.value > 15.0 > 3.0 > changed.limit
 
 
+@pytest.mark.parametrize("points", [(0,), (0, 3)])
+@pytest.mark.parametrize("column", ["temperature_C", "encoder_count"])
+def test_what_is_not_known_of_a_capture_leaves_out_its_repetition_alone(
+    drifted: Path, tmp_path: Path, column: str, points: tuple[int, ...]
+) -> None:
+    """It left the set-point out of the mean, and of two set-points the figure out altogether."""
+
+    def change(ticks: np.ndarray) -> np.ndarray:
+        for point in points:
+            [at] = np.nonzero(ticks["plan_point"] == point)
+            if column == "temperature_C":
+                ticks[column][at[5]] = np.nan
+            else:
+                ticks[column][at] = 7  # no whole turn
+        return ticks
+
+    plain, found = trends(drifted), trends(change_recording(drifted, tmp_path / "s.mcap", change))
+    lost = points if column == "encoder_count" else ()
+    kept = [n for n in range(12) if n not in {point // 2 for point in lost}]
+    for name in ("rms_error_percent", "noise_rms_percent"):
+        np.testing.assert_array_equal(found[name].values, plain[name].values[kept])
+    temperature = "inverter_temperature_C"
+    np.testing.assert_allclose(found[temperature].values, plain[temperature].values, rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("plan", "compensate", "set_points"),
     [
