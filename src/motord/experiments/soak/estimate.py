@@ -84,9 +84,9 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     ]
     drifts = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
     judged = tuple(replace(one, drifts=its) for one, its in zip(trends, drifts, strict=True))
-    ripples = [(one.repetition, one.ripple) for one in points if one.ripple is not None]
+    ripples = [(one.label, one.repetition, one.ripple) for one in points if one.ripple is not None]
     questionable = (
-        *ripple_findings([one for _, one in ripples]),
+        *ripple_findings([one for *_, one in ripples]),
         *changed_behind_noise(ripples),
         *points_left_out(runs),
     )

@@ -14,7 +14,7 @@ from motord.identification.disturbances.lines_of_points import DetectedLines, wi
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple, point_ripple
 from motord.identification.turning import NoWholeTurn
-from motord.intervals import coverage_factor
+from motord.intervals import LEVEL, t_quantile
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of
 
@@ -83,36 +83,40 @@ def ripple_findings(ripples: Iterable[PointRipple]) -> tuple[Finding, ...]:
     return findings(list(worst.values()), consequence, hidden) if worst else ()
 
 
-def changed_behind_noise(ripples: Iterable[tuple[int, PointRipple]]) -> Iterator[Finding]:
-    """Yield a finding where the ripple of a set-point that has no slope changed for certain.
+def changed_behind_noise(ripples: Sequence[tuple[str, int, PointRipple]]) -> Iterator[Finding]:
+    """Yield a finding where the ripple of a set-point that has no slope changed beyond chance.
 
-    ripples: with their repetitions. It did where the interval of an RMS error is above those of all
-    repetitions in which noise hides it.
+    ripples: with the labels of their points in the inner plan, and repetitions. It changed where
+    the interval of an RMS error is above those of all repetitions in which noise hides it; chance
+    makes that so in 1 - LEVEL of soaks at most, as intervals are of all ripples together
+    (Bonferroni).
     """
-    known: dict[tuple[str, int], list[tuple[int, PointRipple]]] = {}
-    for number, one in ripples:
+    known: dict[str, list[tuple[int, PointRipple]]] = {}
+    for label, number, one in ripples:
         if one.stderr_percent is not None:
-            known.setdefault((one.label, one.compensate), []).append((number, one))
+            known.setdefault(label, []).append((number, one))
+    factor = t_quantile(1 - (1 - LEVEL) / 2 / max(sum(map(len, known.values())), 1), inf)
     changed = []
-    for (label, _), series in known.items():
-        hidden = [_interval(one)[1] for _, one in series if is_hidden(one)]
-        low, number = max((_interval(one)[0], number) for number, one in series)
+    for label, series in known.items():
+        hidden = [_interval(one, factor)[1] for _, one in series if is_hidden(one)]
+        low, number = max((_interval(one, factor)[0], number) for number, one in series)
         if hidden and low > max(hidden):
-            changed.append((low - max(hidden), low, max(hidden), f"{label}, repetition {number}"))
+            at = f"{label}, most in repetition {number}"
+            changed.append((low - max(hidden), low, max(hidden), at))
     if changed:
         _, low, most, _ = max(changed)
         yield Finding(
             "ripple-changed", low, most, "% of rated", "warning",
             f"{listed([at for *_, at in changed])}: the RMS error is larger than it can have been "
             "in the repetitions in which noise hides it; no slope of it is stated, but it changed",
-            "look for what disturbs the torque sensor in these (mains, a loose shield); repeat the "
-            "soak, with more turns",
+            "look for what wears, slips or gets loose; to know the slope, end what disturbs the "
+            "torque sensor in the other repetitions (mains, a loose shield), or take more turns",
         )  # fmt: skip
 
 
-def _interval(one: PointRipple) -> tuple[float, float]:
-    """Return the 95 % interval of an RMS error (%)."""
-    half = coverage_factor() * (one.stderr_percent or 0.0)
+def _interval(one: PointRipple, factor: float) -> tuple[float, float]:
+    """Return the RMS error (%) less and plus so many standard errors."""
+    half = factor * (one.stderr_percent or 0.0)
     return one.rms_percent - half, one.rms_percent + half
 
 

@@ -193,7 +193,7 @@ def test_what_noise_hides_at_times_is_not_in_the_mean_and_said_to_have_changed(
     assert mean.low < 100 * 1.0 / 6 < mean.high
     assert mean.drifts
     [changed] = [one for one in result.findings if one.name == "ripple-changed"]
-    assert changed.meaning.startswith("2 Nm, 1 Hz, repetition 12: the RMS error is larger")
+    assert changed.meaning.startswith("point 2, 2 Nm, 1 Hz, most in repetition 12: the RMS")
     assert changed.value > 15.0 > 3.0 > changed.limit
 
 
