@@ -28,7 +28,8 @@ def point_ripples(
     plans of points that hold them for a number of turns have `turns` among their settings.
     """
     motor, sensor = subject.motor, subject.sensor
-    turns = "turns" in run.plan_metadata.get("settings", {}).get("inner", {})
+    inner = run.plan_metadata.get("settings", {}).get("inner")
+    turns = isinstance(inner, Mapping) and "turns" in inner
     points = [one for one in points if turns and one["speed_Hz"]]
     index, found = [], []
     for number, samples in _samples(run, points, subject):

@@ -197,6 +197,20 @@ def test_what_noise_hides_at_times_is_not_in_the_mean_and_said_to_have_changed(
     assert changed.value > 15.0 > 3.0 > changed.limit
 
 
+@pytest.mark.parametrize("inner", [None, 5, "turns", ["turns"]])
+def test_without_settings_of_the_inner_plan_there_is_no_ripple(
+    drifted: Path, tmp_path: Path, inner: object
+) -> None:
+    run, path = open_run(drifted), tmp_path / "soak.mcap"
+    plan = {**run.plan_metadata, "settings": {**run.plan_metadata["settings"], "inner": inner}}
+    ticks = run.ticks()
+    with RunWriter(path, {**run.metadata, "plan": plan}) as writer:
+        writer.ticks(ticks)
+        for point in run.operating_points():
+            writer.operating_point(int(point["t_ns"]), point)
+    assert not [name for name in trends(path) if "rms" in name]
+
+
 @pytest.mark.parametrize("points", [(0,), (0, 3)])
 @pytest.mark.parametrize("column", ["temperature_C", "encoder_count"])
 def test_what_is_not_known_of_a_capture_leaves_out_its_repetition_alone(
