@@ -7,9 +7,12 @@ from motord.identification.operating_points import GOOD, good_points
 from motord.recording.reader import Run
 
 
-def points_left_out(runs: Iterable[Run]) -> tuple[Finding, ...]:
-    """Return a finding if points were recorded of which no take is of good quality."""
-    reasons = [sentence for run in runs for sentence in _poor(run)]
+def points_left_out(runs: Iterable[Run], others: Iterable[str] = ()) -> tuple[Finding, ...]:
+    """Return a finding if points were recorded of which no take is of good quality.
+
+    others: points that are left out besides, each with the reason.
+    """
+    reasons = [*(sentence for run in runs for sentence in _poor(run)), *others]
     if not reasons:
         return ()
     return (

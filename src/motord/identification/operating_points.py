@@ -140,7 +140,7 @@ def good_points(operating_points: Sequence[Mapping[str, Any]]) -> list[Mapping[s
 
 
 def prepare(point: PointData, counts: int) -> Samples:
-    """Return the samples of a point. Raises NoWholeTurn, IdentifyError."""
+    """Return the samples of a point. Raises NoWholeTurn, CountsOutOfRange, IdentifyError."""
     label = f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz"
     names = point.ticks.dtype.names or ()
     missing = [name for name in REQUIRED if name not in names]

@@ -31,6 +31,10 @@ class NoWholeTurn(IdentifyError):
     """The samples have no whole turn."""
 
 
+class CountsOutOfRange(IdentifyError):
+    """Encoder counts are below 0, or not below the motor's counts a turn."""
+
+
 @dataclass(frozen=True)
 class Turn:
     """Samples `first` to `end` (not included) of one whole turn, forward (1) or backward (-1)."""
@@ -50,7 +54,7 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
 
 def _check_range(count: np.ndarray, counts: int, label: str) -> None:
     if count.size and not 0 <= count.min() <= count.max() < counts:
-        raise IdentifyError(
+        raise CountsOutOfRange(
             f"{label}: encoder counts from {count.min()} to {count.max()}, "
             f"but the motor has {counts} counts a turn; correct counts in [motor]"
         )
@@ -96,8 +100,8 @@ def continuous_turns(
 
     from_start: from the first sample's position instead, so that short captures lose no part of a
     turn. For a capture, in which the rotor keeps its direction: a count that trembles at the end of
-    a turn ends none, where `whole_turns` sees it turn back. Raises NoWholeTurn, and IdentifyError
-    where counts are out of range.
+    a turn ends none, where `whole_turns` sees it turn back. Raises NoWholeTurn,
+    CountsOutOfRange.
     """
     _check_range(count, counts, label)
     position = unwrap_counts(count, counts)

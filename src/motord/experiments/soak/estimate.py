@@ -23,6 +23,7 @@ from motord.experiments.subject import AnalysisError, Recordings, Subject, check
 from motord.identification.operating_points import good_points
 from motord.identification.point_ripple import PointRipple
 from motord.identification.signal_condition import require_change
+from motord.identification.turning import CountsOutOfRange
 from motord.intervals import LEVEL
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
@@ -46,7 +47,7 @@ class PointFigures:
 
     figures: by name with its unit; not finite where they are not known in this repetition, without
     those that are stated of the set-point in none;
-    ripple: without its orders, None where there is no whole turn.
+    ripple: without its orders, None where there is no whole turn, or counts are out of range.
     """
 
     run: str
@@ -58,10 +59,11 @@ class PointFigures:
     figures: Mapping[str, float]
     channels: Mapping[str, float]
     ripple: PointRipple | None
+    out_of_range: CountsOutOfRange | None = None
 
 
 def soak_trends(recordings: Recordings) -> SoakResult:
-    """Return the trends. Raises AnalysisError, ConfigError, RecordError."""
+    """Return the trends. Raises AnalysisError, IdentifyError, ConfigError, RecordError."""
     runs, subject = recordings.runs, recordings.subject
     plan = _plan_of(runs)
     taken: dict[tuple[int, int], PointFigures] = {}
@@ -88,9 +90,23 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     questionable = (
         *ripple_findings([one for *_, one in ripples]),
         *changed_behind_noise(ripples),
-        *points_left_out(runs),
+        *points_left_out(runs, _out_of_range(points)),
     )
     return SoakResult(plan, tuple(repetitions.values()), judged, questionable)
+
+
+def _out_of_range(points: Sequence[PointFigures]) -> list[str]:
+    """Return which captures have no ripple, as counts are out of range. Raises IdentifyError.
+
+    That is so if no capture has any: the encoder is another one.
+    """
+    found = [(one, error) for one in points if (error := one.out_of_range)]
+    if found and all(one.ripple is None for one in points):
+        raise found[0][1]
+    return [
+        f"repetition {one.repetition}, {one.label} (encoder counts out of range: no ripple)"
+        for one, _ in found
+    ]
 
 
 def _without_hidden(points: Sequence[PointFigures]) -> list[PointFigures]:
@@ -139,13 +155,17 @@ def _points(run: Run, subject: Subject) -> Iterable[PointFigures]:
     channels = {name: run.channel(name) for name in run.channels()}
     for _, group in groupby(good_points(numbered), key=lambda point: int(point["repetition"])):
         points = list(group)
-        ripples = point_ripples(run, points, subject)
+        ripples, out_of_range = point_ripples(run, points, subject)
         for point in points:
             ticks = run.ticks(COLUMNS, **bounds_of(point))
             ticks = rows_of(ticks, ticks["plan_point"] == int(point["index"]))
             if ticks.size:
-                ripple = ripples.get(int(point["index"]))
-                yield _point(run, point, ticks, _figures(ticks, subject, ripple), channels, ripple)
+                index = int(point["index"])
+                ripple = ripples.get(index)
+                found = _point(
+                    run, point, ticks, _figures(ticks, subject, ripple), channels, ripple
+                )
+                yield replace(found, out_of_range=out_of_range.get(index))
 
 
 def _point(
@@ -158,7 +178,8 @@ def _point(
 ) -> PointFigures:
     place = int(point["inner_index"])
     label = f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz"
-    require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {label}")
+    at = f"{run.path}: repetition {int(point['repetition'])}, {label}"
+    require_change({"torque_Nm": ticks["torque_Nm"]}, at)
     span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
     return PointFigures(
         run=run.path.name,

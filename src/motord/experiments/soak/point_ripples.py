@@ -10,10 +10,11 @@ import numpy as np
 from motord.experiments.ripple_findings import findings, is_hidden
 from motord.experiments.subject import Subject
 from motord.findings import Finding, listed
+from motord.identification import IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple, point_ripple
-from motord.identification.turning import NoWholeTurn
+from motord.identification.turning import CountsOutOfRange, NoWholeTurn
 from motord.intervals import LEVEL, t_quantile
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of
@@ -21,36 +22,48 @@ from motord.recording.reader import Run, bounds_of
 
 def point_ripples(
     run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
-) -> dict[int, PointRipple]:
-    """Return the ripple of good points by their index.
+) -> tuple[dict[int, PointRipple], dict[int, CountsOutOfRange]]:
+    """Return the ripple of good points by index, and of which counts are out of range.
 
     Points without a whole turn have none, nor have those that do not hold their set-points: only
-    plans of points that hold them for a number of turns have `turns` among their settings.
+    plans of points that hold them for a number of turns have `turns` among their settings. Raises
+    IdentifyError, with recording, repetition and point.
     """
     motor, sensor = subject.motor, subject.sensor
     inner = run.plan_metadata.get("settings", {}).get("inner")
     turns = isinstance(inner, Mapping) and "turns" in inner
     points = [one for one in points if turns and one["speed_Hz"]]
-    index, found = [], []
+    index, found, out_of_range = [], [], {}
     for number, samples in _samples(run, points, subject):
+        if isinstance(samples, CountsOutOfRange):
+            out_of_range[number] = samples
+            continue
         index.append(number)
         lines = DetectedLines.of(samples, motor.counts)
         found.append((point_ripple(samples, motor, sensor), lines))
-    again = (samples for _, samples in _samples(run, points, subject))
+    again = (one for _, one in _samples(run, points, subject) if isinstance(one, Samples))
     ripples = with_asynchronous(found, again, motor, sensor)
-    return dict(zip(index, ripples, strict=True))
+    return dict(zip(index, ripples, strict=True)), out_of_range
 
 
 def _samples(
     run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
-) -> Iterator[tuple[int, Samples]]:
+) -> Iterator[tuple[int, Samples | CountsOutOfRange]]:
+    """Yield the samples of points by index, or that counts are out of range. Raises IdentifyError.
+
+    Points without a whole turn have none.
+    """
     for point in points:
+        at = f"{run.path}: repetition {point['repetition']}, point {int(point['inner_index']) + 1}"
         for data in split(run.ticks(COLUMNS, **bounds_of(point)), [point]):
             try:
-                samples = prepare(data, subject.motor.counts)
+                yield int(point["index"]), prepare(data, subject.motor.counts)
             except NoWholeTurn:
                 continue
-            yield int(point["index"]), samples
+            except CountsOutOfRange as error:
+                yield int(point["index"]), CountsOutOfRange(f"{at}, {error}")
+            except IdentifyError as error:
+                raise IdentifyError(f"{at}, {error}") from error
 
 
 def noise_rms_Nm(ripple: PointRipple) -> float:

@@ -335,6 +335,11 @@ def test_a_channel_called_like_a_figure_of_the_ticks_has_a_name_of_its_own(tmp_p
     assert names.count("missed_ticks") == names.count("channel missed_ticks") == 1
 
 
+OTHER_ENCODER = (
+    r"s\.mcap: repetition 1, point 1, 1 Nm, 1 Hz: encoder counts from 0 to 8064, but the motor"
+)
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_rotor_that_did_not_turn_has_no_ripple_and_counts_of_another_encoder_are_refused(
     tmp_path: Path, drifted: Path, turned: bool
@@ -345,7 +350,7 @@ def test_a_rotor_that_did_not_turn_has_no_ripple_and_counts_of_another_encoder_a
 
     path = change_recording(drifted, tmp_path / "s.mcap", change)
     if turned:
-        with pytest.raises(IdentifyError, match="1 Nm, 1 Hz: encoder counts from 0 to 8064, but"):
+        with pytest.raises(IdentifyError, match=OTHER_ENCODER):
             trends(path)
     else:
         assert not [name for name in trends(path) if "rms" in name]
@@ -357,3 +362,38 @@ def test_ticks_without_a_column_are_refused_with_what_to_do(
     monkeypatch.setattr("motord.experiments.soak.estimate.COLUMNS", ("t_ns", "gone"))
     with pytest.raises(AnalysisError, match=r"soak\.mcap: ticks have no gone; record the soak"):
         trends(drifted)
+
+
+@pytest.mark.parametrize("count", [5000, -1])
+def test_a_count_that_is_out_of_range_leaves_out_the_ripple_of_its_capture_alone(
+    drifted: Path, tmp_path: Path, count: int
+) -> None:
+    """One sample of hours ended the analysis."""
+
+    def change(ticks: np.ndarray) -> np.ndarray:
+        ticks["encoder_count"][np.flatnonzero(ticks["plan_point"] == 5)[7]] = count
+        return ticks
+
+    path = change_recording(drifted, tmp_path / "s.mcap", change)
+    result = soak_trends(Recordings.open([path]))
+    found = {one.name: one.values.size for one in result.trends}
+    assert found["rms_error_percent"] == found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == 11
+    assert found["rms_error_percent of point 1, 1 Nm, 1 Hz"] == 12
+    [finding] = [one for one in result.findings if one.name == "points-left-out"]
+    assert (finding.value, "repetition 3, point 2, 2 Nm, 1 Hz (enc" in finding.meaning) == (1, True)
+
+
+@pytest.mark.parametrize("turns", [True, False])
+def test_a_dead_sensor_is_refused_with_recording_repetition_and_point(
+    drifted: Path, tmp_path: Path, turns: bool
+) -> None:
+    def change(ticks: np.ndarray) -> np.ndarray:
+        at = ticks["plan_point"] == 5
+        ticks["torque_Nm"][at] = 1.0
+        ticks["encoder_count"][at] *= turns
+        return ticks
+
+    path = change_recording(drifted, tmp_path / "s.mcap", change)
+    text = r"s\.mcap: repetition 3, point 2, 2 Nm, 1 Hz: torque_Nm is 1 from the first sample"
+    with pytest.raises(IdentifyError, match=text):
+        trends(path)
