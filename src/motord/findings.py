@@ -1,5 +1,6 @@
 """Findings: where data depart from the model of a result, and what that usually means."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -35,7 +36,7 @@ class Finding:
 
 
 def listed(texts: Sequence[str], most: int = 4, between: str = "; ") -> str:
-    """Return texts, each once, as one; of many the first, and how many more there are."""
-    texts = list(dict.fromkeys(texts))
-    more = f" and {len(texts) - most} more" if len(texts) > most else ""
-    return between.join(texts[:most]) + more
+    """Return texts, each once with how many times, as one; of many the first, and how many more."""
+    named = [f"{text} ({n} times)" if n > 1 else text for text, n in Counter(texts).items()]
+    more = f" and {len(named) - most} more" if len(named) > most else ""
+    return between.join(named[:most]) + more

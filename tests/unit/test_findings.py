@@ -11,4 +11,7 @@ from motord.findings import listed
 )
 def test_of_many_the_first_are_listed(count: int, most: int, text: str) -> None:
     assert listed([str(n) for n in range(count)], most) == text
-    assert listed([str(n // 2) for n in range(2 * count)], most) == text
+
+
+def test_a_text_that_comes_again_is_listed_once_with_how_many_times() -> None:
+    assert listed(["a", "b", "a", "a", "c"], 2) == "a (3 times); b and 1 more"

@@ -32,10 +32,11 @@ def asynchronous_line(
         leaking = [one for one in humming if one.leakage_percent > _doubt(one)]
         serious = any(map(_one_sided, leaking))
         at, advice = _where(humming)
+        labels = listed([*dict.fromkeys(one.label for one in humming)])
         yield Finding(
             "asynchronous-line", most.asynchronous_percent, LINE_PERCENT, "% of rated",
             "serious" if serious else "warning" if leaking else "note",
-            f"{listed([one.label for one in humming])}: the torque has a line at {at} that is not "
+            f"{labels}: the torque has a line at {at} that is not "
             "locked to the rotor; its average over the turns keeps a part, which changes the RMS "
             f"error by up to {worst.leakage_percent:.2g} % ({worst.label}); {consequence}"
             + (", but it is as large as the ripple and makes it look larger" if serious else ""),
@@ -70,7 +71,7 @@ def _where(humming: Sequence[PointRipple]) -> tuple[str, str]:
             "look for what turns with the rotor at another speed (a belt, a gear, another shaft)",
         )
     return (
-        f"{listed([f'{frequency_Hz:.1f}' for frequency_Hz in frequencies_Hz], between=', ')} Hz",
+        f"{listed([*dict.fromkeys(f'{one:.1f}' for one in frequencies_Hz)], between=', ')} Hz",
         "look for mains hum on the torque sensor (50 or 60 Hz and multiples; shield, ground) and "
         "vibration of the bench",
     )
