@@ -76,7 +76,8 @@ def freedom_of(half_width: float, stderr: float) -> float | None:
 class StandardUncertainty(NamedTuple):
     """A standard uncertainty and its degrees of freedom, None for many.
 
-    known: False where an interval alone is stated, whose degrees of freedom may be few.
+    known: False where an interval alone is stated, or one that its standard error does not explain:
+    its degrees of freedom may be few.
     """
 
     value: float
@@ -90,14 +91,15 @@ def standard_uncertainty(
     """Return what a figure states by its standard error, or 95 % interval, or both; None: nothing.
 
     Of both, degrees of freedom are those by which the longer side of the interval is t times the
-    standard error; an interval that is longer than one degree of freedom makes it enlarges that.
+    standard error. Of an interval that is longer than one degree of freedom makes it, the standard
+    error counts as not stated.
     """
     if low is None or high is None:
         return None if stderr is None else StandardUncertainty(stderr, None)
     half = max(high - value, value - low)
-    if stderr is None:
+    if stderr is None or half > coverage_factor(1.0) * stderr * (1 + 1e-9):
         return StandardUncertainty(half / coverage_factor(), None, known=False)
-    return StandardUncertainty(max(stderr, half / coverage_factor(1.0)), freedom_of(half, stderr))
+    return StandardUncertainty(stderr, freedom_of(half, stderr))
 
 
 def f_quantile(probability: float, numerator: float, denominator: float) -> float:

@@ -84,10 +84,10 @@ def test_an_interval_and_its_error_say_their_freedom(freedom):
     assert freedom_of(coverage_factor(freedom) * 0.2, 0.2) == pytest.approx(freedom)
 
 
-def test_an_interval_around_no_error_is_one_degree_of_freedom_as_around_the_least():
-    least, none = (standard_uncertainty(3.0, error, 2.8, 3.2) for error in (1e-12, 0.0))
-    assert none == least
-    assert none.value * coverage_factor(none.freedom) == pytest.approx(0.2)
+@pytest.mark.parametrize("stderr", [0.0, 1e-12, 0.2 / 12.8])
+def test_an_interval_beyond_one_degree_of_freedom_counts_as_if_it_were_alone(stderr):
+    """As of one degree of freedom it shrank to a half where anything was combined with it."""
+    assert standard_uncertainty(3.0, stderr, 2.8, 3.2) == standard_uncertainty(3.0, None, 2.8, 3.2)
     assert standard_uncertainty(3.0, 0.0, 3.0, 3.0) == (0.0, None, True)
 
 
@@ -108,7 +108,7 @@ def test_the_fewest_degrees_of_freedom_are_one():
         (None, 1.96, (1.0, None, False)),
         (1.0, 1.9, (1.0, None, True)),
         (1.0, coverage_factor(5.0), (1.0, 5.0, True)),
-        (1.0, 10 * coverage_factor(1.0), (10.0, 1.0, True)),  # wider than any t makes it
+        (1.0, 10 * coverage_factor(1.0), (10 * 12.7062 / 1.959964, None, False)),
     ],
 )
 def test_what_a_figure_states_is_a_standard_uncertainty_with_degrees_of_freedom(

@@ -30,6 +30,9 @@ NOT_RESULTS = frozenset(
 OWN_FREEDOM = "_degrees_of_freedom"
 """End of the key of the degrees of freedom of one quantity, after its name without its unit."""
 
+UNREADABLE = ""
+"""Degrees of freedom of a place that a list of them does not reach."""
+
 UNIT_STATED = ("value", "limit", "detectable", "bound")
 """Keys whose unit is the one that the object states in `unit`."""
 
@@ -68,13 +71,13 @@ class StatedQuantity:
 
 @dataclass(frozen=True)
 class _Around:
-    """What holds for an object by where it is: path, suffix of a unit, degrees of freedom."""
+    """What holds for an object by where it is: path, suffix of a unit, `freedoms`."""
 
     path: tuple[str, ...] = ()
     suffix: str = ""
-    freedom: Any = None
+    freedom: tuple[Any, ...] = ()
 
-    def within(self, key: str, suffix: str, freedom: Any) -> "_Around":
+    def within(self, key: str, suffix: str, freedom: tuple[Any, ...]) -> "_Around":
         return _Around((*self.path, key), suffix or self.suffix, freedom)
 
 
@@ -86,7 +89,7 @@ def figures(content: Mapping[str, Any], leading: Collection[str] = ()) -> list[R
 def _of_object(
     content: Mapping[str, Any], around: _Around, leading: Collection[str]
 ) -> Iterator[ResultFigure]:
-    freedom = freedom_of_all(content, around.freedom)
+    freedom = freedoms(content, around.freedom)
     errors = error_keys(content, leading)
     stated = {key for known in errors.values() for key in known.values()}
     for key, part in content.items():
@@ -134,27 +137,23 @@ def stated_quantity(
     content: Mapping[str, Any],
     key: str,
     errors: Mapping[str, str],
-    around: Any = None,
+    around: tuple[Any, ...] = (),
     place: int | None = None,
 ) -> StatedQuantity:
     """Return what an object states of the quantity of a key, or of an element of its list.
 
-    errors: of that key, from `error_keys`; around: degrees of freedom of what holds the object, one
-    number or those of each key.
+    errors: of that key, from `error_keys`; around: `freedoms` of what holds the object.
     """
-    own, of_all = content.get(split_unit(key)[0] + OWN_FREEDOM), freedom_of_all(content, around)
-    freedom = own if own is not None else of_all
-    freedom = freedom.get(key) if isinstance(freedom, Mapping) else freedom
     parts = {"value": content.get(key)} | {role: content[name] for role, name in errors.items()}
     if place is not None:
         parts = {role: element_of(part, place) for role, part in parts.items()}
-        freedom = element_of(freedom, place) if isinstance(freedom, Sequence) else freedom
     stderrs = (finite_number(parts.get(role)) for role in ("stderr", "uncertainty"))
     stderr = max((one for one in stderrs if one is not None), default=None)
     value, ends = finite_number(parts["value"]), list(_intervals(parts))
     low = min((low for low, _ in ends), default=None)
     high = max((high for _, high in ends), default=None)
-    return StatedQuantity(value, stderr, low, high, _freedom(freedom), bool(errors))
+    freedom = _freedom(_stated_freedom(content, key, around, place), stderr is not None)
+    return StatedQuantity(value, stderr, low, high, freedom, bool(errors))
 
 
 def _intervals(parts: Mapping[str, Any]) -> Iterator[tuple[float, float]]:
@@ -167,17 +166,39 @@ def _intervals(parts: Mapping[str, Any]) -> Iterator[tuple[float, float]]:
             yield low, high
 
 
-def _freedom(stated: Any) -> float | None:
-    """Return degrees of freedom, None for many or none stated; one for what is no number."""
+def _stated_freedom(
+    content: Mapping[str, Any], key: str, around: tuple[Any, ...], place: int | None
+) -> Any:
+    """Return the nearest degrees of freedom that are stated of a quantity; None: none are."""
+    stated = content.get(split_unit(key)[0] + OWN_FREEDOM)
+    if stated is None:
+        by_key = (
+            one.get(key) if isinstance(one, Mapping) else one for one in freedoms(content, around)
+        )
+        stated = next((one for one in by_key if one is not None), None)
+    if place is None or isinstance(stated, str) or not isinstance(stated, Sequence):
+        return stated
+    return stated[place] if place < len(stated) else UNREADABLE
+
+
+def _freedom(stated: Any, has_stderr: bool) -> float | None:
+    """Return degrees of freedom, None for many or none stated.
+
+    What is no number counts as one; of an interval alone, which that would make a standard error of
+    a sixth, as not stated.
+    """
     if stated is None or stated == inf:
         return None
-    return 1.0 if (number := finite_number(stated)) is None else number
+    unknown = 1.0 if has_stderr else None
+    return unknown if (number := finite_number(stated)) is None else number
 
 
-def freedom_of_all(content: Mapping[str, Any], around: Any = None) -> Any:
-    """Return the degrees of freedom that hold for an object: one number, or those of each key."""
-    stated = (content.get("degrees_of_freedom"), content.get("freedom"), around)
-    return next((one for one in stated if one is not None), None)
+def freedoms(content: Mapping[str, Any], around: tuple[Any, ...] = ()) -> tuple[Any, ...]:
+    """Return the degrees of freedom that hold in an object, the nearest first.
+
+    Each is one number, a list, or those of each key. around: those of what holds the object.
+    """
+    return (content.get("degrees_of_freedom"), content.get("freedom"), *around)
 
 
 def error_keys(

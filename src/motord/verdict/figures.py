@@ -10,7 +10,7 @@ from motord.intervals import coverage_factor, standard_uncertainty
 from motord.results.figures import (
     StatedQuantity,
     error_keys,
-    freedom_of_all,
+    freedoms,
     stated_quantity,
 )
 from motord.uncertainty_budget import Contribution, totals
@@ -50,7 +50,7 @@ def _rows(
     kind: FigureKind, result: Mapping[str, Any]
 ) -> Iterator[tuple[dict[str, Any], StatedQuantity]]:
     """Yield what separates each row from the others, and what it states of the figure."""
-    around = freedom_of_all(result)
+    around = freedoms(result)
     for row in result.get(kind.rows) or () if kind.rows else (result,):
         errors = error_keys(row, (kind.value,) if kind.leading else ()).get(kind.value, {})
         if kind.by != ("phase",):
@@ -103,7 +103,7 @@ def _type_a(row: StatedQuantity) -> tuple[float | None, float | None, bool]:
     found = standard_uncertainty(row.value, row.stderr, row.low, row.high)
     if found is None:
         return None, row.freedom, True
-    if row.freedom is None:
+    if row.freedom is None or (row.stderr is not None and not found.known):
         return found
     factor = coverage_factor(row.freedom)
     if row.stderr is None:  # that of the normal distribution, from an interval by Student's t

@@ -65,9 +65,9 @@ def test_an_interval_alone_gives_the_uncertainty():
     assert found.uncertainty == pytest.approx(1 / 1.959964, rel=1e-5)
 
 
-def test_an_interval_around_no_error_is_of_one_degree_of_freedom():
-    mean = mean_of([ResultFigure("alpha.a", "", 1.0, 0.0, 0.8, 1.2)])
-    assert coverage_factor(mean.freedom) * mean.uncertainty == pytest.approx(0.2)
+def test_an_interval_around_no_error_counts_as_if_it_were_alone():
+    alone, around = (ResultFigure("alpha.a", "", 1.0, error, 0.8, 1.2) for error in (None, 0.0))
+    assert mean_of([around]) == mean_of([alone])
 
 
 def test_an_interval_alone_may_be_of_few_repetitions():

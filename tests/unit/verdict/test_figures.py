@@ -1,7 +1,7 @@
 """Figures of results: uncertainty combined from Type A and B, selection, doubts."""
 
 import json
-from dataclasses import fields, make_dataclass
+from dataclasses import fields, make_dataclass, replace
 from math import hypot
 from typing import get_type_hints
 
@@ -300,12 +300,55 @@ def test_degrees_of_freedom_that_are_not_stated_or_endless_are_many(freedom):
     assert one.degrees_of_freedom is None
 
 
-def test_an_interval_that_one_degree_of_freedom_does_not_explain_enlarges_the_error():
+def test_an_interval_that_one_degree_of_freedom_does_not_explain_counts_as_if_it_were_alone():
     stated = {"gain_stderr_Nm": 0.1, "gain_half_width_Nm": 0.2 * coverage_factor(1)}
     for more in ({}, {"degrees_of_freedom": 1}, {"gain_degrees_of_freedom": 9}):
         [one] = figures_of(GAIN, {"gain_Nm": 1.0, **stated, **more}, {})
-        assert one.standard_uncertainty == pytest.approx(0.2)
-        assert one.degrees_of_freedom == 1.0
+        assert one.expanded_uncertainty == pytest.approx(0.2 * coverage_factor(1))
+        assert not one.freedom_known
+
+
+@pytest.mark.parametrize("stderr_Nm", [{}, {"gain_stderr_Nm": 0.0}, {"gain_stderr_Nm": 0.01}])
+def test_a_budget_does_not_narrow_such_an_interval(stderr_Nm):
+    """By Welch and Satterthwaite one degree of freedom and a Type B were as good as many."""
+    kind = replace(GAIN, budget="delta_epsilon")
+    result = {
+        "gain_Nm": 1.0,
+        "gain_half_width_Nm": 0.2,
+        **stderr_Nm,
+        "budget": [contribution("B", 0.05)],
+    }
+    [one] = figures_of(kind, result, {})
+    assert one.expanded_uncertainty > 0.2
+
+
+@pytest.mark.parametrize("freedom", ["x", float("nan"), [2]])
+def test_degrees_of_freedom_that_are_no_number_make_no_interval_known(freedom):
+    stated = {"gain_Nm": 1.0, "gain_half_width_Nm": 0.2, "degrees_of_freedom": freedom}
+    [one] = figures_of(GAIN, stated, {})
+    assert (one.expanded_uncertainty, one.freedom_known) == (pytest.approx(0.2), False)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "expected"),
+    [
+        ("2", [1.0] * 3),
+        ({"gain": "2"}, [1.0] * 3),
+        ([2], [2.0, 1.0, 1.0]),
+        ([2, None, 3], [2.0, None, 3.0]),
+    ],
+)
+def test_degrees_of_freedom_that_are_no_number_are_the_fewest_of_phases_too(freedom, expected):
+    kind = FigureKind("gain", summary="of another package", by=("phase",))
+    result = {"gain": [1.0] * 3, "gain_stderr": [0.1] * 3, "degrees_of_freedom": freedom}
+    assert [one.degrees_of_freedom for one in figures_of(kind, result, {})] == expected
+
+
+def test_degrees_of_freedom_by_key_do_not_hide_those_around_for_other_keys():
+    kind = replace(GAIN, rows="rows")
+    row = {"gain_Nm": 1.0, "gain_stderr_Nm": 0.1, "degrees_of_freedom": {"other_Nm": 2}}
+    [one] = figures_of(kind, {"rows": [row], "degrees_of_freedom": 3}, {})
+    assert one.degrees_of_freedom == 3.0
 
 
 @pytest.mark.parametrize("more", [{}, {"degrees_of_freedom": 5}, {"gain_degrees_of_freedom": 50}])
