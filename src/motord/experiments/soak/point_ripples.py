@@ -129,9 +129,13 @@ def changed_behind_noise(ripples: Sequence[tuple[str, int, PointRipple]]) -> Ite
 
 
 def _interval(one: PointRipple, factor: float) -> tuple[float, float]:
-    """Return the RMS error (%) less and plus so many standard errors."""
-    half = factor * (one.stderr_percent or 0.0)
-    return one.rms_percent - half, one.rms_percent + half
+    """Return the ends of the interval of the RMS error (%), `factor` standard errors of its square.
+
+    It is the square that is normal, of which the standard error is that above it.
+    """
+    square = one.rms_percent**2
+    half = factor * ((one.rms_percent + (one.stderr_percent or 0.0)) ** 2 - square)
+    return sqrt(max(square - half, 0.0)), sqrt(square + half)
 
 
 def _uncertainty(one: PointRipple) -> tuple[int, float]:
