@@ -12,7 +12,9 @@ from motord.security.identity import Identity
 
 CONNECT_S = 3.0
 _ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)(?:[?#].*)?")
-_FORM = re.compile(r"(?:tcp|tls)/[^/,]+:\d{1,5}(?:[?#].*)?|(?!tcp/|tls/)[a-z][a-z-]*/.+")
+_FORM = re.compile(
+    r"(?:tcp|tls)/[^/,]+:\d{1,5}(?:[?#].*)?|(?:udp|quic|ws|serial|unixpipe|vsock|unixsock-stream)/.+"
+)
 _ALERTS = (
     ("CERTIFICATE_REQUIRED", "it asks for a certificate"),
     ("UNKNOWN_CA", "the certificate is from another authority"),

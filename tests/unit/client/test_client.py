@@ -62,7 +62,15 @@ def test_nobody_there_is_said_in_one_line():
 
 
 @pytest.mark.parametrize(
-    "where", ["127.0.0.1:1", "tcp/127.0.0.1", "tcp:127.0.0.1:1", "tcp/127.0.0.1:1,tcp/127.0.0.1:2"]
+    "where",
+    [
+        "127.0.0.1:1",
+        "tcp/127.0.0.1",
+        "tcp:127.0.0.1:1",
+        "tcp/127.0.0.1:1,tcp/127.0.0.1:2",
+        "localhost/7447",
+        "tcpp/localhost:7447",
+    ],
 )
 def test_what_is_no_endpoint_is_named_rather_than_a_daemon_missed(where):
     with pytest.raises(ClientError, match="is no endpoint; those are tcp/HOST:PORT") as caught:
