@@ -31,7 +31,7 @@ REPLY_S = 35.0
 CHECK_S = 1.0
 LOG_S = 10.0
 FREE_BYTES = 1 << 20
-"""Of payloads and documents, after which what is free in the heaps goes back to the system."""
+"""Of payloads and replies, after which what is free in the heaps goes back to the system."""
 
 Document = Callable[[], bytes]
 """Renders a document, in the thread that replies."""
@@ -60,7 +60,7 @@ class OutstandingQueries:
         self._lock = threading.Lock()
         self._outstanding: set[OutstandingQuery] = set()
         self._bytes = 0
-        self._freeable_bytes = 0  # of payloads and documents since free memory went back
+        self._freeable_bytes = 0  # of payloads and replies since free memory went back
         self._queue: queue.SimpleQueue[_Item] = queue.SimpleQueue()  # bounded by the outstanding
         self._refused: Counter[str] = Counter()
         self._logged_s = self._checked_s = time.monotonic()
@@ -133,17 +133,15 @@ class OutstandingQueries:
     def _send(self, pending: OutstandingQuery, outcome: Outcome | Document) -> None:
         with pending.query as query:
             try:
-                if callable(outcome):
-                    document = outcome()
-                    with self._lock:
-                        self._freeable_bytes += len(document)
-                    query.reply(pending.reply_key, document, encoding=JSON)
-                elif isinstance(outcome, RpcError):
+                if isinstance(outcome, RpcError):
                     with self._lock:
                         self._refused[outcome.code] += 1
                     query.reply_err(outcome.to_json(), encoding=JSON)
-                else:
-                    query.reply(pending.reply_key, outcome.to_json(), encoding=JSON)
+                    return
+                content = outcome() if callable(outcome) else outcome.to_json()
+                with self._lock:
+                    self._freeable_bytes += len(content)
+                query.reply(pending.reply_key, content, encoding=JSON)
             except zenoh.ZError:
                 return  # the client has gone
             except Exception as error:  # no client may be left without a reply
