@@ -1,4 +1,4 @@
-"""Recorded operating points that no analysis uses, as a finding."""
+"""Recorded operating points that an analysis leaves out, or a part of them, as a finding."""
 
 from collections.abc import Iterable, Iterator
 
@@ -10,7 +10,7 @@ from motord.recording.reader import Run
 def points_left_out(runs: Iterable[Run], others: Iterable[str] = ()) -> tuple[Finding, ...]:
     """Return a finding if points were recorded of which no take is of good quality.
 
-    others: points that are left out besides, each with the reason.
+    others: points that are left out besides, or in part, each with the reason in brackets.
     """
     reasons = [*(sentence for run in runs for sentence in _poor(run)), *others]
     if not reasons:
@@ -18,8 +18,8 @@ def points_left_out(runs: Iterable[Run], others: Iterable[str] = ()) -> tuple[Fi
     return (
         Finding(
             "points-left-out", len(reasons), 0, "points", "warning",
-            f"left out, as they are not of good quality: {listed(reasons, 5)}",
-            "take these points again",
+            f"left out for the reason in brackets: {listed(reasons, 5)}",
+            "take these points again; of counts out of range, look for a loose wire first",
         ),
     )  # fmt: skip
 
