@@ -80,18 +80,15 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
     if dt_s == 0.0 and m.tracking:
         return
     if not m.tracking or dt_s < 0.0 or (dt_s > RESTART_S and not m.acquiring):
-        if m.state == STATE.ENABLED:
-            m.implausible = min(int(m.implausible) + 1, RESYNC_SAMPLES + 1)
-        elif count >= 0:
+        if m.state == STATE.ENABLED or count < 0:
+            _count_implausible(m)
+        else:
             _start(m, t_ns, angle_rad, 0.0)
         return
     ahead_rad = m.angle_rad + m.speed_rad_s * dt_s
     error_rad = wrap_difference(angle_rad - ahead_rad)
     if count < 0 or m.acquiring or abs(error_rad) > _plausible_jump_rad(p, dt_s):
-        if m.implausible == 0:
-            m.seen_ns = 0  # what was seen of an earlier fault is no part of this one
-        m.implausible = min(int(m.implausible) + 1, RESYNC_SAMPLES + 1)
-        m.sound = 0
+        _count_implausible(m)
         if count >= 0:
             _acquire(p, m, t_ns, angle_rad)
         return
@@ -102,6 +99,15 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
     pole = math.exp(-p.observer_bandwidth_rad_s * dt_s)
     m.angle_rad = wrap_angle(ahead_rad + (1.0 - pole * pole) * error_rad)
     m.speed_rad_s += (1.0 - pole) ** 2 / dt_s * error_rad
+
+
+@jit
+def _count_implausible(m: np.record) -> None:
+    """Count an implausible sample: the speed has to explain two in a row before none counts."""
+    if m.implausible == 0:
+        m.seen_ns = 0  # what was seen of an earlier fault is no part of this one
+    m.implausible = min(int(m.implausible) + 1, RESYNC_SAMPLES + 1)
+    m.sound = 0
 
 
 @jit

@@ -170,6 +170,38 @@ def test_a_wrong_sample_that_stays_the_newest_for_many_ticks_counts_once(wrong: 
     assert bench.tick["first_trip"][0] == Trip.ENCODER_IMPLAUSIBLE
 
 
+@pytest.mark.kernel
+@pytest.mark.parametrize("wrong", ["jump", "no position", "before the last one"])
+@pytest.mark.parametrize("good", [1, 2])
+def test_two_good_samples_in_a_row_are_asked_for_after_any_wrong_one(wrong: str, good: int) -> None:
+    bench = Bench()
+    bench.enable()
+    bench.run(50)
+    f = bench.feedback[0]
+    for _ in range(3):
+        count = (bench.count_at(bench.angle_rad) + 2048) % 4096
+        f["encoder_gray"] = 0xFFFF if wrong == "no position" else count ^ (count >> 1)
+        early = wrong == "before the last one"
+        f["t_ns"] = bench.now_ns - bench.period_ns // 2 if early else bench.now_ns + 1_000_000
+        f["t_inverter_ns"] = bench.now_ns + bench.period_ns
+        bench.run(healthy=False)
+        tripped = bench.tick["state"][0] == State.TRIPPED
+        bench.run(good)
+    assert tripped == (good == 1)
+    assert not tripped or bench.tick["first_trip"][0] == Trip.ENCODER_IMPLAUSIBLE
+
+
+@pytest.mark.kernel
+def test_no_position_before_the_last_sample_is_no_position() -> None:
+    bench = Bench()
+    bench.run(50)
+    f, good_ns = bench.feedback[0], bench.now_ns
+    for number in range(1, 4):
+        f["encoder_gray"], f["t_ns"] = 0xFFFF, good_ns - number * 1000
+        bits = Trip(int(bench.run(healthy=False)["trip_bits"]))
+        assert bool(bits & Trip.ENCODER_IMPLAUSIBLE) == (number == 3)
+
+
 @pytest.mark.parametrize("rate_Hz", [100, 150, 199, 1000])
 @pytest.mark.parametrize("speed_rad_s", [-15.0, 0.3, 18.0])
 def test_speed_comes_from_samples_of_any_spacing(rate_Hz: int, speed_rad_s: float) -> None:
