@@ -231,8 +231,9 @@ much later as their feedback is late, right ones not at any age up to `inverter.
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
-A ramp that lasts longer than `limits.torque_error_s` may trip where the torque falls behind by more
-than is allowed: its rate times the settling time of the drive.
+A bench file is refused whose `limits.torque_error_s` a step of the set-point would outlast until
+it shows, with one sample lost, or a ramp at `torque_rate_Nm_per_s` in which the torque falls behind
+by more than is allowed: by delay of the drive, a tick and a sample.
 Samples that jump count until the speed explains two in a row: of misread samples that come by
 chance, as of one in a hundred, more than of three in a row. A rotor that makes nearly whole turns
 from one sample to the next looks like a slow one, and no rule can tell them apart.

@@ -10,7 +10,7 @@ from motord.bench_file.questions import BACK_EMF, QUESTIONS, Question, get, is_r
 from motord.bench_file.templates import Tables, Template, inverter_tables
 from motord.config import ConfigError, MotorConfig, TorqueSensorConfig, resolve
 from motord.config.reading import check_table
-from motord.config.rules.interlocks import dead_sensor_error_Nm
+from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s
 from motord.config.sections import LimitsConfig
 from motord.config.text.descriptions import field_of
 
@@ -149,9 +149,11 @@ def _torque_error_Nm(tables: Tables) -> float:
         torque_Nm=torque_Nm, torque_rate_Nm_per_s=torque_Nm, trip_torque_Nm=2 * torque_Nm, **lasting
     )
     sensor = check_table(TorqueSensorConfig, "torque_sensor", tables["torque_sensor"])
-    dead_Nm = dead_sensor_error_Nm(limits, sensor.highpass_time_constant_s)
+    rate_Hz = tables["loop"]["rate_Hz"]
+    late_s = found_late_s(rate_Hz, tables["bridge"].get("rate_Hz") or rate_Hz)
+    dead_Nm = dead_sensor_error_Nm(limits, sensor.highpass_time_constant_s, late_s)
     if 0.9 * dead_Nm < LEAST_ERROR * torque_Nm:
-        dead_Nm = dead_sensor_error_Nm(limits, 0.0)
+        dead_Nm = dead_sensor_error_Nm(limits, 0.0, 0.0)
     return _three_digits(0.9 * dead_Nm)
 
 

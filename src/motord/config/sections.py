@@ -121,7 +121,8 @@ class LimitsConfig(Section):
     0.8 of torque_Nm, or a torque sensor that stays at zero would not trip. `motord check` says
     what a high-pass hides nevertheless."""
     torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
-    """How long it may be further off; at least until a step of the torque has settled and shows."""
+    """How long it may be further off; at least until a step of the torque has settled and shows,
+    and for as long as a ramp leaves it that far behind."""
 
     @property
     def greatest_current_error_A(self) -> float:

@@ -16,7 +16,7 @@ from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
 from motord.config import Config, ConfigError, load, packaged
 from motord.config.rules.hidden_faults import hidden_faults
-from motord.config.rules.interlocks import dead_sensor_error_Nm
+from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s
 from motord.config.text.descriptions import field_of
 
 WHERE = Path("/nowhere/first.toml")
@@ -168,7 +168,8 @@ def test_a_dead_torque_sensor_is_noticed(tau_s: float, torque_Nm: str) -> None:
     _, config = bench("serial-bridge", limits__torque_Nm=torque_Nm, **answers)
     limits = config.limits
     assert 0.2 * limits.torque_Nm < limits.greatest_torque_error_Nm
-    assert limits.greatest_torque_error_Nm < dead_sensor_error_Nm(limits, tau_s)
+    late_s = found_late_s(config.loop.rate_Hz, config.sample_rate_Hz)
+    assert limits.greatest_torque_error_Nm < dead_sensor_error_Nm(limits, tau_s, late_s)
     assert not [note for note in hidden_faults(config) if "torque sensor" in note]
 
 
@@ -224,7 +225,7 @@ def test_what_would_show_a_dead_torque_sensor_does(
     sensor = {"highpass_time_constant_s": tau_s}
     note = hidden(torque_sensor=sensor, limits=changed)
     assert shown in note.partition("what would show it: ")[2]
-    changes = {"faster": {"torque_rate_Nm_per_s": 1e6}, "shorter": {"torque_error_s": 0.003}}
+    changes = {"faster": {"torque_rate_Nm_per_s": 1e6}, "shorter": {"torque_error_s": 0.0042}}
     for word, setting in changes.items():
         if word in shown:
             changed = changed | setting

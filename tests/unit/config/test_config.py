@@ -200,7 +200,7 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("limits", "encoder_jump_rad = 0.0146", "make it at least 0.0147"),
         ("limits", "encoder_jump_rad = 0.0147\ntrip_speed_rad_s = 60", "make it at least 0.0193"),
         ("limits", "current_error_s = 0.00099", "make it at least 0.001"),
-        ("limits", "torque_error_s = 0.0027", "make it at least 0.0028"),
+        ("limits", "torque_error_s = 0.0037", "make it at least 0.0038"),
         ("loop", "enable_timeout_s = 0.0219", "make it at least 0.022"),
         ("inverter", "feedback_age_s = 0.99\nstale_after_s = 1.0", "make it at least 1.02"),
         ("limits", "link_errors_per_s = 0.9", "limits.link_errors_per_s"),
@@ -227,7 +227,7 @@ def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, lin
 @pytest.mark.parametrize(
     ("section", "lines"),
     [
-        ("limits", "encoder_jump_rad = 0.0147\ncurrent_error_s = 0.001\ntorque_error_s = 0.0028"),
+        ("limits", "encoder_jump_rad = 0.0147\ncurrent_error_s = 0.001\ntorque_error_s = 0.0038"),
         ("limits", "link_errors_per_s = 1.0"),
         ("limits", "link_errors_per_s = 2000.0"),
         ("loop", "enable_timeout_s = 0.022"),
@@ -282,10 +282,10 @@ def test_a_lost_answer_of_a_slow_device_is_no_silence(tmp_path: Path) -> None:
 
 def test_a_slow_drive_needs_longer_errors_of_the_torque(tmp_path: Path) -> None:
     slow = BENCH.replace("rate_Hz = 1000", "rate_Hz = 100") + (
-        "torque_error_s = 0.0699\n[inverter]\nactuation_delay_s = 0.02\nlag_s = 0.01\n"
+        "torque_error_s = 0.0799\n[inverter]\nactuation_delay_s = 0.02\nlag_s = 0.01\n"
     )
-    assert "[limits] torque_error_s = 0.0699 is too short" in complaint(tmp_path, slow)
-    read(tmp_path, slow.replace("0.0699", "0.07"))
+    assert "[limits] torque_error_s = 0.0799 is too short" in complaint(tmp_path, slow)
+    read(tmp_path, slow.replace("0.0799", "0.08"))
 
 
 def test_a_bench_whose_encoder_always_seems_to_jump_is_refused(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def bench_config(loop_Hz: int, bridge_Hz: int) -> Config:
         motor={"counts": 4000},
         limits={
             "current_error_A": 5.0, "torque_error_Nm": 1.5, "torque_error_s": 0.05,
-            "i2t_current_A": I2T_A, "i2t_time_s": I2T_S, "torque_rate_Nm_per_s": 100.0,
+            "i2t_current_A": I2T_A, "i2t_time_s": I2T_S, "torque_rate_Nm_per_s": 70.0,
         },
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from motord.config.bounds import rounded_down
-from motord.config.rules.interlocks import dead_sensor_error_Nm
+from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s, least_error_s
 from motord.config.sections import LimitsConfig, Sections
 
 LEAST_CURRENT = 0.02
@@ -40,11 +40,12 @@ def _hidden_torque_sensor(bench: Sections, currents_A: np.ndarray) -> Iterator[s
     share = limits.current_A / max(float(currents_A.max()), limits.current_A)
     reached_Nm = limits.torque_Nm * share
     reached = limits.model_copy(update={"torque_Nm": reached_Nm})
-    dead_Nm = dead_sensor_error_Nm(reached, tau_s)
+    late_s = found_late_s(bench.loop.rate_Hz, bench.sample_rate_Hz)
+    dead_Nm = dead_sensor_error_Nm(reached, tau_s, late_s)
     if limits.greatest_torque_error_Nm < dead_Nm:
         return
     remedies = [f"torque_error_Nm less than {rounded_down(dead_Nm):g}"] if dead_Nm > 0 else []
-    remedies += _changes_that_show_it(bench, reached)
+    remedies += _changes_that_show_it(bench, reached, late_s)
     cause = f"[limits] let no more than {reached_Nm:.3g} Nm be reached"
     if tau_s:
         cause = (
@@ -57,20 +58,20 @@ def _hidden_torque_sensor(bench: Sections, currents_A: np.ndarray) -> Iterator[s
     )
 
 
-def _changes_that_show_it(bench: Sections, reached: LimitsConfig) -> list[str]:
+def _changes_that_show_it(bench: Sections, reached: LimitsConfig, late_s: float) -> list[str]:
     """Return what would show a sensor at zero up to `reached`'s torque, alone, else together."""
-    tau_s = bench.torque_sensor.highpass_time_constant_s
-    shortest_s = bench.inverter.settling_s + 1.0 / bench.loop.rate_Hz + bench.sample_interval_s
-    faster, shorter = {"torque_rate_Nm_per_s": 1e12}, {"torque_error_s": shortest_s}
-    changes = {
-        "a faster torque_rate_Nm_per_s": faster,
-        "a shorter torque_error_s": shorter,
-        "both a faster torque_rate_Nm_per_s and a shorter torque_error_s": faster | shorter,
-    }
-    showing = [
-        name
-        for name, change in changes.items()
-        if bench.limits.greatest_torque_error_Nm
-        < dead_sensor_error_Nm(reached.model_copy(update=change), tau_s)
-    ]
+    tau_s, showing = bench.torque_sensor.highpass_time_constant_s, []
+    for name, faster, shorter in (
+        ("a faster torque_rate_Nm_per_s", True, False),
+        ("a shorter torque_error_s", False, True),
+        ("both a faster torque_rate_Nm_per_s and a shorter torque_error_s", True, True),
+    ):
+        changed = {"torque_rate_Nm_per_s": 1e12} if faster else {}
+        limits = reached.model_copy(update=changed)
+        least_s = least_error_s(bench.model_copy(update={"limits": limits}))
+        lasts_s = least_s if shorter else limits.torque_error_s
+        limits = limits.model_copy(update={"torque_error_s": lasts_s})
+        dead_Nm = dead_sensor_error_Nm(limits, tau_s, late_s)
+        if lasts_s >= least_s and bench.limits.greatest_torque_error_Nm < dead_Nm:
+            showing.append(name)
     return showing[:-1] or showing  # together they show what one of them does, too

@@ -8,14 +8,9 @@ from motord.config.rules.encoder import (
     a_sound_encoder_never_jumps,
     the_encoder_shows_the_greatest_speed,
 )
-from motord.config.sections import LimitsConfig, Sections
-from motord.config.timing import (
-    DELAY_MAX_S,
-    INTERVALS_MIN,
-    SETTLING_LAGS,
-    SILENCE_MAX_S,
-    TORQUE_SHARE,
-)
+from motord.config.rules.torque import dead_sensor_error_Nm, no_set_point_is_an_error
+from motord.config.sections import Sections
+from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SILENCE_MAX_S
 
 DEAD_PHASE = math.sqrt(3.0) / 2.0
 
@@ -61,17 +56,12 @@ def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
 
 
 def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
-    """What is normal for a while is no fault: a step on its way, one sample, one lost frame."""
-    limits, inverter = config.limits, config.inverter
+    """What is normal for a while is no fault: one sample, one lost frame."""
+    limits, age_s = config.limits, config.inverter.feedback_age_s
     period_s, sample_s = 1.0 / config.loop.rate_Hz, config.sample_interval_s
-    age_s = inverter.feedback_age_s
     for name, given_s, least_s, why in (
         ("[limits] current_error_s", limits.current_error_s, period_s,
          f"it would act as one period of {period_s:g} s does, in which feedback comes once"),
-        ("[limits] torque_error_s", limits.torque_error_s,
-         inverter.settling_s + period_s + sample_s,
-         "a step of the torque would trip before it shows, after [inverter] actuation_delay_s, "
-         f"{SETTLING_LAGS} lag_s, a tick and a sample"),
         ("[loop] enable_timeout_s", config.loop.enable_timeout_s,
          DELAY_MAX_S + max(age_s + INTERVALS_MIN * period_s,
                            INTERVALS_MIN * sample_s),
@@ -85,24 +75,6 @@ def errors_last_longer_than_they_may(config: Sections) -> Iterator[str]:
         f"it lets more frames be lost than the loop needs in a second, {config.loop.rate_Hz:g} of "
         f"feedback and {config.sample_rate_Hz:g} samples",
     ).refusal()  # fmt: skip
-
-
-def dead_sensor_error_Nm(limits: LimitsConfig, highpass_time_constant_s: float) -> float:
-    """Return the torque_error_Nm below which a torque sensor that stays at zero trips for sure.
-
-    At the set-point T up to torque_Nm that shows it best; a share of T is allowed anyway. A
-    high-pass of the sensor with the time constant tau leaves r tau (1 - exp(-T / (r tau))) of it
-    when it is reached at the rate r, and exp(-t / tau) of that after the time t that the error may
-    last. Their difference is largest at T = r tau ln(exp(-t / tau) / share).
-    """
-    tau_s, most_Nm = highpass_time_constant_s, limits.torque_Nm
-    if not tau_s:
-        return (1.0 - TORQUE_SHARE) * most_Nm
-    ramp_Nm, lasting = limits.torque_rate_Nm_per_s * tau_s, math.exp(-limits.torque_error_s / tau_s)
-    if lasting <= TORQUE_SHARE:
-        return 0.0
-    best_Nm = min(ramp_Nm * math.log(lasting / TORQUE_SHARE), most_Nm)
-    return -ramp_Nm * math.expm1(-best_Nm / ramp_Nm) * lasting - TORQUE_SHARE * best_Nm
 
 
 def what_is_dead_is_beyond_its_limit(config: Sections) -> Iterator[str]:
@@ -119,7 +91,7 @@ def what_is_dead_is_beyond_its_limit(config: Sections) -> Iterator[str]:
     ).refusal()  # fmt: skip
     yield from SettingBound(
         "[limits] torque_error_Nm", limits.greatest_torque_error_Nm, "less than",
-        dead_sensor_error_Nm(limits, 0.0), "too large",
+        dead_sensor_error_Nm(limits, 0.0, 0.0), "too large",
         "a torque sensor that stays at zero would seem to show torque_Nm = "
         f"{limits.torque_Nm:g}, of which a fifth is allowed besides",
     ).refusal()  # fmt: skip
@@ -131,4 +103,5 @@ def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
     yield from the_encoder_shows_the_greatest_speed(config)
     yield from a_sound_encoder_never_jumps(config)
     yield from errors_last_longer_than_they_may(config)
+    yield from no_set_point_is_an_error(config)
     yield from what_is_dead_is_beyond_its_limit(config)
