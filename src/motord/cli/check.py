@@ -36,6 +36,7 @@ def check(
     Nothing is enabled or set.
     """
     from motord.config import load
+    from motord.config.rules.false_trips import false_trips
     from motord.config.rules.hidden_faults import hidden_faults
 
     bench = load(config)
@@ -44,7 +45,7 @@ def check(
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
     findings += [*probe_devices(bench), probe_endpoints(bench), probe_recordings(bench)]
-    notes = hidden_faults(bench)
+    notes = [*hidden_faults(bench), *false_trips(bench)]
     rights, host = _realtime(bench) if rt else ([], [])
     lines = [f"{f['what']}: {'ok, ' if f['ok'] else ''}{f['message']}" for f in findings]
     lines += [f"note: {note}" for note in notes]

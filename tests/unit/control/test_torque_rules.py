@@ -8,7 +8,13 @@ import pytest
 from pydantic import ValidationError
 
 from motord.config import Config
-from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s, least_error_s
+from motord.config.rules.false_trips import false_trips
+from motord.config.rules.torque import (
+    dead_sensor_error_Nm,
+    found_late_s,
+    least_error_s,
+    reversal_shows_Nm,
+)
 from motord.config.timing import TORQUE_SHARE
 from motord.schema import State, Trip
 from tests.unit.control.bench import Bench, make_config
@@ -153,3 +159,29 @@ def test_a_dead_sensor_trips_at_any_rate_and_phase(
         ticks = range(round((best_Nm / rate_Nm_per_s + 1.0) * rate_Hz))
         assert not all(bench.sampled_tick(loses) for _ in ticks), (phase, at_s)
         assert Trip(int(bench.tick["first_trip"][0])) is IMPLAUSIBLE
+
+
+@pytest.mark.parametrize("rate_Nm_per_s", [1.0, 10.0, 1e6])
+@pytest.mark.parametrize("tau_s", [0.0, 0.1, 2.0])
+def test_what_a_reversal_shows(rate_Nm_per_s: float, tau_s: float) -> None:
+    """A high-pass that had settled, played in steps of 0.1 ms."""
+    config = config_of(1000, 1000, 0.0, tau_s, torque_rate_Nm_per_s=rate_Nm_per_s)
+    most_Nm, dt_s = config.limits.torque_Nm, 1e-4
+    set_Nm = mean_Nm = -most_Nm
+    shown_Nm, peak_Nm = most_Nm if tau_s == 0.0 else 0.0, 0.0
+    while tau_s and set_Nm < most_Nm:
+        ramp = config.limits.ramp_down_Nm_per_s if set_Nm < 0.0 else rate_Nm_per_s
+        set_Nm = min(set_Nm + ramp * dt_s, most_Nm if set_Nm >= 0.0 else 0.0)
+        shown_Nm = set_Nm - mean_Nm
+        mean_Nm += shown_Nm * -math.expm1(-dt_s / tau_s)
+        peak_Nm = max(peak_Nm, shown_Nm)
+    assert reversal_shows_Nm(config) == pytest.approx(max(peak_Nm, shown_Nm), rel=2e-3)
+
+
+@pytest.mark.parametrize(("trip_torque_Nm", "named"), [(9.0, True), (9.1, False)])
+def test_a_reversal_that_trips_is_named(trip_torque_Nm: float, named: bool) -> None:
+    """12 Nm at 10 Nm/s: a high-pass of 2 s shows 9.02 Nm."""
+    config = config_of(1000, 1000, 0.0, 2.0, trip_torque_Nm=trip_torque_Nm)
+    notes = [note for note in false_trips(config) if "OVER_TORQUE" in note]
+    assert bool(notes) == named
+    assert not named or "shows up to 9.02 Nm of it" in notes[0]

@@ -1,24 +1,47 @@
 """What is dead may go unnoticed by legal limits: notes for `motord check`, no reason to refuse."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from motord.config.bounds import rounded_down
 from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s, least_error_s
+from motord.config.rules.tracks import unseen_track_rad
 from motord.config.sections import LimitsConfig, Sections
+from motord.config.timing import TORQUE_SHARE
+
+ELECTRICAL_RAD = math.acos(1.0 - TORQUE_SHARE)
+"""Currents that are so far off make less of their torque than its share that is allowed."""
 
 LEAST_CURRENT = 0.02
 """Of [limits] current_A: a smaller error is noise."""
 
 
 def hidden_faults(bench: Sections) -> list[str]:
-    """Return which dead sensor or drive may go unnoticed by these limits, and what would show it.
+    """Return what is dead or stuck and may go unnoticed by these limits, and what would show it.
 
-    Neither is wrong: a gentle ramp, a low limit or a sensor's high-pass leave little to see.
+    No limit is wrong: a gentle ramp, a low limit or a sensor's high-pass leave little to see.
     """
     currents_A = bench.motor.largest_currents_A(bench.limits.torque_Nm)
-    return [*_hidden_drive(bench, currents_A), *_hidden_torque_sensor(bench, currents_A)]
+    return [
+        *_hidden_drive(bench, currents_A),
+        *_hidden_torque_sensor(bench, currents_A),
+        *_hidden_track(bench),
+    ]
+
+
+def _hidden_track(bench: Sections) -> Iterator[str]:
+    limits, pole_pairs = bench.limits, bench.motor.pole_pairs
+    electrical_rad = pole_pairs * unseen_track_rad(bench)
+    if electrical_rad > ELECTRICAL_RAD:
+        yield (
+            "an encoder track that is stuck may go unnoticed near [limits] trip_speed_rad_s = "
+            f"{limits.trip_speed_rad_s:g}, where the rotor turns about as far from one sample to "
+            f"the next as the track is fine: currents may be {electrical_rad:.2g} rad (electrical) "
+            f"off with [motor] pole_pairs = {pole_pairs}, and only torque_error_Nm would show it; "
+            "raise the rates, or lower trip_speed_rad_s"
+        )
 
 
 def _hidden_drive(bench: Sections, currents_A: np.ndarray) -> Iterator[str]:

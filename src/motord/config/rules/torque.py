@@ -82,6 +82,23 @@ def no_set_point_is_an_error(config: Sections) -> Iterator[str]:
     ).refusal()  # fmt: skip
 
 
+def reversal_shows_Nm(config: Sections) -> float:
+    """Return the most torque that the sensor shows of a change from -torque_Nm to torque_Nm.
+
+    A high-pass tau has taken the first for its mean: the ramp down to zero, at its own rate, and
+    that up to T each leave r tau (1 - exp(-T / (r tau))), and exp(-T / (r tau)) of before.
+    """
+    limits, tau_s = config.limits, config.torque_sensor.highpass_time_constant_s
+    if not tau_s:
+        return limits.torque_Nm
+    shown_Nm = most_Nm = 0.0
+    for rate_Nm_per_s in (limits.ramp_down_Nm_per_s, limits.torque_rate_Nm_per_s):
+        ramp_Nm = rate_Nm_per_s * tau_s
+        shown_Nm += (ramp_Nm - shown_Nm) * -math.expm1(-limits.torque_Nm / ramp_Nm)
+        most_Nm = max(most_Nm, shown_Nm)
+    return most_Nm
+
+
 def found_late_s(rate_Hz: float, sample_rate_Hz: float) -> float:
     """Return by how much later than `torque_error_s` after a ramp's end its error may be found.
 

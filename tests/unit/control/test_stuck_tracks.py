@@ -1,0 +1,87 @@
+"""The watch for stuck tracks, where the observer follows their jumps and where the rotor stops."""
+
+import math
+
+import pytest
+
+from motord.config import Config
+from motord.config.rules.false_trips import false_trips
+from motord.config.rules.hidden_faults import hidden_faults
+from motord.config.rules.tracks import stop_max_rad_s2, unseen_track_rad
+from motord.schema import State, Trip
+from tests.unit.control.bench import Bench, make_config
+
+
+def config_of(rate_Hz: int, observer_Hz: float, counts: int, **limits: float) -> Config:
+    return make_config(
+        loop={"rate_Hz": rate_Hz, "observer_bandwidth_Hz": observer_Hz},
+        motor={"counts": counts},
+        limits={"encoder_jump_rad": math.pi / 2} | limits,
+    )
+
+
+def with_stuck_track(bench: Bench, track: int, level: int) -> None:
+    """Let a track of `bench` be stuck; what is read of the others is right."""
+    angle_rad, period_s = bench.angle_rad, bench.period_ns * 1e-9
+    count = bench.count_at(angle_rad + bench.speed_rad_s * period_s)
+    gray = (count ^ (count >> 1)) & ~(1 << track) | level << track
+    bench.feedback["encoder_gray"] = gray
+    bench.feedback["t_ns"] = bench.feedback["t_inverter_ns"] = bench.now_ns + bench.period_ns
+    bench.run(healthy=False)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    ("rate_Hz", "observer_Hz", "counts", "track", "speed_rad_s"),
+    [(200, 177.0, 4096, 7, 3.32), (100, 29.0, 4096, 8, 16.0), (200, 60.0, 4096, 7, 16.0)],
+)
+def test_a_coarse_track_is_found_whose_jumps_seem_a_greater_speed(
+    rate_Hz: int, observer_Hz: float, counts: int, track: int, speed_rad_s: float
+) -> None:
+    """The jumps of a stuck track are plausible to an observer that follows them at once."""
+    bench = Bench(config_of(rate_Hz, observer_Hz, counts))
+    bench.speed_rad_s = speed_rad_s
+    bench.run(rate_Hz // 2)
+    bench.enable()
+    patterns = 0.0
+    while bench.tick["state"][0] == State.ENABLED and patterns < 8.0:
+        with_stuck_track(bench, track, 1)
+        patterns += speed_rad_s / rate_Hz * counts / (2 * math.pi) / (2 << track)
+    assert Trip(int(bench.tick["first_trip"][0])) is Trip.ENCODER_IMPLAUSIBLE
+
+
+@pytest.mark.parametrize(("rate_Hz", "pole_pairs"), [(100, 50), (100, 8), (200, 8), (1000, 8)])
+def test_what_a_stuck_track_may_do_unseen_is_named(rate_Hz: int, pole_pairs: int) -> None:
+    config = make_config(loop={"rate_Hz": rate_Hz}, motor={"pole_pairs": pole_pairs})
+    named = [note for note in hidden_faults(config) if "an encoder track that is stuck" in note]
+    assert bool(named) == (rate_Hz < 1000)
+    assert unseen_track_rad(config) == pytest.approx(3 * 20.0 / rate_Hz)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    ("rate_Hz", "observer_Hz", "counts"),
+    [(1000, 15.0, 4096), (1000, 20.0, 65536), (2000, 15.0, 4096), (1000, 25.0, 16384)],
+)
+def test_the_greatest_deceleration_to_a_stop(rate_Hz: int, observer_Hz: float, counts: int) -> None:
+    """Up to the deceleration that is stated no track seems stuck; at twice as much one does."""
+    config = config_of(rate_Hz, observer_Hz, counts)
+    most_rad_s2 = stop_max_rad_s2(config)
+    for part in (0.7, 1.0, 2.0):
+        bench = Bench(config)
+        bench.speed_rad_s = min(8.0, most_rad_s2 * 0.08 + 1.0)
+        bench.run(rate_Hz // 3)
+        bench.enable()
+        while bench.speed_rad_s > 0.0:
+            bench.speed_rad_s = max(bench.speed_rad_s - part * most_rad_s2 / rate_Hz, 0.0)
+            bench.run()
+        bench.run(rate_Hz // 6)
+        assert (bench.tick["state"][0] == State.ENABLED) == (part <= 1.0)
+    named = [note for note in false_trips(config) if "a rotor that stops" in note]
+    assert bool(named) == (most_rad_s2 < 100.0)
+
+
+def test_usual_benches_may_stop_as_quickly_as_they_like() -> None:
+    assert stop_max_rad_s2(make_config()) > 1e6
+    assert stop_max_rad_s2(config_of(200, 15.0, 65536)) == math.inf
+    assert not list(false_trips(make_config()))
