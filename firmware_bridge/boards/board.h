@@ -40,14 +40,15 @@ struct board {
      * and when a received frame changes it, from both interrupts. */
     void (*set_enable_line)(bool closed);
 
-    /* Sends `count` bytes (serial: a whole stuffed frame with its delimiter, at most 45; CAN: one
-     * frame's data field, at most 8 or 64). Takes all or nothing: false if there is no room now,
-     * and the core comes again with the same bytes at the next bridge_poll. The bytes are copied.
-     * Called by bridge_poll, in the main loop. */
+    /* Sends `count` bytes (serial: a whole stuffed frame with its delimiter, at most
+     * STREAM_STUFFED_MAX + 1; CAN: one frame's data field, at most 8 or 64). Takes all or nothing:
+     * false if there is no room now, and the core comes again with the same bytes at the next
+     * bridge_poll. The bytes are copied. Called by bridge_poll, in the main loop. */
     bool (*send)(const uint8_t *data, size_t count);
 
     /* Puts the hardware watchdog off. Called by bridge_poll, only if the tick interrupt has run
-     * since the last time: so both have to live. Its time should be 10 to 50 ms. */
+     * since the last time, and t_us with it: so all three have to live. Its time should be 10 to
+     * 50 ms. */
     void (*feed_watchdog)(void);
 };
 

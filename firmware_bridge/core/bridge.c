@@ -76,6 +76,7 @@ static bool set_rate(struct bridge *bridge, uint32_t rate_Hz)
         return false;
     }
     gray_filter_speed(&bridge->encoder, board->speed_max_Hz, tick_Hz);
+    bridge->tick_least_us = 1000000U / tick_Hz / 2U;
     bridge->rate_Hz = rate_Hz;
     bridge->ticks_per_sample = ticks_per_sample;
     bridge->ticks_to_sample = ticks_per_sample;
@@ -109,6 +110,15 @@ static void sample(struct bridge *bridge, const struct board_reading *reading, u
     }
 }
 
+/* A clock that stands or crawls never ends a heartbeat timeout, and its ticks feed no watchdog. */
+static void count_tick(struct bridge *bridge, uint32_t t_us)
+{
+    if (clock_since(t_us, bridge->tick_t_us) >= bridge->tick_least_us) {
+        atomic_fetch_add_explicit(&bridge->ticks, 1U, memory_order_relaxed);
+    }
+    bridge->tick_t_us = t_us;
+}
+
 void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading)
 {
     bridge->t_us = reading->t_us;
@@ -124,7 +134,7 @@ void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading)
         clock_since(reading->t_us, bridge->status_t_us) >= BRIDGE_STATUS_PERIOD_US) {
         put_status(bridge);
     }
-    atomic_fetch_add_explicit(&bridge->ticks, 1U, memory_order_relaxed);
+    count_tick(bridge, reading->t_us);
 }
 
 /* ---- what the host says; in the receive interrupt */

@@ -49,7 +49,9 @@ struct bridge {
     struct enable_line line;
     struct gray_filter encoder;
     struct link_receiver receiver;
-    uint32_t t_us; /* of the newest tick or reception */
+    uint32_t t_us;      /* of the newest tick or reception */
+    uint32_t tick_t_us; /* of the newest tick */
+    uint32_t tick_least_us; /* half a period: from tick to tick, by a clock that runs */
     uint32_t rate_Hz;
     uint32_t ticks_per_sample;
     uint32_t ticks_to_sample;
@@ -67,7 +69,7 @@ struct bridge {
 
     /* from the interrupts to the main loop */
     struct ring outgoing;
-    _Atomic uint32_t ticks;
+    _Atomic uint32_t ticks; /* by a clock that runs */
 
     /* the main loop's */
     struct link_sender sender;
@@ -88,7 +90,7 @@ void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading);
 void bridge_on_received(struct bridge *bridge, uint32_t t_us, const uint8_t *data, size_t count);
 
 /* The main loop: sends what waits, as far as the link has room; feeds the watchdog if the tick
- * interrupt has run since the last call. Returns soon; call it again and again (it may sleep until
+ * interrupt has run since the last call, by a clock that runs. Returns soon; call it again and again (it may sleep until
  * the next interrupt in between). */
 void bridge_poll(struct bridge *bridge);
 

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-/* True if checksums, stuffing, pieces, Gray code and the enable line's judgement give what they
+/* True if checksums, stuffing, Gray code and the enable line's judgement give what they
  * must. Main context, once. */
 bool self_test(void);
 

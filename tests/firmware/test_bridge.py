@@ -11,6 +11,7 @@ from tests.firmware.library import Library
 
 LINKS = pytest.mark.parametrize("link", [0, 1, 2])
 SECOND_US = 1_000_000
+TICK_US = 500  # unless configured
 
 
 def samples(answers: list[frames.Frame]) -> list[frames.Sample]:
@@ -333,18 +334,38 @@ def test_the_watchdog_is_fed_only_if_both_live(library: Library) -> None:
     device = Device(library)
     device.answers()
     assert device.host.feeds == 0
-    device.tick()
+    device.pass_us(TICK_US)
     assert device.host.feeds == 0
     device.answers()
     assert device.host.feeds == 1
     device.answers()
     device.answers()
     assert device.host.feeds == 1  # the tick interrupt does not run
-    device.tick()
-    device.tick()
+    device.pass_us(2 * TICK_US)
     assert device.host.feeds == 1  # the main loop does not run
     device.answers()
     assert device.host.feeds == 2
+
+
+@pytest.mark.parametrize(
+    "step_us", [0, TICK_US // 2 - 1, TICK_US // 2], ids=["stands", "crawls", "runs"]
+)
+@pytest.mark.parametrize("now_us", [0, CLOCK - 5 * TICK_US])
+def test_a_clock_that_does_not_run_feeds_no_watchdog(
+    library: Library, now_us: int, step_us: int
+) -> None:
+    """The host is dead, and by such a clock its heartbeat timeout never ends, or late."""
+    device = Device(library, now_us=now_us)
+    device.close_line()
+    device.pass_us(TICK_US)
+    device.answers()
+    fed = device.host.feeds
+    for _ in range(20):
+        device.now_us += step_us
+        device.tick()
+        device.answers()
+    assert device.closed  # so the watchdog has to open it
+    assert (device.host.feeds > fed) == (step_us >= TICK_US // 2)
 
 
 def test_the_cores_self_test(library: Library) -> None:

@@ -53,11 +53,8 @@ extern rcc_registers rcc_block;
 #define RCC_AHB1ENR_DMA2 BIT(22)
 #define RCC_APB1ENR_TIM5 BIT(3)
 #define RCC_APB1ENR_CAN1 BIT(25)
-#define RCC_APB1ENR_PWR BIT(28)
 #define RCC_APB2ENR_USART1 BIT(4)
 #define RCC_APB2ENR_ADC1 BIT(8)
-#define RCC_CSR_RMVF BIT(24)
-#define RCC_CSR_IWDGRSTF BIT(29)
 
 /* ---- flash interface ------------------------------------------------------------------------ */
 extern reg flash_block;
@@ -162,16 +159,13 @@ typedef struct {
 extern can_registers can1_block;
 #define CAN1 (&can1_block)
 #define CAN_MCR_INRQ BIT(0)
-#define CAN_MCR_SLEEP BIT(1)
 #define CAN_MCR_TXFP BIT(2)
-#define CAN_MCR_AWUM BIT(5)
 #define CAN_MCR_ABOM BIT(6)
 #define CAN_MSR_INAK BIT(0)
 #define CAN_TSR_RQCP_ALL (BIT(0) | BIT(8) | BIT(16))
 #define CAN_TSR_TME0 BIT(26)
 #define CAN_TIR_TXRQ BIT(0)
 #define CAN_RF0R_FMP_MASK UINT32_C(3)
-#define CAN_RF0R_FOVR BIT(4)
 #define CAN_RF0R_RFOM BIT(5)
 #define CAN_IER_TMEIE BIT(0)
 #define CAN_IER_FMPIE0 BIT(1)
