@@ -55,6 +55,7 @@ static void put_status(struct bridge *bridge)
             .errors = sequence_errors(&bridge->receiver.check),
             .dropped = bridge->dropped,
             .rate_Hz = bridge->rate_Hz,
+            .heartbeat_timeout_us = bridge->line.timeout_us,
             .streaming = bridge->streaming,
         }};
     bridge->status_t_us = bridge->t_us;
@@ -149,7 +150,7 @@ static void receive_hello_request(struct bridge *bridge, uint16_t protocol)
     put_hello(bridge);
 }
 
-/* All of it or nothing, so that the rate in Status stands for both. It is a host that starts:
+/* All of it or nothing. It is a host that starts:
  * the line opens, so that an old Configure cannot prolong the time of a host that fell silent. */
 static void receive_configure(struct bridge *bridge, uint32_t rate_Hz, uint32_t timeout_us)
 {

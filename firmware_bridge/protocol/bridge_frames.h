@@ -53,6 +53,7 @@
     FIELD(I, errors) \
     FIELD(I, dropped) \
     FIELD(I, rate_Hz) \
+    FIELD(I, heartbeat_timeout_us) \
     FIELD(B, streaming)
 
 #define BRIDGE_FIELDS_HelloRequest(FIELD) \

@@ -285,6 +285,7 @@ class Board(Peer):
         self.heartbeats = 0
         self.deaf = False  # to heartbeats
         self.configured: frames.Configure | None = None
+        self.lose_configure = 0  # of the next, lost on the way
         self.starts = 0
         self.streaming = False
         self.errors = 0
@@ -295,7 +296,7 @@ class Board(Peer):
         self.clock_offset_us = 0
         self.reboot = False
         self.raw = b""  # to be sent as it is
-        self._rate_Hz = 1000
+        self._rate_Hz, self._timeout_us = 1000, 50_000
         self._heartbeat = (0, 0)
         self._sequence = 0
         self._decoder = StreamDecoder()
@@ -317,6 +318,7 @@ class Board(Peer):
             self.reboot = False
             self.streaming = False
             self._sequence = 0
+            self._rate_Hz, self._timeout_us = 1000, 50_000
             self.clock_offset_us = -(time.monotonic_ns() // 1000)
             self._send(self._hello())
         self.receive(self.left_s())
@@ -351,10 +353,13 @@ class Board(Peer):
             self.line_closed = bool(frame.enable)
         elif isinstance(frame, frames.HelloRequest):
             self._send(self._hello())
+        elif isinstance(frame, frames.Configure) and self.lose_configure:
+            self.lose_configure -= 1
         elif isinstance(frame, frames.Configure):
             self.configured = frame
             possible = self.identity.rates_Hz or [frame.rate_Hz]
             self._rate_Hz = frame.rate_Hz if frame.rate_Hz in possible else possible[0]
+            self._timeout_us = frame.heartbeat_timeout_us
             self._send(self._account())
         else:
             self.streaming = isinstance(frame, frames.Start)
@@ -378,6 +383,7 @@ class Board(Peer):
             self.errors,
             self.dropped,
             self._rate_Hz,
+            self._timeout_us,
             int(self.streaming),
         )
 

@@ -45,7 +45,7 @@ def test_hello_after_reset_and_when_asked(library: Library, link: int) -> None:
     (hello,) = device.answers()
     assert hello == frames.Hello(
         protocol=frames.PROTOCOL,
-        firmware=frames.firmware(1, 1, 0),
+        firmware=frames.firmware(1, 2, 0),
         board=b"host".ljust(16, b"\0"),
         serial=7,
         rate_Hz=1000,
@@ -158,6 +158,7 @@ def test_configure_takes_all_or_nothing(
     status = device.ask(frames.Configure(rate_Hz, timeout_us))
     assert isinstance(status, frames.Status)
     assert status.rate_Hz == (rate_Hz if taken else 1000)
+    assert status.heartbeat_timeout_us == (timeout_us if taken else 50_000)
     assert device.bridge.line.timeout_us == (timeout_us if taken else 50_000)
 
 

@@ -82,7 +82,7 @@ def every(*contents: frames.Frame) -> Death:
 
 
 def an_echo_of_the_board(device: Device, sent: list[bytes]) -> Iterator[list[bytes]]:
-    status = frames.Status(1, 1, 1, 1, 1, 1, 1, 1, 1)
+    status = frames.Status(1, 1, 1, 1, 1, 1, 1, 1, 1, 1)
     while True:
         yield device.wire(frames.Sample(0, 0, 0, 1)) + device.wire(status)
 

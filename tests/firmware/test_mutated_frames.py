@@ -19,7 +19,7 @@ EXAMPLES = [
     frames.HelloRequest(frames.PROTOCOL),
     frames.Configure(5000, 20_000),
     frames.Sample(123_456_789, 0x5A3, -1234, 1),
-    frames.Status(1, 2, 3, 4, 5, 6, 7, 8, 1),
+    frames.Status(1, 2, 3, 4, 5, 6, 7, 8, 9, 1),
 ]
 MUTATIONS = ["FLIP_BITS", "BURST", "BYTES", "DROP", "INSERT", "SWAP", "SPLICE"]
 MUTATED = 100_000

@@ -10,7 +10,7 @@ from motord.wire.bridge import frames
 from motord.wire.bridge.sequence import SequenceCheck
 
 BOARD_NAME = b"motord-emulate"
-FIRMWARE = frames.firmware(1, 1, 0)
+FIRMWARE = frames.firmware(1, 2, 0)
 CLOCK_OFFSET_US = 3_000_000_000
 """Reading of the board's clock at its reset: wraps its 32 bits after some 20 minutes."""
 CLOCK_DRIFT = 35e-6
@@ -129,6 +129,7 @@ class Board:
             errors=self.errors,
             dropped=self.dropped,
             rate_Hz=self.rate_Hz,
+            heartbeat_timeout_us=self._timeout_ns // 1000,
             streaming=int(self.streaming),
         )
 

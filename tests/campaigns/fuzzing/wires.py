@@ -21,7 +21,7 @@ def _frame(rng: random.Random) -> bytes:
     frame: frames.Frame = rng.choice(
         (
             frames.Sample(rng.randrange(2**32), rng.randrange(2**32), rng.randrange(-9, 9), 0),
-            frames.Status(1, 0, 2, 3, 4, 5, 6, 1000, 1),
+            frames.Status(1, 0, 2, 3, 4, 5, 6, 1000, 50_000, 1),
             frames.Hello(1, 65536, b"board".ljust(16, b"\0"), 1, 1000, 4096, frames.LAYOUT_HASH),
             frames.Heartbeat(1),
             frames.Stop(),

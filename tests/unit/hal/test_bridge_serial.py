@@ -189,6 +189,48 @@ def test_a_board_that_fell_silent_is_asked_and_set_up_again(
     until(lambda: abs(time.time_ns() - read(driver).t_ns) < 15e6)
 
 
+def test_a_board_that_missed_its_configuration_is_asked_for_no_closed_line(
+    pair: tuple[SerialBridge, Board], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes Start, at its own rate, and its own heartbeat timeout would be in force."""
+    driver, board = pair
+    monkeypatch.setattr(driver, "_silence_ns", 20_000_000)
+    board.configured = None
+    board.lose_configure, board.reboot = 1, True
+    until(lambda: read(driver) is not None and driver.restarts == 1)
+    board.line_closed = False
+    closed_by = []
+
+    def configured() -> bool:
+        driver.write(new_command(enable=1))
+        read(driver)
+        if board.line_closed:
+            closed_by.append(board.configured)
+        return bool(closed_by)
+
+    until(configured)
+    assert closed_by == [frames.Configure(2000, 30_000)]
+
+
+def test_a_board_that_streamed_before_is_configured_all_the_same(board: Board) -> None:
+    """As after a daemon that was killed: its Status is of the old configuration, not an answer."""
+    board.streaming = True
+    board.lose_configure = 1
+    driver = SerialBridge(bench(port=board.port, rate_Hz=1000, heartbeat_timeout_s=0.03))
+    driver.open()
+    assert board.configured == frames.Configure(1000, 30_000)
+    driver.close()
+
+
+def test_a_status_on_its_way_is_no_refusal(board: Board) -> None:
+    board.streaming = True
+    board.lose_configure = 1
+    driver = SerialBridge(bench(port=board.port, rate_Hz=2000))
+    driver.open()
+    assert board.configured == frames.Configure(2000, 50_000)
+    driver.close()
+
+
 def test_another_board_in_its_place_is_not_taken(pair: tuple[SerialBridge, Board]) -> None:
     driver, board = pair
     board.identity = Identity(counts=1000)

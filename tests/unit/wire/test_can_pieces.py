@@ -16,7 +16,7 @@ from tests.unit.wire.test_frames import FRAMES
 
 SIZES = st.sampled_from([CLASSIC_BYTES, FD_BYTES])
 FD_LENGTHS = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64}
-STATUS = frames.Status(1, 2, 3, 4, 5, 6, 7, 8, 1)
+STATUS = frames.Status(1, 2, 3, 4, 5, 6, 7, 8, 9, 1)
 HEARTBEAT = frames.Heartbeat(1)
 
 
@@ -53,13 +53,13 @@ def test_classic_pieces_are_exact() -> None:
     pieces = split(frames.pack(HEARTBEAT, 1), 5)
     assert [len(piece) for piece in pieces] == [7]
     assert pieces[0][0] == FIRST | LAST | 5
-    assert [len(piece) for piece in split(frames.pack(STATUS, 1), 0)] == [8, 8, 8, 8, 7]
+    assert [len(piece) for piece in split(frames.pack(STATUS, 1), 0)] == [8, 8, 8, 8, 8, 4]
 
 
 def test_fd_pieces_are_filled_with_zeros() -> None:
     (piece,) = split(frames.pack(STATUS, 1), 0, FD_BYTES)
     assert len(piece) == 48
-    assert piece[35:] == bytes(13)
+    assert piece[39:] == bytes(9)
 
 
 @given(st.lists(FRAMES, min_size=1, max_size=8), SIZES)
@@ -93,7 +93,7 @@ def test_lost_pieces_cost_their_frames_and_count_once_each(
 def test_head_and_tail_of_two_bodies_do_not_join() -> None:
     first, second = pieces_of([STATUS, STATUS], CLASSIC_BYTES)
     joiner = PieceJoiner()
-    assert [joiner.feed(piece) for piece in first[:2] + second[2:]] == [None] * 5
+    assert [joiner.feed(piece) for piece in first[:2] + second[2:]] == [None] * 6
     assert joiner.errors == 1
 
 

@@ -16,7 +16,7 @@ I32 = st.integers(-(2**31), 2**31 - 1)
 KINDS: list[st.SearchStrategy[Any]] = [
     st.builds(frames.Hello, U16, U32, st.binary(min_size=16, max_size=16), *5 * (U32,)),
     st.builds(frames.Sample, U32, U32, I32, U16),
-    st.builds(frames.Status, U32, U16, U16, U32, U32, U32, U32, U32, U8),
+    st.builds(frames.Status, U32, U16, U16, U32, U32, U32, U32, U32, U32, U8),
     st.builds(frames.HelloRequest, U16),
     st.builds(frames.Configure, U32, U32),
     st.just(frames.Start()),
@@ -168,5 +168,5 @@ def test_layout_as_documented() -> None:
     sample = frames.encode(frames.Sample(0x04030201, 0x08070605, -2, 0x0A09), 0x0C0B)
     body = bytes.fromhex("02 0b0c 01020304 05060708 feffffff 090a")
     assert cobs.decode(sample[:-1]) == body + crc16(body).to_bytes(2, "little")
-    assert frames.LAYOUT_HASH == 2785754103
+    assert frames.LAYOUT_HASH == 267805873
     assert int(BridgeStatus.FAULT) < 1 << 16

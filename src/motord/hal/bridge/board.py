@@ -3,13 +3,14 @@
 Samples flow from the first read on: what comes while nobody reads overflows somewhere on the way,
 and nobody can know how much of what is older than the gap is still to come. In the loop a tick
 costs one read and one write of the link. A board that starts anew while the loop runs is configured
-again without waiting for its answers. One that sends no samples any more, or receives no
-heartbeats, is sent a HelloRequest now and then: it may have started anew while the link was down,
-or have missed so many heartbeats that it takes the next for old ones. Its Hello says from which
-number heartbeats go on.
+again without waiting for its answers, and asked to close the line only once its Status states rate
+and heartbeat timeout as they were set. One that does not, that sends no samples any more, or
+receives no heartbeats, is sent a HelloRequest now and then: it may have started anew while the link
+was down, or have missed so many heartbeats that it takes the next for old ones. Its Hello says from
+which number heartbeats go on.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -81,7 +82,10 @@ class Bridge:
         self.restarts = 0
         self._config = bridge
         self._counts = config.motor.counts
-        self._rate_Hz = config.sample_rate_Hz
+        self._configuration = frames.Configure(
+            config.sample_rate_Hz, round(bridge.heartbeat_timeout_s * 1e6)
+        )
+        self._configured = False  # by the newest Status since the board started
         self._torque_Nm_per_count = config.torque_Nm_per_count
         self._link: BridgeLink | None = None
         self._loop_clock = LoopClock()
@@ -108,13 +112,7 @@ class Bridge:
                 board = f"{self.hello.board_name} (firmware {self.hello.firmware_version})"
                 raise self._error(f"{board} {incompatible}")
             self._number = self.hello.heartbeat_next
-            status = self._request(self._configure(), frames.Status)
-            if status.rate_Hz != self._rate_Hz:
-                raise self._error(
-                    f"the board cannot sample at {self._rate_Hz} Hz, it stays at "
-                    f"{status.rate_Hz} Hz; set rate_Hz in [bridge]"
-                )
-            self._update_from_status(status)
+            self._update_from_status(self._request(self._configuration, frames.Status))
             self._sample = self._request(frames.Start(), frames.Sample)
             self._send(frames.Stop())
         except BaseException:
@@ -161,7 +159,7 @@ class Bridge:
 
     def write(self, command: np.ndarray) -> None:
         """Send heartbeat and enable-line request."""
-        self._send_heartbeat(1 if command["enable"][0] else 0)
+        self._send_heartbeat(1 if command["enable"][0] and self._configured else 0)
 
     def safe_stop(self) -> None:
         """Open the enable line; said twice, in case a frame is lost."""
@@ -190,12 +188,13 @@ class Bridge:
                 if self._incompatibility(frame) is None:
                     self._restart(frame)
         if newest is not None:
-            if not newest.status & _HEARTBEAT_LOST:
+            if self._configured and not newest.status & _HEARTBEAT_LOST:
                 self._received_ns = arrival_ns
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
     def _update_from_status(self, status: frames.Status) -> None:
+        self._configured = self._refusal(status) is None
         lost = status.errors + status.dropped
         if self._board_errors >= 0:
             self._lost_by_board += max(lost - self._board_errors, 0)
@@ -211,9 +210,10 @@ class Bridge:
         if (hello.heartbeat_next - self._number) % frames.HEARTBEAT_NUMBERS < _AHEAD:
             self._number = hello.heartbeat_next
         self.clock.reset()
+        self._configured = False
         self._board_errors = -1
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT
-        self._send(self._configure())
+        self._send(self._configuration)
         self._send(frames.Start())
 
     def _send_heartbeat(self, enable: int) -> None:
@@ -227,19 +227,26 @@ class Bridge:
         if self._link is not None:
             self._link.send(frame, number % frames.SEQUENCE_MODULUS)
 
-    def _configure(self) -> frames.Configure:
-        return frames.Configure(self._rate_Hz, round(self._config.heartbeat_timeout_s * 1e6))
-
     def _request(self, request: frames.Frame, response: type[_Response]) -> _Response:
-        """Send `request` until a `response` comes. Raises DeviceError if none does."""
+        """Send `request` until a `response` comes that does not refuse it.
+
+        A Status may be older than the request: a board that streamed before sends them unasked.
+        Raises DeviceError if none comes.
+        """
         link = self._link
         assert link is not None
+        refusal: str | None = None
         for _ in countdown_s(self._config.connect_timeout_s):
             self._send(request)
             for left_s in countdown_s(_REPEAT_S):
                 link.wait(left_s)
-                if (found := _first(response, link.receive())) is not None:
-                    return found
+                for _, found in link.receive():
+                    if isinstance(found, response):
+                        refusal = self._refusal(found)
+                        if refusal is None:
+                            return found
+        if refusal is not None:
+            raise self._error(refusal)
         raise self._error(
             f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
             + (
@@ -247,6 +254,19 @@ class Bridge:
                 if link.received
                 else "nothing at all; is the board powered, and is this where it is?"
             )
+        )
+
+    def _refusal(self, response: frames.Frame) -> str | None:
+        """Return why the board does not do as it was configured, by its Status; None if it does."""
+        if not isinstance(response, frames.Status):
+            return None
+        wanted = self._configuration
+        if (response.rate_Hz, response.heartbeat_timeout_us) == wanted:
+            return None
+        return (
+            f"the board cannot sample at {wanted.rate_Hz} Hz with a heartbeat timeout of "
+            f"{wanted.heartbeat_timeout_us} us, it stays at {response.rate_Hz} Hz and "
+            f"{response.heartbeat_timeout_us} us; set rate_Hz in [bridge], or heartbeat_timeout_s"
         )
 
     def _incompatibility(self, hello: frames.Hello) -> str | None:
@@ -270,8 +290,3 @@ class Bridge:
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"{self._name}: {what}")
-
-
-def _first(kind: type[_Response], received: Sequence[frames.Numbered]) -> _Response | None:
-    """Return the first frame of a kind, None without."""
-    return next((frame for _, frame in received if isinstance(frame, kind)), None)

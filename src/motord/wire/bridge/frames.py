@@ -73,6 +73,7 @@ class Status(NamedTuple):
     errors: int  # frames from the host that were lost or corrupt, since reset
     dropped: int  # samples that found no room on the link, since reset
     rate_Hz: int
+    heartbeat_timeout_us: int
     streaming: int  # 1 between Start and Stop
 
 

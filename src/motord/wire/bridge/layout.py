@@ -33,7 +33,7 @@ LAYOUTS: dict[str, tuple[int, str, tuple[str, ...]]] = {
     ),
     "Status": (
         0x03,
-        "IHHIIIIIB",
+        "IHHIIIIIIB",
         (
             "t_us",
             "status",
@@ -43,6 +43,7 @@ LAYOUTS: dict[str, tuple[int, str, tuple[str, ...]]] = {
             "errors",
             "dropped",
             "rate_Hz",
+            "heartbeat_timeout_us",
             "streaming",
         ),
     ),
