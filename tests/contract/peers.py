@@ -286,7 +286,7 @@ class Board(Peer):
         self.deaf = False  # to heartbeats
         self.configured: frames.Configure | None = None
         self.lose_configure = 0  # of the next, lost on the way
-        self.starts = 0
+        self.starts = self.hellos = 0
         self.streaming = False
         self.errors = 0
         self.dropped = 0
@@ -352,6 +352,7 @@ class Board(Peer):
             self._heartbeat = (number, self.clock_us())
             self.line_closed = bool(frame.enable)
         elif isinstance(frame, frames.HelloRequest):
+            self.hellos += 1
             self._send(self._hello())
         elif isinstance(frame, frames.Configure) and self.lose_configure:
             self.lose_configure -= 1

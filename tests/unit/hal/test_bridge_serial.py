@@ -247,6 +247,39 @@ def test_another_board_in_its_place_is_not_taken(pair: tuple[SerialBridge, Board
     assert read(driver).t_ns == t_ns
 
 
+@pytest.mark.parametrize("serial", [7, 8], ids=["same", "another"])
+def test_a_board_behind_a_port_that_was_away_says_who_it_is_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, serial: int
+) -> None:
+    """As when two adapters change places: another bench's board, which streams as this one's."""
+    monkeypatch.setattr("motord.hal.bridge.serial_port.LOOK_AGAIN_S", 0.0)
+    path = tmp_path / "port"
+    before, after = Board(), Board(Identity(serial=serial))
+    path.symlink_to(before.port)
+    driver = SerialBridge(bench(port=str(path)))
+    open_streaming(driver, before)
+    monkeypatch.setattr(driver, "_silence_ns", 20_000_000)
+    after.line_closed, after.encoder_gray, after.streaming = False, 0x123, True
+    path.unlink()
+    path.symlink_to(after.port)
+    before.close()
+
+    def enabled() -> bool:
+        taken = read(driver).encoder_gray == 0x123
+        driver.write(new_command(enable=1))
+        assert driver.restarts or not (taken or after.line_closed)
+        return taken and after.line_closed
+
+    def tried() -> bool:
+        return enabled() or after.hellos > 2
+
+    until(tried if serial == 8 else enabled)
+    assert after.line_closed == (serial == 7)
+    assert driver.restarts >= 1 if serial == 7 else driver.restarts == 0
+    driver.close()
+    after.close()
+
+
 def test_a_port_that_is_not_there(tmp_path: Path) -> None:
     message = error_of(port=str(tmp_path / "nothing"))
     assert "there is no such port" in message

@@ -134,12 +134,15 @@ def test_a_port_whose_plug_is_pulled_is_taken_up_again_when_it_is_back(
     device_fd = plug_in(path)
     assert not port.write(b"b\0"), "looked for a moment ago"
     now_s += 0.6
+    assert port.openings == 1
+    assert not port.write(b"b\0"), "another device may be there now"
+    assert port.openings == 2
     assert port.write(b"c\0")
     assert os.read(device_fd, 16) == b"c\0"
     os.write(device_fd, b"d")
     port.wait(1.0)
     assert port.read() == b"d"
-    assert port.failures == 4
+    assert port.failures == 5
     port.close()
     now_s += 10.0
     assert not port.write(b"e\0"), "closed is closed"

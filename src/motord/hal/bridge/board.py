@@ -7,17 +7,19 @@ again without waiting for its answers, and asked to close the line only once its
 and heartbeat timeout as they were set. One that does not, that sends no samples any more, or
 receives no heartbeats, is sent a HelloRequest now and then: it may have started anew while the link
 was down, or have missed so many heartbeats that it takes the next for old ones. Its Hello says from
-which number heartbeats go on.
+which number heartbeats go on. Behind a port that was away may be another board: nothing that it
+sends counts until its Hello says that it is the same.
 """
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from motord.config import Config
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import BoardClock, LoopClock
+from motord.hal.bridge.link import BridgeLink
 from motord.hal.countdown import countdown_s
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
@@ -31,33 +33,6 @@ _AHEAD = frames.HEARTBEAT_NUMBERS // 2
 _HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
 _Response = TypeVar("_Response", frames.Hello, frames.Status, frames.Sample)
-
-
-class BridgeLink(Protocol):
-    """Frames to and from the board. No call waits but `wait`, and none raises."""
-
-    stamp_ns: int
-    """When the newest frame of the last `receive` came: Unix ns, 0 if the link has no stamps."""
-
-    @property
-    def received(self) -> str:
-        """Return what has arrived so far, as text: "" if nothing."""
-
-    @property
-    def errors(self) -> int:
-        """Return the frames lost, corrupt or refused so far; it never falls."""
-
-    def receive(self) -> list[frames.Numbered]:
-        """Return the good frames that have arrived, the oldest first."""
-
-    def send(self, frame: frames.Frame, number: int) -> None:
-        """Send a frame."""
-
-    def wait(self, timeout_s: float) -> None:
-        """Wait until something has arrived, at most `timeout_s`. For opening, not for the loop."""
-
-    def close(self) -> None:
-        """Release the link; may be called twice."""
 
 
 class Bridge:
@@ -88,6 +63,7 @@ class Bridge:
         self._configured = False  # by the newest Status since the board started
         self._torque_Nm_per_count = config.torque_Nm_per_count
         self._link: BridgeLink | None = None
+        self._openings = 0  # of the link, when the board last said who it is
         self._loop_clock = LoopClock()
         self.clock = BoardClock()
         self._number = 0  # of the next frame; its sequence is the rest of it
@@ -111,6 +87,7 @@ class Bridge:
             if incompatible is not None:
                 board = f"{self.hello.board_name} (firmware {self.hello.firmware_version})"
                 raise self._error(f"{board} {incompatible}")
+            self._openings = self._link.openings
             self._number = self.hello.heartbeat_next
             self._update_from_status(self._request(self._configuration, frames.Status))
             self._sample = self._request(frames.Start(), frames.Sample)
@@ -136,6 +113,9 @@ class Bridge:
                 self._received_ns = now_ns  # its silence since it was opened is no reason to ask it
                 self._acknowledged_ns = now_ns
             received = self._link.receive()
+            if self._link.openings != self._openings:
+                self._configured = False
+                received = [numbered for numbered in received if type(numbered[1]) is frames.Hello]
             if received:
                 stamp_ns = self._link.stamp_ns
                 self._process(received, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
@@ -206,6 +186,8 @@ class Bridge:
 
     def _restart(self, hello: frames.Hello) -> None:
         """Configure and start a board that was reset, or cut off, while the loop runs."""
+        assert self._link is not None
+        self._openings = self._link.openings
         self.restarts += 1
         if (hello.heartbeat_next - self._number) % frames.HEARTBEAT_NUMBERS < _AHEAD:
             self._number = hello.heartbeat_next
@@ -281,6 +263,8 @@ class Bridge:
                 "was built with other frame layouts than this motord "
                 f"({hello.layout:08x}, here {frames.LAYOUT_HASH:08x}); update the older of the two"
             )
+        if self.hello is not None and hello.serial != self.hello.serial:
+            return f"has serial number {hello.serial}, the one opened has {self.hello.serial}"
         if hello.counts not in (0, self._counts):
             return (
                 f"has an encoder of {hello.counts} counts, "

@@ -13,6 +13,8 @@ from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
 class CanLink:
     """A `BridgeLink` on a CAN channel, on which it receives the board's identifier alone."""
 
+    openings = 1
+
     def __init__(self, config: BridgeCanConfig, name: str) -> None:
         """Open the channel. Raises DeviceError."""
         self.stamp_ns = 0

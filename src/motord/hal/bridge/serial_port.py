@@ -25,11 +25,14 @@ _GONE = (errno.EIO, errno.ENXIO, errno.ENODEV)
 
 
 class SerialPort:
-    """An open port in raw mode. `failures` counts reads and writes that the port refused."""
+    """An open port in raw mode.
+
+    `failures` counts reads and writes that the port refused, `openings` how often it was opened.
+    """
 
     def __init__(self, path: str, baud: int, name: str) -> None:
         """Open the port; `name` is the device that error messages name. Raises DeviceError."""
-        self.failures = 0
+        self.failures = self.openings = 0
         self._torn = False
         self._look_s = 0.0  # when to look for a port that vanished
         self._serial = serial.Serial(baudrate=baud, timeout=0, exclusive=True)
@@ -45,6 +48,7 @@ class SerialPort:
         fd: int = self._serial.fileno()
         os.set_blocking(fd, False)
         termios.tcflush(fd, termios.TCIOFLUSH)
+        self.openings += 1
         return fd
 
     def read(self) -> bytes:
@@ -79,11 +83,13 @@ class SerialPort:
         """Send `data`, which ends with a zero byte; False if the port did not take all of it.
 
         A frame that was cut off is ended by a zero before the next one, so only it is lost. While
-        the port is away this looks for it now and then, which takes some system calls.
+        the port is away this looks for it now and then, which takes some system calls; `data` is
+        not sent to it, as another device may be there now.
         """
-        fd = self._fd if self._fd is not None else self._found()
+        fd = self._fd
         if fd is None:
             self.failures += 1
+            self._look()
             return False
         if self._torn:
             data = b"\0" + data
@@ -116,17 +122,16 @@ class SerialPort:
             self._serial.close()
             self._look_s = time.monotonic() + LOOK_AGAIN_S
 
-    def _found(self) -> int | None:
-        """Return the descriptor of a port that is back, None while it is away or not looked for."""
+    def _look(self) -> None:
+        """Open a port that is back, unless it was looked for a moment ago."""
         now_s = time.monotonic()
         if now_s < self._look_s:
-            return None
+            return
         self._look_s = now_s + LOOK_AGAIN_S
         try:
             self._fd = self._open()
         except (OSError, ValueError, termios.error):
             self._serial.close()
-        return self._fd
 
 
 def _reason(error: Exception) -> str:
