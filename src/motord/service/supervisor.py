@@ -65,6 +65,10 @@ class Supervisor:
     notifier: Notifier
     clock_ns: Callable[[], int] = time.monotonic_ns
 
+    def __post_init__(self) -> None:
+        links = {"channels": self.channels, "estimator": self.estimator, "tracker": self.tracker}
+        self._helpers = {name: link for name, link in links.items() if link is not None}
+
     def start(self) -> None:
         """Start the child processes; `take_down` ends them."""
         self.children.start_all(self.clock_ns())
@@ -85,14 +89,9 @@ class Supervisor:
             self.recording.take_ticks(block)
         with part("requests", now_ns):
             self.dispatcher.take(now_ns)
-        if self.channels is not None:
-            with part("channels", now_ns):
-                self.channels.step(now_ns)
-        with part("estimator", now_ns):
-            self.estimator.step(now_ns)
-        if self.tracker is not None:
-            with part("tracker", now_ns):
-                self.tracker.step(now_ns)
+        for name, link in self._helpers.items():
+            with part(name, now_ns):
+                link.step(now_ns)
         self.bench.step(block, lost, now_ns)
         for end in ended:  # by now its last ticks were taken in, trips among them
             with part("processes", now_ns):
@@ -184,11 +183,8 @@ class Supervisor:
         self.dispatcher.close(SHUTTING_DOWN)
         if self.gateway is not None:
             self.gateway.stop(self.clock_ns())
-        if self.channels is not None:
-            self.channels.stop()
-        self.estimator.stop()
-        if self.tracker is not None:
-            self.tracker.stop()
+        for link in self._helpers.values():
+            link.stop()
         self.children.stop(LOOP)
         block, _ = self.loop.read()
         self.recording.take_ticks(block)
