@@ -21,9 +21,9 @@ Made by tools/bridge_layout.py from firmware_bridge/protocol/bridge_frames.h: ch
 PROTOCOL = {protocol}
 """Version that both sides name in `HelloRequest` and `Hello`."""
 
-LAYOUTS: dict[str, tuple[int, str, tuple[str, ...]]] = {{
+LAYOUTS = {{
 {rows}}}
-"""Of each frame its type byte, the widths of its fields (as `struct` writes them), their names."""
+"""Of each frame its type byte, and the widths of its fields as `struct` writes them."""
 '''
 
 
@@ -39,14 +39,8 @@ def module_text(header: str) -> str:
     """Return the module that the header's text makes."""
     rows = ""
     for code, name in re.findall(r"FRAME\((\d+), (\w+)\)", _macro(header, "BRIDGE_FRAMES")):
-        fields = re.findall(r"FIELD\((\w+), (\w+)\)", _macro(header, f"BRIDGE_FIELDS_{name}"))
-        letters = "".join(letter for letter, _ in fields)
-        rows += f'    "{name}": (\n        0x{int(code):02X},\n        "{letters}",\n        ('
-        if len(fields) == 1:
-            rows += f'"{fields[0][1]}",'
-        elif fields:
-            rows += "\n" + "".join(f'            "{field}",\n' for _, field in fields) + " " * 8
-        rows += "),\n    ),\n"
+        letters = re.findall(r"FIELD\((\w+), \w+\)", _macro(header, f"BRIDGE_FIELDS_{name}"))
+        rows += f'    "{name}": (0x{int(code):02X}, "{"".join(letters)}"),\n'
     return _PREAMBLE.format(protocol=int(_macro(header, "BRIDGE_PROTOCOL")), rows=rows)
 
 

@@ -12,7 +12,7 @@ wraps at 32 bits.
 
 import struct
 from binascii import crc32
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from motord.wire.bridge import cobs
 from motord.wire.bridge.layout import LAYOUTS
@@ -124,28 +124,17 @@ class Heartbeat(NamedTuple):
 
 Frame = Hello | Sample | Status | HelloRequest | Configure | Start | Stop | Heartbeat
 
-_KINDS: tuple[type[Frame], ...] = (
-    Hello,
-    Sample,
-    Status,
-    HelloRequest,
-    Configure,
-    Start,
-    Stop,
-    Heartbeat,
-)
-
+_CODES: dict[int, type[Frame]] = {LAYOUTS[kind.__name__][0]: kind for kind in get_args(Frame)}
 LAYOUT_HASH = crc32(
     ";".join(
-        f"{code}:{name}:{letters}:{','.join(fields)}"
-        for name, (code, letters, fields) in LAYOUTS.items()
+        f"{code}:{kind.__name__}:{LAYOUTS[kind.__name__][1]}:{','.join(kind._fields)}"
+        for code, kind in _CODES.items()
     ).encode()
 )
 """CRC-32 of every frame's type, name, layout and fields: equal on both sides, or they differ."""
 
 _HEADER_BYTES = 3
 _CRC_BYTES = 2
-_CODES = {LAYOUTS[kind.__name__][0]: kind for kind in _KINDS}
 _STRUCTS = {code: f"<BH{LAYOUTS[kind.__name__][1]}" for code, kind in _CODES.items()}
 _ENCODERS = {kind: (code, struct.Struct(_STRUCTS[code]).pack) for code, kind in _CODES.items()}
 _DECODERS = {
