@@ -8,6 +8,7 @@ from motord.recorder.blackbox import BlackBoxRequest, checked_event
 from motord.recorder.ring_source import Mark
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
+from motord.recording.writer import RunWriter
 from motord.untrusted import parse_json
 
 TIME_MAX_NS = (1 << 63) - 1
@@ -58,22 +59,17 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
         case "event":
             event = checked_event(_timed(command))
             session.write(lambda writer: writer.event(**event))
-        case "state":
-            state = _timed(command)
-            session.write(lambda writer: writer.state(state["t_ns"], state))
         case "channel":
             reading, timeout_s = _timed(command), float(command["timeout_s"])
             name, unit = str(command["name"]), str(command["unit"])
             session.write(
                 lambda writer: writer.channel(reading["t_ns"], name, unit, timeout_s, reading)
             )
-        case "plan":
-            progress = _timed(command)
-            session.write(lambda writer: writer.plan(progress["t_ns"], progress))
-        case "operating_point":
-            point = _timed(command)
-            session.step(now_s)  # its ticks first: a file that holds the point holds them, too
-            session.write(lambda writer: writer.operating_point(point["t_ns"], point))
+        case "state" | "plan" | "operating_point" as what:
+            content, record = _timed(command), getattr(RunWriter, what)
+            if what == "operating_point":
+                session.step(now_s)  # its ticks first: a file that holds it holds them, too
+            session.write(lambda writer: record(writer, content["t_ns"], content))
         case "blackbox":
             session.boxes.request(BlackBoxRequest.from_command(command), now_s)
         case "blackbox_event":

@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
-from typing import IO, Any, Generic
+from typing import IO, Any, Generic, Literal
 
 from motord.process.one_thread import ONE_THREAD
 from motord.process.signal_handlers import blocked
@@ -16,6 +16,7 @@ from motord.recorder.ring_source import Mark
 from motord.recording.json_encoding import to_line
 
 BACKLOG_MAX_BYTES = 4 << 20
+Recorded = Literal["state", "plan", "operating_point"]
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
@@ -93,9 +94,9 @@ class RecorderLink(PipedChild[RecorderReport]):
         content = {"kind": kind, "message": message, "data": data or {}}
         self.send({"do": "event", "t_ns": t_ns, "content": content})
 
-    def state(self, t_ns: int, state: Mapping[str, object]) -> None:
-        """Record the bench's state by name."""
-        self.send({"do": "state", "t_ns": t_ns, "content": state})
+    def record(self, what: Recorded, t_ns: int, content: Mapping[str, object]) -> None:
+        """Record the bench's state by name, a plan's progress, or an operating point."""
+        self.send({"do": what, "t_ns": t_ns, "content": content})
 
     def channel(
         self, t_ns: int, name: str, unit: str, timeout_s: float, content: Mapping[str, object]
@@ -103,14 +104,6 @@ class RecorderLink(PipedChild[RecorderReport]):
         """Record a reading of a slow channel."""
         about = {"name": name, "unit": unit, "timeout_s": timeout_s}
         self.send({"do": "channel", "t_ns": t_ns, **about, "content": content})
-
-    def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
-        """Record a plan's progress."""
-        self.send({"do": "plan", "t_ns": t_ns, "content": progress})
-
-    def operating_point(self, t_ns: int, point: Mapping[str, object]) -> None:
-        """Record an operating point that was captured."""
-        self.send({"do": "operating_point", "t_ns": t_ns, "content": point})
 
     def blackbox(self, request: BlackBoxRequest) -> None:
         """Write a black box, in parallel with any recording."""

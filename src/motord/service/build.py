@@ -98,9 +98,7 @@ def build(
 
     recording = RecordingControl(
         *(config, toml, children, events, clock.now_ns, run_dir.timing),
-        calibration_id=store.current_id,
-        calibration_findings=store.accepted_findings,
-        realtime=loop.realtime,
+        about=lambda: {**store.metadata(), "realtime": loop.realtime()},
         driven=lambda: bench.setpoint.drive_Hz != 0.0,
         state=lambda now_ns: named_state(bench, now_ns),
         on_plan_unrecorded=lambda why: bench.plans.unrecorded(why),

@@ -198,8 +198,7 @@ def test_a_recording_says_what_was_accepted(service, tmp_path):
         log = EventLog(lambda: service.now_ns)
         control = RecordingControl(
             *(service.config, "", None, log, lambda: service.now_ns, tmp_path / "timing"),
-            calibration_id=service.store.current_id,
-            calibration_findings=service.store.accepted_findings,
+            about=service.store.metadata,
         )
         return control.about()
 

@@ -89,6 +89,10 @@ class CalibrationStore:
         """Return the names of the serious findings of the calibration in force."""
         return self.current.serious_names if self.current is not None else []
 
+    def metadata(self) -> dict[str, object]:
+        """Return what a recording says of the calibration in force."""
+        return {"calibration": self.current_id(), "calibration_findings": self.accepted_findings()}
+
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
         try:

@@ -43,8 +43,8 @@ NO_TICKS = np.empty(0, TICK_DTYPE)
 class RecordingControl:
     """Decides what the recorder records. No call but `close` waits for it.
 
-    The loop counts its timing in the file `timing`. `calibration_*` and `realtime` go into the
-    metadata of the next recording; `driven` says whether the external drive turns the bench;
+    The loop counts its timing in the file `timing`. What `about` returns goes into the metadata of
+    the next recording; `driven` says whether the external drive turns the bench;
     `state` is recorded whenever it changes; `on_plan_unrecorded` is called with the reason when a
     plan has to end.
     """
@@ -58,9 +58,7 @@ class RecordingControl:
         unix_ns: Callable[[], int],
         timing: Path,
         *,
-        calibration_id: Callable[[], str] = str,
-        calibration_findings: Callable[[], list[str]] = list,
-        realtime: Callable[[], dict[str, Any]] = dict,
+        about: Callable[[], dict[str, Any]] = dict,
         driven: Callable[[], bool] = bool,
         state: Callable[[int], NamedState] | None = None,
         on_plan_unrecorded: Callable[[str], None] = lambda why: None,
@@ -77,9 +75,7 @@ class RecordingControl:
         self.recorder = RecorderSession(children, events, unix_ns, config.loop.ring_s)
         self._timing = TimingLog(timing, self.recorder.event)
         self._states, self._state = StateLog(self.recorder.state), state
-        self._calibration_id, self._realtime = calibration_id, realtime
-        self._calibration_findings = calibration_findings
-        self._driven, self._on_plan_unrecorded = driven, on_plan_unrecorded
+        self._about, self._driven, self._on_plan_unrecorded = about, driven, on_plan_unrecorded
 
     def loop_down(self) -> None:
         """Begin nothing new; what remains of the loop's ticks goes into the file under way."""
@@ -162,12 +158,7 @@ class RecordingControl:
 
     def about(self) -> dict[str, Any]:
         """Return the metadata of a recording that begins now."""
-        now = {
-            "calibration": self._calibration_id(),
-            "calibration_findings": self._calibration_findings(),
-            "realtime": self._realtime(),
-        }
-        return {**self._described, **now}
+        return {**self._described, **self._about()}
 
     def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
         """Begin the recording of a plan; returns its path."""
@@ -191,7 +182,7 @@ class RecordingControl:
     def plan_point(self, point: dict[str, Any]) -> None:
         """Record an operating point."""
         if self.recorder.link is not None:
-            self.recorder.link.operating_point(int(point["t_end_ns"]), point)
+            self.recorder.link.record("operating_point", int(point["t_end_ns"]), point)
 
     def plan_progress(self, view: PlanView) -> None:
         """Record a plan's progress when it comes to another step."""
@@ -199,7 +190,7 @@ class RecordingControl:
         link = self.recorder.link if self._plan else None
         if progress != self._plan_progress and link is not None:
             self._plan_progress = progress
-            link.plan(self._unix_ns(), view.model_dump(mode="json"))
+            link.record("plan", self._unix_ns(), view.model_dump(mode="json"))
 
     def plan_over(self, view: PlanView) -> None:
         """End the recording of a plan, once; if the bench is still powered, another begins."""

@@ -157,7 +157,7 @@ class RecorderSession:
     def state(self, t_ns: int, state: Mapping[str, Any]) -> None:
         """Record the bench's state by name at `t_ns` (Unix ns), if something is recorded."""
         if self.link is not None and self.task is not None:
-            self.link.state(t_ns, state)
+            self.link.record("state", t_ns, state)
 
     def channel(self, t_ns: int, channel: ChannelConfig, content: Mapping[str, Any]) -> None:
         """Record a reading at `t_ns` (Unix ns); the newest goes into a recording that begins."""
