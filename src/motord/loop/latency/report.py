@@ -2,7 +2,7 @@
 
 from pydantic import BaseModel
 
-from motord.loop.latency.measurement import Measured, MeasuredSlices, median_of_slices_us
+from motord.loop.latency.measurement import Measured, median_of_slices_us
 from motord.shm.histogram import TimeHistogram
 from motord.shm.timing import Timing
 
@@ -63,7 +63,7 @@ class LatencyReport(Condition):
 
 def report(measured: Measured) -> LatencyReport:
     """Return the figures of a measurement."""
-    plan, clean = measured.plan, _condition(measured, clean=True)
+    plan, clean, reference = measured.plan, _condition(measured, clean=True), measured.cyclictest
     counts = {
         "clean": sum(len(kind.clean) for kind in measured.kinds),
         "stolen": sum(len(kind.stolen) for kind in measured.kinds),
@@ -71,7 +71,9 @@ def report(measured: Measured) -> LatencyReport:
     return LatencyReport(
         **clean.model_dump(),
         ratio=_ratio(clean),
-        ratio_of_medians=_ratio_of_medians(measured.loop, measured.cyclictest),
+        ratio_of_medians=ratio_of_medians(measured.loop.clean, reference.clean)
+        if reference
+        else None,
         slices=counts,
         stolen=_condition(measured, clean=False),
         rate_Hz=1e6 / plan.period_us,
@@ -103,16 +105,10 @@ def _ratio(clean: Condition) -> Ratio | None:
     )
 
 
-def _ratio_of_medians(loop: MeasuredSlices, reference: MeasuredSlices | None) -> Ratio | None:
-    if reference is None:
-        return None
-    if not loop.clean or not reference.clean:
-        return Ratio()
-    return ratio_of_medians(loop.clean, reference.clean)
-
-
 def ratio_of_medians(loop: list[Timing], reference: list[Timing]) -> Ratio:
-    """Return the ratio of the medians over slices of each slice's quantiles."""
+    """Return the ratio of the medians over slices of each slice's quantiles, if both have any."""
+    if not loop or not reference:
+        return Ratio()
     late = [[part.wake_late for part in slices] for slices in (loop, reference)]
     p50, p99 = (
         median_of_slices_us(late[0], fraction) / median_of_slices_us(late[1], fraction)
