@@ -23,6 +23,13 @@ PlanSettings = Annotated[
 Detach = Annotated[
     bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
 ]
+Check = Annotated[
+    bool,
+    typer.Option(
+        "--check/--no-check",
+        help="Check the calibration before, if the bench file asks for it (check_before_plans).",
+    ),
+]
 Notes = Annotated[str, typer.Option(help="For the recording.")]
 Serial = Annotated[
     str | None,

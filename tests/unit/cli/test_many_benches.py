@@ -71,7 +71,7 @@ def test_what_becomes_of_the_benches_is_a_line_each(monkeypatch):
     lines = []
     gone = threading.Event()
 
-    def take(line):
+    def take(answer, line, as_json):
         lines.append(line)
         if "OFF" in line and "SILENT" not in line and not gone.is_set():
             gone.set()
@@ -79,7 +79,7 @@ def test_what_becomes_of_the_benches_is_a_line_each(monkeypatch):
         if overview.GONE in line:
             raise KeyboardInterrupt  # as by Ctrl-C, however late it comes
 
-    monkeypatch.setattr(overview, "print_line", take)
+    monkeypatch.setattr(overview, "print_answer", take)
     with played("a") as (a,), router(a.listen) as (listen, _), publishing(a):
         motord("watch", "--all", "--connect", listen)
     assert overview.GONE in lines[-1]

@@ -1,6 +1,5 @@
 """`--all` of `motord status`, `watch` and `events`: a line for each bench that can be reached."""
 
-import json
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -9,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.bench import wording
-from motord.cli.connection_options import Connection
-from motord.cli.console import fail, nobody_reads, print_line, remark
+from motord.cli.connection_options import Connection, print_answer
+from motord.cli.console import fail, nobody_reads, remark
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -103,10 +102,8 @@ def events_of_all(connection: Connection, *, as_json: bool) -> None:
     """Print the events of all benches from now on, and which appear and vanish."""
 
     def show(bench: str, event: "Event") -> None:
-        if as_json:
-            print_line(json.dumps({"bench": bench, **event.model_dump(mode="json")}))
-        else:
-            print_line(f"{wording.moment(event.t_ns)} {bench} {event.kind}: {event.message}")
+        text = f"{wording.moment(event.t_ns)} {bench} {event.kind}: {event.message}"
+        print_answer({"bench": bench, **event.model_dump(mode="json")}, text, as_json)
 
     there: set[str] = set()
     with open_benches(connection, show) as benches, suppress(KeyboardInterrupt):
@@ -146,18 +143,14 @@ def _essentials(entry: "BenchEntry") -> tuple[object, ...]:
 
 
 def _print(entry: "BenchEntry", *, as_json: bool, t_ns: int | None = None) -> None:
-    if as_json:
-        print_line(json.dumps(as_object(entry)))
-    else:
-        print_line(("" if t_ns is None else f"{wording.moment(t_ns)} ") + in_one_line(entry))
+    moment = "" if t_ns is None else f"{wording.moment(t_ns)} "
+    print_answer(as_object(entry), moment + in_one_line(entry), as_json)
 
 
 def _print_presence(bench: str, what: str, *, as_json: bool) -> None:
     t_ns = time.time_ns()
-    if as_json:
-        print_line(json.dumps({"bench": bench, "t_ns": t_ns, "presence": what}))
-    else:
-        print_line(f"{wording.moment(t_ns)} {bench} {what}")
+    answer = {"bench": bench, "t_ns": t_ns, "presence": what}
+    print_answer(answer, f"{wording.moment(t_ns)} {bench} {what}", as_json)
 
 
 def as_object(entry: "BenchEntry") -> dict[str, Any]:

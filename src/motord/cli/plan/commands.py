@@ -13,7 +13,7 @@ import typer
 
 from motord.cli.bench import wording
 from motord.cli.bench.lease_session import command, in_command
-from motord.cli.common_options import AsJson, Detach, Notes, PlanSettings, Serial
+from motord.cli.common_options import AsJson, Check, Detach, Notes, PlanSettings, Serial
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, progress_bar
 from motord.cli.plan.preflight import LIMIT_S, as_dict, forecast_text, predict, warning
@@ -74,14 +74,7 @@ def start(
     detach: Detach = False,
     notes: Notes = "",
     serial: Serial = None,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check/--no-check",
-            help="Check the calibration before, if the bench file asks for it "
-            "(check_before_plans).",
-        ),
-    ] = True,
+    check: Check = True,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,

@@ -11,7 +11,7 @@ import typer
 from motord.cli.bench.lease_session import command, in_command
 from motord.cli.bench.wording import clock, duration
 from motord.cli.bench.wording import queue as in_short
-from motord.cli.common_options import AsJson, Detach, Notes, PlanSettings, Serial
+from motord.cli.common_options import AsJson, Check, Detach, Notes, PlanSettings, Serial
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group
 from motord.cli.plan.queue_progress import follow_queue
@@ -68,13 +68,7 @@ def add(
     ] = None,
     notes: Notes = "",
     serial: Serial = None,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check/--no-check",
-            help="Check the calibration before, if the bench file asks for it.",
-        ),
-    ] = True,
+    check: Check = True,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,

@@ -11,7 +11,7 @@ import typer
 
 from motord.cli.common_options import AsJson, BenchFile
 from motord.cli.connection_options import DEFAULT, Connection
-from motord.cli.console import fail, print_json, print_line, remark
+from motord.cli.console import fail, print_line, print_result, remark
 
 if TYPE_CHECKING:
     from motord.archive.archive import ArchiveReport, RecordingArchive
@@ -97,10 +97,7 @@ def archive(
             _watch(kept, delete_after_days, as_json=as_json)
             return
         report = _round(kept, delete_after_days, as_json=as_json)
-    if as_json:
-        print_json(asdict(report))
-    else:
-        print_line(_summary(report))
+    print_result(asdict(report), _summary(report), as_json)
     _remark(report)
     if report.stopped or report.conflicts:
         raise typer.Exit(1)
@@ -230,9 +227,6 @@ def _verify(destination: Path, bytes_per_s: float | None, *, as_json: bool) -> N
         else:
             same += 1
     result: dict[str, Any] = {"same": same, "differing": differing}
-    if as_json:
-        print_json(result)
-    else:
-        print_line(f"{same} as archived, {len(differing)} not")
+    print_result(result, f"{same} as archived, {len(differing)} not", as_json)
     if differing:
         raise typer.Exit(1)

@@ -1,6 +1,5 @@
 """`motord dashboard`: the live page in a browser."""
 
-import json
 import os
 from ipaddress import ip_address
 from typing import Annotated
@@ -9,8 +8,8 @@ import typer
 
 from motord.cli.bench.overview import All, open_benches
 from motord.cli.common_options import AsJson
-from motord.cli.connection_options import DEFAULT, Connection
-from motord.cli.console import fail, print_line, remark
+from motord.cli.connection_options import DEFAULT, Connection, print_answer
+from motord.cli.console import fail, remark
 from motord.cli.viewers import NICE
 from motord.cli.viewers.browser import open_page
 
@@ -50,12 +49,9 @@ def dashboard(
         tokens = server.tokens_for(client)
         with server.listen(port) as listener:
             urls = server.urls(listener, tokens)
-            if as_json:
-                addresses = {"operator": urls.operator, "viewer": urls.viewer}
-                print_line(json.dumps({"bench": client.bench, "urls": addresses}))
-            else:
-                print_line(urls.operator)
-                print_line(f"to watch only: {urls.viewer}")
+            text = f"{urls.operator}\nto watch only: {urls.viewer}"
+            print_answer({"bench": client.bench, "urls": vars(urls)}, text, as_json)
+            if not as_json:
                 remark(f"bench {client.bench}; Ctrl-C ends the page, not the bench")
             os.nice(NICE)
             if browser:
@@ -72,10 +68,8 @@ def _serve_overview(port: int, connection: Connection, *, browser: bool, as_json
         tokens = Tokens(Role.VIEWER)
         with server.listen(port) as listener:
             address = server.urls(listener, tokens).viewer
-            if as_json:
-                print_line(json.dumps({"urls": {"viewer": address}}))
-            else:
-                print_line(address)
+            print_answer({"urls": {"viewer": address}}, address, as_json)
+            if not as_json:
                 remark("all benches, to watch only; Ctrl-C ends the page, not the benches")
             for error in tuple(benches.unreachable.values()):
                 remark(f"motord: {error}")
