@@ -4,8 +4,6 @@
 class Schedule:
     """Instants `rate_Hz` times a second from `start_ns` on; `next_ns` is the one to come."""
 
-    __slots__ = ("_count", "_start_ns", "next_ns", "rate_Hz")
-
     def __init__(self, start_ns: int, rate_Hz: int) -> None:
         self.restart(start_ns, rate_Hz)
 

@@ -48,8 +48,6 @@ class Margin:
     lateness beyond that is a stall that no margin covers, and teaches nothing.
     """
 
-    __slots__ = ("_quantile_ps", "margin_ns")
-
     def __init__(self) -> None:
         self._quantile_ps = MARGIN_START_ns * 800
         self.margin_ns = MARGIN_START_ns
@@ -74,17 +72,6 @@ class DutyCycle:
     clock, after its work. `budget_exceeded`, the debt is over half the distance between share and
     limit: the loop has to give time back by skipping ticks, or the kernel will stop it.
     """
-
-    __slots__ = (
-        "_allowed_ns",
-        "_debt_max_ns",
-        "_debt_ns",
-        "_idle_per_1024",
-        "_longest_ns",
-        "_work_ns",
-        "budget_exceeded",
-        "spin_ns",
-    )
 
     def __init__(self, period_ns: int, bandwidth: Bandwidth) -> None:
         share = _SHARE_OF_LIMIT * bandwidth.share
@@ -117,8 +104,6 @@ class HybridSleep:
     Without `spin` it sleeps up to the deadline itself. `clock_ns` returns the time and `sleep_s`
     passes it.
     """
-
-    __slots__ = ("_duty", "_left_ns", "_margin", "_sleep_s", "_slept_ns", "_spin", "clock_ns")
 
     def __init__(
         self,

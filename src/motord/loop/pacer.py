@@ -20,18 +20,6 @@ class Pacer:
     (wake-up after the deadline waited for) and `flags` (LATE, AFTER_GAP) describe the tick.
     """
 
-    __slots__ = (
-        "_alarm",
-        "_deadline_ns",
-        "_half_ns",
-        "clock_ns",
-        "flags",
-        "late_ns",
-        "missed",
-        "period_ns",
-        "tick",
-    )
-
     def __init__(self, period_ns: int, alarm: HybridSleep) -> None:
         self.period_ns = period_ns
         self._half_ns = period_ns // 2

@@ -40,11 +40,6 @@ class LoopClock:
     call of `observe` came after the call before.
     """
 
-    __slots__ = (
-        *("_before_ns", "_measured_ns", "_measures_ns", "_observed"),
-        *("_observed_ns", "_offset_ns", "_shift_ns", "_system_ns", "_was_ns"),
-    )
-
     def __init__(self) -> None:
         self._system_ns = self._was_ns = Clock.measure(ATTEMPTS).offset_ns
         self._offset_ns = self._system_ns

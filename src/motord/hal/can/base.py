@@ -29,8 +29,6 @@ class BusState:
     or a restart ends the one, a frame sent the other. `passive` is the step before off.
     """
 
-    __slots__ = ("_controller_off", "_refused", "error_frames", "failures", "last", "passive")
-
     def __init__(self) -> None:
         self.error_frames = 0
         self.failures = 0

@@ -16,8 +16,6 @@ _STATUS = _SLOT["status"]
 class _Incoming:
     """One feedback message: codec, where its values go, its errors, when it last came."""
 
-    __slots__ = ("check", "codec", "fast", "slots", "t_ns")
-
     def __init__(self, codec: MessageCodec) -> None:
         self.codec = codec
         self.slots = tuple(_SLOT[slot] for slot in codec.slots)

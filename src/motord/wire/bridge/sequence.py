@@ -8,8 +8,6 @@ larger of the two counts between good frames is what went wrong there.
 class SequenceCheck:
     """Follows frames numbered modulo `modulus` (0: not numbered, only corrupt ones count)."""
 
-    __slots__ = ("_corrupt", "_errors", "_expected", "_modulus")
-
     def __init__(self, modulus: int) -> None:
         self._modulus = modulus
         self._expected = -1

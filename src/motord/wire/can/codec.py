@@ -61,11 +61,6 @@ class MessageCodec:
     the next as its DBC states it, 0 if it does not.
     """
 
-    __slots__ = (
-        *("_base", "_length", "_signals"),
-        *("checks", "cycle_s", "key", "name", "size_bytes", "slots"),
-    )
-
     def __init__(
         self,
         name: str,

@@ -17,18 +17,6 @@ FLOAT_BITS = tuple(_FLOATS)
 class SignalCodec:
     """Physical value to bits of the payload's integer and back: value = raw scale + offset."""
 
-    __slots__ = (
-        "_float",
-        "_high",
-        "_low",
-        "_mask",
-        "_offset",
-        "_scale",
-        "_shift",
-        "_sign",
-        "big_endian",
-    )
-
     def __init__(self, signal: Signal, length_bytes: int) -> None:
         """Compile `signal` of a message of `length_bytes`."""
         bits = signal.length
