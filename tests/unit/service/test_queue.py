@@ -298,16 +298,16 @@ def test_editing_needs_the_lease_and_looking_does_not(service):
 def test_a_start_that_is_refused_for_long_pauses_the_queue_and_loses_nothing(service, monkeypatch):
     monkeypatch.setattr(attempt, "REFUSED_NS", 5_000_000_000)
     token = service.acquire()
-    service.plans._unrecordable = lambda: "the disk is full"
+    service.plans.unrecordable = lambda: "the disk is full"
     add(service, token, {**GOOD, "on_failure": "skip"})
     service.ask("queue/start", token=token)
     service.run_s(4.5, token)
     assert "waits for its start" in service.bench.queue.message
-    service.plans._unrecordable = str
+    service.plans.unrecordable = str
     until(service, token, lambda: service.bench.plans.active)
     service.ask("plan/abort", token=token)
     paused(service, token)
-    service.plans._unrecordable = lambda: "the disk is full"
+    service.plans.unrecordable = lambda: "the disk is full"
     service.ask("queue/start", token=token)
     service.run_s(6.5, token)
     end = service.bench.queue

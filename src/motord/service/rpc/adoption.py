@@ -27,55 +27,49 @@ class PreparedAdoption:
     prepared: Prepared
 
 
+@dataclass
 class Adoption:
     """Installs what was tracked of the calibration in force; `tracker`: None if that is off."""
 
-    def __init__(
-        self,
-        tracker: TrackerLink | None,
-        installation: Installation,
-        store: CalibrationStore,
-        run_dir: RunDir,
-    ) -> None:
-        self._tracker = tracker
-        self._installation = installation
-        self._store = store
-        self._run_dir = run_dir
+    tracker: TrackerLink | None
+    installation: Installation
+    store: CalibrationStore
+    run_dir: RunDir
 
     def prepare(self, payload: bytes) -> tuple[rpc.WithToken, PreparedAdoption]:
         """Have the tracker write the calibration, read it; for any thread. Raises RpcError."""
         request = rpc.parse(rpc.CALIBRATION_ADOPT, payload)
         tracked = self._written(request.accept)
-        accept = self._store.accepted_findings()  # it keeps the findings of the one in force
-        source = {"path": str(self._run_dir.adopted), "accept": accept}
-        installing, prepared = self._installation.prepare(
+        accept = self.store.accepted_findings()  # it keeps the findings of the one in force
+        source = {"path": str(self.run_dir.adopted), "accept": accept}
+        installing, prepared = self.installation.prepare(
             json.dumps({"token": request.token, **source}).encode()
         )
         return installing, PreparedAdoption(tracked, prepared)
 
     def save(self, prepared: PreparedAdoption, reply: InstalledCalibration) -> InstalledCalibration:
         """Write the calibration that is now in force to disk; for any thread. Raises RpcError."""
-        return self._installation.save(prepared.prepared, reply)
+        return self.installation.save(prepared.prepared, reply)
 
     @handles(rpc.CALIBRATION_ADOPT)
     def adopt(self, request: rpc.WithToken, context: RpcContext) -> Wait[InstalledCalibration]:
         """Put it in force at zero torque, in place of that which it was made from."""
         adoption: PreparedAdoption = context.prepared
         how = f"adopted from tracking by {context.holder}"
-        return self._installation.exchange(adoption.prepared, how, instead_of=adoption.tracked)
+        return self.installation.exchange(adoption.prepared, how, instead_of=adoption.tracked)
 
     def _written(self, accept: Collection[str]) -> str:
         """Have the tracker write `RunDir.adopted`; return the id of what it tracks."""
-        if self._tracker is None:
+        if self.tracker is None:
             raise RpcError("refused", TRACKING_OFF)
-        view = self._tracker.view
+        view = self.tracker.view
         if view is None:
             raise RpcError("refused", NOT_IN_FORCE)
         departed = any(one.adoptable for one in view.departed)
         if view.quantities and not departed and NOTHING_DEPARTED not in accept:
             raise RpcError("refused", _why_not(view))
         try:
-            obstacle = self._tracker.adopt(ADOPT_S).obstacle
+            obstacle = self.tracker.adopt(ADOPT_S).obstacle
         except TimeoutError:
             raise RpcError("timeout", f"the tracker did not answer in {ADOPT_S:g} s") from None
         if obstacle:

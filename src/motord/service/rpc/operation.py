@@ -1,6 +1,7 @@
 """RPCs of manual operation: lease, enable, disable, stop, reset, set, note."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
@@ -33,6 +34,7 @@ LOOP_START_S = 30.0
 """Within this time a loop is up: it may have to compile its kernel and open devices."""
 
 
+@dataclass
 class ManualOperation:
     """What an operator does.
 
@@ -40,25 +42,22 @@ class ManualOperation:
     being recorded, "" for none.
     """
 
-    def __init__(
-        self, bench: Bench, restart_loop: Callable[[], None], recording: Callable[[], str] = str
-    ) -> None:
-        self._bench = bench
-        self._restart_loop = restart_loop
-        self._recording = recording
+    bench: Bench
+    restart_loop: Callable[[], None]
+    recording: Callable[[], str] = str
 
     @handles(rpc.NOTE)
     def note(self, request: rpc.Note, context: RpcContext) -> NoteReply:
         """Emit a remark as an event, which is published, kept and recorded."""
-        event = self._bench.events.emit("note", request.text, by=request.by)
-        return NoteReply(t_ns=event.t_ns, recording=self._recording())
+        event = self.bench.events.emit("note", request.text, by=request.by)
+        return NoteReply(t_ns=event.t_ns, recording=self.recording())
 
     @handles(rpc.LEASE_ACQUIRE)
     def acquire(self, request: rpc.LeaseAcquire, context: RpcContext) -> LeaseGrant:
         """Grant the lease."""
-        grant = self._bench.lease.acquire(request.holder, context.now_ns, force=request.force)
+        grant = self.bench.lease.acquire(request.holder, context.now_ns, force=request.force)
         taken = f", taking over from {grant.took_over_from}" if grant.took_over_from else ""
-        self._bench.events.emit(
+        self.bench.events.emit(
             "lease",
             f"{grant.holder} is in command{taken}",
             holder=grant.holder,
@@ -74,11 +73,11 @@ class ManualOperation:
     @handles(rpc.LEASE_RENEW)
     def renew(self, request: rpc.WithToken, context: RpcContext) -> LeaseTerms:
         """Renew the lease."""
-        self._bench.lease.renew(request.token, context.now_ns)
+        self.bench.lease.renew(request.token, context.now_ns)
         return self._terms()
 
     def _terms(self) -> LeaseTerms:
-        config = self._bench.config
+        config = self.bench.config
         return LeaseTerms(
             lease_s=config.zenoh.lease_s, renew_within_s=round(config.renew_within_s, 3)
         )
@@ -86,15 +85,15 @@ class ManualOperation:
     @handles(rpc.LEASE_RELEASE)
     def release(self, request: rpc.WithToken, context: RpcContext) -> RpcReply:
         """End the lease; the bench ramps down."""
-        holder = self._bench.lease.release(request.token, context.now_ns)
-        self._bench.events.emit("lease", f"{holder} gave up command", holder=holder)
-        self._bench.command_lost(f"{holder} gave up command")
+        holder = self.bench.lease.release(request.token, context.now_ns)
+        self.bench.events.emit("lease", f"{holder} gave up command", holder=holder)
+        self.bench.command_lost(f"{holder} gave up command")
         return RpcReply()
 
     @handles(rpc.ENABLE, no_queue, can_be_enabled, not_ramping_down)
     def enable(self, request: rpc.WithToken, context: RpcContext) -> Wait[StateReply]:
         """Enable at zero torque."""
-        bench = self._bench
+        bench = self.bench
         bench.events.emit("request", f"enable, from {context.holder}")
         bench.manual.drop_torque()
         bench.setpoint.request(Request.ENABLE)
@@ -109,7 +108,7 @@ class ManualOperation:
     @handles(rpc.DISABLE)
     def disable(self, request: rpc.WithToken, context: RpcContext) -> Wait[StateReply]:
         """Ramp the torque to zero, then disable; ends a plan."""
-        bench = self._bench
+        bench = self.bench
         bench.events.emit("request", f"disable, from {context.holder}")
         if bench.plans.active:
             bench.plans.abort(f"disabled by {context.holder}")
@@ -125,7 +124,7 @@ class ManualOperation:
     @handles(rpc.STOP)
     def stop(self, request: rpc.StopNow, context: RpcContext) -> Wait[StateReply]:
         """Zero current now, OFF; from anyone."""
-        by, bench = request.by or "somebody", self._bench
+        by, bench = request.by or "somebody", self.bench
         bench.events.emit("request", f"stop, from {by}")
         bench.stop(f"stopped by {by}")
         return Wait(
@@ -137,12 +136,12 @@ class ManualOperation:
     @handles(rpc.RESET, no_plan)
     def reset(self, request: rpc.WithToken, context: RpcContext) -> Wait[StateReply]:
         """Leave TRIPPED if no cause is left; start a loop that has ended."""
-        bench = self._bench
+        bench = self.bench
         bench.events.emit("request", f"reset, from {context.holder}")
         if bench.loop_fault:
             if not bench.loop_starting:
                 bench.loop_starts()
-                self._restart_loop()
+                self.restart_loop()
             return Wait(self._loop_started, LOOP_START_S, lambda: bench.loop_fault)
         if bench.state is State.TRIPPED:
             bench.setpoint.request(Request.RESET)
@@ -157,7 +156,7 @@ class ManualOperation:
         self, request: rpc.SetpointChange, context: RpcContext
     ) -> SetpointReply | Wait[SetpointReply]:
         """Change the set-point; validated as a whole before anything is enabled or set."""
-        bench = self._bench
+        bench = self.bench
         if request.enable:
             can_be_enabled(bench)
         validate_setpoint(bench, request)
@@ -169,7 +168,7 @@ class ManualOperation:
         return Wait(self._enabled_and_set, self._enable_s, self._not_enabled)
 
     def _enabled_and_set(self) -> SetpointReply | None:
-        bench = self._bench
+        bench = self.bench
         try:
             loop_up(bench)
             no_trip(bench)
@@ -184,7 +183,7 @@ class ManualOperation:
         return self._setpoint()
 
     def _loop_started(self) -> StateReply | None:
-        bench = self._bench
+        bench = self.bench
         if bench.loop_starting:
             return None
         if bench.loop_fault:
@@ -192,18 +191,18 @@ class ManualOperation:
         return self._state()
 
     def _not_enabled(self) -> str:
-        self._bench.disable()
-        return f"not enabled, still {self._bench.state.name}"
+        self.bench.disable()
+        return f"not enabled, still {self.bench.state.name}"
 
     @property
     def _enable_s(self) -> float:
-        return self._bench.config.loop.enable_timeout_s + 2 * TICKS_S
+        return self.bench.config.loop.enable_timeout_s + 2 * TICKS_S
 
     def _state(self) -> StateReply:
-        return StateReply(state=self._bench.state.name)
+        return StateReply(state=self.bench.state.name)
 
     def _setpoint(self) -> SetpointReply:
-        bench = self._bench
+        bench = self.bench
         return SetpointReply(
             state=bench.state.name,
             setpoint=AcceptedSetpoint.model_validate(bench.setpoint_view().model_dump()),

@@ -43,28 +43,22 @@ class PreparedPlan:
     file: Path | None = None
 
 
+@dataclass
 class PlanControl:
     """Starts, pauses, aborts and resumes plans; `unrecordable` says why one cannot be recorded.
 
     calibration: returns the file of the calibration in force, None while there is none.
     """
 
-    def __init__(
-        self,
-        bench: Bench,
-        resumption: Resumption,
-        unrecordable: Callable[[], str] = str,
-        calibration: Callable[[], Path | None] = lambda: None,
-    ) -> None:
-        self._bench = bench
-        self._resumption = resumption
-        self._unrecordable = unrecordable
-        self._calibration = calibration
+    bench: Bench
+    resumption: Resumption
+    unrecordable: Callable[[], str] = str
+    calibration: Callable[[], Path | None] = lambda: None
 
     @handles(rpc.PLAN_START)
     def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
-        bench, prepared = self._bench, context.prepared
+        bench, prepared = self.bench, context.prepared
         same_serial(bench, request.serial)
         estimate_s_of(bench, prepared)
         if request.dry_run:
@@ -88,14 +82,14 @@ class PlanControl:
         run_id: str = "",
     ) -> PlanView:
         """Begin a plan. Raises RpcError if bench, recorder or journal are not ready for one."""
-        bench, plan = self._bench, prepared.plan
+        bench, plan = self.bench, prepared.plan
         self._check_startable(plan)
         self._not_stopped_since(prepared)
-        if prepared.check is not None and prepared.file != self._calibration():
+        if prepared.check is not None and prepared.file != self.calibration():
             why = "not started: another calibration was installed meanwhile; ask again"
             raise RpcError("refused", why)
-        if self._resumption.interrupted:
-            raise RpcError("refused", f"not started: {self._resumption.summary()}")
+        if self.resumption.interrupted:
+            raise RpcError("refused", f"not started: {self.resumption.summary()}")
         apart = ", detached" if detached else ""
         checked = ", after a check of the calibration" if prepared.check is not None else ""
         message = f"{plan.name} started by {holder}{apart}{checked}"
@@ -108,7 +102,7 @@ class PlanControl:
 
     def _not_stopped_since(self, prepared: PreparedPlan) -> None:
         """Refuse what was asked for before the bench was stopped. Raises RpcError."""
-        if prepared.stops != self._bench.stops:
+        if prepared.stops != self.bench.stops:
             raise RpcError("refused", "not started: the bench was stopped meanwhile; ask again")
 
     def make(self, payload: bytes) -> tuple[rpc.RpcRequest, PreparedPlan]:
@@ -124,9 +118,9 @@ class PlanControl:
 
         Raises RpcError.
         """
-        stops = self._bench.stops
+        stops = self.bench.stops
         try:
-            plan = build_plan(name, self._bench.config, settings)
+            plan = build_plan(name, self.bench.config, settings)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
         _ = plan.seconds, plan.points_digest  # kept by it: of many points they take long
@@ -134,7 +128,7 @@ class PlanControl:
         if file is None:
             return PreparedPlan(plan, stops)
         try:
-            before = check_before(self._bench.config, file)
+            before = check_before(self.bench.config, file)
         except PlanError as error:
             why = f"the check of the calibration before it (`--no-check` leaves it out): {error}"
             raise RpcError("invalid", why) from None
@@ -145,11 +139,11 @@ class PlanControl:
 
         None if there is no calibration: a plan that needs one is refused for that.
         """
-        bench = self._bench
+        bench = self.bench
         asked = bench.config.calibration.check_before_plans and is_checked_before(plan)
         if not asked or not bench.calibrated:
             return None
-        file = self._calibration()
+        file = self.calibration()
         if file is None:
             raise RpcError(
                 "refused",
@@ -159,14 +153,14 @@ class PlanControl:
         return file
 
     def _check_startable(self, plan: Plan) -> None:
-        bench = self._bench
+        bench = self.bench
         can_be_enabled(bench)
         recording_closed(bench)
         not_ramping_down(bench)
         zero_torque(bench, "a plan begins with an open brake")
         if fault := bench.drive_fault if plan.needs == "drive" else bench.device_fault:
             raise RpcError("refused", f"not started: {fault}")
-        if why := self._unrecordable():
+        if why := self.unrecordable():
             raise RpcError(
                 "refused",
                 f"not started: it could not be recorded: {why}; make it possible, or allow plans "
@@ -176,14 +170,14 @@ class PlanControl:
     @handles(rpc.PLAN_PAUSE, plan_goes_on)
     def pause(self, request: rpc.WithToken, context: RpcContext) -> PlanProgress:
         """Ramp to zero and wait."""
-        self._bench.events.emit("plan", f"paused by {context.holder}")
-        self._bench.plans.pause()
+        self.bench.events.emit("plan", f"paused by {context.holder}")
+        self.bench.plans.pause()
         return self._progress()
 
     @handles(rpc.PLAN_ABORT, plan_active)
     def abort(self, request: rpc.WithToken, context: RpcContext) -> PlanProgress:
         """Ramp down, disable, end."""
-        self._bench.plans.abort(f"aborted by {context.holder}")
+        self.bench.plans.abort(f"aborted by {context.holder}")
         return self._progress()
 
     def read_remaining(self, payload: bytes) -> tuple[rpc.RpcRequest, PreparedPlan | None]:
@@ -192,17 +186,17 @@ class PlanControl:
         For a thread that may wait, before `resume`: it reads recordings. Raises RpcError.
         """
         request = rpc.parse(rpc.PLAN_RESUME, payload)
-        return request, self.prepare_rest() if self._bench.plans.concluded else None
+        return request, self.prepare_rest() if self.bench.plans.concluded else None
 
     def prepare_rest(self) -> PreparedPlan:
         """Return what remains of the plan in the journal; for a thread. Raises RpcError."""
-        stops, remaining = self._bench.stops, self._resumption.remaining()
+        stops, remaining = self.bench.stops, self.resumption.remaining()
         return PreparedPlan(remaining.plan, stops, remaining)
 
     @handles(rpc.PLAN_RESUME)
     def resume(self, request: rpc.PlanResume, context: RpcContext) -> PlanProgress:
         """Go on after a pause, or with what remains of a plan that was interrupted."""
-        bench = self._bench
+        bench = self.bench
         if not bench.plans.concluded:
             plan_goes_on(bench)
             bench.events.emit("plan", f"resumed by {context.holder}")
@@ -218,18 +212,18 @@ class PlanControl:
         """Go on with what remains of a plan, which may be nothing. Raises RpcError."""
         remaining = prepared.remaining
         assert remaining is not None
-        recording_closed(self._bench)
+        recording_closed(self.bench)
         self._not_stopped_since(prepared)
         if remaining.plan.points:
             self._start_remaining(remaining, holder, detached=detached)
         else:
-            self._resumption.complete()
-            self._bench.plans.show(self._resumption.view(), remaining.mesh)
+            self.resumption.complete()
+            self.bench.plans.show(self.resumption.view(), remaining.mesh)
 
     def _start_remaining(self, remaining: RemainingPlan, holder: str, *, detached: bool) -> None:
         self._check_startable(remaining.plan)
-        plan_devices(self._bench, remaining.plan)
-        note, bench = remaining.log.plan, self._bench
+        plan_devices(self.bench, remaining.plan)
+        note, bench = remaining.log.plan, self.bench
         bench.events.emit(
             "plan",
             f"{note.name} resumed by {holder}: {remaining.taken} of {note.points} points are taken",
@@ -244,14 +238,14 @@ class PlanControl:
     @handles(rpc.PLAN_DISCARD, no_plan, recording_closed, no_queue)
     def discard(self, request: rpc.WithToken, context: RpcContext) -> PlanName:
         """Forget a plan that was interrupted."""
-        name = self._resumption.discard()
+        name = self.resumption.discard()
         message = f"{name} discarded by {context.holder}: it cannot be resumed any more"
-        self._bench.events.emit("plan", message)
-        self._bench.plans.show(None, None)
+        self.bench.events.emit("plan", message)
+        self.bench.plans.show(None, None)
         return PlanName(plan=name)
 
     def _progress(self) -> PlanProgress:
-        view = self._bench.plans.view
+        view = self.bench.plans.view
         assert view is not None
         return PlanProgress.model_validate(view.model_dump(mode="json"))
 

@@ -1,6 +1,7 @@
 """RPCs of the queue of plans, and how it begins plans as operators do."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from motord.api import queue_requests as rpc
 from motord.api.errors import RpcError
@@ -49,16 +50,14 @@ class QueuedPlanControl:
         return begin
 
 
+@dataclass
 class QueueOperation:
     """What clients ask of the queue."""
 
-    def __init__(
-        self, bench: Bench, plans: PlanControl, resumption: Resumption, runner: QueueRunner
-    ) -> None:
-        self._bench = bench
-        self._plans = plans
-        self._resumption = resumption
-        self._runner = runner
+    bench: Bench
+    plans: PlanControl
+    resumption: Resumption
+    runner: QueueRunner
 
     def prepare_add(self, payload: bytes) -> tuple[RpcRequest, list[PreparedPlan]]:
         """Return a request to add plans with each of them, within all limits; for a thread.
@@ -68,7 +67,7 @@ class QueueOperation:
         request, prepared = parse(rpc.QUEUE_ADD, payload), []
         for n, plan in enumerate(request.plans, 1):
             try:
-                prepared.append(self._plans.prepare(plan.name, plan.settings, check=plan.check))
+                prepared.append(self.plans.prepare(plan.name, plan.settings, check=plan.check))
             except RpcError as error:
                 raise _of_plan(n, plan, error) from None
         return request, prepared
@@ -79,31 +78,31 @@ class QueueOperation:
         estimates = []
         for n, (plan, prepared) in enumerate(zip(request.plans, context.prepared, strict=True), 1):
             try:
-                same_serial(self._bench, plan.serial or "")
-                estimates.append((plan, estimate_s_of(self._bench, prepared)))
+                same_serial(self.bench, plan.serial or "")
+                estimates.append((plan, estimate_s_of(self.bench, prepared)))
                 self._check_channels(plan)
             except RpcError as error:
                 raise _of_plan(n, plan, error) from None
-        queue = self._runner.queue.added(estimates, context.holder)
+        queue = self.runner.queue.added(estimates, context.holder)
         added = [item.id for item in queue.items[-len(estimates) :]]
         return self._changed(queue, f"{_numbers(added)} added", context, added)
 
     @handles(rpc.QUEUE_MOVE)
     def move(self, request: rpc.QueueMove, context: RpcContext) -> Wait[rpc.QueueContent]:
         """Give an item another place."""
-        queue = self._runner.queue.moved(request.id, request.position)
+        queue = self.runner.queue.moved(request.id, request.position)
         return self._changed(queue, f"{request.id} moved to place {request.position}", context)
 
     @handles(rpc.QUEUE_REMOVE)
     def remove(self, request: rpc.QueueRemove, context: RpcContext) -> Wait[rpc.QueueContent]:
         """Take items out."""
-        queue = self._runner.queue.without(request.ids)
+        queue = self.runner.queue.without(request.ids)
         return self._changed(queue, f"{_numbers(request.ids)} removed", context)
 
     @handles(rpc.QUEUE_START, loop_up, no_trip)
     def start(self, request: rpc.QueueStart, context: RpcContext) -> rpc.QueueContent:
         """Run the plans, or go on after a pause."""
-        bench, runner = self._bench, self._runner
+        bench, runner = self.bench, self.runner
         first = runner.queue.first
         if first is None:
             raise RpcError("refused", "the queue is empty; motord queue add")
@@ -114,20 +113,20 @@ class QueueOperation:
             if bench.state is State.ENABLED:
                 raise RpcError("refused", "disable the bench first: the queue may have to wait")
             bench.manual.rest()
-        if self._resumption.interrupted and bench.plans.concluded:
-            run = self._resumption.view()
+        if self.resumption.interrupted and bench.plans.concluded:
+            run = self.resumption.view()
             if run is not None and run.run_id != first.run_id:
-                raise RpcError("refused", f"not started: {self._resumption.summary()}")
+                raise RpcError("refused", f"not started: {self.resumption.summary()}")
         runner.start(context.holder, detached=request.detach)
         return self._all()
 
     @handles(rpc.QUEUE_PAUSE)
     def pause(self, request: rpc.QueuePause, context: RpcContext) -> rpc.QueueContent:
         """Begin no further plan; with `now`, pause the one under way, too."""
-        runner, why = self._runner, f"by {context.holder}"
+        runner, why = self.runner, f"by {context.holder}"
         if request.now:
-            if self._bench.plans.active and runner.queue.running is not None:
-                self._bench.plans.pause()
+            if self.bench.plans.active and runner.queue.running is not None:
+                self.bench.plans.pause()
             runner.pause(why)
         else:
             runner.pause_after_plan(why)
@@ -140,14 +139,14 @@ class QueueOperation:
 
     def _check_channels(self, plan: QueuedPlan) -> None:
         for wait in plan.wait:
-            if wait.channel is not None and self._runner.value_of(wait.channel) is None:
+            if wait.channel is not None and self.runner.value_of(wait.channel) is None:
                 raise RpcError("invalid", valueless(wait.channel))
 
     def _changed(
         self, queue: PlanQueue, what: str, context: RpcContext, added: Sequence[int] = ()
     ) -> Wait[rpc.QueueContent]:
         """Change the queue; the reply comes once the disk has it. What cannot be added is not."""
-        runner = self._runner
+        runner = self.runner
         runner.change(queue)
         runner.show()
         self._emit(what, context)
@@ -168,13 +167,13 @@ class QueueOperation:
         return Wait(written, DISK_S, lambda: f"{what}, but not on the disk in {DISK_S:g} s")
 
     def _all(self, added: Sequence[int] = ()) -> rpc.QueueContent:
-        queue = self._runner.queue
+        queue = self.runner.queue
         return rpc.QueueContent(
-            queue=self._bench.queue, items=[*queue.items], history=[*queue.history], added=[*added]
+            queue=self.bench.queue, items=[*queue.items], history=[*queue.history], added=[*added]
         )
 
     def _emit(self, what: str, context: RpcContext) -> None:
-        self._bench.events.emit("queue", f"{what} by {context.holder}")
+        self.bench.events.emit("queue", f"{what} by {context.holder}")
 
 
 def _of_plan(number: int, plan: QueuedPlan, error: RpcError) -> RpcError:
