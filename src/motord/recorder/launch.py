@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
-from typing import IO, Any, Generic, Literal
+from typing import IO, Generic, Literal
 
 from motord.process.one_thread import ONE_THREAD
 from motord.process.signal_handlers import blocked
@@ -16,7 +16,7 @@ from motord.recorder.ring_source import Mark
 from motord.recording.json_encoding import to_line
 
 BACKLOG_MAX_BYTES = 4 << 20
-Recorded = Literal["state", "plan", "operating_point"]
+Recorded = Literal["event", "state", "plan", "operating_point", "blackbox_event"]
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
@@ -87,15 +87,11 @@ class RecorderLink(PipedChild[RecorderReport]):
         """End the recording."""
         self.send({"do": "stop", "reason": reason})
 
-    def event(
-        self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
-    ) -> None:
-        """Record an event; `t_ns` is Unix ns."""
-        content = {"kind": kind, "message": message, "data": data or {}}
-        self.send({"do": "event", "t_ns": t_ns, "content": content})
-
     def record(self, what: Recorded, t_ns: int, content: Mapping[str, object]) -> None:
-        """Record the bench's state by name, a plan's progress, or an operating point."""
+        """Record the content of a message at `t_ns` (Unix ns).
+
+        Of a "blackbox_event" in the boxes that are being filled.
+        """
         self.send({"do": what, "t_ns": t_ns, "content": content})
 
     def channel(
@@ -108,10 +104,6 @@ class RecorderLink(PipedChild[RecorderReport]):
     def blackbox(self, request: BlackBoxRequest) -> None:
         """Write a black box, in parallel with any recording."""
         self.send({"do": "blackbox", **vars(request)})
-
-    def blackbox_event(self, event: Mapping[str, Any]) -> None:
-        """Add an event (`t_ns`, `kind`, `message`, `data`) to the boxes that are being filled."""
-        self.send({"do": "blackbox_event", "t_ns": event["t_ns"], "content": event})
 
 
 def _content(task: RecordingTask) -> dict[str, object]:

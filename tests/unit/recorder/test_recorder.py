@@ -250,12 +250,12 @@ def test_a_recorder_that_does_not_read_is_no_reason_to_wait(monkeypatch):
     process = spawn_piped([sys.executable, "-c", never_reads])
     link = RecorderLink(process)
     for i in range(400):
-        link.event(i, "kind", "x" * 1000)
+        link.record("event", i, {"kind": "kind", "message": "x" * 1000})
     assert link.commands.dropped > 50
     process.kill()
     process.wait()
     assert link.reports(0) == []
-    link.event(0, "kind", "the pipe is broken")
+    link.record("event", 0, {"kind": "kind", "message": "the pipe is broken"})
     link.close()
 
 
@@ -329,7 +329,7 @@ def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
     supervisor.until(lambda r: r.recording)
     supervisor.loop(1000)
     supervisor.until(lambda r: r.ticks == 1000)
-    supervisor.link.event(1, "state", "ENABLED", {"a": 1})
+    supervisor.link.record("event", 1, {"kind": "state", "message": "ENABLED", "data": {"a": 1}})
     supervisor.link.record("plan", 2, {"plan": "calibrate"})
     supervisor.link.record("operating_point", 3, point_of(tick_block(5)))
     supervisor.link.stop("plan done")

@@ -95,7 +95,7 @@ def test_a_recorder_that_has_died_has_a_successor_that_closes_it(tmp_path):
     closing.recorder.report = NO_REPORT
     late_s = closing.limit_s
     assert closing.at(late_s) is None
-    closing.recorder._pid = 2
+    closing.recorder.pid = 2
     assert closing.at(late_s, recording=False) is None
     assert closing.at(late_s + 1.0) is None
     assert closing.at(late_s + 2.0, recording=False, closed=[closing.stem]) == ""
@@ -105,7 +105,7 @@ def test_a_successor_that_does_not_close_it_either_is_waited_for_as_long(tmp_pat
     closing = Closing(tmp_path).ended()
     closing.recorder.report = NO_REPORT
     assert closing.at(closing.limit_s) is None
-    closing.recorder._pid = 2
+    closing.recorder.pid = 2
     assert closing.at(closing.limit_s, recording=True, file=closing.file) is None
     assert closing.at(2 * closing.limit_s) is None
     assert "does the disk answer?" in closing.at(2 * closing.limit_s + 0.1)

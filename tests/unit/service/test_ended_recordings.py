@@ -100,7 +100,7 @@ def test_what_was_confirmed_stays_so_when_the_recorder_dies(tmp_path):
 def test_why_it_could_not_be_finished_is_said(tmp_path):
     closing = Closing(tmp_path).ended()
     closing.recorder.report = session.NO_REPORT
-    closing.recorder._pid = 2
+    closing.recorder.pid = 2
     assert closing.at(1.0, recording=False, error=FULL) is None
     late_s = closing.limit_s + 1.1
     assert closing.at(late_s) == f"not closed within {closing.limit_s:g} s: {FULL}"

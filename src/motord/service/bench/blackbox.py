@@ -71,7 +71,7 @@ class BlackBoxTrigger:
         for wanted in boxes:
             wanted.events.append(content)
         if self._link is not None:
-            self._link.blackbox_event(content)
+            self._link.record("blackbox_event", event.t_ns, content)
 
     def recorder(self, link: RecorderLink | None) -> None:
         """Ask a new recorder for the boxes that the one before has not written."""

@@ -53,7 +53,8 @@ class RecorderSession:
         self._children = children
         self._events = events
         self._unix_ns = unix_ns
-        self._pid: int | None = None
+        self.pid: int | None = None
+        """Number of the recorder's process, None if there is none."""
         self._dropped = 0
         self._unsent: deque[Event] = deque(maxlen=EVENTS_MAX)
         self._leftovers: Mapping[str, str] = {}
@@ -74,11 +75,6 @@ class RecorderSession:
         self.on_report: Callable[[RecorderReport], None] = lambda report: None
 
     @property
-    def pid(self) -> int | None:
-        """Number of the recorder's process, None if there is none."""
-        return self._pid
-
-    @property
     def up(self) -> bool:
         """True once the recorder has reported."""
         return self.link is not None and self.report is not NO_REPORT
@@ -95,9 +91,9 @@ class RecorderSession:
         """Link to a recorder that was started anew."""
         process = self._children.process(RECORDER)
         pid = process.pid if process is not None else None
-        if pid == self._pid:
+        if pid == self.pid:
             return
-        self._pid = pid
+        self.pid = pid
         if self.link is not None:
             self.link.close()
         self.link, self.report = None, NO_REPORT
@@ -152,7 +148,7 @@ class RecorderSession:
         if self.link is None or self.task is None:
             self._unsent.append(event)
         else:
-            self.link.event(event.t_ns, event.kind, event.message, event.data)
+            self.link.record("event", event.t_ns, dict(event))
 
     def state(self, t_ns: int, state: Mapping[str, Any]) -> None:
         """Record the bench's state by name at `t_ns` (Unix ns), if something is recorded."""
@@ -239,7 +235,7 @@ class RecorderSession:
         while self._unsent:
             event = self._unsent.popleft()
             if event.t_ns >= since_ns:
-                link.event(event.t_ns, event.kind, event.message, event.data)
+                link.record("event", event.t_ns, dict(event))
 
     def _send_reading(
         self, link: RecorderLink, t_ns: int, channel: ChannelConfig, content: Mapping[str, Any]
