@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from motord.importing.csv.dialect import Dialect, split_line, without_blank_end
+from motord.importing.csv.dialect import Dialect, number, split_line, without_blank_end
 from motord.importing.problems import Problems
 from motord.importing.source import MISSING_NS, WantedColumn
 
@@ -83,21 +83,11 @@ class CellReader:
             return _dates_ns(cells)
         if wanted.as_time:
             return np.array([_whole(cell) for cell in cells], np.int64)
-        try:
-            return np.array(list(map(float, cells)), float)
-        except ValueError:
-            return np.array([_number(cell) for cell in cells], float)
+        return np.array([number(cell, ".") for cell in cells], float)  # None is nan
 
 
 def _fits(row: list[str], cells: int) -> bool:
     return len(row) == cells or (len(row) > cells and len(without_blank_end(row)) <= cells)
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
 
 
 def _whole(cell: str) -> int:
