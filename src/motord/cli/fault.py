@@ -50,12 +50,7 @@ def kinds(as_json: AsJson = False) -> None:
 
     result, lines = {}, []
     for name, kind in KINDS.items():
-        result[name] = {
-            "meaning": kind.meaning,
-            "for_s": kind.for_s,
-            "parameters": kind.parameters,
-            "places": sorted(kind.places),
-        }
+        result[name] = {**vars(kind), "places": sorted(kind.places)}
         parameters = " ".join(f"{key}={value}" for key, value in kind.parameters.items())
         lines.append(f"{name:18} {kind.meaning}" + (f" [{parameters}]" if parameters else ""))
     print_result(result, "\n".join(lines), as_json)

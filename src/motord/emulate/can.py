@@ -70,21 +70,19 @@ class EmulatedBus:
 
 
 class CanPort:
-    """The drive's end of the bus. Commands with a wrong CRC or a repeated counter are ignored."""
+    """The drive's end of the bus. Commands with a wrong CRC or a repeated counter are ignored.
+
+    `check` counts the commands that were lost, corrupt or repeated.
+    """
 
     def __init__(self, config: CanConfig, codec: InverterCodec) -> None:
         """Open the bus. Raises EmulatorError."""
         self.faults = Disturbance()
         self._was_off = False
         self._codec = codec
-        self._check = SequenceCheck(codec.command.checks.counter_modulus)
+        self.check = SequenceCheck(codec.command.checks.counter_modulus)
         self._outgoing = {m.name: _Outgoing(m, config.fd) for m in codec.feedback}
         self.bus = EmulatedBus(config, self.faults)
-
-    @property
-    def command_errors(self) -> int:
-        """Return the commands lost, corrupt or repeated so far."""
-        return self._check.errors
 
     def receive(self) -> Iterator[tuple[int, CurrentCommand]]:
         """Yield the commands since the last call, each with its time of arrival (Unix ns)."""
@@ -96,9 +94,9 @@ class CanPort:
     def _decode(self, payload: bytes) -> CurrentCommand | None:
         decoded = self._codec.decode_command(payload)
         if decoded is None:
-            self._check.corrupt()
+            self.check.corrupt()
             return None
-        if not self._check.accept(self._codec.command.counter(payload)):
+        if not self.check.accept(self._codec.command.counter(payload)):
             return None
         (i_a_A, i_b_A, i_c_A), enable = decoded
         return CurrentCommand((i_a_A, i_b_A, i_c_A), enable)

@@ -163,7 +163,7 @@ class Emulator:
             "torque_mean_Nm": self._log.mean_torque_Nm,
             "ticks_on": self._log.on_rows,
             "command_timeouts": bench.inverter.timeouts,
-            "command_errors": self._can.command_errors,
+            "command_errors": self._can.check.errors,
             "can_send_errors": self._can.bus.refused,
             "heartbeat_drops": bench.board.heartbeat_drops,
             "link_errors": bench.board.errors,

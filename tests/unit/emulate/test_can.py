@@ -45,7 +45,7 @@ def test_commands_come_with_their_time(ends):
     times_ns = [t for t, _ in received]
     assert times_ns == sorted(times_ns)
     assert list(port.receive()) == []
-    assert port.command_errors == 0
+    assert port.check.errors == 0
 
 
 def test_corrupt_repeated_and_foreign_frames_are_not_commands(ends):
@@ -56,7 +56,7 @@ def test_corrupt_repeated_and_foreign_frames_are_not_commands(ends):
     host.send(can.Message(arbitration_id=0x77, is_extended_id=False, data=bytes(8)))
     host.send(command(2, is_extended_id=True))
     assert len(list(port.receive())) == 1
-    assert port.command_errors == 2
+    assert port.check.errors == 2
 
 
 def test_feedback_is_numbered_and_can_be_read(ends):
@@ -160,7 +160,7 @@ def test_faults_on_the_way_to_the_drive(ends):
     port.faults.active, port.faults.corrupt = True, 1.0
     host.send(command(1))
     assert list(port.receive()) == []
-    assert port.command_errors == 1
+    assert port.check.errors == 1
     port.faults.clear()
     host.send(command(2))
     assert len(list(port.receive())) == 1
