@@ -6,7 +6,7 @@ from pathlib import Path
 
 from motord.experiments.plans import build
 from motord.experiments.profile.command import estimate
-from motord.experiments.profile.plots import over_time
+from motord.experiments.profile.report import over_time
 from motord.experiments.subject import Recordings
 from motord.report.plots.mesh import rms_error
 from motord.report.style import drawing

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from motord.experiments.subject import Recordings
 from motord.experiments.thermal.command import estimate
-from motord.experiments.thermal.plots import temperatures
+from motord.experiments.thermal.report import temperatures
 from motord.report.style import PAPER
 
 FILE = Path(__file__).resolve().parent.parent / "docs/images/thermal.png"

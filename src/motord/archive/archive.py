@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from motord.archive import manifest as manifests
-from motord.archive.error import ArchiveError, ConflictError, PausedError
 from motord.archive.manifest import SUFFIX, ArchiveManifest
-from motord.archive.pace import Pace
+from motord.archive.pace import ArchiveError, ConflictError, Pace, PausedError
 from motord.archive.selection import FOLDERS, Selection
 from motord.archive.verified_copy import copy_verified, naming, partial_of, sha256_of
 from motord.atomic_write import sync_folder

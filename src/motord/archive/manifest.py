@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from motord.archive.error import ConflictError
+from motord.archive.pace import ConflictError
 from motord.atomic_write import write_whole
 from motord.recording.damage import utc
 from motord.untrusted import parse_json

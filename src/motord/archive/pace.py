@@ -1,9 +1,20 @@
-"""How fast it is copied, and whether to go on: asked before each chunk."""
+"""How fast it is copied, and whether to go on: asked before each chunk; the package's errors."""
 
 import time
 from collections.abc import Callable
 
-from motord.archive.error import PausedError
+
+class ArchiveError(Exception):
+    """Nothing more can be archived for now; the message says why and what to do."""
+
+
+class ConflictError(ArchiveError):
+    """One recording that cannot be archived: there is another file of its name, or it changes."""
+
+
+class PausedError(ArchiveError):
+    """The bench is needed; what is copied so far stays, and the next run goes on from there."""
+
 
 CHUNK_MAX = 1 << 20
 CHUNK_MIN = 1 << 12

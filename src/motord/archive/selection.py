@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from motord.archive.error import ArchiveError
+from motord.archive.pace import ArchiveError
 from motord.recording.file_names import PART
 from motord.recording.mcap.mcap_file import try_lock
 from motord.recording.mcap.records import MAGIC

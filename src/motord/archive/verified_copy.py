@@ -13,8 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from motord.archive.error import ArchiveError, ConflictError
-from motord.archive.pace import Pace
+from motord.archive.pace import ArchiveError, ConflictError, Pace
 from motord.atomic_write import sync_folder
 from motord.recording.mcap.mcap_file import try_lock
 

@@ -67,7 +67,7 @@ def print_result(result: Any, text: str, as_json: bool) -> None:
 
 EXPLAINED = frozenset(
     {
-        "motord.archive.error.ArchiveError",
+        "motord.archive.pace.ArchiveError",
         "motord.batch.error.BatchError",
         "motord.calibration.file.CalibrationError",
         "motord.cli.motor_test.testing.MotorTestError",

@@ -1,16 +1,18 @@
-"""Recordings of which something is missing: what an analysis says of that."""
+"""What an analysis says of recordings that are damaged, and of points that it leaves out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from motord.experiments.subject import AnalysisError
-from motord.findings import listed
+from motord.findings import Finding, listed
 from motord.identification import IdentifyError
+from motord.identification.operating_points import GOOD, good_points
 from motord.recording.reader import Run
 
 if TYPE_CHECKING:
     from motord.report.html import Page
+
 
 LINES_MAX = 6
 """Losses of a recording that a page lists."""
@@ -59,3 +61,33 @@ def naming_damage(runs: Sequence[Run]) -> Iterator[None]:
 
 def _bytes_lost(runs: Sequence[Run]) -> int:
     return sum(run.damage.bytes_lost for run in runs if run.damage)
+
+
+def points_left_out(runs: Iterable[Run], others: Iterable[str] = ()) -> tuple[Finding, ...]:
+    """Return a finding if points were recorded of which no take is of good quality.
+
+    others: points that are left out besides, or in part, each with the reason in brackets.
+    """
+    reasons = [*(sentence for run in runs for sentence in _poor(run)), *others]
+    if not reasons:
+        return ()
+    return (
+        Finding(
+            "points-left-out", len(reasons), 0, "points", "warning",
+            f"left out for the reason in brackets: {listed(reasons, 5)}",
+            "take these points again; of counts out of range, look for a loose wire first",
+        ),
+    )  # fmt: skip
+
+
+def _poor(run: Run) -> Iterator[str]:
+    recorded = run.operating_points()
+    used = {(point["index"], point.get("compensate", 0)) for point in good_points(recorded)}
+    latest = {
+        (point["index"], point.get("compensate", 0)): point
+        for point in recorded
+        if point.get("quality", GOOD) != GOOD
+    }
+    for key, point in latest.items():
+        if key not in used:
+            yield f"{point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz ({point['quality']})"

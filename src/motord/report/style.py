@@ -1,6 +1,6 @@
 """How the pictures look: colours by meaning, light and dark, and matplotlib's settings.
 
-Pictures are drawn in the light colours; `svg.inline` turns each into a CSS variable, so that a
+Pictures are drawn in the light colours; `html.inline` turns each into a CSS variable, so that a
 page shows them light, dark or on paper. Every light colour is used for one meaning only.
 """
 

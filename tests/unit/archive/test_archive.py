@@ -8,8 +8,7 @@ import pytest
 
 from motord.archive import manifest as manifests
 from motord.archive.archive import DAY_NS, RecordingArchive, verify
-from motord.archive.error import ConflictError, PausedError
-from motord.archive.pace import CHUNK_MAX, CHUNK_MIN, Pace
+from motord.archive.pace import CHUNK_MAX, CHUNK_MIN, ConflictError, Pace, PausedError
 from motord.archive.selection import select
 from motord.archive.verified_copy import copy_verified, partial_of
 from motord.client.roster import BenchRoster

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motord.calibration.export import FORMATS, DriveFrame, exported, torque_per_ampere
-from motord.calibration.export.not_taken import gain_ripple, offset_ripple_Nm
+from motord.calibration.export.residual import gain_ripple, offset_ripple_Nm
 from motord.config import BackEmfHarmonic, MotorConfig
 from tests.unit.calibration_export.cases import CONSTANT, COUNTS, NM_PER_A, calibration
 

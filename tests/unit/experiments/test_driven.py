@@ -22,11 +22,11 @@ from motord.experiments.cogging import estimate as cogging
 from motord.experiments.cogging.at_speed import REQUIRED
 from motord.experiments.cogging.findings import findings as cogging_findings
 from motord.experiments.cogging.result import MeasuredCogging
-from motord.experiments.driven_recordings import driven_points
+from motord.experiments.driven_rotor import driven_points
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
-from motord.identification.left_out import LeftOut
+from motord.identification.rotor.driven_rotor import LeftOut
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter

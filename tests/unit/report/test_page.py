@@ -7,9 +7,8 @@ import matplotlib as mpl
 import pytest
 
 from motord.findings import Finding, Severity
-from motord.report.html import Page
+from motord.report.html import Page, inline
 from motord.report.style import PALETTE, drawing, figure
-from motord.report.svg import inline
 from tests.unit.report.made_up import curve, estimate, page
 
 

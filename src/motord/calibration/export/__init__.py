@@ -1,15 +1,13 @@
 """The compensation of a calibration as drives store it: `motord calibration export`."""
 
-from motord.calibration.export.beckhoff import BECKHOFF
 from motord.calibration.export.drive_frame import DriveFrame as DriveFrame
+from motord.calibration.export.drive_frame import TorqueConstant as TorqueConstant
+from motord.calibration.export.drive_frame import torque_per_ampere as torque_per_ampere
+from motord.calibration.export.drives import BECKHOFF, MOTEUS, ODRIVE
 from motord.calibration.export.exported import DriveFormat
 from motord.calibration.export.exported import Exported as Exported
 from motord.calibration.export.exported import exported as exported
-from motord.calibration.export.moteus import MOTEUS
-from motord.calibration.export.odrive import ODRIVE
 from motord.calibration.export.text_tables import C_HEADER, CSV
-from motord.calibration.export.torque_constant import TorqueConstant as TorqueConstant
-from motord.calibration.export.torque_constant import torque_per_ampere as torque_per_ampere
 
 FORMATS: dict[str, DriveFormat] = {
     one.name: one for one in (MOTEUS, ODRIVE, CSV, C_HEADER, BECKHOFF)

@@ -7,11 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from motord.calibration.export.drive_frame import DriveFrame
+from motord.calibration.export.drive_frame import DriveFrame, TorqueConstant
 from motord.calibration.export.layouts import DriveLayout, Stored, StoredTable, TableLayout
-from motord.calibration.export.not_taken import not_taken
-from motord.calibration.export.residual import ResidualRipple, residual_Nm
-from motord.calibration.export.torque_constant import TorqueConstant
+from motord.calibration.export.residual import ResidualRipple, not_taken, residual_Nm
 from motord.calibration.file import Calibration, CalibrationError
 
 Quantity = Literal["torque", "current"]

@@ -8,7 +8,7 @@ import numpy as np
 from motord.config import SEQUENCE
 from motord.experiments.back_emf.between_speeds import distinct_speeds
 from motord.experiments.back_emf.result import MeasuredBackEmf
-from motord.experiments.driven_findings import left_out_finding
+from motord.experiments.driven_rotor import left_out_finding
 from motord.experiments.signal_findings import signal_findings
 from motord.findings import Finding
 from motord.identification.cluster_robust_ls import FEWEST_TURNS

@@ -22,7 +22,7 @@ from motord.experiments.check_calibration.result import (
     Change,
 )
 from motord.experiments.check_calibration.shift import ParameterShift, parameter_shift
-from motord.experiments.points_left_out import points_left_out
+from motord.experiments.damaged_recordings import points_left_out
 from motord.experiments.subject import Recordings, Subject, check_applied
 from motord.identification.operating_points import PointData
 from motord.intervals import t_quantile

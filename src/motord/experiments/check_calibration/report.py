@@ -1,9 +1,14 @@
-"""The page of a check: the verdict, and what changed with its interval and its limit."""
+"""The page of a check: the verdict, and what changed with its interval, in parts of its limit."""
 
-from motord.experiments.check_calibration.plots import changes
-from motord.experiments.check_calibration.result import CalibrationCheck
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from motord.experiments.check_calibration.result import CalibrationCheck, Change
 from motord.experiments.subject import Recordings
 from motord.report.html import Page
+from motord.report.style import AFTER, BEFORE, SOFT, figure
 
 
 def report(found: CalibrationCheck, recordings: Recordings) -> Page:
@@ -32,3 +37,29 @@ def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     )
     page.table((), recordings.facts)
     return page
+
+
+ROW_IN = 0.24
+"""Height of a row of the picture."""
+
+
+def changes(found: Sequence[Change]) -> Figure:
+    """Return the changes, one a row; those that are drift in another colour."""
+    with figure(1.0 + ROW_IN * len(found)) as picture:
+        axes = picture.subplots()
+        for kind, colour in ((False, AFTER), (True, BEFORE)):
+            rows = [(n, one) for n, one in enumerate(found) if one.drifted == kind]
+            axes.errorbar(
+                [one.value / one.limit for _, one in rows],
+                [n for n, _ in rows],
+                xerr=[one.half_width / one.limit for _, one in rows],
+                fmt="o", color=colour, markersize=5, capsize=3, elinewidth=1.4,
+            )  # fmt: skip
+        for limit in (-1.0, 1.0):
+            axes.axvline(limit, color=SOFT, linewidth=1.0, linestyle=(0, (4, 3)))
+        axes.axvline(0.0, color=SOFT, linewidth=0.8)
+        axes.set_yticks(np.arange(len(found)), [one.name for one in found])
+        axes.set_ylim(len(found) - 0.4, -0.6)
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("change in parts of its limit")
+        return picture

@@ -3,6 +3,10 @@
 What the calibration's model, with the sensed currents, leaves of the torque of each operating point
 is taken to lines at the orders of the turn, and fitted by the model's columns, made of the
 commanded currents: instruments, without the noise of the sensed ones.
+
+In a star the phase currents add up to nothing (Kirchhoff's law), which shows the ratios of the
+gains from the currents alone, more sharply than the torque does; a calibration of a star has them
+from it. Errors are those of leaving out one turn after the other (jackknife).
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,6 +18,7 @@ from motord.calibration import Calibration
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.lack_of_fit.effects import model_columns, point_models
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import alpha_of_law
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     DELAY,
@@ -21,7 +26,6 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     Regression,
 )
 from motord.experiments.calibration.estimate.turn_products import accumulate
-from motord.experiments.check_calibration.law_shift import LawShift, law_shift
 from motord.experiments.check_calibration.line_fit import LineFit
 from motord.experiments.signal_findings import signal_findings
 from motord.identification import IdentifyError
@@ -35,6 +39,39 @@ from motord.identification.orders import (
 from motord.identification.torque_sensor import without_highpass
 from motord.identification.variance_components import VarianceComponents
 from motord.identification.zero_sequence import is_missing, restored
+
+GAIN_ACCURACY = 5e-4
+"""Part by which a gain may differ between calibration and check without having drifted: warmer, at
+another current (half of a rectangular distribution)."""
+
+
+@dataclass(frozen=True)
+class LawShift:
+    """change (3,): of the logarithms of the gains, less their mean; with its errors."""
+
+    change: np.ndarray
+    errors: VarianceComponents
+
+    def along(self, contrast: np.ndarray) -> tuple[float, float, float]:
+        """Return a contrast (3,) of the changes, its standard error and degrees of freedom."""
+        return float(contrast @ self.change), *self.errors.along(contrast)
+
+
+def law_shift(regression: Regression, gain: np.ndarray) -> LawShift:
+    """Return the change from gains (3,) by all turns of a regression that has the law."""
+    laws = regression.sums(gain).law()
+    count, total = len(laws), laws.sum(axis=0)
+    without = np.log([alpha_of_law(total - one) for one in laws])
+    apart = without - without.mean(axis=0)
+    jackknife = (count - 1) / count * apart.T @ apart
+    doubt = np.full((1, 1), 2 / (count - 1))
+    scatter = VarianceComponents(jackknife[None], np.ones(1), doubt, ("turns",))
+    return LawShift(
+        change=np.log(alpha_of_law(total)) - np.log(gain) + np.log(gain).mean(),
+        errors=scatter
+        + VarianceComponents.known(GAIN_ACCURACY**2 / 3 * np.eye(3), "gain accuracy"),
+    )
+
 
 MIN_TURNS = 2
 """Whole turns that each operating point needs."""

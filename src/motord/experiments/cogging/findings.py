@@ -7,7 +7,7 @@ import numpy as np
 
 from motord.experiments.cogging.at_speed import STANDS_OUT, SpeedCogging
 from motord.experiments.cogging.result import MeasuredCogging
-from motord.experiments.driven_findings import left_out_finding
+from motord.experiments.driven_rotor import left_out_finding
 from motord.experiments.signal_findings import beyond_rated
 from motord.findings import Finding
 from motord.identification.rotor.driven_rotor import JERKY

@@ -8,7 +8,7 @@ import numpy as np
 from motord.experiments.cogging.at_speed import SpeedCogging
 from motord.experiments.cogging.plots import averaged, errors, spectra, with_calibration
 from motord.experiments.cogging.result import Comparison, MeanHarmonic, MeasuredCogging, SpeedResult
-from motord.experiments.driven_findings import left_out_lines
+from motord.experiments.driven_rotor import left_out_lines
 from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
 from motord.report.html import Page

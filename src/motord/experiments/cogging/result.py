@@ -11,8 +11,8 @@ from motord.experiments.cogging.directions import DirectionDifference
 from motord.experiments.cogging.eccentricity import Eccentricity
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
-from motord.identification.left_out import LeftOut
 from motord.identification.orders import periods_per_slot_pitch
+from motord.identification.rotor.driven_rotor import LeftOut
 from motord.intervals import coverage_factor
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from motord.calibration import Calibration, TorqueSpeed
 from motord.config.devices import InverterConfig
-from motord.experiments.asynchronous_findings import asynchronous_line
 from motord.experiments.ilc.estimate import (
     Learning,
     PassResidual,
@@ -23,6 +22,7 @@ from motord.experiments.ilc.estimate import (
 from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
 from motord.experiments.ilc.seen import SeenRipple, seen_points
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
+from motord.experiments.ripple_findings import asynchronous_line
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied
 from motord.findings import Finding, listed

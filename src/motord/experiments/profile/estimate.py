@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from motord.calibration import Calibration
-from motord.experiments.points_left_out import points_left_out
+from motord.experiments.damaged_recordings import points_left_out
 from motord.experiments.profile.findings import CycleSignals, findings
 from motord.experiments.profile.result import (
     Cycle,

@@ -8,7 +8,7 @@ import typer
 
 from motord.calibration import RmsErrors, RmsPoint, by_magnitude, load
 from motord.experiments.analysis import Analysis, json_of
-from motord.experiments.points_left_out import points_left_out
+from motord.experiments.damaged_recordings import points_left_out
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
 from motord.experiments.ripple_findings import findings
 from motord.experiments.subject import AnalysisError, Recordings

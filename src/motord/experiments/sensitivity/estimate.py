@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.asynchronous_findings import asynchronous_line
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.ripple_findings import asynchronous_line
 from motord.experiments.sensitivity.applied import NEEDED, Applied, AppliedCompensation
 from motord.experiments.sensitivity.curves import ERRORS, RippleModel, limits, single
 from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitivity, Theory

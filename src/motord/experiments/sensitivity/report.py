@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from motord.experiments.sensitivity.plots import SYMBOL, traces
-from motord.experiments.sensitivity.plots_volume import limit, slices
+from motord.experiments.sensitivity.plots import SYMBOL, limit, slices, traces
 from motord.experiments.sensitivity.result import Again, Sensitivity, Theory
 from motord.experiments.subject import Recordings
 from motord.report.html import Page

@@ -21,7 +21,25 @@ from motord.config import (
 from motord.config.reading import validate
 from motord.rig.truth.inverter import MAX_SLOPE, InverterTruth
 from motord.rig.truth.swing import SwingTruth
-from motord.rig.truth.thermal import ThermalTruth
+
+
+class ThermalTruth(Section):
+    """Winding, magnets and housing, each of one temperature; copper loss heats the winding.
+
+    The copper's resistance is that of `[motor]` at the temperature of the room, and rises by
+    resistance_per_K of it; so does the back-EMF by back_emf_per_K with the magnets' temperature.
+    """
+
+    winding_J_per_K: Positive = 150.0
+    magnet_J_per_K: Positive = 400.0
+    housing_J_per_K: Positive = 1500.0
+    winding_housing_K_per_W: Positive = 0.25
+    winding_magnet_K_per_W: Positive = 3.0
+    magnet_housing_K_per_W: Positive = 1.5
+    housing_ambient_K_per_W: Positive = 0.4
+    resistance_per_K: NonNegative = 0.00393
+    back_emf_per_K: Annotated[float, Field(ge=-0.01, le=0.01)] = 0.0
+
 
 MAX_ORDERS = 32
 """Distinct orders per turn that back-EMF and cogging together may have."""

@@ -12,7 +12,7 @@ import pytest
 from motord.config import TorqueSensorConfig, load
 from motord.experiments.cogging.estimate import measure
 from motord.experiments.cogging.result import MeasuredCogging
-from motord.experiments.driven_findings import left_out_lines
+from motord.experiments.driven_rotor import left_out_lines
 from motord.identification.operating_points import PointData
 from tests.campaigns.jerky import STIFF, errors
 from tests.support.jerky_rotor import Jerky

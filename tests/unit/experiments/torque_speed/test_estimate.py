@@ -7,10 +7,10 @@ import pytest
 
 from motord.config import AccuracyConfig, TorqueSensorConfig
 from motord.experiments.subject import Subject
-from motord.experiments.torque_speed.bus_voltage import bus_voltage
 from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
 from motord.experiments.torque_speed.findings import ACCURACIES, findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
+from motord.experiments.torque_speed.recordings import bus_voltage
 from motord.experiments.torque_speed.result import OperatingPower
 from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.experiments.torque_speed.uncertainty import (
