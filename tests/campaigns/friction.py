@@ -51,9 +51,9 @@ def trial(rotor: Rotor, coasts: list[CoastDown]) -> tuple[bool, bool, float]:
     """Return whether the intervals hold Coulomb and viscous friction, and the former's error."""
     (one,) = friction(coasts).directions
     return (
-        one.coulomb_low_Nm < rotor.coulomb_Nm < one.coulomb_high_Nm,
-        one.viscous_low_Nm_s_per_rad < rotor.viscous_Nm_s_per_rad < one.viscous_high_Nm_s_per_rad,
-        (one.coulomb_Nm - rotor.coulomb_Nm) / one.coulomb_fit_Nm,
+        one.coulomb_Nm.low < rotor.coulomb_Nm < one.coulomb_Nm.high,
+        one.viscous_Nm_s_per_rad.low < rotor.viscous_Nm_s_per_rad < one.viscous_Nm_s_per_rad.high,
+        (one.coulomb_Nm.value - rotor.coulomb_Nm) / one.coulomb_fit_Nm,
     )
 
 

@@ -1,6 +1,6 @@
 """What was recorded: the bench, its motor and its torque sensor."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -161,6 +161,12 @@ def check_plan(run: Run, *needed: str, hint: str = "") -> None:
         raise AnalysisError(
             f"{run.path}: {of_plan}; needed: {' or '.join(needed)}{'' if name else hint}"
         )
+
+
+def require_columns(run: Run, names: Iterable[str]) -> None:
+    """Raise AnalysisError if a run has not all of the columns."""
+    if missing := [name for name in names if name not in run.columns]:
+        raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
 
 
 def check_applied(run: Run, calibration_id: str) -> None:

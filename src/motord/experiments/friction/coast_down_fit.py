@@ -123,10 +123,10 @@ class CoastDownFit:
         from one to the next is no white noise, and other columns would seem to explain it.
         """
         n = self.values.size
-        ratio = self._residual_squares() / self._residual_squares(more)
+        ratio = self.residual_squares() / self.residual_squares(more)
         return float(n * np.log(ratio) - 2 * np.log(n))
 
-    def _residual_squares(self, more: np.ndarray | None = None) -> float:
+    def residual_squares(self, more: np.ndarray | None = None) -> float:
         """Return the residual sum of squares with own friction, and with more columns (n, m)."""
         columns = self.columns if more is None else np.hstack([self.columns, more])
         own, more = columns[:, :OWN], columns[:, OWN:]
@@ -154,7 +154,7 @@ class CoastDownFit:
 
         def misfit(at_rad_s: float) -> float:
             columns = self.and_stribeck(speeds_rad_s, at_rad_s, 0.0)
-            return self._residual_squares(columns[:, self.columns.shape[1] :])
+            return self.residual_squares(columns[:, self.columns.shape[1] :])
 
         best = int(np.argmin([misfit(float(at)) for at in tried]))
         bounds = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]

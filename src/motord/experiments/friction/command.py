@@ -1,25 +1,85 @@
 """`motord analyse friction`: friction torque over speed from coast-downs of the free rotor."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from math import pi, sqrt
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
+import numpy as np
 import typer
+from pydantic import BaseModel, Field, ValidationError
 
+from motord.config import MotorConfig, NonNegative, Positive
 from motord.experiments.analysis import Analysis, json_of
+from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.estimate import measure
-from motord.experiments.friction.recordings import coast_downs, inertia_of
-from motord.experiments.friction.result import Friction
+from motord.experiments.friction.result import Friction, Inertia
 from motord.experiments.friction.settings import NAME, FrictionConfig
-from motord.experiments.subject import Recordings, check_plan, plan_settings
+from motord.experiments.subject import (
+    AnalysisError,
+    Recordings,
+    captured_ticks,
+    check_plan,
+    plan_settings,
+    require_columns,
+)
+from motord.identification.operating_points import good_points
+from motord.recording.reader import Run
 from motord.report.text import TextTable
+from motord.untrusted import read_bytes
+
+COLUMNS = ("t_ns", "encoder_count", "torque_set_Nm")
+
+
+class _InertiaFile(BaseModel):
+    format: Literal["motord.inertia/1"] = Field(alias="schema")
+    inertia_kg_m2: Positive
+    uncertainty_kg_m2: NonNegative
+
+
+def inertia_of(file: Path | None, settings: FrictionConfig) -> Inertia:
+    """Return the inertia of a file that `analyse inertia` wrote, else of the settings.
+
+    Raises AnalysisError, OSError.
+    """
+    if file is not None:
+        return _read_inertia(file)
+    if not settings.inertia_kg_m2:
+        raise AnalysisError(
+            "friction follows from the moment of inertia, which is not known: name the result of "
+            "`motord analyse inertia -o FILE` with --inertia FILE, or set inertia_kg_m2 in "
+            "[plans.friction] and name the bench file with -c"
+        )
+    uncertainty = settings.inertia_tolerance / sqrt(3)
+    return Inertia(settings.inertia_kg_m2, uncertainty, "[plans.friction]")
+
+
+def _read_inertia(file: Path) -> Inertia:
+    try:
+        found = _InertiaFile.model_validate_json(read_bytes(file))
+    except ValidationError:
+        raise AnalysisError(f"{file}: is no result of `motord analyse inertia -o FILE`") from None
+    return Inertia(found.inertia_kg_m2, found.uncertainty_kg_m2 / found.inertia_kg_m2, file.name)
+
+
+def coast_downs(runs: Sequence[Run], motor: MotorConfig) -> Iterator[CoastDown]:
+    """Yield the coast-downs of good quality. Raises AnalysisError, IdentifyError."""
+    turn_rad = motor.encoder_direction * 2 * pi / motor.counts
+    for run in runs:
+        require_columns(run, (*COLUMNS, "plan_point"))
+        points = good_points(run.operating_points())
+        for point, ticks in zip(points, captured_ticks(run, COLUMNS), strict=True):
+            index = int(point["index"])
+            if np.any(ticks["torque_set_Nm"] != 0.0):
+                raise AnalysisError(f"{run.path}: coast-down {index + 1}: a torque was commanded")
+            angle_rad = ticks["encoder_count"].astype(float) * turn_rad
+            yield CoastDown.of(run.path.name, index, ticks["t_ns"], angle_rad, motor.counts)
 
 
 def estimate(
     recordings: Recordings,
     inertia: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Result of `motord analyse inertia`, JSON."),
+        Path | None, typer.Option(metavar="FILE", help="Result of `motord analyse inertia`, JSON.")
     ] = None,
 ) -> Friction:
     """Return the friction. Raises AnalysisError, ConfigError, IdentifyError, OSError."""

@@ -33,7 +33,7 @@ from motord.experiments.friction.result import (
 )
 from motord.experiments.friction.two_step_fit import OWN, TwoStepFit
 from motord.identification import IdentifyError
-from motord.intervals import SERIOUS_BIAS, coverage_factor, t_quantile
+from motord.intervals import SERIOUS_BIAS, IntervalEstimate, coverage_factor, t_quantile
 
 LEAST_COAST_DOWNS = 3
 """Coast-downs of a direction below which their scatter says nothing."""
@@ -95,24 +95,21 @@ class _StatedFit:
         half = lack.widened(stated, np.eye(stated.size))
         return cls(group, fit, lack, at_rad_s, quantile, stated, half)
 
-    def part(self, number: int, inertia: Inertia) -> tuple[float, float, float]:
-        """Return a coefficient as torque, half of its interval, combined standard uncertainty."""
+    def part(self, number: int, inertia: Inertia) -> IntervalEstimate:
+        """Return a coefficient as torque, with its combined standard uncertainty."""
         half, of_inertia, j = float(self.half[number]), inertia.relative_uncertainty, inertia.kg_m2
         value = float(self.fit.solution[number])
         whole = hypot(half, coverage_factor() * of_inertia * value)
         stderr = hypot(half / float(self.quantile[number]), of_inertia * value)
-        return j * value, j * whole, j * stderr
+        return _interval(j * value, j * whole, j * stderr)
 
     def stribeck(self, inertia: Inertia) -> Stribeck | None:
         """Return the Stribeck part, None if it has none."""
         if not self.at_rad_s:
             return None
-        value, half, stderr = self.part(-2, inertia)
-        of_speed = float(self.half[-1])
-        return Stribeck(
-            *_interval(value, half), *_interval(self.at_rad_s, of_speed),
-            stderr, of_speed / float(self.quantile[-1]),
-        )  # fmt: skip
+        half = float(self.half[-1])
+        speed = _interval(self.at_rad_s, half, half / float(self.quantile[-1]))
+        return Stribeck(self.part(-2, inertia), speed)
 
     def cogging(self, inertia: Inertia) -> tuple[CoggingLine, ...]:
         """Return the orders that are fitted along."""
@@ -134,18 +131,15 @@ def _direction(
         )
     at_rad_s, limit = _search_stribeck(group, speeds, low, high)
     found = _StatedFit.of(group, speeds, at_rad_s)
-    (coulomb, coulomb_half, coulomb_stderr), (viscous, viscous_half, viscous_stderr) = (
-        found.part(number, inertia) for number in (0, 1)
-    )
     stribeck = found.stribeck(inertia)
     return DirectionalFriction(
         "forwards" if coasts[0].direction > 0 else "backwards",
         len(coasts),
         low,
         high,
-        *_interval(coulomb, coulomb_half),
+        found.part(0, inertia),
         float(inertia.kg_m2 * found.half[0]),
-        *_interval(viscous, viscous_half),
+        found.part(1, inertia),
         float(inertia.kg_m2 * found.half[1]),
         stribeck=stribeck,
         stribeck_limit_Nm=None if stribeck else limit * inertia.kg_m2,
@@ -154,8 +148,6 @@ def _direction(
         residual_rad=float(np.sqrt(np.mean(found.fit.residual**2))),
         curve=_curve(found, (low, high), inertia, coasts[0].direction),
         fits=_coast_fits(group, found.fit, speeds),
-        coulomb_stderr_Nm=coulomb_stderr,
-        viscous_stderr_Nm_s_per_rad=viscous_stderr,
     )
 
 
@@ -182,8 +174,8 @@ def _quantile(fit: TwoStepFit, probability: float, contrast: np.ndarray) -> floa
     return t_quantile(probability, fit.freedom(contrast))
 
 
-def _interval(value: float, half: float) -> tuple[float, float, float]:
-    return value, value - half, value + half
+def _interval(value: float, half: float, stderr: float) -> IntervalEstimate:
+    return IntervalEstimate(value, stderr, value - half, value + half)
 
 
 def _windage(found: _StatedFit, high_rad_s: float, inertia: Inertia) -> Windage:

@@ -89,7 +89,7 @@ def _ripple(one: DirectionalFriction, inertia: Inertia) -> float:
 
 def _difference(forwards: DirectionalFriction, backwards: DirectionalFriction) -> Iterator[Finding]:
     """Yield a finding where Coulomb friction differs; the inertia is common to both."""
-    apart_Nm = forwards.coulomb_Nm - backwards.coulomb_Nm
+    apart_Nm = (forwards.coulomb_Nm.value or 0.0) - (backwards.coulomb_Nm.value or 0.0)
     limit_Nm = hypot(forwards.coulomb_fit_Nm, backwards.coulomb_fit_Nm)
     if abs(apart_Nm) > limit_Nm:
         yield Finding(

@@ -100,15 +100,12 @@ def windage_instead(
     """
     pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
     square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
-    stribeck = group.and_stribeck(speeds_rad_s, at_rad_s, scale)
-    squares = []
-    for columns in (np.column_stack([group.columns, square]), stribeck):
-        own, more = columns[:, :OWN], columns[:, OWN:]
-        common, values = partialled_out(own, more, group.values, group.first)
-        residual = values - common @ np.linalg.lstsq(common, values)[0]
-        squares.append(max(float((residual**2).sum()), 1e-300))
+    stribeck = group.and_stribeck(speeds_rad_s, at_rad_s, scale)[:, group.columns.shape[1] :]
+    by_square, by_stribeck = (
+        max(group.residual_squares(more), 1e-300) for more in (square[:, None], stribeck)
+    )
     number = group.values.size
-    return bool(number * np.log(squares[0] / squares[1]) < np.log(number))
+    return bool(number * np.log(by_square / by_stribeck) < np.log(number))
 
 
 def _of_each(

@@ -55,8 +55,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
         name=NAME,
         points=tuple(_point(index, own) for index in range(2 * own.repeats)),
         motion=partial(
-            take_points,
-            partial(coast_down, own=own, brake=config.brake, limits=config.limits),
+            take_points, partial(coast_down, own=own, brake=config.brake, limits=config.limits)
         ),
         point_s=coast_down_s,
         settings={**own.model_dump(mode="json"), "compensate": "off"},

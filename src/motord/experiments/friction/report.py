@@ -20,6 +20,14 @@ CURVE_HEADER = (
     "half of the 95 % interval (mNm)",
 )
 
+COLOURS = {"forwards": AFTER, "backwards": BEFORE}
+
+DOT_SAMPLES = 100
+"""Samples from one dot to the next."""
+
+LINE_SAMPLES = 4
+"""Samples from one point of a line to the next."""
+
 
 def report(found: Friction, recordings: Recordings) -> Page:
     """Return a page of its own."""
@@ -40,11 +48,7 @@ def report(found: Friction, recordings: Recordings) -> Page:
     )
     page.points(found.notes)
     page.subheading("Points of the curve")
-    page.table(
-        CURVE_HEADER,
-        [_curve_row(point) for point in found.curve],
-        numbers=True,
-    )
+    page.table(CURVE_HEADER, [_curve_row(point) for point in found.curve], numbers=True)
     _fill_coast_downs(page, found, recordings.subject.motor.counts)
     return page
 
@@ -75,8 +79,7 @@ def _curve_row(point: CurvePoint) -> list[str]:
     torque, low, high = (1e3 * value for value in (point.torque_Nm, point.low_Nm, point.high_Nm))
     half = max(high - torque, torque - low)
     number, _, width = plus_minus(torque, half).partition(" +- ")
-    stderr = "" if point.stderr_Nm is None else f"{1e3 * point.stderr_Nm:.2g}"
-    return [f"{point.speed_rad_s:.4g}", number, stderr, width]
+    return [f"{point.speed_rad_s:.4g}", number, f"{1e3 * point.stderr_Nm:.2g}", width]
 
 
 def _cogging_rows(found: Friction) -> list[list[str]]:
@@ -88,15 +91,6 @@ def _cogging_rows(found: Friction) -> list[list[str]]:
     return [[str(order), *(lines.get(order, "") for lines in by_direction)] for order in orders]
 
 
-COLOURS = {"forwards": AFTER, "backwards": BEFORE}
-
-DOT_SAMPLES = 100
-"""Samples from one dot to the next."""
-
-LINE_SAMPLES = 4
-"""Samples from one point of a line to the next."""
-
-
 def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
     """Return friction torque over speed with its band, the band's half and the uncertainty."""
     with figure(3.6) as picture:
@@ -106,7 +100,7 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
             speed, value, low, high, stderr = _curve(one)
             left.fill_between(speed, low, high, color=colour, alpha=0.25, linewidth=0)
             left.plot(speed, value, color=colour, label=one.direction)
-            coulomb_mNm = 1e3 * np.sign(value[0]) * one.coulomb_Nm
+            coulomb_mNm = 1e3 * np.sign(value[0]) * (one.coulomb_Nm.value or 0.0)
             left.plot(
                 [0, speed[np.argmax(np.abs(speed))]], [coulomb_mNm, coulomb_mNm],
                 color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)),

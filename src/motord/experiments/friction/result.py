@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from motord.findings import Finding
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import IntervalEstimate, coverage_factor, plus_minus
 
 Direction = Literal["forwards", "backwards"]
 
@@ -24,28 +24,28 @@ class Inertia:
 class CurvePoint:
     """Friction torque at a speed, both positive forwards, with its 95 % interval.
 
-    stderr_Nm: combined standard uncertainty, the inertia's in it; None in files from before.
+    stderr_Nm: combined standard uncertainty, the inertia's in it.
     """
 
     speed_rad_s: float
     torque_Nm: float
     low_Nm: float
     high_Nm: float
-    stderr_Nm: float | None = None
+    stderr_Nm: float
 
 
 @dataclass(frozen=True)
 class Stribeck:
     """S exp(-(speed / w_s)^2) with 95 % intervals; only where it is significant."""
 
-    torque_Nm: float
-    low_Nm: float
-    high_Nm: float
-    speed_rad_s: float
-    speed_low_rad_s: float
-    speed_high_rad_s: float
-    torque_stderr_Nm: float | None = None
-    speed_stderr_rad_s: float | None = None
+    JSON = (
+        "torque_Nm=torque.value", "low_Nm=torque.low", "high_Nm=torque.high",
+        "speed_rad_s=speed.value", "speed_low_rad_s=speed.low", "speed_high_rad_s=speed.high",
+        "torque_stderr_Nm=torque.stderr", "speed_stderr_rad_s=speed.stderr",
+    )  # fmt: skip
+
+    torque: IntervalEstimate
+    speed: IntervalEstimate
 
 
 @dataclass(frozen=True)
@@ -95,16 +95,13 @@ class DirectionalFriction:
 
     stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed.
     *_fit_*: the half width from the coast-downs alone, without the inertia's uncertainty, which
-    scales both directions alike. *_stderr_*: combined standard uncertainty. windage: what was
-    tested for lack of fit; where it is significant, all intervals and uncertainties are widened.
+    scales both directions alike. windage: what was tested for lack of fit; where it is
+    significant, all intervals and uncertainties are widened.
     """
 
     JSON = (
         "direction", "coast_downs", "speed_min_rad_s", "speed_max_rad_s",
-        "coulomb_Nm", "coulomb_stderr_Nm", "coulomb_low_Nm", "coulomb_high_Nm",
-        "viscous_Nm_s_per_rad", "viscous_stderr_Nm_s_per_rad", "viscous_low_Nm_s_per_rad",
-        "viscous_high_Nm_s_per_rad",
-        "coulomb_fit_Nm", "viscous_fit_Nm_s_per_rad",
+        "coulomb_Nm", "viscous_Nm_s_per_rad", "coulomb_fit_Nm", "viscous_fit_Nm_s_per_rad",
         "stribeck", "stribeck_limit_Nm", "cogging", "residual_rad",
     )  # fmt: skip
 
@@ -112,13 +109,9 @@ class DirectionalFriction:
     coast_downs: int
     speed_min_rad_s: float
     speed_max_rad_s: float
-    coulomb_Nm: float
-    coulomb_low_Nm: float
-    coulomb_high_Nm: float
+    coulomb_Nm: IntervalEstimate
     coulomb_fit_Nm: float
-    viscous_Nm_s_per_rad: float
-    viscous_low_Nm_s_per_rad: float
-    viscous_high_Nm_s_per_rad: float
+    viscous_Nm_s_per_rad: IntervalEstimate
     viscous_fit_Nm_s_per_rad: float
     stribeck: Stribeck | None
     stribeck_limit_Nm: float | None
@@ -127,21 +120,17 @@ class DirectionalFriction:
     residual_rad: float
     curve: tuple[CurvePoint, ...]
     fits: tuple[CoastFit, ...]
-    coulomb_stderr_Nm: float | None = None
-    viscous_stderr_Nm_s_per_rad: float | None = None
 
     @property
     def parts(self) -> dict[str, str]:
         """Value and half of the interval of each part, by its name and unit; "" for no part."""
-        coulomb, viscous = self.coulomb_Nm, self.viscous_Nm_s_per_rad
         if s := self.stribeck:
-            stribeck = _in_thousandths(s.torque_Nm, s.high_Nm)
-            speed = plus_minus(s.speed_rad_s, s.speed_high_rad_s - s.speed_rad_s)
+            stribeck, speed = _in_thousandths(s.torque), s.speed.text()
         else:
             stribeck, speed = f"not seen: at most {1e3 * (self.stribeck_limit_Nm or 0.0):.2g}", ""
         return {
-            "Coulomb (mNm)": _in_thousandths(coulomb, self.coulomb_high_Nm),
-            "viscous (mNm s/rad)": _in_thousandths(viscous, self.viscous_high_Nm_s_per_rad),
+            "Coulomb (mNm)": _in_thousandths(self.coulomb_Nm),
+            "viscous (mNm s/rad)": _in_thousandths(self.viscous_Nm_s_per_rad),
             "Stribeck (mNm)": stribeck,
             "Stribeck speed (rad/s)": speed,
             "speeds seen (rad/s)": f"{self.speed_min_rad_s:.3g} to {self.speed_max_rad_s:.3g}",
@@ -150,7 +139,8 @@ class DirectionalFriction:
         }
 
 
-def _in_thousandths(value: float, high: float) -> str:
+def _in_thousandths(found: IntervalEstimate) -> str:
+    value, high = found.value or 0.0, found.high or 0.0
     return plus_minus(1e3 * value, 1e3 * (high - value))
 
 

@@ -82,11 +82,12 @@ def test_friction_that_differs_is_not_taken_for_cogging_torque(rotor: Rotor) -> 
 def require_stated(one: DirectionalFriction, fit: TwoStepFit) -> None:
     """Require standard errors of the fit, and intervals by t of its degrees of freedom."""
     known = INERTIA.kg_m2 * np.sqrt(np.diag(fit.covariance)[:2])
-    stderr = np.array([one.coulomb_stderr_Nm, one.viscous_stderr_Nm_s_per_rad])
+    parts = [one.coulomb_Nm, one.viscous_Nm_s_per_rad]
+    stderr = np.array([part.stderr for part in parts])
     assert stderr == pytest.approx(known, rel=1e-6)
-    values = np.array([one.coulomb_Nm, one.viscous_Nm_s_per_rad])
-    low = np.array([one.coulomb_low_Nm, one.viscous_low_Nm_s_per_rad])
-    high = np.array([one.coulomb_high_Nm, one.viscous_high_Nm_s_per_rad])
+    values = np.array([part.value for part in parts])
+    low = np.array([part.low for part in parts])
+    high = np.array([part.high for part in parts])
     contrasts = np.eye(fit.solution.size)[:2]
     quantiles = [t_quantile(0.975, fit.freedom(contrast)) for contrast in contrasts]
     assert (values - low) / stderr == pytest.approx(quantiles, rel=1e-6)

@@ -22,8 +22,8 @@ def holds(low: float, value: float, high: float) -> bool:
 
 
 def both_hold(one: DirectionalFriction, rotor: Rotor) -> bool:
-    return holds(one.coulomb_low_Nm, rotor.coulomb_Nm, one.coulomb_high_Nm) and holds(
-        one.viscous_low_Nm_s_per_rad, rotor.viscous_Nm_s_per_rad, one.viscous_high_Nm_s_per_rad
+    return holds(one.coulomb_Nm.low, rotor.coulomb_Nm, one.coulomb_Nm.high) and holds(
+        one.viscous_Nm_s_per_rad.low, rotor.viscous_Nm_s_per_rad, one.viscous_Nm_s_per_rad.high
     )
 
 
@@ -42,8 +42,8 @@ def test_cogging_and_friction_are_separated(direction: int, longest_step: int) -
     coasts = coast_downs(rng, rotor, 8, direction=direction, longest_step=longest_step)
     (one,) = friction(coasts).directions
     assert one.direction == ("forwards" if direction > 0 else "backwards")
-    assert one.coulomb_Nm == pytest.approx(rotor.coulomb_Nm, rel=0.02)
-    assert one.viscous_Nm_s_per_rad == pytest.approx(rotor.viscous_Nm_s_per_rad, rel=0.02)
+    assert one.coulomb_Nm.value == pytest.approx(rotor.coulomb_Nm, rel=0.02)
+    assert one.viscous_Nm_s_per_rad.value == pytest.approx(rotor.viscous_Nm_s_per_rad, rel=0.02)
     lines = {line.order: line.amplitude_Nm for line in one.cogging}
     assert lines[16] == pytest.approx(np.hypot(0.05, 0.02), rel=0.05)
     assert lines[48] == pytest.approx(np.hypot(0.1, 0.2), rel=0.05)
@@ -63,8 +63,8 @@ def test_a_stribeck_part_is_found_with_its_speed() -> None:
     (one,) = found.directions
     assert one.stribeck is not None
     assert one.stribeck_limit_Nm is None
-    assert one.stribeck.torque_Nm == pytest.approx(0.02, rel=0.01)
-    assert one.stribeck.speed_rad_s == pytest.approx(2.0, rel=0.01)
+    assert one.stribeck.torque.value == pytest.approx(0.02, rel=0.01)
+    assert one.stribeck.speed.value == pytest.approx(2.0, rel=0.01)
     assert both_hold(one, STRIBECK)
     for point in one.curve:
         w = point.speed_rad_s
@@ -101,7 +101,7 @@ def test_windage_is_named_and_the_intervals_hold_the_truth() -> None:
     assert named.severity == "serious"
     top_Nm = 4e-5 * one.speed_max_rad_s**2
     assert one.windage.torque_Nm == pytest.approx(top_Nm, abs=2 * one.windage.half_Nm)
-    assert abs(one.coulomb_Nm - rotor.coulomb_Nm) > 1e-3
+    assert abs(one.coulomb_Nm.value - rotor.coulomb_Nm) > 1e-3
     assert f"{1e3 * one.windage.coulomb_change_Nm:+.3g} mNm" in named.meaning
     assert both_hold(one, rotor)
     for point in one.curve:
@@ -186,24 +186,19 @@ def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
     coasts = coast_downs(np.random.default_rng(6), Rotor(), 8)
     exact = friction(coasts).directions[0]
     doubled = friction(coasts, Inertia(2 * INERTIA.kg_m2, 0.02, "test")).directions[0]
-    assert doubled.coulomb_Nm == pytest.approx(2 * exact.coulomb_Nm)
-    half = doubled.coulomb_high_Nm - doubled.coulomb_Nm
-    expected = np.hypot(2 * exact.coulomb_fit_Nm, coverage_factor() * 0.02 * doubled.coulomb_Nm)
+    coulomb = doubled.coulomb_Nm
+    assert coulomb.value == pytest.approx(2 * exact.coulomb_Nm.value)
+    half = coulomb.high - coulomb.value
+    expected = np.hypot(2 * exact.coulomb_fit_Nm, coverage_factor() * 0.02 * coulomb.value)
     assert half == pytest.approx(expected)
-    stderr = np.hypot(2 * exact.coulomb_stderr_Nm, 0.02 * doubled.coulomb_Nm)
-    assert doubled.coulomb_stderr_Nm == pytest.approx(stderr)
+    stderr = np.hypot(2 * exact.coulomb_Nm.stderr, 0.02 * coulomb.value)
+    assert coulomb.stderr == pytest.approx(stderr)
 
 
 def test_standard_errors_have_one_degree_of_freedom_less_than_there_are_coast_downs() -> None:
     one = friction(coast_downs(np.random.default_rng(6), Rotor(), 4)).directions[0]
-    for half, stderr in (
-        (one.coulomb_high_Nm - one.coulomb_Nm, one.coulomb_stderr_Nm),
-        (
-            one.viscous_high_Nm_s_per_rad - one.viscous_Nm_s_per_rad,
-            one.viscous_stderr_Nm_s_per_rad,
-        ),
-    ):
-        assert freedom_of(half, stderr) == pytest.approx(3)
+    for part in (one.coulomb_Nm, one.viscous_Nm_s_per_rad):
+        assert freedom_of(part.high - part.value, part.stderr) == pytest.approx(3)
 
 
 def test_few_coast_downs_of_one_direction_are_findings() -> None:
