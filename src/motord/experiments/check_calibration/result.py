@@ -1,5 +1,6 @@
 """The result of a check: changes with their limits, what would have been seen, and the verdict."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -104,42 +105,34 @@ class CalibrationCheck:
 
     @property
     def _doubts(self) -> tuple[Finding, ...]:
-        return tuple(filter(None, (self._misfit, self._not_tested, self._weak)))
+        return tuple(self._speaks_against())
 
-    @property
-    def _misfit(self) -> Finding | None:
-        if self.misfit <= MISFIT_LIMIT:
-            return None
-        return Finding(
-            "torque-not-as-modelled", self.misfit, MISFIT_LIMIT, "times noise", "warning",
-            "the torque departs from the calibration's model in a way that no gain, offset or "
-            "cogging torque explains; limits are wider by it",
-            "align the encoder, check the torque sensor's settings, then calibrate again: its "
-            "findings name the departure",
-        )  # fmt: skip
-
-    @property
-    def _not_tested(self) -> Finding | None:
-        if not self.ripple_unseen:
-            return None
-        return Finding(
-            "not-tested", len(self.unseen), 0, "quantities", "warning",
-            f"these turns do not show {listed(self.unseen, 1)}",
-            "take the turns by `motord plan start check-calibration`, in both directions",
-        )  # fmt: skip
-
-    @property
-    def _weak(self) -> Finding | None:
+    def _speaks_against(self) -> Iterator[Finding]:
+        """Yield what leaves a verdict in doubt that nothing has changed."""
+        if not self.misfit <= MISFIT_LIMIT:
+            yield Finding(
+                "torque-not-as-modelled", self.misfit, MISFIT_LIMIT, "times noise", "warning",
+                "the torque departs from the calibration's model in a way that no gain, offset or "
+                "cogging torque explains; limits are wider by it",
+                "align the encoder, check the torque sensor's settings, then calibrate again: its "
+                "findings name the departure",
+            )  # fmt: skip
+        if self.ripple_unseen:
+            yield Finding(
+                "not-tested", len(self.unseen), 0, "quantities", "warning",
+                f"these turns do not show {listed(self.unseen, 1)}",
+                "take the turns by `motord plan start check-calibration`, in both directions",
+            )  # fmt: skip
         weakest = self.weakest
-        if weakest is None or weakest.ripple_percent <= self.needed_percent:
-            return None
-        return Finding(
-            "change-not-seen", weakest.ripple_percent, self.needed_percent, "% of rated", "warning",
-            f"{weakest.meaning} would have to change by {weakest.detectable:.3g} {weakest.unit} to "
-            "be found, which adds more ripple than may stay unseen",
-            "repeat the check with more turns or a larger torque; a calibration from more turns "
-            "states smaller errors",
-        )  # fmt: skip
+        if weakest is not None and not weakest.ripple_percent <= self.needed_percent:
+            yield Finding(
+                "change-not-seen", weakest.ripple_percent, self.needed_percent, "% of rated",
+                "warning",
+                f"{weakest.meaning} would have to change by {weakest.detectable:.3g} "
+                f"{weakest.unit} to be found, which adds more ripple than may stay unseen",
+                "repeat the check with more turns or a larger torque; a calibration from more "
+                "turns states smaller errors",
+            )  # fmt: skip
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -7,7 +7,7 @@ from datetime import datetime
 import numpy as np
 
 from motord.calibration import Calibration, CalibrationError, DegreesOfFreedom, Harmonic, RmsErrors
-from motord.experiments.calibration.estimate.result import cogging_table
+from motord.experiments.calibration.estimate.result import cogging_table, triple
 from motord.experiments.check_calibration.quantities import PHASES, Quantity
 from motord.experiments.check_calibration.result import Change
 from motord.experiments.tracking.stated import OF_ALL, moved_harmonic, stated
@@ -36,10 +36,7 @@ class _Phases:
 
 
 def adopted(
-    calibration: Calibration,
-    seen: Sequence[Quantity],
-    changes: Sequence[Change],
-    created: datetime,
+    calibration: Calibration, seen: Sequence[Quantity], changes: Sequence[Change], created: datetime
 ) -> Calibration:
     """Return the calibration with the tracked values that have departed or are more precise.
 
@@ -96,7 +93,7 @@ def _gains_and_offsets(
         values = np.array([found[f"offset-{phase}"] for phase in PHASES])
         beta = _adopted("offset", values + common_A, np.full(3, 1e-3 * OF_ALL), by_name)
         stderr_A = np.hypot(beta.stderr, _common_stderr_A(calibration))
-        beta = replace(beta, stderr=_triple(stderr_A))
+        beta = replace(beta, stderr=triple(stderr_A))
     return alpha, beta
 
 
@@ -161,7 +158,8 @@ def _adopted(
     """Return values (3,); scale (3,): what a unit of their changes makes of them."""
     each = [changes[f"{kind}-{phase}"] for phase in PHASES]
     stderr = scale * [one.stderr for one in each]
-    return _Phases(_triple(values), _triple(stderr), _triple([o.degrees_of_freedom for o in each]))
+    freedom = np.array([one.degrees_of_freedom for one in each])
+    return _Phases(triple(values), triple(stderr), triple(freedom))
 
 
 def _tracked(harmonic: Harmonic, changes: Mapping[str, Change]) -> Harmonic:
@@ -211,8 +209,3 @@ def _budget(
         }
     )  # fmt: skip
     return (mine, *others)
-
-
-def _triple(values: Sequence[float] | np.ndarray) -> Triple:
-    a, b, c = (float(value) for value in values)
-    return a, b, c
