@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 from motord.experiments.subject import Recordings
-from motord.experiments.torque_speed.plots import efficiency_contours
 from motord.experiments.torque_speed.recordings import efficiency_map
+from motord.experiments.torque_speed.report import efficiency_contours
 from motord.report.style import PAPER
 
 FILE = Path(__file__).resolve().parent.parent / "docs/images/efficiency-map.png"

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motord.config import Config, load, packaged
+from motord.config import AccuracyConfig, Config, load, packaged
 from motord.experiments.plans import build
-from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
+from motord.experiments.torque_speed.estimate import operating_power
 from motord.experiments.torque_speed.findings import IN_STEP
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.result import OperatingPower
@@ -32,7 +32,9 @@ COVERED = (0.90, 0.99)
 ERROR_MAX = 0.005
 """Of the efficiency, in parts, without errors of the sensors but for their noise."""
 
-EXACT = PowerAccuracy(0.0, 0.0, 0.0, 0.0)
+EXACT = AccuracyConfig(
+    torque_gain_percent=0.0, torque_zero_Nm=0.0, power_gain_percent=0.0, power_zero_W=0.0
+)
 
 
 @dataclass(frozen=True)
@@ -95,17 +97,17 @@ def true_points(config: Config, seed: int, **settings: object) -> Iterator[TrueP
 
 
 def outcome(
-    one: TruePoint, config: Config, seed: int, accuracy: PowerAccuracy, means: bool = True
+    one: TruePoint, config: Config, seed: int, accuracy: AccuracyConfig, means: bool = True
 ) -> Outcome:
     """Return what a trial with random errors within `accuracy` shows; noise is there anyway."""
     rng = np.random.default_rng(seed)
     torque_gain, torque_zero, power_gain, power_zero = rng.uniform(-1, 1, 4)
     ticks = one.point.ticks.copy()
-    ticks["torque_Nm"] *= 1 + accuracy.torque_gain * torque_gain
+    ticks["torque_Nm"] *= 1 + accuracy.torque_gain_percent / 100 * torque_gain
     ticks["torque_Nm"] += accuracy.torque_zero_Nm * torque_zero
     turns = CapturedTurns.of(replace(one.point, ticks=ticks), config.motor)
     read = one.read(rng, turns.t0_ns, 0.2, means)
-    power_W = read.power_W * (1 + accuracy.power_gain * power_gain)
+    power_W = read.power_W * (1 + accuracy.power_gain_percent / 100 * power_gain)
     power_W = (
         power_W + accuracy.power_zero_W * power_zero + 0.05 * rng.standard_normal(power_W.size)
     )
@@ -130,7 +132,7 @@ def main(trials: int = TRIALS) -> int:
     """Run all trials and print what they show; return the exit code."""
     config, seed = load(BENCH), seeds.first()
     points = list(true_points(config, seed))
-    accuracy, failed = PowerAccuracy.of(config.accuracy), False
+    accuracy, failed = config.accuracy, False
     for name, means in (("readings are means", True), ("readings are instants", False)):
         exact = [outcome(one, config, seed, EXACT, means) for one in points]
         # those that are in step with the rotor have a finding, not an interval that holds

@@ -3,6 +3,12 @@
 import time
 from collections.abc import Callable
 
+CHUNK_MAX = 1 << 20
+CHUNK_MIN = 1 << 12
+CHUNK_S = 0.1
+"""Time that a chunk takes at the limit: so soon it is stopped when the bench is needed."""
+WAIT_S = 0.05
+
 
 class ArchiveError(Exception):
     """Nothing more can be archived for now; the message says why and what to do."""
@@ -14,13 +20,6 @@ class ConflictError(ArchiveError):
 
 class PausedError(ArchiveError):
     """The bench is needed; what is copied so far stays, and the next run goes on from there."""
-
-
-CHUNK_MAX = 1 << 20
-CHUNK_MIN = 1 << 12
-CHUNK_S = 0.1
-"""Time that a chunk takes at the limit: so soon it is stopped when the bench is needed."""
-WAIT_S = 0.05
 
 
 class Pace:

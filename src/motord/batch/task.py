@@ -14,7 +14,7 @@ from motord.batch.error import BatchError
 from motord.batch.stored import settings_to_store, stored_result
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
-from motord.experiments.damaged_recordings import naming_damage
+from motord.experiments.recording_checks import naming_damage
 from motord.experiments.subject import Recordings
 from motord.process.one_thread import missing_limits
 from motord.results.parquet_file import ResultFile

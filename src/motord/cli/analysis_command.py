@@ -128,8 +128,7 @@ def _run(
     analysis: "Analysis[Any]", kind: str, options: dict[str, Any], given: dict[str, Any]
 ) -> None:
     """Estimate, write what is asked for, print, store."""
-    from motord.experiments.damaged_recordings import naming_damage
-    from motord.experiments.given_once import check_given_once
+    from motord.experiments.recording_checks import check_given_once, naming_damage
     from motord.experiments.subject import Recordings
 
     paths, config = given["runs"] or [], given["config"]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from motord.config.unit_suffixes import split_unit
-from motord.experiments.damaged_recordings import show_damage
+from motord.experiments.recording_checks import show_damage
 from motord.findings import Finding
 from motord.intervals import IntervalEstimate
 

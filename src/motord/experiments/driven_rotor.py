@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.experiments.subject import AnalysisError
+from motord.experiments.subject import AnalysisError, require_columns
 from motord.findings import Finding, listed
 from motord.identification.operating_points import CURRENTS, PointData, good_points
 from motord.identification.rotor.driven_rotor import PART, LeftOut
@@ -13,6 +13,9 @@ from motord.recording.reader import Run, bounds_of
 
 ANGLE = ("encoder_count", "angle_rad")
 """Either gives the angle of the rotor."""
+
+LEFT_OUT_SHARE = 0.1
+"""Part of the recordings that may be left out, besides parts of a turn, without a finding."""
 
 
 def driven_points(runs: Iterable[Run], names: Sequence[str]) -> Iterator[PointData]:
@@ -34,9 +37,7 @@ def driven_points(runs: Iterable[Run], names: Sequence[str]) -> Iterator[PointDa
 
 
 def _columns(run: Run, names: Sequence[str]) -> list[str]:
-    missing = [name for name in ("t_ns", *names) if name not in run.columns]
-    if missing:
-        raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
+    require_columns(run, ("t_ns", *names))
     if not set(ANGLE) & set(run.columns):
         raise AnalysisError(f"{run.path}: the recording has neither {' nor '.join(ANGLE)}")
     wanted = ("t_ns", *ANGLE, *CURRENTS, *names, "i_age_ns")
@@ -49,10 +50,6 @@ def _ticks(run: Run, columns: list[str], point: Mapping[str, Any] | None) -> np.
     if not ticks.size:
         raise AnalysisError(f"{run.path}: there are no ticks in an operating point")
     return ticks
-
-
-LEFT_OUT_SHARE = 0.1
-"""Part of the recordings that may be left out, besides parts of a turn, without a finding."""
 
 
 def left_out_finding(left_out: Sequence[LeftOut], used_s: float) -> Iterator[Finding]:

@@ -18,6 +18,15 @@ AS_LARGE = 1 - 0.5**0.5
 ALIKE = 0.01
 """Part by which frequencies, or orders, of one line differ from point to point."""
 
+COVERAGE_FACTOR = 3.0
+"""Standard errors by which ripple must have grown to be a finding."""
+
+MOST_PERCENT = 100.0
+"""RMS error, percent of rated, that no motor has."""
+
+HIDDEN_PERCENT = 0.1
+"""Half-width of an RMS error, percent of rated, from which on noise that exceeds it matters."""
+
 
 def asynchronous_line(
     ripples: Sequence[PointRipple], consequence: str = "the intervals hold that"
@@ -85,16 +94,6 @@ def _alike(values: Sequence[float]) -> bool:
 def noise_half_width_percent(one: PointRipple) -> float:
     """Return half of the 95 % interval that the RMS error has by its noise alone."""
     return coverage_factor() * (one.noise_stderr_percent or 0.0)
-
-
-COVERAGE_FACTOR = 3.0
-"""Standard errors by which ripple must have grown to be a finding."""
-
-MOST_PERCENT = 100.0
-"""RMS error, percent of rated, that no motor has."""
-
-HIDDEN_PERCENT = 0.1
-"""Half-width of an RMS error, percent of rated, from which on noise that exceeds it matters."""
 
 
 def findings(

@@ -52,6 +52,17 @@ def resolved_order(
     return min(most, int(samples_per_turn / samples_per_order), encoder)
 
 
+def resolved_cogging_order(samples_per_turn: int, counts: int) -> int:
+    """Return the highest order that a fit of the allowed orders alone resolves, 0 for none."""
+    return resolved_order(
+        samples_per_turn,
+        counts,
+        counts,
+        samples_per_order=SAMPLES_PER_COGGING_ORDER,
+        counts_per_order=COUNTS_PER_COGGING_ORDER,
+    )
+
+
 def allowed_orders(slots: int, poles: int, highest: int) -> tuple[int, ...]:
     """Return the orders up to `highest` at which slots and poles allow cogging torque, rising.
 

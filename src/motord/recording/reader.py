@@ -16,8 +16,7 @@ from motord.recording.json_encoding import misfit
 from motord.recording.mcap.chunk_decoder import SingleMessage
 from motord.recording.mcap.chunk_source import ChunkSource, Span
 from motord.recording.table import Table
-from motord.recording.topics import Topic
-from motord.recording.writer import FORMAT, METADATA, METADATA_END
+from motord.recording.topics import FORMAT, METADATA, METADATA_END, Topic
 from motord.schema import TICK, TRUTH, Record
 from motord.untrusted import parse_json
 from motord.wire.ticks.blocks import Block

@@ -12,6 +12,12 @@ from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import codec_of
 from motord.wire.ticks.proto_text import descriptor_set
 
+FORMAT = "1"
+"""Version of what the metadata records and topics mean; readers refuse one they do not know."""
+
+METADATA = "motord"
+METADATA_END = "motord.end"
+
 PROTOBUF = "protobuf"
 JSON = "json"
 JSON_SCHEMA = "jsonschema"

@@ -18,12 +18,6 @@ from motord.recording.topics import Topic
 from motord.schema import TICK, TRUTH
 from motord.wire.ticks.blocks import Block, codec_of
 
-FORMAT = "1"
-"""Version of what the metadata records and topics mean; readers refuse one they do not know."""
-
-METADATA = "motord"
-METADATA_END = "motord.end"
-
 
 class RunWriter:
     """Writes one recording, `path`; until `close` it is `path` with `.part` after it.
@@ -53,7 +47,7 @@ class RunWriter:
         self._tick_layout = MessageArray(topics.TICKS.number, codec_of(TICK))
         self._truth_layout = MessageArray(topics.TRUTHS.number, codec_of(TRUTH))
         try:
-            self.metadata(METADATA, {"format": FORMAT, **metadata})
+            self.metadata(topics.METADATA, {"format": topics.FORMAT, **metadata})
             self._declare(topics.TICKS)
         except BaseException:  # an interrupt, too
             self._file.discard()
@@ -145,7 +139,9 @@ class RunWriter:
             return
         try:
             self.flush()
-            self.metadata(METADATA_END, {"ticks": self.tick_count, **self._span, **(end or {})})
+            self.metadata(
+                topics.METADATA_END, {"ticks": self.tick_count, **self._span, **(end or {})}
+            )
             self._file.finish()
         finally:
             self._file.abandon()

@@ -33,6 +33,9 @@ from motord.sequencing.settings import chosen
 APPROACH_S = 3.0
 """How long a drive is expected to take to a speed, for the estimate."""
 
+STANDSTILL_Hz = 0.05
+"""Speed below which the rotor counts as standing."""
+
 
 def driven_point_s(driven: DrivenConfig, point: OperatingPoint) -> float:
     """Return an estimate of the time that `driven_point` takes (s)."""
@@ -110,10 +113,6 @@ def _why_not_reached(seen: Observation, driven: DrivenConfig) -> str:
     else:
         hint = "does the belt slip, is the drive's scale right?"
     return f"the rotor turned at {speed_Hz:.3g} Hz after {driven.settle_timeout_s:g} s; {hint}"
-
-
-STANDSTILL_Hz = 0.05
-"""Speed below which the rotor counts as standing."""
 
 
 def driven_plan(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:

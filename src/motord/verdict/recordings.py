@@ -6,8 +6,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-from motord.experiments.damaged_recordings import naming_damage
-from motord.experiments.given_once import check_given_once
+from motord.experiments.recording_checks import check_given_once, naming_damage
 from motord.experiments.subject import (
     AnalysisError,
     PhaseProgress,

@@ -19,14 +19,7 @@ from motord.rig.truth import RigTruth, load
 from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Flag
 from motord.virtual.drive import command_to_drive, feedback_from_drive
-from motord.virtual.faults import (
-    LATE_TICKS_MAX,
-    Player,
-    deliver,
-    deliver_command,
-    expire,
-    new_link,
-)
+from motord.virtual.faults import LATE_TICKS_MAX, Player, deliver, deliver_command, expire, new_link
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -85,10 +78,7 @@ class VirtualBench:
         self._feedback = np.zeros(1, FEEDBACK)
         self._command, self._sent = np.zeros(1, COMMAND), np.zeros(1, COMMAND)
         self._link = new_link(
-            seed,
-            config.inverter.timeout_s,
-            config.bridge.heartbeat_timeout_s,
-            config.loop.rate_Hz,
+            seed, config.inverter.timeout_s, config.bridge.heartbeat_timeout_s, config.loop.rate_Hz
         )
         self._ring, self._fresh = np.zeros(LATE_TICKS_MAX, FEEDBACK), np.zeros(1, FEEDBACK)
         self._player = None

@@ -5,7 +5,7 @@ import numpy as np
 from motord.calibration import Harmonic, TorqueSpeed
 from motord.experiments.calibration import report as calibration
 from motord.experiments.calibration.estimate.result import Estimate
-from motord.experiments.calibration.plots import Labelled
+from motord.experiments.calibration.report import Labelled
 from motord.experiments.ripple import report as ripple
 from motord.report.html import Page
 from motord.report.plots.torque import TorqueCurve

@@ -9,7 +9,7 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.schema import Request
 from motord.virtual import VirtualBench
-from motord.virtual.nominal_rig import nominal_rig
+from motord.virtual.preflight import nominal_rig
 
 CASES = [(0.7, 1, "abc"), (2.0, -1, "abc"), (0.0, 1, "acb"), (4.6, -1, "acb")]
 

@@ -11,8 +11,7 @@ from motord.config.experiments import plan_kinds
 from motord.config.motor.back_emf import BackEmfTable
 from motord.experiments.plans import build
 from motord.virtual import preflight
-from motord.virtual.nominal_rig import nominal_rig
-from motord.virtual.preflight import forecasts
+from motord.virtual.preflight import forecasts, nominal_rig
 
 REAL = Path(__file__).parents[3] / "config" / "bench.toml"
 QUICK = {"turns": 2, "settle_s": 0.2, "gain_steps": []}

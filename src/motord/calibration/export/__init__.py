@@ -3,11 +3,10 @@
 from motord.calibration.export.drive_frame import DriveFrame as DriveFrame
 from motord.calibration.export.drive_frame import TorqueConstant as TorqueConstant
 from motord.calibration.export.drive_frame import torque_per_ampere as torque_per_ampere
-from motord.calibration.export.drives import BECKHOFF, MOTEUS, ODRIVE
+from motord.calibration.export.drives import BECKHOFF, C_HEADER, CSV, MOTEUS, ODRIVE
 from motord.calibration.export.exported import DriveFormat
 from motord.calibration.export.exported import Exported as Exported
 from motord.calibration.export.exported import exported as exported
-from motord.calibration.export.text_tables import C_HEADER, CSV
 
 FORMATS: dict[str, DriveFormat] = {
     one.name: one for one in (MOTEUS, ODRIVE, CSV, C_HEADER, BECKHOFF)

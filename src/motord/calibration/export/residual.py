@@ -13,6 +13,9 @@ from motord.calibration.file import Calibration
 _TURN = np.exp(2j * pi / 3 * np.arange(3))
 """Rotation of the three phases."""
 
+ANGLES_AN_ENTRY = 32
+"""At how many angles at least an entry is compared with the calibration's table."""
+
 
 def gain_ripple(calibration: Calibration) -> float:
     """Return the RMS ripple that unequal gains make, part of the torque (order 2 pole_pairs).
@@ -51,10 +54,6 @@ def not_taken(calibration: Calibration, constant: TorqueConstant | None) -> Iter
 
 def _three(values: tuple[float, float, float]) -> str:
     return ", ".join(f"{value:.4g}" for value in values)
-
-
-ANGLES_AN_ENTRY = 32
-"""At how many angles at least an entry is compared with the calibration's table."""
 
 
 @dataclass(frozen=True)

@@ -12,17 +12,16 @@ from motord.experiments.subject import Recordings
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, INK, figure
 
+DIRECTIONS = ((1, AFTER, "forwards"), (-1, BEFORE, "backwards"))
+
+DOTS = 4000
+"""Dots of a cloud at most."""
+
 
 def report(result: Alignment, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Phase order, encoder direction and zero", recordings.subject.lead)
     page.table([], recordings.facts)
-    fill(page, result)
-    return page
-
-
-def fill(page: Page, result: Alignment) -> None:
-    """Add the alignment to a page."""
     page.heading("Encoder and phases, found by turning a current vector")
     page.table(
         ["[motor]", "found", "bench file"],
@@ -41,6 +40,11 @@ def fill(page: Page, result: Alignment) -> None:
             f"{result.agreement[0].upper()}{result.agreement[1:]}.",
         ]
     )
+    _pictures(page, result)
+    return page
+
+
+def _pictures(page: Page, result: Alignment) -> None:
     page.picture(
         followed(result.rests),
         "Where the rotor was at each stop of the current vector. It goes down where the encoder "
@@ -59,12 +63,6 @@ def fill(page: Page, result: Alignment) -> None:
         f"that the sensor measured: {100 * response.explained[0]:.0f} % of its variance. A rising "
         "line: forwards is the direction of positive torque.",
     )
-
-
-DIRECTIONS = ((1, AFTER, "forwards"), (-1, BEFORE, "backwards"))
-
-DOTS = 4000
-"""Dots of a cloud at most."""
 
 
 def followed(stops: Rests) -> Figure:

@@ -169,10 +169,7 @@ def correlated_freedom(*parts: tuple[float, float]) -> float:
 
 
 def _sum(
-    parts: Sequence[tuple[np.ndarray, float]],
-    shared: np.ndarray,
-    seen: np.ndarray,
-    freedom: float,
+    parts: Sequence[tuple[np.ndarray, float]], shared: np.ndarray, seen: np.ndarray, freedom: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the variance, and its degrees of freedom.
 

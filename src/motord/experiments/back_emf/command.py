@@ -7,9 +7,9 @@ from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.back_emf.estimate import measure
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.back_emf.voltages import VOLTAGES
-from motord.experiments.damaged_recordings import points_left_out
 from motord.experiments.driven_rotor import driven_points, left_out_lines
 from motord.experiments.magnet_temperature import referred
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
 

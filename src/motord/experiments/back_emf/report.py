@@ -12,6 +12,8 @@ from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, figure
 
 HEADER = ("order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)")
 
+PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
+
 
 def report(found: MeasuredBackEmf, recordings: Recordings) -> Page:
     """Return a page of its own."""
@@ -59,9 +61,6 @@ def rows(found: MeasuredBackEmf) -> list[list[str]]:
         for h in found.harmonics
         if h.in_table
     ]
-
-
-PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
 
 
 def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:

@@ -11,10 +11,9 @@ from motord.calibration import load
 from motord.experiments.analysis import Analysis
 from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRuns
 from motord.experiments.calibration.estimate.calibrator import Calibrator
-from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor, plus_minus, two_digits
-from motord.report.text import TextTable
+from motord.report.text import TextTable, error_table
 from motord.uncertainty_budget import QUANTITIES, Contribution, totals
 
 
@@ -25,8 +24,7 @@ def estimate(
         typer.Option(help="joint, or residual: that of Poels 2008, biased, to compare with."),
     ] = "joint",
     beside: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Calibration to compare with in the report."),
+        Path | None, typer.Option(metavar="FILE", help="Calibration to compare with in the report.")
     ] = None,
 ) -> CalibratedRuns:
     """Return the calibration. Raises AnalysisError, CalibrationError, IdentifyError."""
@@ -55,14 +53,7 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
     yield TextTable(
         "cogging torque",
         ("order", "amplitude (mNm)", "phase (rad)"),
-        [
-            (
-                str(h.order),
-                h.in_mNm(),
-                h.phase_text,
-            )
-            for h in c.tau_cog_harmonics
-        ],
+        [(str(h.order), h.in_mNm(), h.phase_text) for h in c.tau_cog_harmonics],
     )
     if c.budget:
         yield _uncertainties(c.budget)

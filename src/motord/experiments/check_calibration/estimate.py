@@ -15,14 +15,9 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.experiments.check_calibration.quantities import Quantity, quantities
-from motord.experiments.check_calibration.result import (
-    FALSE_ALARMS,
-    POWER,
-    CalibrationCheck,
-    Change,
-)
+from motord.experiments.check_calibration.result import FALSE_ALARMS, CalibrationCheck, Change
 from motord.experiments.check_calibration.shift import ParameterShift, parameter_shift
-from motord.experiments.damaged_recordings import points_left_out
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import Recordings, Subject, check_applied
 from motord.identification.operating_points import PointData
 from motord.intervals import t_quantile
@@ -48,10 +43,7 @@ def check_runs(
 
 
 def check(
-    points: Iterable[PointData],
-    subject: Subject,
-    calibration: Calibration,
-    needed_percent: float,
+    points: Iterable[PointData], subject: Subject, calibration: Calibration, needed_percent: float
 ) -> CalibrationCheck:
     """Return the test of a calibration by operating points. Raises CalibrationError, IdentifyError.
 
@@ -94,19 +86,7 @@ def _change(quantity: Quantity, found: ParameterShift, tests: int) -> Change:
     doubt = of_check**4 / freedom + quantity.stderr**4 / (quantity.degrees_of_freedom or np.inf)
     freedom = stderr**4 / max(doubt, 1e-12 * stderr**4)
     limit = t_quantile(1 - FALSE_ALARMS / 2 / tests, freedom) * stderr
-    detectable = limit + t_quantile(POWER, freedom) * stderr
-    return Change(
-        name=quantity.name,
-        meaning=quantity.meaning,
-        unit=quantity.unit,
-        value=value,
-        stderr=stderr,
-        degrees_of_freedom=freedom,
-        limit=limit,
-        detectable=detectable,
-        ripple_percent=quantity.ripple * detectable,
-        drifted=abs(value) > limit,
-    )
+    return quantity.change(value, stderr, freedom, limit)
 
 
 def without_consequences(

@@ -81,11 +81,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
         points=points,
         motion=partial(continuous_points, taking),
         point_s=taking.duration_s,
-        settings={
-            **check.model_dump(mode="json"),
-            "torque_Nm": torque_Nm,
-            "compensate": APPLIED,
-        },
+        settings={**check.model_dump(mode="json"), "torque_Nm": torque_Nm, "compensate": APPLIED},
         ends_s=max(START_S, brake_leads_s) + torque_Nm / config.limits.ramp_down_Nm_per_s,
         continuous=True,
     )

@@ -18,7 +18,9 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     BETA,
     FIRST_COGGING,
 )
+from motord.experiments.check_calibration.result import POWER, Change
 from motord.experiments.check_calibration.shift import ParameterShift
+from motord.intervals import t_quantile
 
 PHASES = "abc"
 
@@ -54,6 +56,12 @@ class Quantity:
     degrees_of_freedom: float | None
     seen: float
     ripple: float
+
+    def change(self, value: float, stderr: float, freedom: float, limit: float) -> Change:
+        """Return a change by `value`, its error known with degrees of freedom."""
+        detectable = limit + t_quantile(POWER, freedom) * stderr
+        figures = (value, stderr, freedom, limit, detectable, self.ripple * detectable)
+        return Change(self.name, self.meaning, self.unit, *figures, drifted=abs(value) > limit)
 
 
 def quantities(

@@ -10,6 +10,9 @@ from motord.experiments.subject import Recordings
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, SOFT, figure
 
+ROW_IN = 0.24
+"""Height of a row of the picture."""
+
 
 def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     """Return a page of its own."""
@@ -37,10 +40,6 @@ def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     )
     page.table((), recordings.facts)
     return page
-
-
-ROW_IN = 0.24
-"""Height of a row of the picture."""
 
 
 def changes(found: Sequence[Change]) -> Figure:

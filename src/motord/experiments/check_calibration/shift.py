@@ -31,11 +31,7 @@ from motord.experiments.signal_findings import signal_findings
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
 from motord.identification.operating_points import PointData, Samples, prepare, require_currents
-from motord.identification.orders import (
-    COUNTS_PER_COGGING_ORDER,
-    SAMPLES_PER_COGGING_ORDER,
-    resolved_order,
-)
+from motord.identification.orders import resolved_cogging_order
 from motord.identification.torque_sensor import without_highpass
 from motord.identification.variance_components import VarianceComponents
 from motord.identification.zero_sequence import is_missing, restored
@@ -43,6 +39,15 @@ from motord.identification.zero_sequence import is_missing, restored
 GAIN_ACCURACY = 5e-4
 """Part by which a gain may differ between calibration and check without having drifted: warmer, at
 another current (half of a rectangular distribution)."""
+
+MIN_TURNS = 2
+"""Whole turns that each operating point needs."""
+
+MIN_ALL_TURNS = 8
+"""Whole turns over all points that a test needs."""
+
+UNSEEN = 1e-6
+"""Part of a direction that may lie in what the turns do not show."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +76,6 @@ def law_shift(regression: Regression, gain: np.ndarray) -> LawShift:
         errors=scatter
         + VarianceComponents.known(GAIN_ACCURACY**2 / 3 * np.eye(3), "gain accuracy"),
     )
-
-
-MIN_TURNS = 2
-"""Whole turns that each operating point needs."""
-
-MIN_ALL_TURNS = 8
-"""Whole turns over all points that a test needs."""
-
-UNSEEN = 1e-6
-"""Part of a direction that may lie in what the turns do not show."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +124,8 @@ def parameter_shift(
     has_law = motor.connection == "star" and not any(map(is_missing, recorded))
     samples = [without_sensor(one, calibration, motor, sensor) for one in recorded]
     _check_turns(samples)
-    highest = _highest_cogging_order(samples, motor)
+    fewest = min(end - first for one in samples for first, end in one.turns)
+    highest = resolved_cogging_order(fewest, motor.counts)
     harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
     waves = [h.amplitude_Nm * part(h.phase_rad) for h in harmonics for part in (np.sin, np.cos)]
     gain = calibration.delta_epsilon * np.array(calibration.alpha)
@@ -196,14 +192,3 @@ def _check_turns(samples: Sequence[Samples]) -> None:
             f"{turns} whole turns in all are too few to test a calibration, at least "
             f"{MIN_ALL_TURNS} are needed; repeat the check with more turns"
         )
-
-
-def _highest_cogging_order(samples: Sequence[Samples], motor: MotorConfig) -> int:
-    """Return the highest cogging order that every point samples."""
-    return resolved_order(
-        min(end - first for one in samples for first, end in one.turns),
-        motor.counts,
-        motor.counts,
-        samples_per_order=SAMPLES_PER_COGGING_ORDER,
-        counts_per_order=COUNTS_PER_COGGING_ORDER,
-    )

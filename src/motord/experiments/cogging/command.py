@@ -12,8 +12,8 @@ from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.cogging.at_speed import REQUIRED
 from motord.experiments.cogging.estimate import compare, measure
 from motord.experiments.cogging.result import MeasuredCogging
-from motord.experiments.damaged_recordings import points_left_out
 from motord.experiments.driven_rotor import driven_points, left_out_lines
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
 from motord.report.text import TextTable

@@ -60,10 +60,7 @@ def errors(speeds: Sequence[tuple[str, np.ndarray]], span_deg: float) -> Figure:
 
 
 def with_calibration(
-    measured_Nm: np.ndarray,
-    calibrated_Nm: np.ndarray,
-    error_percent: np.ndarray,
-    span_deg: float,
+    measured_Nm: np.ndarray, calibrated_Nm: np.ndarray, error_percent: np.ndarray, span_deg: float
 ) -> Figure:
     """Return both torques and their difference (counts,) over `span_deg`."""
     with figure(3.0) as picture:

@@ -17,6 +17,12 @@ from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
 from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, figure
 
+_TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER, BEFORE])
+"""Colours from the lowest to the highest torque."""
+
+LEAST_PERCENT = 0.02
+"""Smallest error that is drawn: less cannot be separated from none."""
+
 
 def report(done: LearnPass, _: Recordings | None = None) -> Page:
     """Return the page of a pass."""
@@ -84,13 +90,6 @@ def _panels(
     points = done.calibration.rms_error_percent.points
     before = {(p.torque_Nm, p.speed_Hz): p.before for p in points if p.before is not None}
     return [("Without compensation", before), *panels] if measured and before else panels
-
-
-_TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER, BEFORE])
-"""Colours from the lowest to the highest torque."""
-
-LEAST_PERCENT = 0.02
-"""Smallest error that is drawn: less cannot be separated from none."""
 
 
 def _colours(points: Sequence[TorqueSpeed]) -> dict[float, tuple[float, float, float, float]]:

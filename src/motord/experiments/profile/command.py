@@ -39,7 +39,5 @@ def _text(found: ProfileTracking, _: Recordings) -> Iterator[str | TextTable]:
 
 
 ANALYSIS = Analysis(
-    estimate,
-    json=json_of("motord.profile/1", "name", "serial", "rated_torque_Nm"),
-    text=_text,
+    estimate, json=json_of("motord.profile/1", "name", "serial", "rated_torque_Nm"), text=_text
 )

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from motord.calibration import Calibration
-from motord.experiments.damaged_recordings import points_left_out
 from motord.experiments.profile.findings import CycleSignals, findings
 from motord.experiments.profile.result import (
     Cycle,
@@ -27,12 +26,14 @@ from motord.experiments.profile.result import (
     TrackingError,
 )
 from motord.experiments.profile.settings import NAME, ProfileConfig
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
     Subject,
     check_plan,
     recorded_settings,
+    require_columns,
 )
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
 from motord.identification.signal_condition import require_change
@@ -130,9 +131,7 @@ def _source(subject: Subject, calibration: Calibration | None) -> str:
 def _cycles(
     run: Run, subject: Subject, own: ProfileConfig, calibration: Calibration | None
 ) -> Iterator[tuple[Cycle, CycleSignals]]:
-    missing = [name for name in COLUMNS if name not in run.columns]
-    if missing:
-        raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
+    require_columns(run, COLUMNS)
     for point in good_points(run.operating_points()):
         signals, checked = _signals(run, point, subject, calibration)
         if signals.t_s.size < 2 or not np.isfinite(signals.torque_Nm).all():

@@ -9,10 +9,17 @@ from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.ripple_findings import asynchronous_line
 from motord.experiments.sensitivity.applied import NEEDED, Applied, AppliedCompensation
-from motord.experiments.sensitivity.curves import ERRORS, RippleModel, limits, single
+from motord.experiments.sensitivity.curves import (
+    ERRORS,
+    INTERVALS,
+    RippleModel,
+    limit_surface,
+    limits,
+    single,
+    volume,
+)
 from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitivity, Theory
 from motord.experiments.sensitivity.slope_fit import series
-from motord.experiments.sensitivity.volume import INTERVALS, limit_surface, volume
 from motord.experiments.signal_findings import current_scale
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
@@ -172,11 +179,7 @@ def _what_was_applied(
 
 
 def _again(
-    runs: Sequence[Run],
-    subject: Subject,
-    applied: Applied,
-    model: RippleModel,
-    torque_Nm: float,
+    runs: Sequence[Run], subject: Subject, applied: Applied, model: RippleModel, torque_Nm: float
 ) -> Again | None:
     """Calibrate from the points with gains and offsets induced; None if there are none.
 

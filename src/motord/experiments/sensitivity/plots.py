@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
 
+from motord.experiments.sensitivity.curves import Surface, Volume
 from motord.experiments.sensitivity.slope_fit import Series
-from motord.experiments.sensitivity.volume import Surface, Volume
 from motord.intervals import coverage_factor
 from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, figure
 
@@ -29,6 +29,12 @@ TITLE = {
     "cogging": "Factor of the cogging torque",
     "delta_epsilon": "Common gain",
 }
+
+NAMES = tuple(SYMBOL[what] for what in ("alpha_a", "beta_a_A", "cogging"))
+"""What the axes are called, in the order of the volume."""
+
+_SMOOTH = LinearSegmentedColormap.from_list("smooth", ["#0d4f7c", "#3f8fbe", "#d5e7f0"])
+_ROUGH = LinearSegmentedColormap.from_list("rough", ["#f6e7cf", "#ec9a62", "#b23a1e", "#6d1410"])
 
 
 def traces(items: Sequence[Series]) -> Figure:
@@ -61,13 +67,6 @@ def _draw(axes: Axes, item: Series) -> None:
         markersize=4.5, elinewidth=1.2, label="measured",
     )  # fmt: skip
     axes.set(ylim=(0.0, None), title=TITLE[item.what], xlabel=SYMBOL[item.what])
-
-
-NAMES = tuple(SYMBOL[what] for what in ("alpha_a", "beta_a_A", "cogging"))
-"""What the axes are called, in the order of the volume."""
-
-_SMOOTH = LinearSegmentedColormap.from_list("smooth", ["#0d4f7c", "#3f8fbe", "#d5e7f0"])
-_ROUGH = LinearSegmentedColormap.from_list("rough", ["#f6e7cf", "#ec9a62", "#b23a1e", "#6d1410"])
 
 
 def slices(volume: Volume, limit_percent: float) -> Figure:

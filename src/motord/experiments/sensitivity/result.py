@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.sensitivity.curves import Surface, Volume
 from motord.experiments.sensitivity.slope_fit import Series
-from motord.experiments.sensitivity.volume import Surface, Volume
 from motord.experiments.subject import Subject
 from motord.findings import Finding
 from motord.intervals import plus_minus

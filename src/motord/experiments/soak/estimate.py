@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.experiments.damaged_recordings import points_left_out
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.ripple_findings import is_hidden
 from motord.experiments.soak.point_ripples import (
     changed_behind_noise,

@@ -4,6 +4,7 @@ Standard errors by the delta method; intervals of what is positive are those of 
 uncertainty of the heat, which scales all resistances and capacities alike, is in theirs (Type B).
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import exp, hypot, sqrt
 
@@ -89,28 +90,26 @@ def _heating_constants(fit: ThermalFit) -> tuple[TimeConstant, ...]:
     return _time_constants(fit, "heat-up", fit.feedback_W_per_K)
 
 
+def _by_heat(
+    fit: ThermalFit, derived: Callable[[ThermalFit], np.ndarray]
+) -> list[tuple[IntervalEstimate, bool]]:
+    """Return what goes with the heat, and whether the data separate it from the others."""
+    doubt = fit.copper.heat_uncertainty
+    return [
+        (_positive(value, error, doubt, fit.freedom), bool(error < SEPARATED * value))
+        for value, error in zip(*fit.of(derived), strict=True)
+    ]
+
+
 def _resistances(fit: ThermalFit) -> tuple[ThermalResistance, ...]:
-    found, stderr = fit.of(lambda one: 1.0 / one.network.conductance_W_per_K)
-    return tuple(
-        ThermalResistance(
-            f"{one} - {other}",
-            _positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
-            separated=bool(error < SEPARATED * value),
-        )
-        for (one, other), value, error in zip(fit.network.links, found, stderr, strict=True)
-    )
+    found = _by_heat(fit, lambda one: 1.0 / one.network.conductance_W_per_K)
+    links = zip(fit.network.links, found, strict=True)
+    return tuple(ThermalResistance(f"{one} - {other}", *each) for (one, other), each in links)
 
 
 def _capacities(fit: ThermalFit) -> tuple[HeatCapacity, ...]:
-    found, stderr = fit.of(lambda one: one.network.capacity_J_per_K)
-    return tuple(
-        HeatCapacity(
-            node,
-            _positive(value, error, fit.copper.heat_uncertainty, fit.freedom),
-            separated=bool(error < SEPARATED * value),
-        )
-        for node, value, error in zip(fit.course.nodes, found, stderr, strict=True)
-    )
+    found = _by_heat(fit, lambda one: one.network.capacity_J_per_K)
+    return tuple(HeatCapacity(n, *each) for n, each in zip(fit.course.nodes, found, strict=True))
 
 
 def _end_of_heating(fit: ThermalFit) -> np.ndarray:

@@ -215,14 +215,6 @@ def _freedom(course: ThermalCourse, parameters: int) -> int:
     return valid - parameters
 
 
-def _residuals(
-    course: ThermalCourse, copper: CopperResistance, parameters: np.ndarray
-) -> list[np.ndarray]:
-    found = modelled(course, copper, parameters)
-    readings = course.readings.values()
-    return [each.value_C - one for each, one in zip(readings, found, strict=True)]
-
-
 def whiten(noises: tuple[Autoregression, ...], columns: list[np.ndarray]) -> np.ndarray:
     """Return columns (n_i,) of each channel whitened (n,), at valid readings."""
     return np.concatenate(
@@ -237,7 +229,8 @@ def _errors(
     noises: tuple[Autoregression, ...],
 ) -> np.ndarray:
     """Return the whitened residuals of all valid readings (n,)."""
-    return whiten(noises, _residuals(course, copper, parameters))
+    found, readings = modelled(course, copper, parameters), course.readings.values()
+    return whiten(noises, [each.value_C - one for each, one in zip(readings, found, strict=True)])
 
 
 def _jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:

@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 
 from motord.config import AccuracyConfig
-from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
+from motord.experiments.subject import (
+    AnalysisError,
+    Recordings,
+    check_plan,
+    plan_settings,
+    require_columns,
+)
 from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
 from motord.experiments.thermal.settings import NAME, ThermalConfig
 from motord.identification.operating_points import COMMANDS, CURRENTS, stacked
@@ -33,8 +39,7 @@ def thermal_course(recordings: Recordings) -> tuple[ThermalCourse, CopperResista
     """
     for run in recordings.runs:
         check_plan(run, NAME)
-        if missing := [name for name in ("t_ns", *CURRENTS) if name not in run.columns]:
-            raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
+        require_columns(run, ("t_ns", *CURRENTS))
     runs = sorted(recordings.runs, key=_first_ns)
     own = plan_settings(recordings, NAME, ThermalConfig)
     heating, cooling = _points(runs)

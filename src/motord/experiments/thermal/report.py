@@ -3,7 +3,6 @@
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from motord.experiments.operator_notes import add_operator_notes
 from motord.experiments.subject import Recordings
 from motord.experiments.thermal.result import ThermalConstants
 from motord.intervals import IntervalEstimate, coverage_factor
@@ -12,6 +11,11 @@ from motord.report.style import AFTER, BEFORE, INK, OTHER, SOFT, figure
 
 HEADER = ("", "value", "95 % interval", "unit")
 STEADY_HEADER = ("channel", "end of the heat-up (degC)", "steady (degC)", "95 % interval", "")
+
+COLOURS = {"winding": BEFORE, "magnet": OTHER, "housing": AFTER}
+
+DOTS = 250
+"""Readings that are drawn of each channel, about."""
 
 
 def report(found: ThermalConstants, recordings: Recordings) -> Page:
@@ -33,7 +37,6 @@ def report(found: ThermalConstants, recordings: Recordings) -> Page:
     page.table(HEADER, rows(found), numbers=True)
     page.table(STEADY_HEADER, steady_rows(found), numbers=True)
     page.points(found.notes)
-    add_operator_notes(page, recordings)
     return page
 
 
@@ -94,12 +97,6 @@ def _facts(found: ThermalConstants) -> list[tuple[str, str]]:
             ambient if found.ambient_measured else f"{ambient}, \u00b1 {half_width_K:.2f} K",
         ),
     ]
-
-
-COLOURS = {"winding": BEFORE, "magnet": OTHER, "housing": AFTER}
-
-DOTS = 250
-"""Readings that are drawn of each channel, about."""
 
 
 def temperatures(found: ThermalConstants) -> Figure:

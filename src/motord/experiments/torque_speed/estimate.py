@@ -16,7 +16,7 @@ import numpy as np
 from motord.config import AccuracyConfig
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.result import Mode, OperatingPower, UncertaintyShare
-from motord.experiments.torque_speed.turns import CapturedTurns, blocks
+from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.experiments.torque_speed.uncertainty import (
     LEAST_BLOCKS,
     ErrorSum,
@@ -40,26 +40,6 @@ SOURCES = (
     "power reading, resolution",
     "ripple of the bus voltage",
 )
-
-
-@dataclass(frozen=True)
-class PowerAccuracy:
-    """Half-widths of rectangular errors: gains in parts, zeros in Nm and W."""
-
-    torque_gain: float
-    torque_zero_Nm: float
-    power_gain: float
-    power_zero_W: float
-
-    @classmethod
-    def of(cls, stated: AccuracyConfig) -> "PowerAccuracy":
-        """Return what a bench file states of torque sensor and power reading."""
-        return cls(
-            stated.torque_gain_percent / 100,
-            stated.torque_zero_Nm,
-            stated.power_gain_percent / 100,
-            stated.power_zero_W,
-        )
 
 
 @dataclass(frozen=True)
@@ -93,7 +73,7 @@ class PowerBlocks:
             raise IdentifyError("no whole turn with readings of the power")
         turn_s = float(np.diff(turns.t_s[edges]).mean())
         each = ceil(READINGS_PER_BLOCK * inside.period_s / turn_s)
-        edges = blocks(edges, each)
+        edges = edges[::each]
         if edges.size <= LEAST_BLOCKS:
             raise IdentifyError(
                 f"{edges.size - 1} blocks of turns with {READINGS_PER_BLOCK} readings of the power "
@@ -123,7 +103,7 @@ def operating_power(
     speed_Hz: float,
     turns: CapturedTurns,
     series: PowerSeries,
-    accuracy: PowerAccuracy,
+    accuracy: AccuracyConfig,
     pole_pairs: int,
 ) -> OperatingPower:
     """Return the powers of an operating point with its set-points. Raises IdentifyError."""
@@ -164,12 +144,12 @@ class _Budget:
     """Errors of linear combinations m P_mech + e P_el, all by the same sources."""
 
     found: PowerBlocks
-    accuracy: PowerAccuracy
+    accuracy: AccuracyConfig
     mechanical_W: float
     electrical_W: float
 
     @classmethod
-    def of(cls, found: PowerBlocks, accuracy: PowerAccuracy) -> "_Budget":
+    def of(cls, found: PowerBlocks, accuracy: AccuracyConfig) -> "_Budget":
         mechanical_W = found.torque_Nm * found.speed_rad_s
         return cls(found, accuracy, mechanical_W, found.electrical_mean_W)
 
@@ -184,9 +164,9 @@ class _Budget:
         a, found = self.accuracy, self.found
         return ErrorSum(
             rectangular=(
-                a.torque_gain * abs(of_mechanical * self.mechanical_W),
+                a.torque_gain_percent / 100 * abs(of_mechanical * self.mechanical_W),
                 a.torque_zero_Nm * abs(of_mechanical * found.speed_rad_s),
-                a.power_gain * abs(of_electrical * self.electrical_W),
+                a.power_gain_percent / 100 * abs(of_electrical * self.electrical_W),
                 a.power_zero_W * abs(of_electrical),
                 found.rounding_W * abs(of_electrical),
                 found.ripple_W * abs(of_electrical),

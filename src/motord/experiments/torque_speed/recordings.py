@@ -12,9 +12,9 @@ from math import log
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.damaged_recordings import points_left_out
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
-from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
+from motord.experiments.torque_speed.estimate import operating_power
 from motord.experiments.torque_speed.findings import findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
@@ -36,8 +36,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
         check_plan(run, NAME)
     _check_mean(subject.sensor)
     own = plan_settings(recordings, NAME, TorqueSpeedConfig)
-    accuracy = PowerAccuracy.of(subject.accuracy)
-    pole_pairs = subject.motor.pole_pairs
+    accuracy, pole_pairs = subject.accuracy, subject.motor.pole_pairs
     points: list[OperatingPower] = []
     left_out: list[str] = []
     for run in runs:

@@ -1,6 +1,5 @@
 """Ticks of a capture: whole turns, the work over each, and what power does within a turn."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -98,8 +97,3 @@ class CapturedTurns:
         """Return the first samples of the turns, and the last one's end, within a time (m,)."""
         at_s = self.t_s[self.edges]
         return np.asarray(self.edges[(at_s >= begin_s) & (at_s <= end_s)])
-
-
-def blocks(edges: Sequence[int] | np.ndarray, turns: int) -> np.ndarray:
-    """Return every so many of the edges (m,), as many as fit: those of blocks of whole turns."""
-    return np.asarray(edges)[:: max(turns, 1)]

@@ -23,7 +23,7 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.experiments.check_calibration.estimate import is_seen, without_consequences
 from motord.experiments.check_calibration.quantities import Quantity, quantities
-from motord.experiments.check_calibration.result import FALSE_ALARMS, POWER, Change
+from motord.experiments.check_calibration.result import FALSE_ALARMS, Change
 from motord.experiments.check_calibration.shift import GAIN_ACCURACY, ParameterShift
 from motord.experiments.tracking.adopted import adopted, is_adoptable
 from motord.experiments.tracking.shift import COMMON_GAIN_DRIFT, operating_points, tracked_shift
@@ -35,6 +35,21 @@ from motord.identification import IdentifyError
 from motord.intervals import t_quantile
 
 YEAR_S = 365.25 * 86_400
+
+WINDOW_SHARE = 0.01
+"""Length of a window, in parts of the memory."""
+
+FORGOTTEN = 4.0
+"""Age of a window, in parts of the memory, from which on it does not count at all."""
+
+MOST_WINDOWS = 600
+"""Windows that are kept: where set-points change often they are short, and the oldest go."""
+
+COMMON_GAIN = "gain-common"
+
+SEEN_COMMON_PERCENT = 100 * COMMON_GAIN_DRIFT / 3
+"""Standard error of the common gain with which it counts as seen: what is assumed of its drift has
+little part in it."""
 
 
 def changes(seen: Sequence[Quantity], found: ParameterShift, memory_s: float) -> list[Change]:
@@ -53,18 +68,7 @@ def _change(quantity: Quantity, found: ParameterShift, tests: int, memory_s: flo
     once, often = FALSE_ALARMS / 2 / tests, FALSE_ALARMS / 2 / tests * memory_s / YEAR_S
     limit = t_quantile(1 - once, quantity.degrees_of_freedom or np.inf) * fixed
     limit -= t_quantile(often, freedom) * sqrt(of_turns)
-    return Change(
-        name=quantity.name,
-        meaning=quantity.meaning,
-        unit=quantity.unit,
-        value=value,
-        stderr=stderr,
-        degrees_of_freedom=freedom,
-        limit=limit,
-        detectable=limit + t_quantile(POWER, freedom) * stderr,
-        ripple_percent=0.0,
-        drifted=abs(value) > limit,
-    )
+    return replace(quantity.change(value, stderr, freedom, limit), ripple_percent=0.0)
 
 
 def _accuracy(quantity: Quantity, found: ParameterShift) -> float:
@@ -73,22 +77,6 @@ def _accuracy(quantity: Quantity, found: ParameterShift) -> float:
         return 0.0
     of_gains = quantity.direction[:3] * found.theta[:3]
     return float(GAIN_ACCURACY / sqrt(3) * np.linalg.norm(of_gains))
-
-
-WINDOW_SHARE = 0.01
-"""Length of a window, in parts of the memory."""
-
-FORGOTTEN = 4.0
-"""Age of a window, in parts of the memory, from which on it does not count at all."""
-
-MOST_WINDOWS = 600
-"""Windows that are kept: where set-points change often they are short, and the oldest go."""
-
-COMMON_GAIN = "gain-common"
-
-SEEN_COMMON_PERCENT = 100 * COMMON_GAIN_DRIFT / 3
-"""Standard error of the common gain with which it counts as seen: what is assumed of its drift has
-little part in it."""
 
 
 class CalibrationTracker:

@@ -25,6 +25,16 @@ UNUSABLE = "no numbers, or times that do not rise"
 PART = "part of a turn"
 """At the beginning, at the end or at a reversal: no whole turn of one direction."""
 
+CURRENT_SHARE = 0.02
+"""Part of the rated current that may turn with the rotor in a run without current."""
+
+RIPPLE_MARGIN = 2.2
+LEAST_RIPPLE_ORDERS, MOST_RIPPLE_ORDERS = 64, 256
+"""Speed ripple is looked for up to a little above twice the main order, within these bounds."""
+
+JERKY = 2.0
+"""Residual of a smooth motion, over the encoder's rounding, beyond which the rotor is jerky."""
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -71,17 +81,6 @@ def _span(of: str, reason: str, t_s: np.ndarray, places: np.ndarray, period_s: f
     return LeftOut(
         of, reason, float(finite.min()), float(finite.max()) + period_s, places.size * period_s
     )
-
-
-CURRENT_SHARE = 0.02
-"""Part of the rated current that may turn with the rotor in a run without current."""
-
-RIPPLE_MARGIN = 2.2
-LEAST_RIPPLE_ORDERS, MOST_RIPPLE_ORDERS = 64, 256
-"""Speed ripple is looked for up to a little above twice the main order, within these bounds."""
-
-JERKY = 2.0
-"""Residual of a smooth motion, over the encoder's rounding, beyond which the rotor is jerky."""
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,18 @@ from motord.config.reading import validate
 from motord.rig.truth.inverter import MAX_SLOPE, InverterTruth
 from motord.rig.truth.swing import SwingTruth
 
+MAX_ORDERS = 32
+"""Distinct orders per turn that back-EMF and cogging together may have."""
+
+MAX_ORDER = 2000
+"""Highest order per turn."""
+
+MAX_DEPARTURES = 8
+"""Orders that an encoder's error, a torque sensor's cross-talk or a ripple of friction may have."""
+
 
 class ThermalTruth(Section):
-    """Winding, magnets and housing, each of one temperature; copper loss heats the winding.
+    """`[thermal]`: winding, magnets and housing; copper loss heats the winding.
 
     The copper's resistance is that of `[motor]` at the temperature of the room, and rises by
     resistance_per_K of it; so does the back-EMF by back_emf_per_K with the magnets' temperature.
@@ -39,16 +48,6 @@ class ThermalTruth(Section):
     housing_ambient_K_per_W: Positive = 0.4
     resistance_per_K: NonNegative = 0.00393
     back_emf_per_K: Annotated[float, Field(ge=-0.01, le=0.01)] = 0.0
-
-
-MAX_ORDERS = 32
-"""Distinct orders per turn that back-EMF and cogging together may have."""
-
-MAX_ORDER = 2000
-"""Highest order per turn."""
-
-MAX_DEPARTURES = 8
-"""Orders that an encoder's error, a torque sensor's cross-talk or a ripple of friction may have."""
 
 
 class TorqueHarmonicTruth(Section):

@@ -6,8 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.config import BackEmfHarmonic, MotorConfig
-from motord.experiments.sensitivity.curves import RippleModel, gains_of, limits, offsets_of, single
-from motord.experiments.sensitivity.volume import limit_surface, volume
+from motord.experiments.sensitivity.curves import (
+    RippleModel,
+    gains_of,
+    limit_surface,
+    limits,
+    offsets_of,
+    single,
+    volume,
+)
 from motord.identification import IdentifyError
 from motord.identification.harmonics import harmonics_table
 from motord.identification.point_ripple import rms_error_percent

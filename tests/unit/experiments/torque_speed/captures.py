@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.config import MotorConfig, load
-from motord.experiments.torque_speed.estimate import PowerAccuracy
+from motord.config import AccuracyConfig, MotorConfig, load
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.identification.operating_points import PointData
@@ -13,7 +12,9 @@ from motord.identification.operating_points import PointData
 MOTOR: MotorConfig = load().motor
 RATE_HZ = 1000
 EPOCH_NS = 1_767_225_600_000_000_000
-ACCURACY = PowerAccuracy(0.002, 0.005, 0.002, 0.05)
+ACCURACY = AccuracyConfig(
+    torque_gain_percent=0.2, torque_zero_Nm=0.005, power_gain_percent=0.2, power_zero_W=0.05
+)
 DTYPE = [("t_ns", "i8"), ("encoder_count", "i4"), ("torque_Nm", "f8"), ("u_bus_V", "f8")]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from motord.config import AccuracyConfig, TorqueSensorConfig
 from motord.experiments.subject import Subject
-from motord.experiments.torque_speed.estimate import PowerAccuracy, operating_power
+from motord.experiments.torque_speed.estimate import operating_power
 from motord.experiments.torque_speed.findings import ACCURACIES, findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
 from motord.experiments.torque_speed.recordings import bus_voltage
@@ -24,11 +24,13 @@ from motord.identification import IdentifyError
 from motord.intervals import IntervalEstimate, coverage_factor
 from tests.unit.experiments.torque_speed.captures import ACCURACY, MOTOR, Machine
 
-EXACT = PowerAccuracy(0.0, 0.0, 0.0, 0.0)
+EXACT = AccuracyConfig(
+    torque_gain_percent=0.0, torque_zero_Nm=0.0, power_gain_percent=0.0, power_zero_W=0.0
+)
 
 
 def found(
-    machine: Machine, every_s: float = 0.2, means: bool = True, accuracy: PowerAccuracy = ACCURACY
+    machine: Machine, every_s: float = 0.2, means: bool = True, accuracy: AccuracyConfig = ACCURACY
 ) -> OperatingPower:
     rng = np.random.default_rng(7)
     series = machine.readings(rng, every_s, means)

@@ -25,8 +25,8 @@ from motord.experiments.calibration.estimate.result import CalibrationResult, tr
 from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.uncertainty_budget import Contribution
 
-Limits = Callable[[float, BenchFile, int], np.ndarray]
-"""Half-widths (terms,) of an effect's sizes: of a limit of the bench file, and number of terms."""
+Limits = Callable[[float, BenchFile], "float | np.ndarray"]
+"""Half-widths of an effect's sizes, one or one of each term: of a limit of the bench file."""
 
 
 @dataclass(frozen=True)
@@ -37,37 +37,33 @@ class Source:
     field: str
     unit: str
     effects: tuple[str, ...]
-    limits: Limits
+    limits: Limits = lambda limit, _: limit
+
+    def limit(self, bench: BenchFile) -> float:
+        """Return the limit that the bench file has, stated or assumed."""
+        return float(getattr(bench.accuracy, self.field))
+
+    def half_widths(self, bench: BenchFile, terms: int) -> np.ndarray:
+        """Return the half-widths (terms,) of an effect's sizes."""
+        return np.full(terms, self.limits(self.limit(bench), bench), float)
 
 
-def _alike(limit: float, _: BenchFile, terms: int) -> np.ndarray:
-    return np.full(terms, limit)
+def _percent(limit: float, _: BenchFile) -> float:
+    return limit / 100
 
 
-def _percent(limit: float, _: BenchFile, terms: int) -> np.ndarray:
-    return np.full(terms, limit / 100)
+def _of_rated_torque(limit: float, bench: BenchFile) -> float:
+    return limit / 100 * bench.motor.rated_torque_Nm
 
 
-def _of_fundamental(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
-    return np.full(terms, limit / 100 * bench.fundamental)
-
-
-def _of_rated_torque(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
-    return np.full(terms, limit / 100 * bench.motor.rated_torque_Nm)
-
-
-def _per_rated_current(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
-    return np.full(terms, limit / 100 / bench.motor.rated_current_A())
-
-
-def _curve(limit: float, bench: BenchFile, _: int) -> np.ndarray:
+def _curve(limit: float, bench: BenchFile) -> np.ndarray:
     rated_A = bench.motor.rated_current_A()
     return np.repeat(limit / 100 / np.array([rated_A, rated_A**2]), 3)
 
 
-def _rate(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
+def _rate(limit: float, bench: BenchFile) -> float:
     tau_s = bench.sensor.highpass_time_constant_s
-    return np.full(terms, limit / 100 / tau_s if tau_s else 0.0)
+    return limit / 100 / tau_s if tau_s else 0.0
 
 
 SCALES = (
@@ -78,27 +74,26 @@ SCALES = (
 """Gains of the whole; that of the current sensors counts only where delta epsilon is not seen."""
 
 SOURCES = (
-    Source("encoder's zero", "encoder_zero_rad", "rad", ("encoder-zero",), _alike),
+    Source("encoder's zero", "encoder_zero_rad", "rad", ("encoder-zero",)),
     Source(
         "encoder once and twice a turn",
         "encoder_error_rad",
         "rad",
         ("encoder-error-order-1", "encoder-error-order-2"),
-        _alike,
     ),
     Source(
         "harmonics of the back-EMF",
         "back_emf_harmonics_percent",
         "% of the fundamental",
         ("back-emf",),
-        _of_fundamental,
+        lambda limit, bench: limit / 100 * bench.fundamental,
     ),
     Source(
         "saturation",
         "saturation_percent",
         "% at rated current",
         ("back-emf-load", "cogging-load"),
-        _per_rated_current,
+        lambda limit, bench: limit / 100 / bench.motor.rated_current_A(),
     ),
     Source(
         "time constant of the torque sensor",
@@ -107,7 +102,7 @@ SOURCES = (
         ("highpass-time-constant",),
         _rate,
     ),
-    Source("delay of the torque", "torque_age_s", "s", ("torque-age",), _alike),
+    Source("delay of the torque", "torque_age_s", "s", ("torque-age",)),
     Source(
         "cross-talk of the torque sensor",
         "torque_crosstalk_percent",
@@ -186,15 +181,21 @@ def budget(
 
 def _of_temperature(back_emf: ReferredBackEmf) -> tuple[Source, ...]:
     """Return the sources of a back-EMF that was referred to a temperature: gains of it."""
-
-    def limits(part: Callable[[float], float]) -> Limits:
-        return lambda limit, _, terms: np.full(terms, part(limit))
-
-    what, coefficient = "temperature of the magnets", "temperature coefficient of the back-EMF"
-    by_sensor, by_coefficient = limits(back_emf.by_sensor), limits(back_emf.by_coefficient)
     return (
-        Source(what, "magnet_temperature_K", "K", (), by_sensor),
-        Source(coefficient, "back_emf_temperature_percent", "% of it", (), by_coefficient),
+        Source(
+            "temperature of the magnets",
+            "magnet_temperature_K",
+            "K",
+            (),
+            lambda limit, _: back_emf.by_sensor(limit),
+        ),
+        Source(
+            "temperature coefficient of the back-EMF",
+            "back_emf_temperature_percent",
+            "% of it",
+            (),
+            lambda limit, _: back_emf.by_coefficient(limit),
+        ),
     )
 
 
@@ -230,18 +231,16 @@ class _Linear:
             shift[6] = result.delta_epsilon
         if source.field == "torque_gain_percent":
             shift[7:] -= [h.amplitude_Nm for h in result.harmonics]
-        limit = float(getattr(bench.accuracy, source.field))
-        return np.asarray((source.limits(limit, bench, 1) * shift) ** 2 / 3)
+        return np.asarray((source.half_widths(bench, 1) * shift) ** 2 / 3)
 
     def squares(
         self, source: Source, sensitivities: Sequence[EffectSensitivity], bench: BenchFile
     ) -> np.ndarray:
         """Return the variances (v,) that a source contributes; its effects are independent."""
-        limit = float(getattr(bench.accuracy, source.field))
         total = np.zeros(len(self.derivative))
         for one in sensitivities:
-            if one.name in source.effects and limit > 0:
-                half_widths = source.limits(limit, bench, one.score.size)
+            if one.name in source.effects and source.limit(bench) > 0:
+                half_widths = source.half_widths(bench, one.score.size)
                 shift = self.derivative @ one.shift
                 total += np.einsum("vt,tu,vu->v", shift, one.second_moment(half_widths), shift)
         return total
@@ -269,8 +268,7 @@ def _friction(bench: BenchFile) -> Contribution:
     torque."""
     [source] = [one for one in SOURCES if one.field == "friction_ripple_percent"]
     squares = np.zeros(7 + 1)
-    [half_width_Nm] = source.limits(getattr(bench.accuracy, source.field), bench, 1)
-    squares[7] = half_width_Nm**2 / 3
+    squares[7] = source.half_widths(bench, 1)[0] ** 2 / 3
     return _contribution(source, squares, bench)
 
 
@@ -281,7 +279,7 @@ def _contribution(source: Source, squares: np.ndarray, bench: BenchFile) -> Cont
         source=source.name,
         type="B",
         basis="stated" if stated else "assumed",
-        limit=float(getattr(bench.accuracy, source.field)),
+        limit=source.limit(bench),
         unit=source.unit,
         alpha=triple(u[:3]),
         beta_A=triple(u[3:6]),

@@ -26,11 +26,11 @@ from motord.experiments.calibration.estimate.least_squares.joint_result import (
     result_of,
     with_observability,
 )
-from motord.experiments.calibration.estimate.least_squares.kirchhoff import kirchhoff_agreement
-from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
-from motord.experiments.calibration.estimate.least_squares.zero_sequence_fit import (
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import (
+    kirchhoff_agreement,
     with_zero_sequence,
 )
+from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
 from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.more_orders.result import (
     in_a_row,
@@ -55,9 +55,8 @@ from motord.identification.operating_points import (
 )
 from motord.identification.orders import (
     COUNTS_PER_COGGING_ORDER,
-    SAMPLES_PER_COGGING_ORDER,
     allowed_orders,
-    resolved_order,
+    resolved_cogging_order,
 )
 from motord.identification.point_ripple import PointRipple, point_ripple
 from motord.identification.signal_condition import SignalFault
@@ -280,13 +279,8 @@ class Calibrator:
 
     def _sampled_orders(self) -> tuple[int, ...]:
         """Return the cogging orders that every operating point samples."""
-        highest = resolved_order(
-            min(point.ticks_per_turn for point in self._points),
-            self._motor.counts,
-            max(self._orders, default=0),
-            samples_per_order=SAMPLES_PER_COGGING_ORDER,
-            counts_per_order=COUNTS_PER_COGGING_ORDER,
-        )
+        fewest = min(point.ticks_per_turn for point in self._points)
+        highest = resolved_cogging_order(fewest, self._motor.counts)
         return tuple(order for order in self._orders if order <= highest)
 
 

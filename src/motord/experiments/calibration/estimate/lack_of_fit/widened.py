@@ -110,10 +110,7 @@ def _widened(harmonic: Harmonic, fit: LackOfFit, place: int) -> Harmonic:
         np.sqrt(across_square) / max(harmonic.amplitude_Nm, 1e-300),
     )
     return harmonic.model_copy(
-        update={
-            "stderr_Nm": float(stderr_Nm),
-            "phase_stderr_rad": min(float(phase_stderr), np.pi),
-        }
+        update={"stderr_Nm": float(stderr_Nm), "phase_stderr_rad": min(float(phase_stderr), np.pi)}
     )
 
 

@@ -149,10 +149,7 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
 
 
 def stated_errors(
-    normals: NormalEquations,
-    point: np.ndarray,
-    solution: Solution,
-    identifiable: Identifiability,
+    normals: NormalEquations, point: np.ndarray, solution: Solution, identifiable: Identifiability
 ) -> VarianceComponents:
     """Return the errors of the solution's vector.
 

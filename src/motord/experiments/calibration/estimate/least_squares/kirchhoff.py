@@ -1,15 +1,22 @@
 """Kirchhoff's law of a star: the ratios of the gains that currents alone give, and the torque's."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from motord.config import TorqueSensorConfig
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit, fit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     Regression,
 )
+from motord.experiments.calibration.estimate.turn_products import accumulate
+from motord.identification import IdentifyError
+from motord.identification.basis import Basis
+from motord.identification.operating_points import Samples
+from motord.identification.zero_sequence import restored
 from motord.intervals import t_quantile
 
 FALSE_DISAGREEMENT = 0.002
@@ -18,6 +25,12 @@ FALSE_DISAGREEMENT = 0.002
 AGREEMENT = 1e-3
 """Difference of alpha by torque and by law up to which the model itself explains it: gains drift
 with temperature, and currents are held from tick to tick."""
+
+MOST_ROUNDS = 12
+"""Fits in which the zero sequence of the currents must settle, where it was not recorded."""
+
+SETTLED = 1e-4
+"""Change of alpha from fit to fit below which it has settled."""
 
 
 def alpha_of_law(law: np.ndarray) -> np.ndarray:
@@ -81,3 +94,31 @@ def kirchhoff_agreement(regression: Regression, rated_A: float, fitted: JointFit
     limit = max(limit, AGREEMENT / float(least[worst]))
     errors = float(abs(difference[worst]) / least[worst])
     return Kirchhoff(difference, "abc"[worst], float(difference[worst]), errors, limit)
+
+
+def with_zero_sequence(
+    fitted: JointFit,
+    bare: Sequence[Samples],
+    basis: Basis,
+    orders: int,
+    sensor: TorqueSensorConfig,
+    rated_A: float,
+) -> tuple[JointFit, Regression]:
+    """Return the fit to currents with the zero sequence that it itself implies.
+
+    fitted: to currents without it; bare: the samples of each point; orders: of the basis that are
+    fitted. Raises IdentifyError where that does not settle.
+    """
+    for _ in range(MOST_ROUNDS):
+        alpha = fitted.solution.alpha
+        points = [accumulate(restored(samples, alpha), basis, sensor) for samples in bare]
+        regression = Regression(points, basis, orders, False)
+        fitted = fit(regression, rated_A)
+        if np.abs(fitted.solution.alpha - alpha).max() < SETTLED:
+            return fitted, regression
+    gains = ", ".join(f"{gain:.2f}" for gain in fitted.solution.alpha)
+    raise IdentifyError(
+        "the currents have no zero sequence, and with that which follows from the gains found "
+        f"these do not settle (alpha {gains}): check wiring, back-EMF and encoder offset, or "
+        "record the currents of all three phases"
+    )

@@ -47,11 +47,7 @@ def with_added_orders(
         result,
         beta_stderr_A=np.sqrt(result.beta_stderr_A**2 + _hinted_A2(found)),
         added_orders=tuple(trial.entered() for trial in found.added),
-        observable=(
-            *result.observable,
-            *_notes(found),
-            f"significant cogging torque: {clearly}",
-        ),
+        observable=(*result.observable, *_notes(found), f"significant cogging torque: {clearly}"),
         findings=(
             *result.findings,
             *_findings(found, harmonics),

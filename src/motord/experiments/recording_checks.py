@@ -1,7 +1,10 @@
-"""What an analysis says of recordings that are damaged, and of points that it leaves out."""
+"""Recordings that are damaged or given twice, and points left out: what is said of them."""
 
+import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from motord.experiments.subject import AnalysisError
@@ -91,3 +94,25 @@ def _poor(run: Run) -> Iterator[str]:
     for key, point in latest.items():
         if key not in used:
             yield f"{point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz ({point['quality']})"
+
+
+def check_given_once(paths: Sequence[Path]) -> None:
+    """Raise AnalysisError if two files have the same content. Raises OSError."""
+    sizes = {path: path.stat().st_size for path in paths}
+    for _, alike in groupby(sorted(paths, key=sizes.__getitem__), sizes.__getitem__):
+        found = list(alike)  # in the order given
+        if len(found) > 1:
+            _check_contents(found)
+
+
+def _check_contents(paths: Sequence[Path]) -> None:
+    seen: dict[str, Path] = {}
+    for path in paths:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if digest in seen:
+            raise AnalysisError(
+                f"{path}: is the same recording as {seen[digest]}; counted twice it would seem "
+                "more certain than it is: name it once"
+            )
+        seen[digest] = path
