@@ -9,8 +9,8 @@ import typer
 
 from motord.calibration import load
 from motord.experiments.analysis import Analysis
-from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRuns
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.comparison import CalibratedRuns
 from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor, plus_minus, two_digits
 from motord.report.text import TextTable, error_table

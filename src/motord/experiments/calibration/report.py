@@ -10,9 +10,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from motord.calibration import Calibration, CramerRao
-from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRuns
+from motord.experiments.calibration.estimate.comparison import CalibratedRuns, recorded_truth
 from motord.experiments.calibration.estimate.result import Estimate
-from motord.experiments.calibration.estimate.truth import recorded_truth
 from motord.experiments.ripple import report as ripple
 from motord.experiments.subject import Recordings
 from motord.identification.operating_points import good_points

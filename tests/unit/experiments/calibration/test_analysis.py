@@ -7,9 +7,8 @@ import pytest
 
 from motord.calibration import load as load_calibration
 from motord.config import load, packaged
-from motord.experiments.calibration.estimate.calibrated_runs import CalibratedRuns
 from motord.experiments.calibration.estimate.calibrator import Calibrator
-from motord.experiments.calibration.estimate.truth import recorded_truth
+from motord.experiments.calibration.estimate.comparison import CalibratedRuns, recorded_truth
 from motord.experiments.calibration.report import report
 from motord.experiments.ripple import report as ripple
 from motord.experiments.ripple.estimate import MeshRipple, ripples

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from motord.experiments.calibration.estimate.least_squares.deviations import PointScores
 from motord.experiments.calibration.estimate.least_squares.identifiability import (
     COMMON,
     Identifiability,
@@ -19,7 +20,6 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     FIRST_COGGING,
     NormalEquations,
 )
-from motord.experiments.calibration.estimate.least_squares.point_noise import PointScores
 from motord.intervals import coverage_factor
 from tests.campaigns.coverage import Case, trial
 

@@ -303,11 +303,11 @@ def trial(seed: int, means: bool) -> tuple[bool, bool]:
     a = ACCURACY
     turns = machine.turns(
         rng,
-        1 + a.torque_gain * rng.uniform(-1, 1),
+        1 + a.torque_gain_percent / 100 * rng.uniform(-1, 1),
         a.torque_zero_Nm * rng.uniform(-1, 1),
     )
     read = machine.readings(rng, rng.uniform(0.1, 0.4), means, noise_W=0.3)
-    power_W = read.power_W * (1 + a.power_gain * rng.uniform(-1, 1))
+    power_W = read.power_W * (1 + a.power_gain_percent / 100 * rng.uniform(-1, 1))
     power_W = power_W + a.power_zero_W * rng.uniform(-1, 1)
     series = PowerSeries(read.t_s, power_W, means)
     one = operating_power(machine.torque_Nm, machine.speed_Hz, turns, series, a, 8)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motord.experiments.calibration.estimate.least_squares.deviations import PointScores
 from motord.experiments.calibration.estimate.least_squares.identifiability import (
     Identifiability,
     assess,
@@ -21,7 +22,6 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     Regression,
     prior_information,
 )
-from motord.experiments.calibration.estimate.least_squares.point_noise import PointScores
 from motord.experiments.calibration.estimate.least_squares.scatter import errors
 from motord.identification import IdentifyError
 from motord.identification.variance_components import VarianceComponents

@@ -23,6 +23,7 @@ from scipy.optimize import nnls
 from motord.experiments.calibration.estimate.least_squares.deviations import (
     DeviatingParts,
     DeviationBlocks,
+    PointScores,
 )
 from motord.experiments.calibration.estimate.least_squares.identifiability import (
     COMMON,
@@ -33,7 +34,6 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     BETA,
     FIRST_COGGING,
 )
-from motord.experiments.calibration.estimate.least_squares.point_noise import PointScores
 from motord.identification.variance_components import VarianceComponents
 
 ROUNDS = 2

@@ -1,16 +1,41 @@
-"""True gains, offsets and cogging torque of a simulated rig, from the truth that it recorded."""
+"""A calibration with what made it, and what it is compared with: the truth of a simulated rig."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.result import Estimate
+from motord.calibration import Calibration
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.result import CalibrationResult, Estimate
 from motord.experiments.subject import Subject
+from motord.findings import Finding
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
 from motord.identification.orders import COUNTS_PER_COGGING_ORDER, allowed_orders
 from motord.recording.reader import Run, bounds_of
 
 TRUE_CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
+
+
+@dataclass(frozen=True)
+class CalibratedRuns:
+    """A calibration, the result that it was made of, and one to compare with, if it was named."""
+
+    calibrator: Calibrator
+    result: CalibrationResult
+    calibration: Calibration
+    other: Calibration | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Where the data depart from the model."""
+        return self.calibration.findings or ()
+
+    def both(self) -> tuple[CalibrationResult, CalibrationResult]:
+        """Return the result and that of the other estimator. Raises IdentifyError."""
+        return self.result, self.calibrator.result(
+            "residual" if self.result.method == "joint" else "joint"
+        )
 
 
 def recorded_truth(
