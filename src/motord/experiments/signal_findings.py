@@ -1,11 +1,11 @@
-"""Clipped, frozen and misread signals, and torque and currents of another scale, as findings."""
+"""Clipped, frozen, misread signals, and torque and currents of another scale, as findings."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import copysign
 
 import numpy as np
 
-from motord.findings import Finding, listed
+from motord.findings import Finding, Severity, listed
 from motord.identification.signal_condition import CLIPPED_SHARE, SignalFault
 
 NAMES = {
@@ -16,30 +16,41 @@ NAMES = {
 }
 """Of signals, as names of findings begin."""
 
-KINDS = {
+SHIELD = (
+    "shield the encoder's lines, and let the bridge board read them twice; look for a loose plug"
+)
+
+KINDS: Mapping[str, tuple[str, float, str, str, Severity]] = {
     "clipped": (
         "% of the samples", 100 * CLIPPED_SHARE,
         "is cut off at an end of its range, so that peaks are missing and figures too small",
         "use the sensor's larger range, or smaller torques; check gain and supply of its converter",
+        "serious",
     ),
     "frozen": (
         "% of the samples", 0.0,
         "keeps one value while the rotor turns, so that ripple is missing",
         "look for a loose plug or a converter that hangs; take these points again",
+        "serious",
     ),
     "stuck": (
         "% of the counts", 0.0,
         "has a line that never changes, so that half of the angles never come",
         "look at the encoder's plug and lines; `motord check` reads it",
+        "serious",
     ),
     "misread": (
         "% of the samples", 0.0,
         "jumps for single samples, so that angle and turns are wrong there",
-        "shield the encoder's lines, and let the bridge board read them twice; look for a loose "
-        "plug",
+        SHIELD, "serious",
+    ),
+    "out-of-range": (
+        "% of the samples", 0.0,
+        "has single samples that are no count of [motor], which are left out",
+        f"{SHIELD}; where it comes at the end of turns, correct counts", "warning",
     ),
 }  # fmt: skip
-"""Of faults: unit and limit of their share, what they mean, what to do."""
+"""Of faults: unit and limit of their share, what they mean, what to do, how severe they are."""
 
 SCALE_PART = 0.3
 """Part by which measured and set torque may differ over all points or steps: gains of the phases,
@@ -112,7 +123,7 @@ def signal_findings(seen: Iterable[tuple[str, Sequence[SignalFault]]]) -> tuple[
 
 
 def _finding(signal: str, kind: str, percents: Mapping[str, float]) -> Finding:
-    unit, limit, meaning, action = KINDS[kind]
+    unit, limit, meaning, action, severity = KINDS[kind]
     points = listed(list(percents))
     name, worst = f"{NAMES[signal]}-{kind}", max(percents.values())
-    return Finding(name, worst, limit, unit, "serious", f"{signal} {meaning}: {points}", action)
+    return Finding(name, worst, limit, unit, severity, f"{signal} {meaning}: {points}", action)

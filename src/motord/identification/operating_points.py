@@ -14,6 +14,8 @@ from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.signal_condition import (
     SignalFault,
     encoder_faults,
+    in_range,
+    out_of_range,
     require_change,
     signal_faults,
 )
@@ -59,7 +61,7 @@ class Samples:
     t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
     command_A (n, 3): commands where they were recorded (commanded), else the sensed currents;
     turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
-    all currents are nan. faults: signals that are clipped or frozen.
+    all currents are nan. faults: signals that are not right; samples out of range are left out.
     """
 
     torque_set_Nm: float
@@ -156,6 +158,8 @@ def prepare(point: PointData, counts: int) -> Samples:
         good &= sensed
     else:
         i_A[:] = np.nan
+    readable = in_range(ticks["encoder_count"][good].astype(np.int64), counts, label)
+    good[good] = readable
     if good.all():
         good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
@@ -175,7 +179,7 @@ def prepare(point: PointData, counts: int) -> Samples:
         turns=turns,
         commanded=command_A is not None,
         back_emf_factor=point.back_emf_factor,
-        faults=_faults(rows_of(ticks, good), len(turns), counts),
+        faults=(*_faults(rows_of(ticks, good), len(turns), counts), *out_of_range(readable)),
     )
 
 

@@ -32,9 +32,15 @@ MISREAD_MIN = 3
 """Samples that are off by themselves from which on an encoder is misread, not disturbed once."""
 MISREAD_STEPS, MISREAD_COUNTS = 3.0, 8
 """A sample is off that is so many usual steps, and counts, away from both of its neighbours."""
+OUT_OF_RANGE_SHARE = 0.01
+"""Of the samples that are disturbed at most: with more, it is another encoder or none."""
 FROZEN_TURN = 0.125
 FROZEN_RUNS = 20.0
 """A value is frozen that stays for this part of a turn, and for so many times the mean time."""
+
+
+class CountsOutOfRange(IdentifyError):
+    """Encoder counts are below 0, or not below the motor's counts a turn, and not by chance."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,7 @@ class SignalFault:
     """What is wrong with a signal, in which share of its samples."""
 
     signal: str
-    kind: Literal["clipped", "frozen", "stuck", "misread"]
+    kind: Literal["clipped", "frozen", "stuck", "misread", "out-of-range"]
     share: float
 
 
@@ -115,6 +121,36 @@ def signal_faults(
     )
 
 
+def in_range(count: np.ndarray, counts: int, label: str) -> np.ndarray:
+    """Return which encoder counts (n,) are of `counts` a turn (n,): the others are disturbed.
+
+    Raises CountsOutOfRange if these are several and more than OUT_OF_RANGE_SHARE, or if the rotor
+    turns on into them more than once: the motor has another encoder then.
+    """
+    good = (count >= 0) & (count < counts)
+    if good.all():
+        return good
+    inside = count[good]
+    step = _apart(inside[1:], inside[:-1], counts)
+    near = np.abs(np.diff(count)) <= (_far(step) if step.size else 0)
+    edges = np.flatnonzero(near & (good[1:] != good[:-1]))
+    onwards = np.unique(edges + good[edges])  # a sample that is next to two counts in range
+    if onwards.size > 1 or good.size - good.sum() > max(OUT_OF_RANGE_SHARE * good.size, 1):
+        raise CountsOutOfRange(
+            f"{label}: encoder counts from {count.min()} to {count.max()}, "
+            f"but the motor has {counts} counts a turn; correct counts in [motor]"
+        )
+    return good
+
+
+def out_of_range(good: np.ndarray) -> tuple[SignalFault, ...]:
+    """Return the fault of an encoder of whose samples only the `good` (n,) are in range."""
+    number = good.size - int(good.sum())
+    return (SignalFault("encoder_count", "out-of-range", number / max(good.size, 1)),) * bool(
+        number
+    )
+
+
 def encoder_faults(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
     """Return what is wrong with encoder counts (n,) of whole turns."""
     return (*stuck_lines(count, counts), *misread_counts(count, counts))
@@ -128,10 +164,15 @@ def misread_counts(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
     if count.size < 3:
         return ()
     step = _apart(count[1:], count[:-1], counts)
-    far = MISREAD_STEPS * float(np.percentile(step, 95)) + MISREAD_COUNTS
+    far = _far(step)
     off = (step[:-1] > far) & (step[1:] > far) & (_apart(count[2:], count[:-2], counts) <= far)
     number = int(off.sum())
     return (SignalFault("encoder_count", "misread", number / count.size),) * (number >= MISREAD_MIN)
+
+
+def _far(step: np.ndarray) -> float:
+    """Return from which distance on a sample is off, by the steps (n,) between samples."""
+    return MISREAD_STEPS * float(np.percentile(step, 95)) + MISREAD_COUNTS
 
 
 def _apart(count: np.ndarray, other: np.ndarray, counts: int) -> np.ndarray:

@@ -31,10 +31,6 @@ class NoWholeTurn(IdentifyError):
     """The samples have no whole turn."""
 
 
-class CountsOutOfRange(IdentifyError):
-    """Encoder counts are below 0, or not below the motor's counts a turn."""
-
-
 @dataclass(frozen=True)
 class Turn:
     """Samples `first` to `end` (not included) of one whole turn, forward (1) or backward (-1)."""
@@ -52,24 +48,15 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
     return np.unwrap(np.asarray(count, np.int64), period=counts)
 
 
-def _check_range(count: np.ndarray, counts: int, label: str) -> None:
-    if count.size and not 0 <= count.min() <= count.max() < counts:
-        raise CountsOutOfRange(
-            f"{label}: encoder counts from {count.min()} to {count.max()}, "
-            f"but the motor has {counts} counts a turn; correct counts in [motor]"
-        )
-
-
 def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, int]:
     """Return the position (n,), rad, running on over turns, and the number of its grid's points.
 
-    From `encoder_count`; from `angle_rad` where there is no count or it never moves. The grid is
-    the encoder's, 0 for an angle that has none. Raises IdentifyError.
+    From `encoder_count`, in range; from `angle_rad` where there is no count or it never moves. The
+    grid is the encoder's, 0 for an angle that has none. Raises IdentifyError.
     """
     names = ticks.dtype.names or ()
     count = ticks["encoder_count"].astype(np.int64) if "encoder_count" in names else None
     if count is not None and count.size and (count != count[0]).any():
-        _check_range(count, counts, label)
         return 2 * np.pi / counts * unwrap_counts(count, counts), counts
     if "angle_rad" in names:
         angle_rad = ticks["angle_rad"].astype(float)
@@ -98,12 +85,11 @@ def continuous_turns(
 ) -> tuple[tuple[int, int], ...]:
     """Return (first, end) of each turn from zero point to zero point, one after the other.
 
-    from_start: from the first sample's position instead, so that short captures lose no part of a
-    turn. For a capture, in which the rotor keeps its direction: a count that trembles at the end of
-    a turn ends none, where `whole_turns` sees it turn back. Raises NoWholeTurn,
-    CountsOutOfRange.
+    count (n,): in range; from_start: from the first sample's position instead, so that short
+    captures lose no part of a turn. For a capture, in which the rotor keeps its direction: a count
+    that trembles at the end of a turn ends none, where `whole_turns` sees it turn back. Raises
+    NoWholeTurn.
     """
-    _check_range(count, counts, label)
     position = unwrap_counts(count, counts)
     if count.size and position[-1] < position[0]:
         position = -position

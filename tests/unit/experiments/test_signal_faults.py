@@ -1,7 +1,10 @@
 """What analyses say of recordings whose signals are dead, clipped, frozen or in another unit."""
 
+import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,6 +71,28 @@ def test_a_serious_finding_names_the_signal(
     code, out, error = run(analyse, kind, path)
     assert code == 0, error
     assert f"serious: {finding}" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("kind", "figures"),
+    [
+        ("calibrate", lambda found: found["alpha"]),
+        ("verify", lambda found: [one["rms_percent"] for one in found["points"]]),
+    ],
+)
+def test_a_count_out_of_range_is_left_out_and_said(
+    recorded: Recorded, tmp_path: Path, kind: str, figures: Callable[[Any], list[float]]
+) -> None:
+    """One sample of millions ended the analysis."""
+    change = CHANGES["encoder out of range at times"]
+    path = change_recording(recorded.off, tmp_path / "run.mcap", change)
+    sound, found = (
+        json.loads(run(analyse, kind, one, "--json")[1]) for one in (recorded.off, path)
+    )
+    [finding] = [one for one in found["findings"] if one["name"].startswith("encoder")]
+    assert (finding["name"], finding["severity"]) == ("encoder-out-of-range", "warning")
+    assert figures(found) == pytest.approx(figures(sound), rel=1e-3)
+    assert figures(found) != figures(sound)
 
 
 @pytest.mark.parametrize("kind", ["calibrate", "verify", "cogging"])

@@ -7,8 +7,12 @@ from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
 from motord.identification.signal_condition import (
+    CountsOutOfRange,
     CurrentProducts,
+    SignalFault,
+    in_range,
     misread_counts,
+    out_of_range,
     require_change,
     signal_faults,
     stuck_lines,
@@ -155,6 +159,47 @@ def test_a_sample_or_two_that_are_off_are_no_finding_nor_is_a_slip() -> None:
     assert misread_counts(count, 4096) == ()
     slipped = (turning(1) + 500 * (np.arange(5000) // 1000)) % 4096
     assert misread_counts(slipped, 4096) == ()
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("wrong", [[-1], [4096, 65535], [-7, 4100, 9000, 5000]])
+def test_single_counts_that_the_encoder_does_not_have_are_disturbed(direction, wrong):
+    count = turning(3)[::direction].copy()
+    at = np.linspace(100, count.size - 100, len(wrong)).astype(int)
+    count[at] = wrong
+    good = in_range(count, 4096, "here")
+    assert np.flatnonzero(~good).tolist() == at.tolist()
+    [fault] = out_of_range(good)
+    assert fault == SignalFault("encoder_count", "out-of-range", len(wrong) / count.size)
+    assert out_of_range(in_range(turning(3), 4096, "here")) == ()
+
+
+def test_one_such_count_next_to_the_zero_point_is_disturbed_too():
+    count = np.arange(9000) % 4096
+    count[4096] = -1
+    assert np.flatnonzero(~in_range(count, 4096, "here")).tolist() == [4096]
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(("counts", "below"), [(4095, 0), (2048, 0), (4000, 0), (4096, 2048)])
+def test_counts_of_another_encoder_are_refused_however_few_are_out_of_range(
+    direction, counts, below
+):
+    count = turning(3, turns_Hz=1.0137, samples=20_000)[::direction] - below
+    with pytest.raises(CountsOutOfRange, match=f"here: .* motor has {counts} counts a turn; corr"):
+        in_range(count, counts, "here")
+
+
+@pytest.mark.parametrize("value", [-1, 65535])
+def test_more_than_a_hundredth_of_the_counts_out_of_range_are_refused(value):
+    count = turning(3)
+    count[::90] = value
+    with pytest.raises(CountsOutOfRange):
+        in_range(count, 4096, "here")
+    with pytest.raises(CountsOutOfRange):
+        in_range(np.full(2, value), 4096, "here")
+    assert in_range(np.array([], int), 4096, "here").size == 0
+    assert in_range(np.array([value]), 4096, "here").tolist() == [False]
 
 
 def test_currents_over_their_commands_have_scale_and_sign_of_each_phase() -> None:

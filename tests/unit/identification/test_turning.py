@@ -60,12 +60,6 @@ def test_a_missing_angle_is_reported() -> None:
         unwrapped(np.zeros(10, [("encoder_count", "i4"), ("angle_rad", "f4")]), 100, "here")
 
 
-def test_counts_of_another_encoder_are_reported() -> None:
-    ticks = record(4096, np.linspace(0, 20, 500))
-    with pytest.raises(IdentifyError, match="the motor has 1000 counts a turn"):
-        unwrapped(ticks, 1000, "here")
-
-
 def test_turns_go_from_zero_point_to_zero_point() -> None:
     position_rad = np.linspace(0.3 * TURN, 4.6 * TURN, 4301)
     turns = whole_turns(position_rad)

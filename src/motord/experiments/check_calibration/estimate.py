@@ -39,7 +39,8 @@ def check_runs(
     subject = recordings.subject
     points = (point for run in recordings.runs for point in captures(run))
     found = check(points, subject, calibration, needed_percent)
-    return replace(found, more_findings=points_left_out(recordings.runs))
+    left_out = points_left_out(recordings.runs)
+    return replace(found, more_findings=(*found.more_findings, *left_out))
 
 
 def check(
@@ -69,6 +70,7 @@ def check(
         ),
         ripple_unseen=any(one.ripple > 0 for one in unseen)
         or any(one.amplitude_Nm > 0 for one in not_sampled),
+        more_findings=found.faults,
     )
 
 

@@ -28,6 +28,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
 from motord.experiments.calibration.estimate.turn_products import accumulate
 from motord.experiments.check_calibration.line_fit import LineFit
 from motord.experiments.signal_findings import signal_findings
+from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
 from motord.identification.operating_points import PointData, Samples, prepare, require_currents
@@ -84,7 +85,7 @@ class ParameterShift:
 
     seen (p, p): projection on what the turns show; misfit: see `LineFit`. orders: of the cogging
     torque, in the succession of theta; turns: whole ones, of each point. law: what Kirchhoff's law
-    says of the gains in a star; None where it says nothing.
+    says of the gains in a star; None where it says nothing. faults: of the signals.
     """
 
     theta: np.ndarray
@@ -95,6 +96,7 @@ class ParameterShift:
     orders: tuple[int, ...]
     turns: tuple[int, ...]
     law: LawShift | None = None
+    faults: tuple[Finding, ...] = ()
 
     def along(self, direction: np.ndarray) -> tuple[float, float, float] | None:
         """Return the change along a direction (p,), its standard error and degrees of freedom.
@@ -119,8 +121,10 @@ def parameter_shift(
 ) -> ParameterShift:
     """Return by how much the calibration would have to move. Raises IdentifyError."""
     recorded = [prepare(point, motor.counts) for point in points]
-    for fault in signal_findings((one.label, one.faults) for one in recorded):
-        raise IdentifyError(f"nothing can be said: {fault.meaning}; {fault.action}")
+    faults = signal_findings((one.label, one.faults) for one in recorded)
+    for fault in faults:
+        if fault.severity == "serious":
+            raise IdentifyError(f"nothing can be said: {fault.meaning}; {fault.action}")
     has_law = motor.connection == "star" and not any(map(is_missing, recorded))
     samples = [without_sensor(one, calibration, motor, sensor) for one in recorded]
     _check_turns(samples)
@@ -143,6 +147,7 @@ def parameter_shift(
         misfit=fit.misfit,
         orders=basis.orders,
         turns=tuple(len(one.turns) for one in samples),
+        faults=faults,
         law=law_shift(regression, gain) if has_law else None,
     )
 

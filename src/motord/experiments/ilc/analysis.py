@@ -67,7 +67,8 @@ class LearnPass:
     def findings(self) -> tuple[Finding, ...]:
         """Of the calibration: where data depart from its model; and what corrections rest on."""
         lines = asynchronous_line(self.ripples, CONSEQUENCE)
-        return (*(self.calibration.findings or ()), *self.limited(), *lines)
+        faults = signal_findings((one.label, one.faults) for one in self.ripples)
+        return (*(self.calibration.findings or ()), *self.limited(), *lines, *faults)
 
     def limited(self) -> Iterator[Finding]:
         """Yield a finding where a correction is at its limit, and is not what the torque needs."""
@@ -268,9 +269,9 @@ def _prepared(point: PointData, subject: Subject) -> Samples:
             "(compensate = on): use a run of the plan `learn`"
         )
     samples = prepare(point, subject.motor.counts)
-    if samples.faults:
-        [finding, *_] = signal_findings([(samples.label, samples.faults)])
-        raise AnalysisError(f"nothing is learned: {finding.meaning}; {finding.action}")
+    for one in signal_findings([(samples.label, samples.faults)]):
+        if one.severity == "serious":
+            raise AnalysisError(f"nothing is learned: {one.meaning}; {one.action}")
     return samples
 
 

@@ -10,7 +10,7 @@ The energy is the integral of T over the encoder's angle: the estimated speed la
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, hypot, sqrt
 from typing import Any
 
@@ -36,7 +36,7 @@ from motord.experiments.subject import (
     require_columns,
 )
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
-from motord.identification.signal_condition import require_change
+from motord.identification.signal_condition import in_range, out_of_range, require_change
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
 from motord.uncertainty_budget import totals
@@ -150,12 +150,16 @@ def _signals(
     bounds["from_ns"] -= round(BEFORE_TIME_CONSTANTS * tau_s * 1e9)
     commands = COMMANDS if set(COMMANDS) <= set(run.columns) else ()
     ticks = run.ticks((*COLUMNS, *commands), **bounds)
+    name = f"cycle {int(point['index']) + 1}"
+    count = ticks["encoder_count"].astype(np.int64)
+    readable = in_range(count, subject.motor.counts, f"{run.path}: {name}")
+    ticks = rows_of(ticks, readable)
     captured = ticks["plan_point"] == int(point["index"])
     torque_Nm, passed_Nm, currents_Nm = _torques(ticks, subject, calibration)[:, captured]
     ticks = rows_of(ticks, captured)
-    name = f"cycle {int(point['index']) + 1}"
     require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {name}")
     checked = CycleSignals.of(name, ticks, passed_Nm, currents_Nm, subject.motor)
+    checked = replace(checked, faults=(*checked.faults, *out_of_range(readable)))
     if not ticks.size:
         return _Signals(*(np.empty(0),) * 6), checked
     at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9

@@ -20,7 +20,7 @@ from motord.experiments.sensitivity.curves import (
 )
 from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitivity, Theory
 from motord.experiments.sensitivity.slope_fit import series
-from motord.experiments.signal_findings import current_scale
+from motord.experiments.signal_findings import current_scale, signal_findings
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
@@ -115,6 +115,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
         signal_findings=(
             *current_scale(current_ratios, "slopes of current errors are as wrong"),
             *asynchronous_line([ripple for ripple, _ in measured]),
+            *signal_findings((ripple.label, ripple.faults) for ripple, _ in measured),
         ),
     )
 

@@ -22,8 +22,7 @@ from motord.experiments.soak.trend import drifting, slope
 from motord.experiments.subject import AnalysisError, Recordings, Subject, check_plan
 from motord.identification.operating_points import good_points
 from motord.identification.point_ripple import PointRipple
-from motord.identification.signal_condition import require_change
-from motord.identification.turning import CountsOutOfRange
+from motord.identification.signal_condition import CountsOutOfRange, require_change
 from motord.intervals import LEVEL
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of

@@ -14,7 +14,8 @@ from motord.identification import IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple, point_ripple
-from motord.identification.turning import CountsOutOfRange, NoWholeTurn
+from motord.identification.signal_condition import CountsOutOfRange
+from motord.identification.turning import NoWholeTurn
 from motord.intervals import LEVEL, t_quantile
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of

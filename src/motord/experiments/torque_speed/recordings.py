@@ -13,6 +13,7 @@ import numpy as np
 
 from motord.config import TorqueSensorConfig
 from motord.experiments.recording_checks import points_left_out
+from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
 from motord.experiments.torque_speed.estimate import operating_power
 from motord.experiments.torque_speed.findings import findings
@@ -22,6 +23,7 @@ from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
 from motord.experiments.torque_speed.turns import COLUMNS, CapturedTurns
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, good_points, split
+from motord.identification.signal_condition import SignalFault
 from motord.recording.plan_columns import plan_columns
 from motord.recording.reader import Run, bounds_of
 
@@ -39,11 +41,13 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     accuracy, pole_pairs = subject.accuracy, subject.motor.pole_pairs
     points: list[OperatingPower] = []
     left_out: list[str] = []
+    faults: list[tuple[str, tuple[SignalFault, ...]]] = []
     for run in runs:
         readings, plan = _readings(run, own), plan_columns(run.metadata)
         for point, envelope_Nm in _captured(run):
             try:
                 turns = CapturedTurns.of(point, subject.motor)
+                faults.append((f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz", turns.faults))
                 series = _series(readings, turns, point, own)
                 place = (point.torque_Nm, point.speed_Hz)
                 found = operating_power(*place, turns, series, accuracy, pole_pairs)
@@ -55,7 +59,8 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: {'; '.join(left_out[:3]) or 'no good operating point'}")
     source = own.bus_current_channel or own.power_channel
-    all_findings = (*findings(points, subject), *points_left_out(runs))
+    of_signals = (*points_left_out(runs), *signal_findings(faults))
+    all_findings = (*findings(points, subject), *of_signals)
     return EfficiencyMap(tuple(points), source, tuple(left_out), all_findings)
 
 

@@ -9,7 +9,12 @@ from motord.config import MotorConfig
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData
 from motord.identification.resample import rising
-from motord.identification.signal_condition import require_sound
+from motord.identification.signal_condition import (
+    SignalFault,
+    in_range,
+    out_of_range,
+    require_sound,
+)
 from motord.identification.turning import continuous_turns, unwrap_counts
 from motord.schema import rows_of
 
@@ -28,7 +33,7 @@ SECTORS = 512
 class CapturedTurns:
     """Samples (n,) of a capture, in time order; edges: the first of each whole turn, and its end.
 
-    t_s: since t0_ns; angle_rad: running on, positive forwards.
+    t_s: since t0_ns; angle_rad: running on, positive forwards. faults: samples left out.
     """
 
     t0_ns: int
@@ -36,6 +41,7 @@ class CapturedTurns:
     angle_rad: np.ndarray
     torque_Nm: np.ndarray
     edges: np.ndarray
+    faults: tuple[SignalFault, ...] = ()
 
     @classmethod
     def of(cls, point: PointData, motor: MotorConfig) -> "CapturedTurns":
@@ -45,6 +51,8 @@ class CapturedTurns:
             raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
         good = rising(point.ticks["t_ns"]) & np.isfinite(point.ticks["torque_Nm"])
         ticks = rows_of(point.ticks, good)
+        readable = in_range(ticks["encoder_count"].astype(np.int64), motor.counts, label)
+        ticks = rows_of(ticks, readable)
         count = ticks["encoder_count"].astype(np.int64)
         turns = continuous_turns(count, motor.counts, label, from_start=point.turns_from_start)
         t0_ns = int(ticks["t_ns"][0])
@@ -55,7 +63,7 @@ class CapturedTurns:
         require_sound({"torque_Nm": torque_Nm}, count, motor.counts, len(turns), label)
         edges = np.array([turns[0][0], *(end for _, end in turns)])
         edges = edges[edges < t_s.size]  # the last turn may end with the capture
-        return cls(t0_ns, t_s, angle_rad, torque_Nm, edges)
+        return cls(t0_ns, t_s, angle_rad, torque_Nm, edges, out_of_range(readable))
 
     @cached_property
     def tick_s(self) -> float:

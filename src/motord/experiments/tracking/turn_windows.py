@@ -11,10 +11,10 @@ import numpy as np
 from numpy.lib.recfunctions import repack_fields
 
 from motord.calibration import Calibration
-from motord.identification import IdentifyError
 from motord.identification.operating_points import COMMANDS, REQUIRED
-from motord.identification.turning import continuous_turns, unwrap_counts
-from motord.schema import Flag, State, joined
+from motord.identification.signal_condition import CountsOutOfRange, in_range
+from motord.identification.turning import NoWholeTurn, continuous_turns, unwrap_counts
+from motord.schema import Flag, State, joined, rows_of
 
 COLUMNS = [*REQUIRED, *COMMANDS, "i_age_ns", "torque_set_Nm", "speed_rad_s"]
 
@@ -52,9 +52,7 @@ class TurnWindows:
         self._counts = calibration.motor.counts
         self._window = round(window_s * rate_Hz)
         self._longest = round(LONGEST_S * rate_Hz)
-        self._kept: list[np.ndarray] = []
-        self._size = 0
-        self._looked_at = 0
+        self._keep()
         self._last_tick, self._last_torque_Nm = 0, 0.0
 
     def take(self, ticks: np.ndarray) -> Iterator[np.ndarray]:
@@ -96,28 +94,34 @@ class TurnWindows:
         """Yield the rest of a steady set-point, and drop it."""
         if self._size:
             yield from self._cut()
-        self._kept, self._size, self._looked_at = [], 0, 0
+        self._keep()
 
     def _cut(self) -> Iterator[np.ndarray]:
         """Yield the whole turns so far and keep what comes after them."""
         ticks = joined(self._kept)
-        self._kept = [ticks]
-        self._looked_at = ticks.size
-        turns = self._turns(ticks["encoder_count"].astype(int))
+        self._keep()
+        turns: tuple[tuple[int, int], ...] = ()
+        try:
+            count = ticks["encoder_count"].astype(int)
+            ticks = rows_of(ticks, in_range(count, self._counts, "window"))
+            turns = continuous_turns(ticks["encoder_count"].astype(int), self._counts, "window")
+        except NoWholeTurn:
+            pass
+        except CountsOutOfRange:
+            yield ticks  # `prepare` refuses it with its reason
+            return
         if len(turns) < LEAST_TURNS:
-            if ticks.size > self._longest:
-                self._kept, self._size, self._looked_at = [], 0, 0
+            if ticks.size <= self._longest:
+                self._keep(ticks)
             return
         end = turns[-1][1]
         window = ticks[: end + MARGIN]
-        self._kept = [joined([ticks[max(end - MARGIN, 0) :]])]
-        self._size = self._looked_at = self._kept[0].size
+        self._keep(joined([ticks[max(end - MARGIN, 0) :]]))
         position = unwrap_counts(window["encoder_count"], self._counts)
         if abs(position[-1] - position[0]) >= ONE_WAY * np.abs(np.diff(position)).sum():
             yield window
 
-    def _turns(self, count: np.ndarray) -> tuple[tuple[int, int], ...]:
-        try:
-            return continuous_turns(count, self._counts, "window")
-        except IdentifyError:
-            return ()
+    def _keep(self, *ticks: np.ndarray) -> None:
+        """Keep these ticks, which were looked at, and no others."""
+        self._kept = list(ticks)
+        self._size = self._looked_at = sum(one.size for one in ticks)

@@ -15,13 +15,15 @@ from motord.identification.rotor.motion import Motion
 from motord.identification.signal_condition import (
     SignalFault,
     encoder_faults,
+    in_range,
+    out_of_range,
     require_change,
     signal_faults,
 )
 from motord.identification.turning import TURN_MORE, Turn, segments, unwrapped, whole_turns
 from motord.schema import rows_of
 
-UNUSABLE = "no numbers, or times that do not rise"
+UNUSABLE = "no numbers, counts out of range, or times that do not rise"
 PART = "part of a turn"
 """At the beginning, at the end or at a reversal: no whole turn of one direction."""
 
@@ -168,6 +170,8 @@ def _prepare(
     good = rising(point.ticks["t_ns"])
     for name in names:
         good &= np.isfinite(point.ticks[name])
+    readable = _readable(point.ticks, good, motor.counts, label)
+    good[good] = readable
     ticks = rows_of(point.ticks, good)
     all_s = (point.ticks["t_ns"] - point.ticks["t_ns"][:1]) * 1e-9
     t_s = all_s[good]
@@ -186,11 +190,24 @@ def _prepare(
     faults = signal_faults(signals, sum(map(len, groups)), {})
     if grid:
         faults += encoder_faults(ticks["encoder_count"].astype(np.int64), motor.counts)
+    faults += out_of_range(readable)
     driven = [
         replace(_segment(point, group, ticks, t_s, position_rad, grid, motor), faults=faults)
         for group in groups
     ]
     return driven, spans_left_out(f"point {number}, {label}", all_s, good, reasons)
+
+
+def _readable(ticks: np.ndarray, good: np.ndarray, counts: int, label: str) -> np.ndarray:
+    """Return which of the good samples have a count in range; all where it never moves: no angle.
+
+    Raises CountsOutOfRange.
+    """
+    if "encoder_count" in (ticks.dtype.names or ()):
+        count = ticks["encoder_count"][good].astype(np.int64)
+        if np.unique(count).size > 1:
+            return in_range(count, counts, label)
+    return np.ones(int(good.sum()), bool)
 
 
 def _segment(

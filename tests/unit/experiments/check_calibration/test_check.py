@@ -96,6 +96,14 @@ def test_an_encoder_that_is_misread_gives_no_verdict(unchanged: Taken) -> None:
             replace(unchanged, ticks=ticks).checked()
 
 
+def test_a_count_out_of_range_is_left_out_and_said(unchanged: Taken) -> None:
+    ticks = unchanged.ticks.copy()
+    ticks["encoder_count"][ticks.size // 2] = 65535
+    found = replace(unchanged, ticks=ticks).checked()
+    assert [one.name for one in found.more_findings] == ["encoder-out-of-range"]
+    assert found.drifted == ()
+
+
 def inverter(truth: RigTruth, **changes: object) -> RigTruth:
     return truth.model_copy(update={"inverter": truth.inverter.model_copy(update=changes)})
 

@@ -14,6 +14,7 @@ from motord.experiments.cogging.estimate import measure
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_rotor import left_out_lines
 from motord.identification.operating_points import PointData
+from motord.identification.rotor.driven_rotor import UNUSABLE
 from tests.campaigns.jerky import STIFF, errors
 from tests.support.jerky_rotor import Jerky
 
@@ -77,6 +78,16 @@ def test_nothing_is_left_out_without_a_statement() -> None:
     assert line.startswith("left out, part of a turn: ")
 
 
+def test_counts_out_of_range_are_left_out_and_said() -> None:
+    ticks = Jerky(rate_Hz=500, cogging=((48, 0.01, 0.3),)).ticks([(1.0, 6.2)], 1)
+    ticks["encoder_count"][[700, 1500]] = 65535, -1
+    found = measure([PointData(0.0, 0.0, ticks)], load().motor, TorqueSensorConfig())
+    [left] = [one for one in found.left_out if one.reason == UNUSABLE]
+    assert left.duration_s == pytest.approx(0.004)
+    [finding] = [one for one in found.findings if one.name == "encoder-out-of-range"]
+    assert finding.value == pytest.approx(200 / ticks.size)
+
+
 def test_what_holds_no_numbers_and_other_speeds_are_listed() -> None:
     rotor = Jerky(rate_Hz=500, cogging=((48, 0.01, 0.3),))
     ticks = rotor.ticks([(1.0, 6.2), (0.3, 4.0)], 1)
@@ -84,7 +95,7 @@ def test_what_holds_no_numbers_and_other_speeds_are_listed() -> None:
     found = measure([PointData(0.0, 0.0, ticks)], load().motor, TorqueSensorConfig())
     reasons = {one.reason: one for one in found.left_out}
     assert set(reasons) == {
-        "part of a turn", "at another speed", "no numbers, or times that do not rise",
+        "part of a turn", "at another speed", UNUSABLE,
     }  # fmt: skip
-    assert reasons["no numbers, or times that do not rise"].duration_s == pytest.approx(0.02)
+    assert reasons[UNUSABLE].duration_s == pytest.approx(0.02)
     assert "data-left-out" in names(found)

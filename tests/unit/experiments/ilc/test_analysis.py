@@ -119,6 +119,14 @@ def test_nothing_is_learned_from_an_encoder_that_is_misread(
         learned_from(path, first[1])
 
 
+def test_a_count_out_of_range_does_not_end_learning(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    change = CHANGES["encoder out of range at times"]
+    found = learned_from(change_recording(first[0], tmp_path / "run.mcap", change), first[1])
+    assert "encoder-out-of-range" in {one.name for one in found.findings}
+
+
 def test_a_run_with_another_calibration_is_refused(first: tuple[Path, Calibration]) -> None:
     path, calibration = first
     other = calibration.model_copy(update={"id": "f" * 16})

@@ -278,3 +278,14 @@ def test_wrong_signals_are_serious_findings(
     path = change_recording(played.on, tmp_path / "changed.mcap", CHANGES[change])
     result = found(path, played.calibration)
     assert {one.name for one in result.findings if one.severity == "serious"} == findings
+
+
+def test_a_count_out_of_range_is_left_out_of_a_cycle(played: Played, tmp_path: Path) -> None:
+    """It was an index beyond the tables of the calibration."""
+    change = CHANGES["encoder out of range at times"]
+    result = found(
+        change_recording(played.on, tmp_path / "changed.mcap", change), played.calibration
+    )
+    assert "encoder-out-of-range" in {one.name for one in result.findings}
+    [sound, disturbed] = (one.cycles[0] for one in (found(played.on, played.calibration), result))
+    assert disturbed.energy_J == pytest.approx(sound.energy_J, rel=1e-3)

@@ -11,6 +11,7 @@ from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
 from motord.experiments.plans import build
 from motord.experiments.soak.estimate import soak_trends
+from motord.experiments.soak.result import SoakResult
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.identification import IdentifyError
 from motord.recording.metadata import describe
@@ -364,18 +365,32 @@ def test_ticks_without_a_column_are_refused_with_what_to_do(
         trends(drifted)
 
 
+def with_counts(drifted: Path, path: Path, places: slice, count: int) -> SoakResult:
+    """Return the result where ticks of a capture have a count that the encoder does not have."""
+
+    def change(ticks: np.ndarray) -> np.ndarray:
+        ticks["encoder_count"][np.flatnonzero(ticks["plan_point"] == 5)[places]] = count
+        return ticks
+
+    return soak_trends(Recordings.open([change_recording(drifted, path, change)]))
+
+
 @pytest.mark.parametrize("count", [5000, -1])
-def test_a_count_that_is_out_of_range_leaves_out_the_ripple_of_its_capture_alone(
+def test_a_count_that_is_out_of_range_is_left_out_alone(
     drifted: Path, tmp_path: Path, count: int
 ) -> None:
     """One sample of hours ended the analysis."""
+    result = with_counts(drifted, tmp_path / "s.mcap", slice(7, 8), count)
+    assert {one.values.size for one in result.trends if "rms" in one.name} == {12}
+    [finding] = [one for one in result.findings if one.name == "encoder-out-of-range"]
+    assert "2 Nm, 1 Hz" in finding.meaning
 
-    def change(ticks: np.ndarray) -> np.ndarray:
-        ticks["encoder_count"][np.flatnonzero(ticks["plan_point"] == 5)[7]] = count
-        return ticks
 
-    path = change_recording(drifted, tmp_path / "s.mcap", change)
-    result = soak_trends(Recordings.open([path]))
+@pytest.mark.parametrize("count", [5000, -1])
+def test_counts_that_are_out_of_range_leave_out_the_ripple_of_their_capture_alone(
+    drifted: Path, tmp_path: Path, count: int
+) -> None:
+    result = with_counts(drifted, tmp_path / "s.mcap", slice(7, 30), count)
     found = {one.name: one.values.size for one in result.trends}
     assert found["rms_error_percent"] == found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == 11
     assert found["rms_error_percent of point 1, 1 Nm, 1 Hz"] == 12

@@ -17,6 +17,7 @@ from motord.recording.reader import bounds_of, open_run
 from motord.recording.writer import RunWriter
 from motord.results.store import ResultsStore
 from motord.simulate import PlanSource, record_plan
+from tests.support.wrong_signals import CHANGES, change_recording
 from tests.unit.experiments.test_cli import run
 
 BENCH = packaged("../../../config/efficiency.toml")
@@ -180,6 +181,14 @@ def test_what_cannot_be_analysed_is_one_clear_line(
     code, _, err = run(analyse, "torque-speed", path)
     assert code == 1
     assert message in " ".join(err.split())
+
+
+def test_a_count_out_of_range_leaves_out_no_point(recorded: Path, tmp_path: Path) -> None:
+    change = CHANGES["encoder out of range at times"]
+    path = change_recording(recorded, tmp_path / "run.mcap", change)
+    found, sound = (efficiency_map(Recordings.open([one])) for one in (path, recorded))
+    assert (len(found.points), found.left_out) == (len(sound.points), sound.left_out)
+    assert "encoder-out-of-range" in {one.name for one in found.findings}
 
 
 def test_points_without_readings_are_left_out_and_said(recorded: Path, tmp_path: Path) -> None:

@@ -384,6 +384,20 @@ def test_without_currents_it_says_so(quiet: np.ndarray) -> None:
     assert "were not recorded" in found.obstacle
 
 
+def test_counts_out_of_range_are_left_out_and_those_of_another_encoder_said(
+    quiet: np.ndarray,
+) -> None:
+    ticks = quiet[:60_000].copy()
+    sound = tracked_of(ticks)
+    ticks["encoder_count"][::5000] = 65535
+    found = tracked_of(ticks)
+    assert (found.turns, found.obstacle) == (sound.turns, "")
+    ticks["encoder_count"] += 100
+    refused = tracker_of(ticks).tracked()
+    assert refused is not None
+    assert "counts a turn; correct counts" in refused.obstacle
+
+
 def test_a_torque_that_was_left_long_ago_says_little_of_gains_now() -> None:
     ticks = operate(270, (5.0,) + (2.0,) * 8)
     early, late = tracked_of(ticks[:90_000]), tracked_of(ticks)

@@ -149,9 +149,10 @@ class Calibrator:
         try:
             found = self.joint() if method == "joint" else self.residual()
         except IdentifyError as error:
-            if not faults:
-                raise
-            raise IdentifyError(f"{faults[0].meaning}; {faults[0].action} ({error})") from error
+            for one in faults:
+                if one.severity == "serious":
+                    raise IdentifyError(f"{one.meaning}; {one.action} ({error})") from error
+            raise
         scale = common_gain_finding(found, self._bench.accuracy)
         return replace(found, findings=(*found.findings, *scale, *faults))
 
