@@ -3,11 +3,12 @@
 Names say what is what, as everywhere: `x_Nm` is a quantity in Nm, of which `x_stderr_Nm` or
 `x_uncertainty_Nm` is the standard error, `x_half_width_Nm` half of the 95 % interval, `x_low_Nm`
 and `x_high_Nm` its ends, and `interval_95_Nm` both; where they differ the larger error and the
-outermost ends count. `stderr_Nm` without a name is that of the only quantity in Nm, of several the
-one that a `FigureKind` says is leading, else the one that stands before it, `stderr` that of
-`value`, whose unit is in `unit`.
+outermost ends count. Where one of them can be no error (infinite, negative, text, ends the wrong
+way round) none of them counts: null alone says that it is not known. `stderr_Nm` without a name is
+that of the only quantity in Nm, of several the one that a `FigureKind` says is leading, else the
+one that stands before it, `stderr` that of `value`, whose unit is in `unit`.
 `degrees_of_freedom` holds for the object that it is in and all in it, `x_degrees_of_freedom` for
-the quantity `x_Nm` alone, instead; what is no number there counts as one, the fewest.
+the quantity `x_Nm` alone, instead; what is no number there, or below one, counts as one.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -58,7 +59,7 @@ class StatedQuantity:
 
     low, high: ends of the 95 % interval, both or none. freedom: its own degrees of freedom, else
     those of the object, else those around it. of_error: whether any key is of its error, also one
-    that states by null that it is not known.
+    that states by null that it is not known, or that can be no error.
     """
 
     value: float | None
@@ -149,19 +150,37 @@ def stated_quantity(
         parts = {role: element_of(part, place) for role, part in parts.items()}
     stderrs = (finite_number(parts.get(role)) for role in ("stderr", "uncertainty"))
     stderr = max((one for one in stderrs if one is not None), default=None)
-    value, ends = finite_number(parts["value"]), list(_intervals(parts))
+    value, ends = finite_number(parts["value"]), list(_intervals(parts, stderr is not None))
+    freedom = _freedom(_stated_freedom(content, key, around, place), stderr is not None)
+    if any(low > high for low, high in ends) or not all(map(_is_readable, parts, parts.values())):
+        return StatedQuantity(value, None, None, None, freedom, True)
     low = min((low for low, _ in ends), default=None)
     high = max((high for _, high in ends), default=None)
-    freedom = _freedom(_stated_freedom(content, key, around, place), stderr is not None)
     return StatedQuantity(value, stderr, low, high, freedom, bool(errors))
 
 
-def _intervals(parts: Mapping[str, Any]) -> Iterator[tuple[float, float]]:
-    """Yield the ends of each 95 % interval of which both are stated, by role."""
+def _is_readable(role: str, part: Any) -> bool:
+    """Return whether what is stated by a role can be an error, or is not known (None)."""
+    if role == "value" or part is None:
+        return True
+    if role == "interval_95":
+        pair = isinstance(part, Sequence) and not isinstance(part, str) and len(part) == 2
+        return pair and all(one is None or finite_number(one) is not None for one in part)
+    number = finite_number(part)
+    return number is not None and (number >= 0 or role in ("low", "high"))
+
+
+def _intervals(parts: Mapping[str, Any], has_stderr: bool) -> Iterator[tuple[float, float]]:
+    """Yield the ends of each 95 % interval, by role.
+
+    Beside a standard error one end is enough, the other counts as far from the value.
+    """
     value, half = finite_number(parts["value"]), finite_number(parts.get("half_width"))
     around = () if value is None or half is None else (value - half, value + half)
     for ends in ((parts.get("low"), parts.get("high")), parts.get("interval_95"), around):
         low, high = (finite_number(element_of(ends, end)) for end in (0, 1))
+        if has_stderr and value is not None and (low is None) != (high is None):
+            low, high = (2 * value - high, high) if low is None else (low, 2 * value - low)
         if low is not None and high is not None:
             yield low, high
 
@@ -184,13 +203,15 @@ def _stated_freedom(
 def _freedom(stated: Any, has_stderr: bool) -> float | None:
     """Return degrees of freedom, None for many or none stated.
 
-    What is no number counts as one; of an interval alone, which that would make a standard error of
-    a sixth, as not stated.
+    What is no number, or below one, counts as one; of an interval alone, which that would make a
+    standard error of a sixth, as not stated.
     """
     if stated is None or stated == inf:
         return None
-    unknown = 1.0 if has_stderr else None
-    return unknown if (number := finite_number(stated)) is None else number
+    number = finite_number(stated)
+    if number is None or number < 1:
+        return 1.0 if has_stderr else None
+    return number
 
 
 def freedoms(content: Mapping[str, Any], around: tuple[Any, ...] = ()) -> tuple[Any, ...]:

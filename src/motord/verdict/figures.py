@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import hypot, inf, isclose
+from math import hypot, isclose
 from typing import Any
 
 from motord.config.figures import FigureKind
@@ -20,6 +20,9 @@ Selection = Mapping[str, str | float]
 """Values of the keys that separate the rows of a figure, such as {"order": 48}."""
 
 PHASES = "abc"
+
+BUDGETS = ("alpha", "beta_A", "delta_epsilon", "cogging_Nm")
+"""What `FigureKind.budget` may be, as a contribution's degrees of freedom are in order."""
 
 
 def figures_of(kind: FigureKind, result: Mapping[str, Any], at: Selection) -> tuple[Figure, ...]:
@@ -85,7 +88,8 @@ def _figure(
             return Figure(name, kind.unit, value, None, None, "it has no uncertainty budget")
         data, others, _ = totals(budget)
         type_b = _of_budget(others, kind, key)
-        type_a = type_a if row.of_error else _of_budget(data, kind, key)
+        if not row.of_error:
+            type_a, freedom = _of_budget(data, kind, key), _fewer(freedom, _freedom_of(data, kind))
     if type_a is None or not type_a > 0:
         return Figure(name, kind.unit, value, None, None, "its uncertainty is not stated")
     whole = hypot(type_a, type_b)
@@ -113,6 +117,15 @@ def _type_a(row: StatedQuantity) -> tuple[float | None, float | None, bool]:
     return found
 
 
+def _fewer(one: float | None, other: float | None) -> float | None:
+    """Return the fewer of degrees of freedom, None being many."""
+    return min((f for f in (one, other) if f is not None), default=None)
+
+
+def _freedom_of(total: Contribution, kind: FigureKind) -> float | None:
+    return total.degrees_of_freedom[BUDGETS.index(kind.budget)]
+
+
 def _of_budget(total: Contribution, kind: FigureKind, key: Mapping[str, Any]) -> float:
     part = getattr(total, kind.budget)
     return float(part[PHASES.index(key["phase"])] if isinstance(part, tuple) else part)
@@ -128,8 +141,9 @@ def _combined(kind: FigureKind, name: str, figures: Sequence[Figure]) -> Figure:
     each = sorted(u for one in figures if (u := one.standard_uncertainty) is not None)
     if len(values) < len(figures) or len(each) < len(figures):
         return Figure(name, kind.unit, None, None, None, "an uncertainty is not stated")
-    fewest = min(inf if (f := one.degrees_of_freedom) is None else f for one in figures)
-    freedom, known = None if fewest == inf else fewest, all(one.freedom_known for one in figures)
+    freedom, known = None, all(one.freedom_known for one in figures)
+    for one in figures:
+        freedom = _fewer(freedom, one.degrees_of_freedom)
     n, value, u = len(figures), max(values) - min(values), sum(each[-2:])
     if kind.combine == "mean":
         value, u = sum(values) / n, sum(each) / n

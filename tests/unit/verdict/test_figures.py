@@ -362,6 +362,51 @@ def test_an_interval_around_no_error_is_not_narrowed(stderr_Nm, more):
     assert decide(none, Tolerance(0.5, None), 0.025).reason == "its uncertainty is not stated"
 
 
+@pytest.mark.parametrize(
+    "stated",
+    [
+        *({"gain_half_width_Nm": one} for one in (float("inf"), float("nan"), -0.2, "9", [0.1])),
+        *({"gain_uncertainty_Nm": one} for one in (float("inf"), float("nan"), -1e-9, "9", True)),
+        *({"gain_interval_95_Nm": one} for one in (0.5, [0.2], ["0", "2"], [1.2, 0.8])),
+        {"gain_low_Nm": 1.2, "gain_high_Nm": 0.8},
+        {"gain_low_Nm": float("-inf"), "gain_high_Nm": float("inf")},
+    ],
+)
+def test_beside_what_can_be_no_error_no_error_is_stated(stated):
+    """An infinite half-width beside a standard error of 0.001 did not count: the figure passed."""
+    [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_stderr_Nm": 0.001, **stated}, {})
+    found = decide(one, Tolerance(0.5, 1.5), 0.025)
+    assert (found.decision, found.reason) == ("undecidable", "its uncertainty is not stated")
+
+
+@pytest.mark.parametrize("ends", [{"gain_high_Nm": 5.0}, {"gain_low_Nm": -3.0}])
+@pytest.mark.parametrize("other", [{}, {"gain_low_Nm": None}, {"gain_high_Nm": None}])
+def test_one_end_of_an_interval_counts_beside_a_standard_error(ends, other):
+    [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_stderr_Nm": 0.001, **other, **ends}, {})
+    assert one.expanded_uncertainty == pytest.approx(4.0)
+    [alone] = figures_of(GAIN, {"gain_Nm": 1.0, **other, **ends}, {})
+    assert alone.standard_uncertainty is None
+
+
+@pytest.mark.parametrize("freedom", [0, -3, 0.5, float("-inf")])
+def test_degrees_of_freedom_below_one_are_one_and_of_an_interval_alone_not_known(freedom):
+    """They made the standard uncertainty a sixth of what the interval says."""
+    stated = {"gain_Nm": 1.0, "degrees_of_freedom": freedom}
+    [alone] = figures_of(GAIN, {**stated, "gain_half_width_Nm": 0.2}, {})
+    assert (alone.degrees_of_freedom, alone.freedom_known) == (None, False)
+    [one] = figures_of(GAIN, {**stated, "gain_stderr_Nm": 0.1}, {})
+    assert one.degrees_of_freedom == 1.0
+
+
+@pytest.mark.parametrize(("of_result", "expected"), [({}, 2.0), ({"degrees_of_freedom": 1.5}, 1.5)])
+def test_type_a_of_a_budget_has_the_degrees_of_freedom_of_the_budget(of_result, expected):
+    """It counted as of many, if the result stated none: a figure of two passed."""
+    kind = replace(GAIN, budget="delta_epsilon")
+    of_data = {**contribution("A", 0.1), "degrees_of_freedom": [9, 9, 2, 9]}
+    [one] = figures_of(kind, {"gain_Nm": 1.0, "budget": [of_data], **of_result}, {})
+    assert (one.standard_uncertainty, one.degrees_of_freedom) == pytest.approx((0.1, expected))
+
+
 def test_a_half_width_alone_decides_nothing():
     [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_half_width_Nm": 0.2}, {})
     assert one.expanded_uncertainty == pytest.approx(0.2)
