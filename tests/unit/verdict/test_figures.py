@@ -372,7 +372,7 @@ def test_an_interval_around_no_error_is_not_narrowed(stderr_Nm, more):
         {"gain_low_Nm": float("-inf"), "gain_high_Nm": float("inf")},
     ],
 )
-def test_beside_what_can_be_no_error_no_error_is_stated(stated):
+def test_with_what_can_be_no_error_no_error_counts(stated):
     """An infinite half-width beside a standard error of 0.001 did not count: the figure passed."""
     [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_stderr_Nm": 0.001, **stated}, {})
     found = decide(one, Tolerance(0.5, 1.5), 0.025)
@@ -381,7 +381,7 @@ def test_beside_what_can_be_no_error_no_error_is_stated(stated):
 
 @pytest.mark.parametrize("ends", [{"gain_high_Nm": 5.0}, {"gain_low_Nm": -3.0}])
 @pytest.mark.parametrize("other", [{}, {"gain_low_Nm": None}, {"gain_high_Nm": None}])
-def test_one_end_of_an_interval_counts_beside_a_standard_error(ends, other):
+def test_one_end_of_an_interval_counts_next_to_a_standard_error(ends, other):
     [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_stderr_Nm": 0.001, **other, **ends}, {})
     assert one.expanded_uncertainty == pytest.approx(4.0)
     [alone] = figures_of(GAIN, {"gain_Nm": 1.0, **other, **ends}, {})

@@ -1,6 +1,6 @@
 """Ripple of the points of a repetition, freed of noise, as `verify` has it of its mesh."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf, nan, sqrt
 from typing import Any
@@ -83,16 +83,18 @@ def without_orders(ripple: PointRipple) -> PointRipple:
     return replace(ripple, order=none, line_Nm=none, noise_Nm=none, even_odd_Nm=none)
 
 
-def ripple_findings(ripples: Iterable[PointRipple]) -> tuple[Finding, ...]:
+def ripple_findings(ripples: Sequence[tuple[str, int, PointRipple]]) -> tuple[Finding, ...]:
     """Return what is questionable about the ripple.
 
-    Of each set-point, where it is known worst: of the repetitions where noise hides it, and of the
-    others.
+    Of each point of the inner plan, where it is known worst: of the repetitions where noise hides
+    it, and of the others; with the faults of all of them. ripples: as of `changed_behind_noise`.
     """
     worst: dict[tuple[str, int, bool], PointRipple] = {}
-    for one in ripples:
-        key = one.label, one.compensate, is_hidden(one)
-        worst[key] = max(worst.get(key, one), one, key=_uncertainty)
+    for label, _, one in ripples:
+        key = label, one.compensate, is_hidden(one)
+        before = worst.get(key, replace(one, faults=()))
+        most = max(before, one, key=_uncertainty)
+        worst[key] = replace(most, faults=(*before.faults, *one.faults))
     consequence = "slopes are as uncertain where that differs from repetition to repetition"
     hidden = "no slope of it is stated, as that is so in one repetition or more"
     return findings(list(worst.values()), consequence, hidden) if worst else ()
@@ -139,5 +141,5 @@ def _interval(one: PointRipple, factor: float) -> tuple[float, float]:
     return sqrt(max(square - half, 0.0)), sqrt(square + half)
 
 
-def _uncertainty(one: PointRipple) -> tuple[int, float]:
-    return len(one.faults), inf if one.stderr_percent is None else one.stderr_percent
+def _uncertainty(one: PointRipple) -> float:
+    return inf if one.stderr_percent is None else one.stderr_percent

@@ -357,10 +357,25 @@ def test_a_rotor_that_did_not_turn_has_no_ripple_and_counts_of_another_encoder_a
         assert not [name for name in trends(path) if "rms" in name]
 
 
+def test_a_set_point_without_ripple_in_any_repetition_leaves_the_mean_of_the_others(
+    drifted: Path, tmp_path: Path
+) -> None:
+    """The mean was not stated at all."""
+
+    def change(ticks: np.ndarray) -> np.ndarray:
+        ticks["encoder_count"][ticks["plan_point"] % 2 == 0] = 7
+        return ticks
+
+    found = trends(change_recording(drifted, tmp_path / "s.mcap", change))
+    both, other = (found[f"rms_error_percent{of}"] for of in ("", " of point 2, 2 Nm, 1 Hz"))
+    np.testing.assert_array_equal(both.values, other.values)
+    assert "rms_error_percent of point 1, 1 Nm, 1 Hz" not in found
+
+
 def test_ticks_without_a_column_are_refused_with_what_to_do(
     drifted: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("motord.experiments.soak.estimate.COLUMNS", ("t_ns", "gone"))
+    monkeypatch.setattr("motord.experiments.soak.point_figures.COLUMNS", ("t_ns", "gone"))
     with pytest.raises(AnalysisError, match=r"soak\.mcap: ticks have no gone; record the soak"):
         trends(drifted)
 

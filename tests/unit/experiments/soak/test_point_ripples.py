@@ -47,7 +47,7 @@ def test_noise_of_a_turn_does_not_depend_on_how_many_there_are(turns: int) -> No
 def test_a_set_point_that_noise_hides_in_a_repetition_is_a_finding(
     changes: dict[str, object], names: list[str]
 ) -> None:
-    found = ripple_findings([HIDDEN, replace(SEEN, **changes)])
+    found = ripple_findings(at("point 1", [HIDDEN, replace(SEEN, **changes)]))
     assert [one.name for one in found] == names
     [hidden] = [one for one in found if one.name == "noise-hides-ripple"]
     assert "below 0.39 %; no slope of it is stated" in hidden.meaning
@@ -62,9 +62,25 @@ def test_a_set_point_is_named_once_with_the_worst_of_its_repetitions() -> None:
         replace(one, **hum, faults=(SignalFault("torque_Nm", "clipped", share),))
         for one, share in ((HIDDEN, 0.3), (SEEN, 0.1))
     ]
-    found = {one.name: one for one in ripple_findings(ripples)}
+    found = {one.name: one for one in ripple_findings(at("point 1", ripples))}
     assert found["asynchronous-line"].meaning.startswith("1 Nm, 1 Hz: the torque has a line")
     assert found["torque-clipped"].value == pytest.approx(30.0)
+
+
+def test_faults_of_all_repetitions_are_named_whichever_is_known_worst() -> None:
+    faults = SignalFault("torque_Nm", "clipped", 0.1), SignalFault("encoder_count", "stuck", 0.5)
+    ripples = [
+        replace(SEEN, faults=(fault,), stderr_percent=stderr)
+        for fault, stderr in zip(faults, (0.05, 0.06), strict=True)
+    ]
+    found = [one.name for one in ripple_findings(at("point 1", ripples))]
+    assert found == ["torque-clipped", "encoder-stuck"]
+
+
+def test_points_of_one_set_point_are_counted_each() -> None:
+    ripples = [*at("point 1", [HIDDEN] * 3), *at("point 2", [HIDDEN] * 3)]
+    [found] = ripple_findings(ripples)
+    assert "1 Nm, 1 Hz (2 times): the noise" in found.meaning
 
 
 @pytest.mark.parametrize(

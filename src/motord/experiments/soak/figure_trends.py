@@ -1,0 +1,97 @@
+"""Trends of the figures of captured points over the repetitions of a soak."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from motord.experiments.soak.point_figures import PointFigures
+from motord.experiments.soak.result import FigureTrend, Repetition
+from motord.experiments.soak.trend import slope
+
+OWN_FIGURES = (
+    "rms_error_percent", "noise_rms_percent", "torque_mean_Nm", "inverter_temperature_C",
+    "missed_ticks",
+)  # fmt: skip
+"""Figures of the ticks; a channel of such a name has "channel" before it."""
+
+
+def repetitions_of(points: Sequence[PointFigures]) -> dict[int, Repetition]:
+    """Return the repetitions by number, in order; complete are those with the most points."""
+    groups: dict[int, list[PointFigures]] = {}
+    for one in sorted(points, key=lambda one: (one.repetition, one.place)):
+        groups.setdefault(one.repetition, []).append(one)
+    most = len({one.place for one in points})
+    middles_ns = {key: np.mean([one.t_ns for one in group]) for key, group in groups.items()}
+    first_ns = min(middles_ns.values())
+    return {
+        key: Repetition(
+            key, group[0].run, float(middles_ns[key] - first_ns) / 3.6e12,
+            len(group), len(group) == most,
+        )
+        for key, group in groups.items()
+    }  # fmt: skip
+
+
+def of_repetitions(
+    repetitions: Mapping[int, Repetition],
+    points: Iterable[PointFigures],
+    units: Mapping[str, str],
+) -> list[FigureTrend]:
+    """Return the trends of what whole repetitions show."""
+    groups: dict[int, list[PointFigures]] = {}
+    for one in points:
+        if repetitions[one.repetition].complete:
+            groups.setdefault(one.repetition, []).append(one)
+
+    def trend(name: str, unit: str, values: Mapping[int, float]) -> list[FigureTrend]:
+        return _trend(name, unit, {repetitions[key].hours: one for key, one in values.items()})
+
+    def means(name: str) -> dict[int, float]:
+        """Return the means over the set-points that have the figure; nan where one is not known."""
+        values = {
+            key: [one.figures[name] for one in group if name in one.figures]
+            for key, group in groups.items()
+        }
+        return {key: float(np.mean(one)) for key, one in values.items() if one}
+
+    found = trend("rms_error_percent", "%", means("rms_error_percent"))
+    found += trend("noise_rms_percent", "%", means("noise_rms_percent"))
+    found += trend("inverter_temperature_C", "degC", means("inverter_temperature_C"))
+    for name, unit in units.items():
+        read = {
+            key: [value for one in group if np.isfinite(value := one.channels.get(name, np.nan))]
+            for key, group in groups.items()
+        }
+        means_read = {key: float(np.mean(one)) for key, one in read.items() if one}
+        found += trend(f"channel {name}" if name in OWN_FIGURES else name, unit, means_read)
+    missed = {key: sum(one.missed for one in group) for key, group in groups.items()}
+    return found + trend("missed_ticks", "ticks", missed)
+
+
+def of_points(
+    repetitions: Mapping[int, Repetition], points: Iterable[PointFigures]
+) -> list[FigureTrend]:
+    """Return the trends of each set-point's torque, also of repetitions that are not whole."""
+    series: dict[tuple[int, str], dict[float, float]] = {}
+    labels = {}
+    for one in points:
+        labels[one.place] = one.label
+        for name in ("rms_error_percent", "torque_mean_Nm"):
+            at_h = repetitions[one.repetition].hours
+            series.setdefault((one.place, name), {})[at_h] = one.figures.get(name, np.nan)
+    units = {"rms_error_percent": "%", "torque_mean_Nm": "Nm"}
+    return [
+        replace(trend, of_point=True)
+        for (place, name), values in sorted(series.items())
+        for trend in _trend(f"{name} of {labels[place]}", units[name], values)
+    ]
+
+
+def _trend(name: str, unit: str, by_hours: Mapping[float, float]) -> list[FigureTrend]:
+    """Return the trend of values by hours, of two or more that are known; else none."""
+    known = sorted((hours, value) for hours, value in by_hours.items() if np.isfinite(value))
+    if len(known) < 2:
+        return []
+    hours, values = np.array(known).T
+    return [FigureTrend(name, unit, hours, values, slope(hours, values))]

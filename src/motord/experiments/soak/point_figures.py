@@ -1,0 +1,133 @@
+"""Captured points of a soak with the figures of their ticks."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from motord.experiments.ripple_findings import is_hidden
+from motord.experiments.soak.point_ripples import noise_rms_Nm, point_ripples, without_orders
+from motord.experiments.soak.settings import NAME
+from motord.experiments.subject import AnalysisError, Subject
+from motord.identification.operating_points import good_points
+from motord.identification.point_ripple import PointRipple
+from motord.identification.signal_condition import CountsOutOfRange, require_change
+from motord.recording.reader import Run, bounds_of
+from motord.schema import rows_of
+
+COLUMNS = ("t_ns", "plan_point", "speed_rad_s", "torque_Nm", "missed", "temperature_C")
+
+
+@dataclass(frozen=True)
+class PointFigures:
+    """A captured point: which of the inner plan's, its label, and the figures of its ticks.
+
+    figures: by name with its unit; not finite where they are not known in this repetition, without
+    those that are stated of the set-point in none;
+    ripple: without its orders, None where there is no whole turn, or counts are out of range.
+    """
+
+    run: str
+    repetition: int
+    place: int
+    label: str
+    t_ns: float
+    missed: float
+    figures: Mapping[str, float]
+    channels: Mapping[str, float]
+    ripple: PointRipple | None
+    out_of_range: CountsOutOfRange | None = None
+
+
+def with_stated(points: Sequence[PointFigures]) -> list[PointFigures]:
+    """Return the points with the figures that are stated of their set-points.
+
+    Those that are known in no repetition are not: the others' mean would not be known, either. Nor
+    is an RMS error that noise hides at any time. It comes out as 0 there, or as what noise made of
+    it: its slope would be none of the ripple's.
+    """
+    known = {(one.place, k) for one in points for k, v in one.figures.items() if np.isfinite(v)}
+    known -= {
+        (one.place, "rms_error_percent")
+        for one in points
+        if one.ripple is not None and is_hidden(one.ripple)
+    }
+    return [
+        replace(one, figures={k: v for k, v in one.figures.items() if (one.place, k) in known})
+        for one in points
+    ]
+
+
+def points_of(run: Run, subject: Subject) -> Iterator[PointFigures]:
+    """Yield the good points of a recording with their figures. Raises AnalysisError."""
+    if missing := [name for name in COLUMNS if name not in run.columns]:
+        raise AnalysisError(
+            f"{run.path}: ticks have no {', '.join(missing)}; record the {NAME} with this version"
+        )
+    numbered = [one for one in run.operating_points() if {"repetition", "inner_index"} <= {*one}]
+    channels = {name: run.channel(name) for name in run.channels()}
+    for _, group in groupby(good_points(numbered), key=lambda point: int(point["repetition"])):
+        points = list(group)
+        ripples, out_of_range = point_ripples(run, points, subject)
+        for point in points:
+            ticks = run.ticks(COLUMNS, **bounds_of(point))
+            ticks = rows_of(ticks, ticks["plan_point"] == int(point["index"]))
+            if ticks.size:
+                index = int(point["index"])
+                ripple = ripples.get(index)
+                found = _point(
+                    run, point, ticks, _figures(ticks, subject, ripple), channels, ripple
+                )
+                yield replace(found, out_of_range=out_of_range.get(index))
+
+
+def _point(
+    run: Run,
+    point: Mapping[str, Any],
+    ticks: np.ndarray,
+    figures: Mapping[str, float],
+    channels: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    ripple: PointRipple | None,
+) -> PointFigures:
+    place = int(point["inner_index"])
+    label = f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz"
+    at = f"{run.path}: repetition {int(point['repetition'])}, {label}"
+    require_change({"torque_Nm": ticks["torque_Nm"]}, at)
+    span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
+    return PointFigures(
+        run=run.path.name,
+        repetition=int(point["repetition"]),
+        place=place,
+        label=label,
+        t_ns=sum(span_ns) / 2,
+        missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
+        figures=figures,
+        channels={name: _mean_within(*one, *span_ns) for name, one in channels.items()},
+        ripple=None if ripple is None else without_orders(ripple),
+    )
+
+
+def _figures(ticks: np.ndarray, subject: Subject, ripple: PointRipple | None) -> dict[str, float]:
+    """Return the figures of a capture's ticks; nan where there is none."""
+    torque_Nm = ticks["torque_Nm"].astype(float)
+    weights = np.abs(ticks["speed_rad_s"].astype(float))
+    mean_Nm = float(np.average(torque_Nm, weights=weights if weights.any() else None))
+    in_percent = 100 / subject.motor.rated_torque_Nm
+    return {
+        "rms_error_percent": np.nan if ripple is None else ripple.rms_percent,
+        "noise_rms_percent": np.nan if ripple is None else in_percent * noise_rms_Nm(ripple),
+        "torque_mean_Nm": mean_Nm if subject.sensor.passes_mean else np.nan,
+        "inverter_temperature_C": _finite_mean(ticks["temperature_C"].astype(float)),
+    }
+
+
+def _mean_within(t_ns: np.ndarray, values: np.ndarray, first_ns: int, last_ns: int) -> float:
+    """Return the mean of a channel's readings (n,) within a span; nan where there is none."""
+    return _finite_mean(values[(t_ns >= first_ns) & (t_ns <= last_ns)])
+
+
+def _finite_mean(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else np.nan
