@@ -179,8 +179,11 @@ def _intervals(parts: Mapping[str, Any], has_stderr: bool) -> Iterator[tuple[flo
     around = () if value is None or half is None else (value - half, value + half)
     for ends in ((parts.get("low"), parts.get("high")), parts.get("interval_95"), around):
         low, high = (finite_number(element_of(ends, end)) for end in (0, 1))
-        if has_stderr and value is not None and (low is None) != (high is None):
-            low, high = (2 * value - high, high) if low is None else (low, 2 * value - low)
+        if has_stderr and value is not None:
+            if low is None and high is not None:
+                low = 2 * value - high
+            elif high is None and low is not None:
+                high = 2 * value - low
         if low is not None and high is not None:
             yield low, high
 
