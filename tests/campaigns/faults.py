@@ -240,8 +240,9 @@ from one sample to the next looks like a slow one, and no rule can tell them apa
 An encoder track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for
 the speed are left out, and the count starts anew when the bench is enabled or a trip is reset. Of
 tracks about as fine as what the rotor turns between samples one that is stuck may stay unseen, and
-with it an angle that is wrong by up to three times that turn: `motord check` says so where currents
-could be 0.64 rad (electrical) off, a fifth of the torque. The two coarsest tracks are not watched
+with it an angle that is wrong by up to three times that turn, or by two plausible jumps where the
+observer follows each (few samples, a quick observer): `motord check` says so where currents could
+be 0.64 rad (electrical) off, a fifth of the torque. The two coarsest tracks are not watched
 in effect: with one of them stuck the rotor seems to turn back and forth, without a jump, which is
 an implausible encoder only if it turns back too quickly for `encoder_jump_rad`. Angle and speed are
 the observer's: with a slow one, many counts and many samples a rotor that stops quickly may trip;

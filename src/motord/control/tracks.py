@@ -18,9 +18,8 @@ ALL = 0xFFFFFFFF
 def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     """Take in a code read at `t_ns`, after the observer has; True where a track is stuck.
 
-    Tracks too fine for the speed and the time between samples are left out, none that is not so at
-    the speed limit: the jumps of a stuck one may seem a greater speed. Once found, or after a gap
-    in the samples, the watch starts over, and after `start_over`.
+    Tracks too fine for the speed and the time between samples are left out. Once found, or after a
+    gap in the samples, the watch starts over, and after `start_over`.
     """
     dt_s = (t_ns - m.tracks_ns) * 1e-9
     if dt_s == 0.0:
@@ -31,7 +30,7 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     changed = np.int64(gray) ^ np.int64(m.gray)
     m.gray = gray
     counts_per_rad = p.counts / TWO_PI
-    step_counts = min(abs(m.speed_rad_s), p.trip_speed_rad_s) * dt_s * counts_per_rad
+    step_counts = abs(m.speed_rad_s) * dt_s * counts_per_rad
     if not 0.0 < dt_s <= POSITION_AGE_MAX_S:
         changed = np.int64(ALL)
     far = False

@@ -37,8 +37,8 @@ def _hidden_track(bench: Sections) -> Iterator[str]:
     if electrical_rad > ELECTRICAL_RAD:
         yield (
             "an encoder track that is stuck may go unnoticed near [limits] trip_speed_rad_s = "
-            f"{limits.trip_speed_rad_s:g}, where the rotor turns about as far from one sample to "
-            f"the next as the track is fine: currents may be {electrical_rad:.2g} rad (electrical) "
+            f"{limits.trip_speed_rad_s:g}, where the rotor turns far from one sample to the "
+            f"next for this track or observer: currents may be {electrical_rad:.2g} rad (electrical) "
             f"off with [motor] pole_pairs = {pole_pairs}, and only torque_error_Nm would show it; "
             "raise the rates, or lower trip_speed_rad_s"
         )

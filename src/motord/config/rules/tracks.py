@@ -3,7 +3,10 @@
 import math
 
 from motord.config.sections import Sections
-from motord.config.timing import TRACK_PATTERNS
+from motord.config.timing import JUMP_MAX_RAD, STEADY_S, TRACK_PATTERNS
+
+FOLLOWED = 1 / 8
+"""Of a jump over two patterns, half a pattern: once in each two patterns the track is left out."""
 
 ERROR = 3.0
 """Times the rotor's turn between two samples, by which an unseen stuck track may let the angle be
@@ -14,10 +17,17 @@ def unseen_track_rad(config: Sections) -> float:
     """Return by what angle (rad) the rotor's may be wrong as an unseen track is stuck, 0 for none.
 
     Tracks of which the rotor turns half the pattern or more between two samples are left out: at
-    the speed limit the most.
+    the speed limit the most. Where the speed takes (1 - p)^2 = FOLLOWED or more of a jump, p the
+    observer's pole, each jump of a stuck coarser track seems such a speed, too, if it is plausible.
     """
-    turn_rad = config.limits.trip_speed_rad_s * config.sample_interval_s
-    return ERROR * turn_rad if turn_rad >= 2 * math.pi / config.motor.counts else 0.0
+    limits, sample_s = config.limits, config.sample_interval_s
+    turn_rad = limits.trip_speed_rad_s * sample_s
+    off_rad = ERROR * turn_rad if turn_rad >= 2 * math.pi / config.motor.counts else 0.0
+    followed = -math.expm1(-2 * math.pi * config.loop.observer_bandwidth_Hz * sample_s)
+    if followed**2 >= FOLLOWED:
+        jump_rad = min(limits.encoder_jump_rad * max(sample_s / STEADY_S, 1.0), JUMP_MAX_RAD)
+        off_rad = max(off_rad, 2 * jump_rad)
+    return off_rad
 
 
 def stop_max_rad_s2(config: Sections) -> float:
