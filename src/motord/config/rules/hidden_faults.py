@@ -36,11 +36,10 @@ def _hidden_track(bench: Sections) -> Iterator[str]:
     electrical_rad = pole_pairs * unseen_track_rad(bench)
     if electrical_rad > ELECTRICAL_RAD:
         yield (
-            "an encoder track that is stuck may go unnoticed near [limits] trip_speed_rad_s = "
-            f"{limits.trip_speed_rad_s:g}, where the rotor turns far from one sample to the "
-            f"next for this track or observer: currents may be {electrical_rad:.2g} rad (electrical) "
-            f"off with [motor] pole_pairs = {pole_pairs}, and only torque_error_Nm would show it; "
-            "raise the rates, or lower trip_speed_rad_s"
+            "an encoder track that is stuck may go unnoticed up to [limits] trip_speed_rad_s = "
+            f"{limits.trip_speed_rad_s:g}, for which samples are few: currents may be "
+            f"{electrical_rad:.2g} rad (electrical) off with [motor] pole_pairs = {pole_pairs}, "
+            "and only torque_error_Nm may show it; raise the rates, or lower trip_speed_rad_s"
         )
 
 
