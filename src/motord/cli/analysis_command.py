@@ -19,8 +19,8 @@ from motord.cli.console import (
     CommandGroup,
     group,
     phase_bars,
-    plain_console,
     print_json,
+    print_table,
     remark,
     single,
 )
@@ -221,14 +221,13 @@ def print_text(parts: "Iterable[str | TextTable]") -> None:
     """Print lines and tables."""
     from rich.table import Table
 
-    console = plain_console()
     for part in parts:
         if isinstance(part, str):
-            console.print(part, highlight=False, soft_wrap=True)
+            typer.echo(part)
             continue
         table = Table(title=part.title)
         for column, heading in enumerate(part.header):
             table.add_column(heading, justify="left" if column in part.left else "right")
         for row in part.rows:
             table.add_row(*row)
-        console.print(table)
+        print_table(table)

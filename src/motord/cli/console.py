@@ -21,6 +21,7 @@ from typer.core import TyperGroup
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress, TaskID
+    from rich.table import Table
 
     from motord.experiments.subject import PhaseProgress
 
@@ -100,6 +101,14 @@ EXPLAINED = frozenset(
 class CommandGroup(TyperGroup):
     """Carries out a command; an error that is none of the program ends it with one line."""
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the commands with all of their summaries, however narrow the terminal is."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, c.get_short_help_str(sys.maxsize)) for name, c in commands if not c.hidden]
+            )
+
     def invoke(self, ctx: Any) -> Any:
         """Carry out a command."""
         try:
@@ -161,6 +170,19 @@ def plain_console(*, stderr: bool = False) -> "Console":
     return Console(stderr=stderr, markup=False, emoji=False)
 
 
+def print_table(table: "Table") -> None:
+    """Print a table, no figure of which is cut: a file gets it as wide as its figures need."""
+    console = plain_console()
+    for column in table.columns:
+        column.overflow = "fold"
+    if not console.is_terminal:
+        unlimited = console.options.update(width=sys.maxsize)
+        needed = console.measure(table, options=unlimited)
+        if needed.minimum > console.width:
+            console.width = needed.maximum
+    console.print(table)
+
+
 def progress_bar(
     *columns: str, silent: bool = False, stderr: bool = False, transient: bool = False
 ) -> "Progress":
@@ -216,7 +238,10 @@ class _Descriptor(io.FileIO):
 
 
 def outlive_readers() -> None:
-    """Let no closed pipe or terminal break a command off, least of all one that ramps down."""
+    """Let no closed pipe or terminal break a command off, least of all one that ramps down.
+
+    Nor a locale that lacks a character, such as of a motor's name: it is written as an escape.
+    """
     sys.stdout = _lasting(sys.stdout)
     sys.stderr = _lasting(sys.stderr)
 
@@ -235,7 +260,7 @@ def _lasting(stream: TextIO | None) -> TextIO:
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding=stream.encoding,
-        errors=stream.errors,
+        errors="backslashreplace",
         line_buffering=raw.isatty() or stream is sys.stderr,
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import explain_first_run, fail, plain_console, print_json, progress_bar
+from motord.cli.console import explain_first_run, fail, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
     from motord.reproduce.bench import StageProgress
@@ -67,15 +67,11 @@ def _print(found: "Results", page: Path) -> None:
 
     from motord.reproduce.poels2008 import chapters
 
-    console = plain_console()
     for name, rows in chapters(found).items():
         table = Table(title=name, title_justify="left", show_lines=True)
         for heading in ("", "", "report", "here"):
             table.add_column(heading)
         for row in rows:
             table.add_row(row.where, row.what, row.report, row.here)
-        console.print(table)
-    console.print(
-        f"{found.bench_s:.0f} s on the bench took {found.wall_s:.0f} s; page: {page}",
-        highlight=False,
-    )
+        print_table(table)
+    typer.echo(f"{found.bench_s:.0f} s on the bench took {found.wall_s:.0f} s; page: {page}")

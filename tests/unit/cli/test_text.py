@@ -1,6 +1,7 @@
 """What commands say is text: brackets stay, in help, messages, tables and progress."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -11,8 +12,10 @@ import typer
 from typer.testing import CliRunner
 
 from motord.cli import app
+from motord.cli.analysis_command import print_text
 from motord.cli.console import plain_console, progress_bar
 from motord.config.experiments import plan_kinds
+from motord.report.text import TextTable
 
 CLI = Path(__file__).parents[3] / "src" / "motord" / "cli"
 
@@ -70,6 +73,31 @@ def test_consoles_and_columns_print_text_as_it_is():
     with progress_bar("{task.description}") as bars:
         task = bars.add_task("[loop]", total=1.0)
         assert str(bars.columns[0].render(bars.tasks[task])) == "[loop]"
+
+
+GROUPS = {path: one for path, one in ALL.items() if hasattr(one, "list_commands")}
+
+
+@pytest.mark.parametrize("path", GROUPS, ids=lambda path: " ".join(path) or "motord")
+def test_a_list_of_commands_cuts_no_summary(path):
+    result = CliRunner().invoke(app, [*path, "--help"], terminal_width=60)
+    assert "..." not in result.stdout.partition("Commands:")[2]
+
+
+def test_no_figure_of_a_table_is_cut_in_a_file(capsys):
+    figures = [f"{number}.25" for number in range(100, 140)]
+    print_text([TextTable("mesh", ["", *figures], [["2 Nm", *figures]])])
+    shown = capsys.readouterr().out
+    assert all(shown.count(f" {figure} ") == 2 for figure in figures), shown
+
+
+def test_a_character_that_the_locale_lacks_is_written_as_an_escape():
+    script = "from motord.cli import console\nconsole.outlive_readers()\nprint('1 \\u03bcA')"
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=ascii_only
+    )
+    assert done.stdout == "1 \\u03bcA\n", done.stderr
 
 
 def test_the_list_of_commands_loads_nothing_heavy():

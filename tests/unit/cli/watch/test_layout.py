@@ -120,6 +120,29 @@ def test_in_ascii_all_of_it_is_ascii():
     assert "".join(shown(snapshot(None), glyphs=ASCII)).isascii()
 
 
+@pytest.mark.parametrize("glyphs", [UNICODE, ASCII])
+def test_a_line_that_is_cut_says_so(glyphs):
+    lines = shown(snapshot(state(plan=PLAN)), width=40, glyphs=glyphs)
+    cut = [line for line in lines if line.startswith(("calibration", "             late"))]
+    assert [line[-1] for line in cut] == [glyphs.ellipsis] * 2, lines
+    assert "speed        0.700 Hz" in lines  # only blanks are cut off
+
+
+def test_a_trip_of_many_causes_says_what_to_do_and_every_value_is_whole():
+    trips = [{"name": f"CAUSE_{n}", "meaning": "a cause of it"} for n in range(9)]
+    values = {f"age of the feedback {n}, s": {"value": 0.25, "limit": 0.05} for n in range(2)}
+    many = state(**{**TRIP, "trips": trips, "trip": {**TRIP["trip"], "values": values}})
+    has(shown(snapshot(many)), "CAUSE_0", "do this", "then r (reset)", "black box")
+    two = state(**{**TRIP, "trips": trips[:2], "trip": {**TRIP["trip"], "values": values}})
+    has(shown(snapshot(two)), *(f"age of the feedback {n}, s: 0.25, limit 0.05" for n in range(2)))
+
+
+def test_long_ages_of_all_signals_are_on_80_by_24():
+    names = ("tick", "encoder", "torque", "inverter", "heartbeat", "brake", "drive")
+    lines = shown(snapshot(state(plan=PLAN, ages=dict.fromkeys(names, 0.0123))))
+    has(lines, *(f"{name} 12.3" for name in names))
+
+
 @pytest.mark.parametrize("rows", [24, 34, 60])
 def test_a_spike_of_one_tick_is_seen_with_its_value(rows):
     block = ticks(60.0, 1.0)

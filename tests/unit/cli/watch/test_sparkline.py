@@ -69,5 +69,10 @@ def test_characters_that_the_terminal_has(terminal, codeset, glyphs):
     assert suitable({"TERM": terminal}, codeset) is glyphs
 
 
+def test_a_locale_that_this_computer_lacks_is_as_good_as_none(monkeypatch):
+    monkeypatch.setenv("LC_ALL", "xx_XX.nowhere")
+    assert suitable({"TERM": "xterm"}) in (ASCII, UNICODE)
+
+
 def test_ascii_is_ascii():
     assert "".join([ASCII.rule, ASCII.ellipsis, *ASCII.bar, *ASCII.state.values()]).isascii()

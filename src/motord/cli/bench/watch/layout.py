@@ -14,7 +14,7 @@ SIGNAL_ROWS_MAX = 6
 
 def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Return `height` lines of at most `width` cells; what is no longer true for sure is dimmed."""
-    title, bottom = panels.title(seen, width), [*_message(seen), panels.footer()]
+    title, bottom = panels.title(seen, width, glyphs), [*_message(seen), panels.footer()]
     known = [panels.drive_state(seen, width, glyphs)]
     room = height - 1 - len(bottom)
     if seen.state is not None:
@@ -29,7 +29,7 @@ def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]
         over = [Text(glyphs.rule * width), *(line.copy() for line in seen.dialog)]
         whole[max(height - len(over), 2) :] = over[: max(height - 2, 0)]
     for line in whole:
-        line.truncate(width, overflow="ellipsis" if glyphs.braille else "crop")
+        glyphs.cut(line, width)
     return whole
 
 
@@ -43,8 +43,8 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     state = seen.state
     assert state is not None
     below = plan_panel.plan(state, glyphs) + plan_panel.precision(state, width)
-    below += plan_panel.queue(state, width) + panels.loop(state)
-    below += panels.devices(state) + panels.channels(state, width)
+    below += plan_panel.queue(state, width) + panels.loop(state, width)
+    below += panels.devices(state, width) + panels.channels(state, width)
     below += panels.kept(state, width, glyphs)
     below += panels.tracked(state, width)
     spare = room - len(below) - EVENTS_MIN - 1

@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from collections.abc import Iterable
 
 import numpy as np
 from rich.text import Text
@@ -39,15 +40,14 @@ def row(label: str, *parts: str | tuple[str, str]) -> Text:
     return Text.assemble((f"{label:<{LABEL_WIDTH}}", HEADING), *parts)
 
 
-def spread(left: Text, right: Text, width: int) -> Text:
+def spread(left: Text, right: Text, width: int, glyphs: Glyphs) -> Text:
     """Return a line with something at its right end; what is left is cut where it would not fit."""
-    room = max(width - right.cell_len - 1, 0)
-    left.truncate(room, overflow="ellipsis")
+    glyphs.cut(left, max(width - right.cell_len - 1, 0))
     left.pad_right(width - left.cell_len - right.cell_len)
     return left.append_text(right)
 
 
-def title(seen: Snapshot, width: int) -> Text:
+def title(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
     """Return bench, motor, and whether what is shown is the present."""
     state = seen.state
     name = Text(seen.bench, "bold")
@@ -57,9 +57,9 @@ def title(seen: Snapshot, width: int) -> Text:
         name.append(f"  {seen.viewer}: may only watch")
     if seen.stale:
         since = f"for {wording.duration(seen.age_s)}" if state is not None else "yet"
-        return spread(name, Text(f" NO DATA {since}: is the daemon gone? ", ALARM), width)
+        return spread(name, Text(f" NO DATA {since}: is the daemon gone? ", ALARM), width, glyphs)
     assert state is not None
-    return spread(name, Text(wording.clock(state.t_ns)), width)
+    return spread(name, Text(wording.clock(state.t_ns)), width, glyphs)
 
 
 def drive_state(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
@@ -73,24 +73,24 @@ def drive_state(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
         line.append("  ").append(f" {seen.pending} ", ALARM)
     holder = state.lease.holder or "nobody"
     who = Text("lease: ").append("held here" if seen.lease_here else holder, "bold")
-    who.truncate(max(width - line.cell_len - 1, 0), overflow="ellipsis")
+    glyphs.cut(who, max(width - line.cell_len - 1, 0))
     if state.fault:
         line.append("  ").append(state.fault, "bold")
-    return spread(line, who, width)
+    return spread(line, who, width, glyphs)
 
 
 def trip(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
     """Return causes, values with limits, what to do, and the black box; nothing without a trip."""
     if state.state != "TRIPPED":
         return []
-    lines = [row("cause", (cause, "bold")) for cause in wording.causes(state)]
-    if values := "; ".join(wording.trip_values(state)):
-        lines.append(row("", values))
+    what = [row("cause", (cause, "bold")) for cause in wording.causes(state)]
+    what += packed("", map(Text, wording.trip_values(state)), width)
+    then: list[Text] = []
     if state.trip is not None:
-        lines += wrapped("do this", f"{state.trip.action}; then r (reset)", width)
+        then = wrapped("do this", f"{state.trip.action}; then r (reset)", width)
         if state.trip.blackbox:
-            lines.append(row("black box", end_of(state.trip.blackbox, width - LABEL_WIDTH, glyphs)))
-    return lines[:TRIP_ROWS]
+            then.append(row("black box", end_of(state.trip.blackbox, width - LABEL_WIDTH, glyphs)))
+    return what[: max(TRIP_ROWS - len(then), 1)] + then
 
 
 def wrapped(label: str, text: str, width: int, style: str = "none") -> list[Text]:
@@ -230,38 +230,47 @@ def end_of(path: str, room: int, glyphs: Glyphs) -> str:
     return path if len(path) <= room else glyphs.ellipsis + path[len(path) - max(room - 1, 0) :]
 
 
-def loop(state: BenchState) -> list[Text]:
+def packed(label: str, parts: Iterable[Text], width: int, between: str = "; ") -> list[Text]:
+    """Return a row with as many parts on each line as it takes."""
+    lines: list[Text] = []
+    for part in parts:
+        if lines and lines[-1].cell_len + part.cell_len + len(between) <= width:
+            lines[-1].append(between).append_text(part)
+        else:
+            lines.append(row("" if lines else label).append_text(part))
+    return lines
+
+
+def loop(state: BenchState, width: int) -> list[Text]:
     """Return the timing of the loop."""
-    return [row("loop", wording.loop(state))]
+    return packed("loop", map(Text, wording.loop(state).split("; ")), width)
 
 
-def devices(state: BenchState) -> list[Text]:
+def devices(state: BenchState, width: int) -> list[Text]:
     """Return how old each signal is, errors of the links, and health of the slow devices."""
-    ages = ", ".join(f"{name} {1e3 * age_s:.3g}" for name, age_s in state.ages.items())
-    parts: list[tuple[str, bool]] = []
+    ages = [Text(f"{name} {1e3 * age_s:.3g}") for name, age_s in state.ages.items()]
+    parts: list[Text] = []
     if (links := state.links) is not None:
-        parts.append((f"link errors {links.errors}", links.errors_last_s > 0))
-        parts += [("bus off", True)] * links.bus_off
+        style = "bold" if links.errors_last_s > 0 else "none"
+        parts.append(Text(f"link errors {links.errors}", style))
+        parts += [Text("bus off", "bold")] * links.bus_off
     for name, device in (("brake", state.brake), ("drive", state.drive)):
         why = f" ({device.error})" if device.error else ""
         if device.health != "none":
-            parts.append((f"{name} {device.health}{why}", device.health in ("failing", "stale")))
-    joined = [part for text, bad in parts for part in ((text, "bold" if bad else "none"), "; ")]
-    return [row("ages, ms", ages or "-"), row("devices", *joined[:-1])]
+            style = "bold" if device.health in ("failing", "stale") else "none"
+            parts.append(Text(f"{name} {device.health}{why}", style))
+    shown_ages = packed("ages, ms", ages or [Text("-")], width, ", ")
+    return shown_ages + packed("devices", parts or [Text("-")], width)
 
 
 def channels(state: BenchState, width: int) -> list[Text]:
     """Return the slow channels, those that are not ok first, as many on a line as it takes."""
-    lines: list[Text] = []
+    parts: list[Text] = []
     for one in sorted(state.channels, key=lambda one: one.status == "ok"):
         shown = f"{wording.number(one.value)} {one.unit}".rstrip()
         text, style = (shown, "none") if one.status == "ok" else (wording.channel(one), "bold")
-        part = Text(f"{one.name} {text}", style)
-        if lines and lines[-1].cell_len + part.cell_len + 2 <= width:
-            lines[-1].append("; ").append_text(part)
-        else:
-            lines.append(row("" if lines else "channels").append_text(part))
-    return lines[:CHANNEL_ROWS]
+        parts.append(Text(f"{one.name} {text}", style))
+    return packed("channels", parts, width)[:CHANNEL_ROWS]
 
 
 def events(seen: Snapshot, rows: int) -> list[Text]:
