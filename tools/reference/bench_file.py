@@ -11,6 +11,7 @@ from motord.config import (
     BackEmfHarmonic,
     BackEmfTable,
     BridgeCanConfig,
+    CanBusConfig,
     CanConfig,
     CanopenConfig,
     CanSignalMap,
@@ -29,7 +30,7 @@ from motord.config.channel_sources import (
 )
 from motord.config.experiments import plan_kinds
 from motord.config.sections import Sections
-from motord.importing.mapping import Column, CsvMap, ImportMap, SplitMap, TdmsMap
+from motord.importing.mapping import Column, CsvMap, ImportMap, MdfMap, SplitMap, TdmsMap
 
 Tables = dict[str, tuple[type[BaseModel], BaseModel | None]]
 """Heading to model, and to its values if the defaults are not the model's own."""
@@ -53,6 +54,7 @@ CHANNELS: dict[str, type[BaseModel]] = {
     "[[channels]]": ChannelConfig,
     '[channels.source] driver = "modbus"': ModbusSource,
     '[channels.source] driver = "can"': CanSource,
+    "[channels.source] bus": CanBusConfig,
     '[channels.source] driver = "serial"': SerialSource,
     '[channels.source] driver = "simulated"': SimulatedSource,
     "[channels.source] of another package": OtherSource,
@@ -119,5 +121,6 @@ def import_map() -> str:
         "[split]": (SplitMap, None),
         "[csv]": (CsvMap, None),
         "[tdms]": (TdmsMap, None),
+        "[mdf]": (MdfMap, None),
     }
     return page("The import map", "motord.importing.mapping", IMPORT, *sections(tables))

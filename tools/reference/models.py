@@ -115,7 +115,7 @@ def type_of(schema: dict[str, Any], links: dict[str, str]) -> str:
     """Return the description of a field's type."""
     if reference := schema.get("$ref"):
         name = reference.rpartition("/")[2]
-        return links.get(name, "any value")
+        return {"JsonValue": "any value", **links}[name]  # a model that is on no page is an error
     if "enum" in schema or "const" in schema:
         return ", ".join(code(json.dumps(one)) for one in schema.get("enum", [schema.get("const")]))
     if schema.get("type") == "array":

@@ -12,11 +12,13 @@ from tools.reference.models import fields, output_fields
 
 from motord.api import errors, messages
 from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
-from motord.api.replies import AcceptedSetpoint, AvailablePlan
+from motord.api.replies import AcceptedSetpoint, AvailablePlan, CalibrationEntry
 from motord.api.requests import RPCS, PlanStart, Rpc
 from motord.security.access import READ
 
-PARTS = (AcceptedSetpoint, AvailablePlan, QueuedPlan, QueueItem, QueueRun, QueueView)
+PARTS = (
+    AcceptedSetpoint, AvailablePlan, CalibrationEntry, QueuedPlan, QueueItem, QueueRun, QueueView,
+)  # fmt: skip
 """Parts of requests and replies that have a section of their own."""
 MESSAGES = (messages.BenchState, messages.PlanView, messages.Event)
 INTRO = """Everything is under `motord/<bench>/`, where `<bench>` is `[bench] name`. How to talk to
