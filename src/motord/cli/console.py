@@ -104,10 +104,9 @@ class CommandGroup(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands with all of their summaries, however narrow the terminal is."""
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        shown = [(name, one) for name, one in commands if one is not None and not one.hidden]
         with formatter.section("Commands"):
-            formatter.write_dl(
-                [(name, c.get_short_help_str(sys.maxsize)) for name, c in commands if not c.hidden]
-            )
+            formatter.write_dl([(name, one.get_short_help_str(sys.maxsize)) for name, one in shown])
 
     def invoke(self, ctx: Any) -> Any:
         """Carry out a command."""

@@ -37,6 +37,9 @@ CHUNK_S = 1.0
 MANY_ROWS = 0.1
 """Share of rows with one problem from which its cause is probably in the map or the source."""
 
+SPEED_RATIO = 2.0
+"""Speed by position and time, in parts of the set-point or its inverse, that no control leaves."""
+
 TORQUE_RATIO = 10.0
 """Torque, in parts of the rated one, that a motor hardly has."""
 
@@ -170,7 +173,8 @@ class _Job:
         remarks = [
             *_on_rows(problems, seen),
             *_on_torque(given, points, maker.torque_largest_Nm, motor.rated_torque_Nm),
-            *_on_speed_and_points(given, points),
+            *_on_speed(given, points),
+            *_on_points(points, split is not None),
         ]
         result = Imported(
             path=writer.path,
@@ -211,9 +215,29 @@ def _on_torque(
         yield f"torque of the operating points: {points[0]['torque_source']}"
 
 
-def _on_speed_and_points(given: Set[str], points: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield remarks on speed and operating points."""
+def _on_speed(given: Set[str], points: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield remarks on speed."""
     if not {"speed_rad_s", "speed_Hz"} & given:
         yield "speed: from angle and time"
-    if not points:
+    for point in points:
+        mean_Hz, set_Hz = point["speed_mean_Hz"], abs(point["speed_Hz"])
+        if set_Hz and not 1 / SPEED_RATIO < mean_Hz / set_Hz < SPEED_RATIO:
+            yield (
+                f"by position and time operating point {point['index']} turns at {mean_Hz:.3g} "
+                f"turns/s, its set-point is {set_Hz:.3g}: are the scales of position, time and "
+                "set-point right?"
+            )
+            return
+
+
+def _on_points(points: Sequence[dict[str, Any]], split: bool) -> Iterator[str]:
+    """Yield a remark if there is no operating point. split: whether the map cuts the file."""
+    if points:
+        return
+    if split:
         yield "no operating point: the rotor never turns a whole turn at constant set-points"
+    else:
+        yield (
+            "no operating point: without [split] the file is one, and it ends less than a turn "
+            "from where it begins; cut it by [split] where the set-points change"
+        )

@@ -11,6 +11,10 @@ JUMPS = 4
 ALIKE = 0.95
 """Parts of the range, and of the largest, that such a jump has at least."""
 
+FINE = 0.02
+"""Part of the range that the least step is at most where jumps both ways are wraps of a rotor that
+turns both ways, not a position that is noise of a few values."""
+
 RANGE = (0.75, 1.02)
 """Range of positions, in parts of a turn, that a source may wrap at."""
 
@@ -26,6 +30,7 @@ class PositionReader:
         self._last: float | None = None
         self._turns = 0
         self._lowest, self._highest = np.inf, -np.inf
+        self._least_step = np.inf
         self._jumps = np.zeros(0)
 
     def take(self, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -49,7 +54,7 @@ class PositionReader:
             jumps.size == JUMPS and np.abs(jumps).min() > ALIKE * max(width, np.abs(jumps).max())
             for jumps in (down, up)
         ]
-        if wraps[0] == wraps[1]:
+        if not any(wraps) or (all(wraps) and self._least_step > FINE * width):
             return
         if RANGE[0] * self._span <= width <= RANGE[1] * self._span:
             return
@@ -66,5 +71,7 @@ class PositionReader:
     def _note_range(self, raw: np.ndarray, steps: np.ndarray) -> None:
         self._lowest = min(self._lowest, float(raw.min()))
         self._highest = max(self._highest, float(raw.max()))
+        moved = np.abs(steps[steps != 0])
+        self._least_step = min(self._least_step, float(moved.min(initial=np.inf)))
         sorted_steps = np.sort(np.concatenate([self._jumps, steps]))
         self._jumps = np.concatenate([sorted_steps[:JUMPS], sorted_steps[JUMPS:][-JUMPS:]])

@@ -35,12 +35,12 @@ class Survey:
 
 def survey(column_map: ColumnMap, mapping: ImportMap, progress: Progress) -> Survey:
     """Read what must be known before the first row is written. Raises RecordError."""
-    source = column_map.source
+    source, problems = column_map.source, Problems(column_map.source.unit)
     segments, fill = SegmentFinder(mapping.split, column_map.counts), ForwardFill()
     medians_ns: list[float] = []
     spacings = usual = rows = travelled = 0
     first_ns = last_ns = last_position = None
-    for block in usable_rows(column_map, column_map.by, Problems(source.unit)):
+    for block in usable_rows(column_map, column_map.by, problems):
         t_ns, position = block.t_ns, block.position
         spacing_ns = np.diff(t_ns, prepend=t_ns[:1] if last_ns is None else [last_ns])
         spacing_ns = spacing_ns[spacing_ns > 0]
@@ -60,7 +60,8 @@ def survey(column_map: ColumnMap, mapping: ImportMap, progress: Progress) -> Sur
     if first_ns is None or last_ns is None or not medians_ns:
         raise RecordError(
             f"{source.path}: fewer than two rows in it have {column_map.position_field} and a time "
-            "later than the row before; see that the map names the right columns"
+            "(a number, or a date in ISO form) later than the row before; see that the map names "
+            "the right columns" + "".join(f"; {message}" for message in problems.messages())
         )
     return Survey(
         rows=rows,

@@ -182,6 +182,54 @@ def test_counts_of_an_incremental_encoder(tmp_path: Path) -> None:
     assert ticks["speed_rad_s"][50:] == pytest.approx(-2 * np.pi, rel=0.05)
 
 
+@pytest.mark.parametrize("of_a_turn", [360.0, 1.0])
+def test_positions_of_another_range_are_refused_of_a_rotor_that_turns_both_ways(
+    tmp_path: Path, of_a_turn: float
+) -> None:
+    columns = turning(3000, speed_Hz=4.0)
+    forwards = columns["Position[rad]"] / (2 * np.pi)
+    turns = np.minimum(forwards, forwards[::-1])
+    columns["Position[rad]"] = turns % 1.0 * of_a_turn
+    source = write_csv(tmp_path / "a.csv", columns)
+    with pytest.raises(RecordError, match=r"starts again, but a turn has 6\.2832 rad"):
+        imported(tmp_path, source)
+
+
+def test_a_rotor_that_stands_on_the_edge_of_a_count_is_no_other_range(tmp_path: Path) -> None:
+    columns = turning(6000)
+    noise = np.random.default_rng(1).integers(0, 3, 6000)
+    columns["Position[rad]"] = noise * (2 * np.pi / 4096)
+    imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
+
+
+def test_times_of_another_unit_are_pointed_out(tmp_path: Path) -> None:
+    columns = turning(4000)
+    text = MAP + "speed_set_Hz = {column = 'n'}\n"
+    columns["n"] = np.full(4000, 1.0)
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    assert not any("set-point" in note for note in done.notes)
+    columns["Time"] = columns["Time"] * 1000
+    (tmp_path / "run.mcap").unlink()
+    done, _ = imported(tmp_path, write_csv(tmp_path / "b.csv", columns), text)
+    assert any("turns at 0.001 turns/s, its set-point is 1" in note for note in done.notes)
+
+
+def test_a_file_that_is_one_point_and_turns_back_says_that_it_needs_a_split(tmp_path: Path) -> None:
+    columns = turning(4000)
+    angle = columns["Position[rad]"]
+    columns["Position[rad]"] = np.minimum(angle, angle[::-1])
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
+    assert any("cut it by [split]" in note for note in done.notes)
+
+
+def test_times_that_are_no_dates_in_iso_form_are_named_with_their_lines(tmp_path: Path) -> None:
+    rows = "".join(f"01.05.2007 12:00:{n:02}.0;{n / 10};1.0\n" for n in range(30))
+    source = tmp_path / "a.csv"
+    source.write_text("Time;Position[rad];Iq\n" + rows)
+    with pytest.raises(RecordError, match=r"date in ISO form.*lines 2, 3, .*: no time"):
+        imported(tmp_path, source)
+
+
 def test_positions_of_another_range_are_refused(tmp_path: Path) -> None:
     columns = turning(6000)
     columns["Position[rad]"] = np.degrees(columns["Position[rad]"]) % 360

@@ -168,7 +168,10 @@ def _lines(path: Path, raw: bytes, encoding: str, whole: bool) -> list[str]:
     except (LookupError, UnicodeError) as error:
         raise RecordError(f"{path}: cannot be read as {encoding}: {error}") from error
     if "\0" in text:
-        raise RecordError(f"{path}: not a table of text; CSV is, and TDMS files end with .tdms")
+        raise RecordError(
+            f"{path}: not a table of text, nor a TDMS or MDF 4 file; "
+            "write it as one of these where it is from"
+        )
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if not whole:
         lines.pop()
