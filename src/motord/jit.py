@@ -10,11 +10,11 @@ import numba
 import numpy as np
 from numba.extending import intrinsic
 
-from motord.kernel_cache import kernel_cache
+from motord.kernel_cache import writable_kernel_cache
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
-numba.config.CACHE_DIR = str(kernel_cache())  # type: ignore[attr-defined]
+numba.config.CACHE_DIR = str(writable_kernel_cache())  # type: ignore[attr-defined]
 
 
 def jit(function: _Kernel) -> _Kernel:

@@ -5,9 +5,11 @@ helper in another file would go on using the old machine code. Here the cache fo
 after a digest of every kernel source file, so any edit starts a fresh one.
 """
 
+import errno
 import hashlib
 import itertools
 import os
+import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
@@ -24,13 +26,40 @@ KERNEL_MODULES = (
 
 
 def kernel_cache(package: Path = PACKAGE) -> Path:
-    """Return the folder of the kernels of these sources and this version of numba."""
+    """Return the folder of the kernels of these sources and this version of numba.
+
+    Raises OSError, which says what to do, if this user has no home and no variable names another.
+    """
     digest = hashlib.sha256(version("numba").encode())
     for source in kernel_sources(package):
         digest.update(str(source.relative_to(package)).encode() + source.read_bytes())
     root = os.environ.get("MOTORD_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    folder = Path(root) / "motord" if root else Path.home() / ".cache" / "motord"
+    try:
+        folder = Path(root) / "motord" if root else Path.home() / ".cache" / "motord"
+    except RuntimeError:  # neither HOME nor an account of this number
+        raise _not_kept("this user has no home", "~", errno.ENOENT) from None
     return folder / f"kernels-{digest.hexdigest()[:16]}"
+
+
+def writable_kernel_cache() -> Path:
+    """Return the folder of the kernels, which can be written to or made by now.
+
+    Raises OSError, which says what to do.
+    """
+    folder = kernel_cache()
+    probed = folder if folder.exists() else folder.parent
+    try:
+        probed.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=probed).close()
+    except OSError as error:
+        raise _not_kept(error.strerror or str(error), str(folder), error.errno or 0) from None
+    return folder
+
+
+def _not_kept(why: str, folder: str, number: int) -> OSError:
+    """Return the error of a folder that compiled kernels cannot be kept in."""
+    advice = "set MOTORD_CACHE_DIR to a folder that this user may write to"
+    return OSError(number, f"cannot keep compiled kernels there: {why}; {advice}", folder)
 
 
 def kernel_sources(package: Path) -> list[Path]:

@@ -4,6 +4,7 @@ import ast
 import enum
 import gc
 import importlib
+import os
 import shutil
 import subprocess
 import sys
@@ -113,3 +114,24 @@ def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
     lines += ["motord.cli.console.explain_first_run()"]  # as `motord run` begins
     code = "\n".join([*lines, "assert 'numba' not in sys.modules"])
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_cache_that_cannot_be_written_to_says_what_to_do(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "motord", "simulate", "cogging"]
+    nowhere = {**os.environ, "MOTORD_CACHE_DIR": "/proc/nowhere"}
+    done = subprocess.run(command, capture_output=True, text=True, env=nowhere, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "/proc/nowhere/motord/kernels-" in done.stderr
+    assert "set MOTORD_CACHE_DIR to a folder that this user may write to" in done.stderr
+
+
+def test_a_user_without_a_home_is_told_to_name_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("MOTORD_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    with pytest.raises(OSError, match="this user has no home; set MOTORD_CACHE_DIR"):
+        kernel_cache()

@@ -265,10 +265,13 @@ def _lasting(stream: TextIO | None) -> TextIO:
 
 
 def explain_first_run(*, silent: bool = False) -> None:
-    """Say on stderr that the kernels are being compiled, if none of this version are kept yet."""
-    from motord.kernel_cache import kernel_cache
+    """Say on stderr that the kernels are being compiled, if none of this version are kept yet.
 
-    if not silent and not kernel_cache().exists():
+    Raises OSError, which says what to do, if they cannot be kept.
+    """
+    from motord.kernel_cache import writable_kernel_cache
+
+    if not writable_kernel_cache().exists() and not silent:
         remark("first run: compiling the numerical kernels, which takes a minute or two, once")
 
 
