@@ -126,7 +126,7 @@ def test_a_cache_that_cannot_be_written_to_says_what_to_do(tmp_path: Path) -> No
     assert "set MOTORD_CACHE_DIR to a folder that this user may write to" in done.stderr
 
 
-def test_a_user_without_a_home_is_told_to_name_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_home_the_error_says_to_name_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     def no_home() -> Path:
         raise RuntimeError("Could not determine home directory.")
 
