@@ -17,8 +17,6 @@ def check_output_files(written: Mapping[str, Path | None], read: Iterable[Path |
     for option, path in written.items():
         if path is None or (path.exists() and not path.is_file()):
             continue
-        if not path.parent.is_dir():
-            raise typer.BadParameter(f"{option} {path}: there is no folder {path.parent}; make it")
         identity = _identity(path)
         if identity in inputs:
             raise typer.BadParameter(
