@@ -59,8 +59,15 @@ def test_a_board_that_starts_anew_is_set_up_again(pair: tuple[CanBridge, CanBoar
     board.reboot = True
     until(lambda: read(driver) is not None and driver.restarts == 1)
     until(lambda: board.streaming and board.configured is not None)
-    driver.write(new_command(enable=1))
-    until(lambda: board.line_closed and abs(time.time_ns() - read(driver).t_ns) < 100e6)
+    board.line_closed = False
+
+    def enabled_anew() -> bool:
+        driver.write(new_command(enable=0))
+        recent = abs(time.time_ns() - read(driver).t_ns) < 100e6
+        driver.write(new_command(enable=1))
+        return board.line_closed and recent
+
+    until(enabled_anew)
     assert read(driver).link_errors == before
 
 

@@ -22,6 +22,14 @@ def read(driver: SerialBridge) -> np.ndarray:
     return feedback[0]
 
 
+def enabled_anew(driver: SerialBridge, board: Board) -> bool:
+    """Command an open line, then a closed one; return whether it is closed."""
+    driver.write(new_command(enable=0))
+    read(driver)
+    driver.write(new_command(enable=1))
+    return board.line_closed
+
+
 @pytest.fixture
 def board() -> Iterator[Board]:
     board = Board()
@@ -171,9 +179,8 @@ def test_a_board_that_starts_anew_is_set_up_again(pair: tuple[SerialBridge, Boar
     board.reboot = True
     until(lambda: read(driver) is not None and driver.restarts == 1)
     until(lambda: board.streaming and board.configured == frames.Configure(2000, 30_000))
-    driver.write(new_command(enable=1))
-    until(lambda: abs(time.time_ns() - read(driver).t_ns) < 100e6)
-    until(lambda: board.line_closed)
+    board.line_closed = False
+    until(lambda: enabled_anew(driver, board) and abs(time.time_ns() - read(driver).t_ns) < 100e6)
     assert read(driver).link_errors == before
 
 
@@ -202,9 +209,7 @@ def test_a_board_that_missed_its_configuration_is_asked_for_no_closed_line(
     closed_by = []
 
     def configured() -> bool:
-        driver.write(new_command(enable=1))
-        read(driver)
-        if board.line_closed:
+        if enabled_anew(driver, board):
             closed_by.append(board.configured)
         return bool(closed_by)
 
@@ -266,9 +271,9 @@ def test_a_board_behind_a_port_that_was_away_says_who_it_is_first(
 
     def enabled() -> bool:
         taken = read(driver).encoder_gray == 0x123
-        driver.write(new_command(enable=1))
-        assert driver.restarts or not (taken or after.line_closed)
-        return taken and after.line_closed
+        closed = enabled_anew(driver, after)
+        assert driver.restarts or not (taken or closed)
+        return taken and closed
 
     def tried() -> bool:
         return enabled() or after.hellos > 2

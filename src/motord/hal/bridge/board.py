@@ -4,11 +4,11 @@ Samples flow from the first read on: what comes while nobody reads overflows som
 and nobody can know how much of what is older than the gap is still to come. In the loop a tick
 costs one read and one write of the link. A board that starts anew while the loop runs is configured
 again without waiting for its answers, and asked to close the line only once its Status states rate
-and heartbeat timeout as they were set. One that does not, that sends no samples any more, or
-receives no heartbeats, is sent a HelloRequest now and then: it may have started anew while the link
-was down, or have missed so many heartbeats that it takes the next for old ones. Its Hello says from
-which number heartbeats go on. Behind a port that was away may be another board: nothing that it
-sends counts until its Hello says that it is the same.
+and heartbeat timeout as they were set, and the loop has commanded an open line since. One that does
+not, that sends no samples any more, or receives no heartbeats, is sent a HelloRequest now and then:
+it may have started anew while the link was down, or have missed so many heartbeats that it takes
+the next for old ones. Its Hello says from which number heartbeats go on. Behind a port that was
+away may be another board: nothing that it sends counts until its Hello says that it is the same.
 """
 
 from collections.abc import Callable
@@ -61,6 +61,7 @@ class Bridge:
             config.sample_rate_Hz, round(bridge.heartbeat_timeout_s * 1e6)
         )
         self._configured = False  # by the newest Status since the board started
+        self._may_close = True  # configured ever since the command last was an open line
         self._torque_Nm_per_count = config.torque_Nm_per_count
         self._link: BridgeLink | None = None
         self._openings = 0  # of the link, when the board last said who it is
@@ -138,8 +139,14 @@ class Bridge:
         return errors - self._errors_before
 
     def write(self, command: np.ndarray) -> None:
-        """Send heartbeat and enable-line request."""
-        self._send_heartbeat(1 if command["enable"][0] and self._configured else 0)
+        """Send heartbeat and enable-line request.
+
+        To a board that started anew nothing is asked for that was commanded before: for it this
+        host would be one that knows of the open line, and it would close it again at once.
+        """
+        enable = bool(command["enable"][0])
+        self._may_close = self._configured and (self._may_close or not enable)
+        self._send_heartbeat(1 if enable and self._may_close else 0)
 
     def safe_stop(self) -> None:
         """Open the enable line; said twice, in case a frame is lost."""
