@@ -28,6 +28,30 @@ def test_what_a_stuck_track_may_do_unseen_is_named(rate_Hz: int, pole_pairs: int
     assert unseen_track_rad(config) == pytest.approx(3 * 20.0 / rate_Hz)
 
 
+@pytest.mark.parametrize(("rate_Hz", "observer_Hz", "pole_pairs"), [(1000, 15, 50), (200, 60, 8)])
+def test_what_would_show_a_stuck_track_shows_it(
+    rate_Hz: int, observer_Hz: float, pole_pairs: int
+) -> None:
+    """Jumps that the observer follows seem a speed at any speed limit."""
+
+    def note(trip_speed_rad_s: float) -> str:
+        config = make_config(
+            loop={"rate_Hz": rate_Hz, "observer_bandwidth_Hz": observer_Hz},
+            motor={"pole_pairs": pole_pairs},
+            limits={"encoder_jump_rad": math.pi / 2},
+        )
+        limits = config.limits.model_copy(update={"trip_speed_rad_s": trip_speed_rad_s})
+        notes = hidden_faults(config.model_copy(update={"limits": limits}))
+        return next((n for n in notes if "an encoder track" in n), "")
+
+    follows, named = observer_Hz == 60, note(20.0)
+    assert ("follows its jumps" in named) == follows
+    assert ("lower trip_speed_rad_s" in named) != follows
+    assert bool(note(0.3)) == follows
+    off_rad = float(named.partition("currents may be ")[2].split()[0])
+    assert off_rad <= round(math.pi, 1)
+
+
 @pytest.mark.kernel
 @pytest.mark.parametrize(
     ("rate_Hz", "observer_Hz", "counts"),

@@ -7,7 +7,7 @@ import numpy as np
 
 from motord.config.bounds import rounded_down
 from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s, least_error_s
-from motord.config.rules.tracks import unseen_track_rad
+from motord.config.rules.tracks import followed_jump_rad, unseen_track_rad
 from motord.config.sections import LimitsConfig, Sections
 from motord.config.timing import TORQUE_SHARE
 
@@ -34,13 +34,20 @@ def hidden_faults(bench: Sections) -> list[str]:
 def _hidden_track(bench: Sections) -> Iterator[str]:
     limits, pole_pairs = bench.limits, bench.motor.pole_pairs
     electrical_rad = pole_pairs * unseen_track_rad(bench)
-    if electrical_rad > ELECTRICAL_RAD:
-        yield (
-            "an encoder track that is stuck may go unnoticed up to [limits] trip_speed_rad_s = "
-            f"{limits.trip_speed_rad_s:g}, for which samples are few: currents may be "
-            f"{electrical_rad:.2g} rad (electrical) off with [motor] pole_pairs = {pole_pairs}, "
-            "and only torque_error_Nm may show it; raise the rates, or lower trip_speed_rad_s"
-        )
+    if electrical_rad <= ELECTRICAL_RAD:
+        return
+    most_rad_s = f"[limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g}"
+    where = f"up to {most_rad_s}, for which samples are few"
+    remedy = "raise the rates, or lower trip_speed_rad_s"
+    if pole_pairs * followed_jump_rad(bench) > ELECTRICAL_RAD:
+        bandwidth_Hz = f"[loop] observer_bandwidth_Hz = {bench.loop.observer_bandwidth_Hz:g}"
+        where = f"where samples are so few that the observer of {bandwidth_Hz} follows its jumps"
+        remedy = "raise the rates"
+    yield (
+        f"an encoder track that is stuck may go unnoticed {where}: currents may be "
+        f"{min(electrical_rad, math.pi):.2g} rad (electrical) off with [motor] pole_pairs = "
+        f"{pole_pairs}, and only torque_error_Nm may show it; {remedy}"
+    )
 
 
 def _hidden_drive(bench: Sections, currents_A: np.ndarray) -> Iterator[str]:

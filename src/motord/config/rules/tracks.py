@@ -17,17 +17,25 @@ def unseen_track_rad(config: Sections) -> float:
     """Return by what angle (rad) the rotor's may be wrong as an unseen track is stuck, 0 for none.
 
     Tracks of which the rotor turns half the pattern or more between two samples are left out: at
-    the speed limit the most. Where the speed takes (1 - p)^2 = FOLLOWED or more of a jump, p the
-    observer's pole, each jump of a stuck coarser track seems such a speed, too, if it is plausible.
+    the speed limit the most.
     """
-    limits, sample_s = config.limits, config.sample_interval_s
-    turn_rad = limits.trip_speed_rad_s * sample_s
+    turn_rad = config.limits.trip_speed_rad_s * config.sample_interval_s
     off_rad = ERROR * turn_rad if turn_rad >= 2 * math.pi / config.motor.counts else 0.0
+    return max(off_rad, followed_jump_rad(config))
+
+
+def followed_jump_rad(config: Sections) -> float:
+    """Return the part of `unseen_track_rad` that no speed limit lessens.
+
+    Where the speed takes (1 - p)^2 = FOLLOWED or more of a jump, p the observer's pole, each jump
+    of a stuck coarser track seems such a speed, too, if it is plausible.
+    """
+    sample_s = config.sample_interval_s
     followed = -math.expm1(-2 * math.pi * config.loop.observer_bandwidth_Hz * sample_s)
-    if followed**2 >= FOLLOWED:
-        jump_rad = min(limits.encoder_jump_rad * max(sample_s / STEADY_S, 1.0), JUMP_MAX_RAD)
-        off_rad = max(off_rad, 2 * jump_rad)
-    return off_rad
+    if followed**2 < FOLLOWED:
+        return 0.0
+    jump_rad = config.limits.encoder_jump_rad * max(sample_s / STEADY_S, 1.0)
+    return 2 * min(jump_rad, JUMP_MAX_RAD)
 
 
 def stop_max_rad_s2(config: Sections) -> float:
