@@ -233,6 +233,21 @@ def test_what_would_show_a_dead_torque_sensor_does(
         assert "torque sensor" not in hidden(torque_sensor=sensor, limits=changed)
 
 
+@pytest.mark.parametrize("delay_s", [0.0008, 0.02])
+def test_a_torque_error_that_would_show_a_dead_sensor_is_legal(delay_s: float) -> None:
+    """At 20 ms of delay a ramp would be an error of it for longer than it may."""
+    tables: dict[str, dict[str, float]] = {
+        "torque_sensor": {"highpass_time_constant_s": 0.1},
+        "inverter": {"actuation_delay_s": delay_s},
+        "limits": {"torque_error_s": 0.1, "torque_rate_Nm_per_s": 20.0},
+    }
+    named = hidden(**tables).partition("torque_error_Nm less than ")[2]
+    assert bool(named) == (delay_s < 0.02)
+    if named:
+        tables["limits"]["torque_error_Nm"] = 0.99 * float(named.split()[0])
+        assert "torque sensor" not in hidden(**tables)
+
+
 @pytest.mark.parametrize("tau_s", [0.0, 2.0])
 def test_a_motor_that_makes_no_torque_at_some_angles_can_be_checked(tau_s: float) -> None:
     third = {"connection": "star", "back_emf": [{"order": 3, "amplitude_V_s_per_rad": 0.2}]}
