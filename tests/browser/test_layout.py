@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Locator, expect
 
 from tests.browser import documents
-from tests.browser.chromium import PATH, PHONE, shows, start_plan, take_command
+from tests.browser.chromium import PATH, PHONE, set_by_hand, shows, start_plan, take_command
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import Server
 
@@ -12,7 +12,11 @@ pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
 ]
+SMALL_PHONE = {"width": 375, "height": 800}
 NARROW = {"width": 1100, "height": 880}
+LAPTOP = {"width": 1280, "height": 800}
+CHART_HEIGHT_px = 90
+"""With less of it a chart shows nothing any more."""
 LONG = "axial-flux 48/16, laboratory prototype number 2 with the wound stator of the year before"
 
 
@@ -88,6 +92,22 @@ def test_a_plan_that_was_started_shows_its_progress(server: Server, visit: Watch
     start_plan(page)
     expect(page.locator("#plan-title")).to_be_in_viewport(ratio=1)
     assert page.locator("#plan").evaluate("e => e.scrollTop") == 0
+
+
+@pytest.mark.parametrize("size", [SMALL_PHONE, NARROW, LAPTOP])
+def test_what_the_charts_of_the_turn_say_is_whole_and_has_its_unit(
+    server: Server, visit: Watched, size: dict[str, int]
+) -> None:
+    page = visit(server.urls.operator, size)
+    take_command(page)
+    set_by_hand(page, 2.5, 0.7)
+    shows(page, "#turns-caption", "about 2.50 Nm")
+    shows(page, "#orders-caption", "calibrated")
+    for caption in page.locator("#turns figcaption").all():
+        expect(caption.locator(".unit")).to_have_text("Nm")
+        assert caption.evaluate("e => e.scrollWidth <= e.clientWidth"), caption.inner_text()
+    for chart in page.locator("#turns .chart").all():
+        assert chart.evaluate("e => e.clientHeight") >= CHART_HEIGHT_px
 
 
 def test_what_a_field_asks_for_can_be_read(server: Server, visit: Watched) -> None:

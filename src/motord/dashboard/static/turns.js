@@ -54,7 +54,7 @@ export class Turns {
     }
     this._largest = largest(orders, (order) => this._amplitude(order), LABELLED);
     const main = this._largest[0];
-    const about = this._bench.sensorPassesMean ? `about ${number(set_Nm, 2)}` : `at ${number(set_Nm, 2)} (no mean)`;
+    const about = this._bench.sensorPassesMean ? `about ${number(set_Nm, 2)} Nm` : `at ${number(set_Nm, 2)} Nm (no mean)`;
     setText(byId("turns-caption"), `last ${turns === 1 ? "turn" : `${turns} turns`}: ${number(high - low, 2)} Nm p-p ${about}`);
     setText(byId("orders-caption"), main === undefined ? "no turn at a steady set-point" : `order ${main}: ${number(this._amplitude(main), 3)} Nm; \u25b4 calibrated`);
     setAttribute(byId("turns-chart"), "aria-label", `Torque over angle: ${byId("turns-caption").textContent}`);
