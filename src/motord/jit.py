@@ -1,6 +1,7 @@
 """The compiler of the numerical kernels: numba, with a cache that knows all their sources."""
 
 import ctypes
+import os
 from collections import namedtuple
 from collections.abc import Callable
 from enum import Enum
@@ -8,18 +9,57 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core import caching
 from numba.extending import intrinsic
 
-from motord.kernel_cache import writable_kernel_cache
+from motord.kernel_cache import not_kept, usable_kernel_cache
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
-numba.config.CACHE_DIR = str(writable_kernel_cache())  # type: ignore[attr-defined]
+_CACHING: Any = caching
+_FOLDER = usable_kernel_cache()
+_READ_ONLY = _FOLDER.exists() and not os.access(_FOLDER, os.W_OK)
+numba.config.CACHE_DIR = str(_FOLDER)  # type: ignore[attr-defined]
+
+
+class _Locator(_CACHING.CompileResultCacheImpl._locator_classes[0]):  # type: ignore[misc]
+    """Finds a kernel in the folder, which numba else leaves alone where it cannot write to it."""
+
+    def ensure_cache_path(self) -> None:
+        if not _READ_ONLY:
+            super().ensure_cache_path()
+
+
+class _Located(_CACHING.CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator, *_CACHING.CompileResultCacheImpl._locator_classes[1:])
+
+
+class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
+    """Kept machine code of a kernel; a folder that is read-only is only read.
+
+    Raises OSError, which says what to do, where it cannot be kept for another reason.
+    """
+
+    _impl_class = _Located
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            if not _READ_ONLY:
+                raise not_kept(error, _FOLDER) from None
+
+
+def _compiled(function: _Kernel, **options: Any) -> _Kernel:
+    """Compile `function` in nopython mode and keep its machine code."""
+    kernel = numba.njit(error_model="numpy", **options)(function)
+    kernel._cache = _KernelCache(function)  # as cache=True does
+    return cast("_Kernel", kernel)
 
 
 def jit(function: _Kernel) -> _Kernel:
     """Compile `function` in nopython mode; divisions by zero give inf or nan, as in IEEE 754."""
-    return cast("_Kernel", numba.njit(cache=True, error_model="numpy", nogil=True)(function))
+    return _compiled(function, nogil=True)
 
 
 def jit_sums(function: _Kernel) -> _Kernel:
@@ -27,9 +67,7 @@ def jit_sums(function: _Kernel) -> _Kernel:
 
     So that they are added up many at a time; the last bits then depend on the processor.
     """
-    freedom = {"reassoc", "contract"}
-    kernel = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=freedom)(function)
-    return cast("_Kernel", kernel)
+    return _compiled(function, nogil=True, fastmath={"reassoc", "contract"})
 
 
 def jit_holding_gil(function: _Kernel) -> _Kernel:
@@ -38,7 +76,7 @@ def jit_holding_gil(function: _Kernel) -> _Kernel:
     For what the loop calls: it takes microseconds, and a lock that is let go may come back only
     milliseconds later, if another thread of the process wants it.
     """
-    return cast("_Kernel", numba.njit(cache=True, error_model="numpy")(function))
+    return _compiled(function)
 
 
 def constants(kind: type[Enum]) -> Any:

@@ -41,8 +41,8 @@ def kernel_cache(package: Path = PACKAGE) -> Path:
     return folder / f"kernels-{digest.hexdigest()[:16]}"
 
 
-def writable_kernel_cache() -> Path:
-    """Return the folder of the kernels, which can be written to or made by now.
+def usable_kernel_cache() -> Path:
+    """Return the folder of the kernels: it can be written to or made by now, or holds some.
 
     Raises OSError, which says what to do.
     """
@@ -52,12 +52,17 @@ def writable_kernel_cache() -> Path:
         probed.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=probed).close()
     except OSError as error:
-        raise _not_kept(error.strerror or str(error), str(folder), error.errno or 0) from None
+        if probed != folder or not any(folder.iterdir()):
+            raise not_kept(error, folder) from None
     return folder
 
 
-def _not_kept(why: str, folder: str, number: int) -> OSError:
+def not_kept(error: OSError, folder: Path) -> OSError:
     """Return the error of a folder that compiled kernels cannot be kept in."""
+    return _not_kept(error.strerror or str(error), str(folder), error.errno or 0)
+
+
+def _not_kept(why: str, folder: str, number: int) -> OSError:
     advice = "set MOTORD_CACHE_DIR to a folder that this user may write to"
     return OSError(number, f"cannot keep compiled kernels there: {why}; {advice}", folder)
 

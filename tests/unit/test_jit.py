@@ -2,6 +2,7 @@
 
 import ast
 import enum
+import errno
 import gc
 import importlib
 import os
@@ -135,3 +136,43 @@ def test_without_a_home_the_error_says_to_name_a_cache(monkeypatch: pytest.Monke
     monkeypatch.setattr(Path, "home", no_home)
     with pytest.raises(OSError, match="this user has no home; set MOTORD_CACHE_DIR"):
         kernel_cache()
+
+
+KERNEL = """
+import errno, os, sys, tempfile
+import numba.core.caching
+
+def refuse(*_, **__):
+    raise OSError(int(os.environ["ERRNO"]), "no more")
+
+if os.environ["ERRNO"] == str(errno.EROFS):
+    os.access, tempfile.TemporaryFile = lambda *_: False, refuse
+if int(os.environ["ERRNO"]):
+    numba.core.caching.IndexDataCacheFile.save = refuse
+from motord.jit import jit
+add = jit(lambda x, y: x + y)
+print(add(1, eval(sys.argv[1])), add.stats.cache_hits.total())
+"""
+
+
+def test_kernels_of_a_read_only_folder_are_used_and_what_is_not_kept_is_said(
+    tmp_path: Path,
+) -> None:
+    script = tmp_path / "kernel.py"
+    script.write_text(KERNEL)
+
+    def run(argument: str, error: int, folder: str = "cache") -> subprocess.CompletedProcess[str]:
+        changed = {"MOTORD_CACHE_DIR": str(tmp_path / folder), "ERRNO": str(error)}
+        command = [sys.executable, str(script), argument]
+        return subprocess.run(
+            command, capture_output=True, text=True, env={**os.environ, **changed}
+        )
+
+    assert "cannot keep compiled kernels there: no more" in run("2", errno.EROFS).stderr
+    assert run("2", 0).stdout == "3 0\n"
+    for error in (0, errno.EROFS):
+        assert run("2", error).stdout == "3 1\n"
+    assert run("2.5", errno.EROFS).stdout == "3.5 0\n"  # compiled, though not kept
+    full = run("2", errno.ENOSPC, "full").stderr
+    assert "cannot keep compiled kernels there: no more; set MOTORD_CACHE_DIR" in full
+    assert str(tmp_path / "full") in full

@@ -269,9 +269,9 @@ def explain_first_run(*, silent: bool = False) -> None:
 
     Raises OSError, which says what to do, if they cannot be kept.
     """
-    from motord.kernel_cache import writable_kernel_cache
+    from motord.kernel_cache import usable_kernel_cache
 
-    if not writable_kernel_cache().exists() and not silent:
+    if not usable_kernel_cache().exists() and not silent:
         remark("first run: compiling the numerical kernels, which takes a minute or two, once")
 
 
