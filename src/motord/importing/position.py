@@ -15,6 +15,10 @@ FINE = 0.02
 """Part of the range that the least step is at most where jumps both ways are wraps of a rotor that
 turns both ways, not a position that is noise of a few values."""
 
+NARROW = 0.01
+"""Part of a turn that such a range has at least: a narrower one is the noise of a rotor that stands
+between two counts."""
+
 RANGE = (0.75, 1.02)
 """Range of positions, in parts of a turn, that a source may wrap at."""
 
@@ -54,7 +58,8 @@ class PositionReader:
             jumps.size == JUMPS and np.abs(jumps).min() > ALIKE * max(width, np.abs(jumps).max())
             for jumps in (down, up)
         ]
-        if not any(wraps) or (all(wraps) and self._least_step > FINE * width):
+        noisy = self._least_step > FINE * width or width < NARROW * self._span
+        if not any(wraps) or (all(wraps) and noisy):
             return
         if RANGE[0] * self._span <= width <= RANGE[1] * self._span:
             return

@@ -195,10 +195,13 @@ def test_positions_of_another_range_are_refused_of_a_rotor_that_turns_both_ways(
         imported(tmp_path, source)
 
 
-def test_a_rotor_that_stands_on_the_edge_of_a_count_is_no_other_range(tmp_path: Path) -> None:
-    columns = turning(6000)
-    noise = np.random.default_rng(1).integers(0, 3, 6000)
-    columns["Position[rad]"] = noise * (2 * np.pi / 4096)
+@pytest.mark.parametrize(("values", "noise"), [(3, 0.0), (2, 1e-5)])
+def test_a_rotor_that_stands_on_the_edge_of_a_count_is_no_other_range(
+    tmp_path: Path, values: int, noise: float
+) -> None:
+    columns, random = turning(6000), np.random.default_rng(1)
+    counts = random.integers(0, values, 6000) * (2 * np.pi / 4096)
+    columns["Position[rad]"] = counts + noise * random.standard_normal(6000)
     imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
 
 
