@@ -34,6 +34,9 @@ MISREAD_STEPS, MISREAD_COUNTS = 3.0, 8
 """A sample is off that is so many usual steps, and counts, away from both of its neighbours."""
 OUT_OF_RANGE_SHARE = 0.01
 """Of the samples that are disturbed at most: with more, it is another encoder or none."""
+LOST_TURN = 0.25
+"""Part of a turn that may be between two counts in range: by half a turn it is not known which way,
+nor how many turns, the rotor went, and its speed may have changed meanwhile."""
 FROZEN_TURN = 0.125
 FROZEN_RUNS = 20.0
 """A value is frozen that stays for this part of a turn, and for so many times the mean time."""
@@ -125,7 +128,8 @@ def in_range(count: np.ndarray, counts: int, label: str) -> np.ndarray:
     """Return which encoder counts (n,) are of `counts` a turn (n,): the others are disturbed.
 
     Raises CountsOutOfRange if these are several and more than OUT_OF_RANGE_SHARE, or if the rotor
-    turns on into them more than once: the motor has another encoder then.
+    turns on into them more than once: the motor has another encoder then. Also if it may have
+    turned by more than LOST_TURN over some in a row.
     """
     good = (count >= 0) & (count < counts)
     if good.all():
@@ -140,7 +144,28 @@ def in_range(count: np.ndarray, counts: int, label: str) -> np.ndarray:
             f"{label}: encoder counts from {count.min()} to {count.max()}, "
             f"but the motor has {counts} counts a turn; correct counts in [motor]"
         )
+    if (lost := _most_lost(good, step)) > LOST_TURN * counts:
+        raise CountsOutOfRange(
+            f"{label}: encoder counts are out of range for {lost / counts:.2g} of a turn on end, "
+            "so that the turns cannot be counted; look for a loose plug, and record it again"
+        )
     return good
+
+
+def _most_lost(good: np.ndarray, step: np.ndarray) -> float:
+    """Return by how many counts the rotor turned at most between two good samples, others between.
+
+    good (n,); step (m - 1,): between successive samples of the m good ones.
+    """
+    if not step.size:
+        return 0.0
+    apart = np.diff(np.flatnonzero(good))
+    [gaps] = np.nonzero(apart > 1)
+    if not gaps.size:
+        return 0.0
+    around = np.stack([step[np.maximum(gaps - 1, 0)], step[np.minimum(gaps + 1, step.size - 1)]])
+    fastest = np.maximum(around.max(axis=0), np.percentile(step, 95))
+    return float((apart[gaps] * fastest).max())
 
 
 def out_of_range(good: np.ndarray) -> tuple[SignalFault, ...]:
