@@ -14,6 +14,7 @@ from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.rests import REQUIRED
 from motord.experiments.alignment.result import Alignment
 from motord.experiments.analysis import Analysis, json_of
+from motord.experiments.signal_findings import with_counts_in_range
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
@@ -30,11 +31,13 @@ def found_alignment(runs: Sequence[Run], subject: Subject) -> Alignment:
     """Return the alignment over all sweeps of the runs. Raises AnalysisError, IdentifyError."""
     for run in runs:
         check_plan(run, PLAN)
-    sweeps = [ticks for run in runs for ticks in captured_ticks(run, REQUIRED)]
+    captures = (ticks for run in runs for ticks in captured_ticks(run, REQUIRED))
+    sweeps, faults = with_counts_in_range(captures, subject.motor.counts, "sweep")
     if not sweeps:
         names = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{names}: the plan was ended before a sweep was over: start it anew")
-    return replace(align(sweeps, subject.motor), accuracy=subject.accuracy)
+    found = align(sweeps, subject.motor)
+    return replace(found, accuracy=subject.accuracy, of_signals=faults)
 
 
 def estimate(

@@ -1,6 +1,7 @@
 """`motord analyse friction`: friction torque over speed from coast-downs of the free rotor."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import pi, sqrt
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,6 +16,7 @@ from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.result import Friction, Inertia
 from motord.experiments.friction.settings import NAME, FrictionConfig
+from motord.experiments.signal_findings import with_counts_in_range
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
@@ -23,6 +25,7 @@ from motord.experiments.subject import (
     plan_settings,
     require_columns,
 )
+from motord.findings import Finding
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run
 from motord.report.text import TextTable
@@ -62,18 +65,29 @@ def _read_inertia(file: Path) -> Inertia:
     return Inertia(found.inertia_kg_m2, found.uncertainty_kg_m2 / found.inertia_kg_m2, file.name)
 
 
-def coast_downs(runs: Sequence[Run], motor: MotorConfig) -> Iterator[CoastDown]:
-    """Yield the coast-downs of good quality. Raises AnalysisError, IdentifyError."""
+def coast_downs(
+    runs: Sequence[Run], motor: MotorConfig
+) -> tuple[tuple[CoastDown, ...], tuple[Finding, ...]]:
+    """Return the coast-downs of good quality, and what is questionable about their signals.
+
+    Raises AnalysisError, IdentifyError.
+    """
     turn_rad = motor.encoder_direction * 2 * pi / motor.counts
+    found: list[CoastDown] = []
+    faults: list[Finding] = []
     for run in runs:
         require_columns(run, (*COLUMNS, "plan_point"))
         points = good_points(run.operating_points())
-        for point, ticks in zip(points, captured_ticks(run, COLUMNS), strict=True):
+        what = f"{run.path.name}: coast-down"
+        captures, seen = with_counts_in_range(captured_ticks(run, COLUMNS), motor.counts, what)
+        faults += seen
+        for point, ticks in zip(points, captures, strict=True):
             index = int(point["index"])
             if np.any(ticks["torque_set_Nm"] != 0.0):
                 raise AnalysisError(f"{run.path}: coast-down {index + 1}: a torque was commanded")
             angle_rad = ticks["encoder_count"].astype(float) * turn_rad
-            yield CoastDown.of(run.path.name, index, ticks["t_ns"], angle_rad, motor.counts)
+            found.append(CoastDown.of(run.path.name, index, ticks["t_ns"], angle_rad, motor.counts))
+    return tuple(found), tuple(faults)
 
 
 def estimate(
@@ -87,7 +101,9 @@ def estimate(
         check_plan(run, NAME)
     known = inertia_of(inertia, plan_settings(recordings, NAME, FrictionConfig))
     motor = recordings.subject.motor
-    return measure(tuple(coast_downs(recordings.runs, motor)), motor, known)
+    coasts, faults = coast_downs(recordings.runs, motor)
+    found = measure(coasts, motor, known)
+    return replace(found, findings=(*found.findings, *faults))
 
 
 def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:

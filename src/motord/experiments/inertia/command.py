@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,6 +17,7 @@ from motord.experiments.inertia.oscillation import Oscillation, combine
 from motord.experiments.inertia.releases import Release, find_releases, read_release, waves_of
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import REQUIRED
+from motord.experiments.signal_findings import with_counts_in_range
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
@@ -26,6 +28,7 @@ from motord.experiments.subject import (
     plan_settings,
     recorded_settings,
 )
+from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.intervals import plus_minus
 from motord.recording.reader import Run
@@ -75,19 +78,23 @@ def oscillation(
         )
     waves = waves_of(cogging_Nm) if settings.stator and cogging_Nm is not None else None
     releases: list[Release] = []
+    faults: list[Finding] = []
     for run in runs:
         marked = bool(run.operating_points())
-        for ticks in captured_ticks(run, RELEASE) if marked else _searched(run, counts):
+        captures = captured_ticks(run, RELEASE) if marked else [run.ticks(RELEASE)]
+        what = f"{run.path.name}: {'release' if marked else 'recording'}"
+        readable, seen = with_counts_in_range(captures, counts, what)
+        faults += seen
+        for ticks in readable if marked else _searched(readable[0], counts):
             # a segment without oscillation is skipped where a recording marks none
             with nullcontext() if marked else suppress(IdentifyError):
                 place = len(releases), ticks["t_ns"], ticks["encoder_count"]
                 releases.append(read_release(*place, counts, setup, waves))
-    return combine(releases, setup, waves)
+    return replace(combine(releases, setup, waves), of_signals=tuple(faults))
 
 
-def _searched(run: Run, counts: int) -> Iterator[np.ndarray]:
-    """Yield the ticks of what may be releases in a recording that marks none."""
-    ticks = run.ticks(RELEASE)
+def _searched(ticks: np.ndarray, counts: int) -> Iterator[np.ndarray]:
+    """Yield what may be releases of the ticks of a recording that marks none."""
     for part in find_releases(ticks["t_ns"], ticks["encoder_count"], counts):
         yield ticks[part]
 
@@ -97,8 +104,11 @@ def acceleration(
 ) -> Acceleration:
     """Return the inertia from steps of torque. Raises IdentifyError, AnalysisError."""
     settings = settings or recorded_settings(runs[0], AccelerationConfig)
-    steps = [ticks for run in runs for ticks in captured_ticks(run, REQUIRED)]
-    return accelerate(steps, subject.motor.counts, subject.sensor, settings)
+    counts = subject.motor.counts
+    captures = (ticks for run in runs for ticks in captured_ticks(run, REQUIRED))
+    steps, faults = with_counts_in_range(captures, counts, "step")
+    found = accelerate(steps, counts, subject.sensor, settings)
+    return replace(found, findings=(*found.findings, *faults))
 
 
 def estimate(

@@ -53,6 +53,7 @@ class Oscillation:
     stator: it was in place, and its cogging torque known. budget: of the fitted decays with the
     chosen effective mass; readings: by other methods; improvements: what changes
     of the set-up would bring. disturbed: releases that were left out, as they fit worse.
+    of_signals: findings.
     """
 
     experiment = "inertia-oscillation"
@@ -75,6 +76,7 @@ class Oscillation:
     curves: Curves
     improvements: tuple[Improvement, ...]
     disturbed: tuple[Release, ...] = ()
+    of_signals: tuple[Finding, ...] = ()
 
     @property
     def inertia_kg_m2(self) -> float:
@@ -104,7 +106,7 @@ class Oscillation:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is questionable about the oscillations."""
-        return (*_few(len(self.releases)), *_left_out(self))
+        return (*_few(len(self.releases)), *_left_out(self), *self.of_signals)
 
     @property
     def damping_ratio(self) -> float:

@@ -23,6 +23,7 @@ from motord.recording.writer import RunWriter
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 from tests.support.virtual_calibration import calibrate
+from tests.support.wrong_signals import CHANGES, change_recording
 
 TRUTH = """
 [encoder]
@@ -184,6 +185,17 @@ def test_findings_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> 
     assert "phase b: sensed current is 1.30 times the commanded one" in text
     assert "stops are left out" in text
     assert "the zero is not known well" in text
+
+
+def test_counts_out_of_range_are_left_out_and_said(bench: Path, tmp_path: Path) -> None:
+    change = CHANGES["encoder out of range at times"]
+    runs = [
+        open_run(bench / "run.mcap"),
+        open_run(change_recording(bench / "run.mcap", tmp_path / "run.mcap", change)),
+    ]
+    sound, found = (found_alignment([run], Subject.of_runs([run])) for run in runs)
+    assert "encoder-out-of-range" in {one.name for one in found.findings}
+    assert found.offset_rad == pytest.approx(sound.offset_rad, abs=0.1 * sound.offset_stderr_rad)
 
 
 def test_other_recordings_are_refused_in_one_line(bench: Path, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from motord.sequencing import PlanError
 from motord.virtual import PlanFailed, VirtualBench, run_plan
 from motord.virtual.mesh import processors
 from motord.virtual.preflight import forecasts
+from tests.support.wrong_signals import CHANGES, change_recording
 
 INERTIA_KG_M2, COULOMB_NM, VISCOUS_NM_S_PER_RAD = 0.0105, 0.03, 0.002
 
@@ -71,6 +72,21 @@ def test_the_packaged_rig_has_the_friction_that_is_found(
     page = report.read_text()
     assert page.count("<svg") == 3
     assert "Friction torque over speed" in page
+
+
+def test_a_count_out_of_range_is_left_out_and_said(
+    recorded: Path, inertia: Path, tmp_path: Path
+) -> None:
+    """A coast-down ended there, as if the rotor had turned back, or began with it."""
+    change = CHANGES["encoder out of range at times"]
+    changed = change_recording(recorded, tmp_path / "run.mcap", change)
+    sound, found = (
+        json.loads(invoke("analyse", "friction", path, "--inertia", inertia, "--json")[1])
+        for path in (recorded, changed)
+    )
+    assert [one["name"] for one in found["findings"]] == ["encoder-out-of-range"]
+    for one, other in zip(found["directions"], sound["directions"], strict=True):
+        assert one["coulomb_Nm"] == pytest.approx(other["coulomb_Nm"], rel=1e-3)
 
 
 def test_without_an_inertia_it_says_what_to_do(recorded: Path) -> None:

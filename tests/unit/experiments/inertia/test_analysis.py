@@ -20,6 +20,7 @@ from motord.recording.writer import RunWriter
 from motord.report.html import Page
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
+from tests.support.wrong_signals import CHANGES, change_recording
 
 TRUTH_KG_M2 = 0.0105
 
@@ -102,6 +103,18 @@ def test_ticks_without_a_torque_are_left_out(steps: Path, tmp_path: Path) -> Non
         analysis.acceleration([each], Subject.of_runs([each])) for each in (run, open_run(path))
     ]
     assert found[1].inertia_kg_m2 == pytest.approx(found[0].inertia_kg_m2, rel=2e-3)
+
+
+@pytest.mark.parametrize("recording", ["swings", "steps"])
+def test_counts_out_of_range_are_left_out_and_said(
+    recording: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    source = request.getfixturevalue(recording)
+    change = CHANGES["encoder out of range at times"]
+    path = change_recording(source, tmp_path / "run.mcap", change)
+    sound, found = (json.loads(invoke(one, "--json")[1]) for one in (source, path))
+    assert "encoder-out-of-range" in {one["name"] for one in found["findings"]}
+    assert found["inertia_kg_m2"] == pytest.approx(sound["inertia_kg_m2"], rel=1e-4)
 
 
 def test_a_bench_file_says_what_the_springs_really_are(swings: Path, tmp_path: Path) -> None:
