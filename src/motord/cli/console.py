@@ -170,16 +170,41 @@ def plain_console(*, stderr: bool = False) -> "Console":
 
 
 def print_table(table: "Table") -> None:
-    """Print a table, no figure of which is cut: a file gets it as wide as its figures need."""
+    """Print a table, no figure or word of which is cut if there is room for its longest ones.
+
+    A file gets it as wide as its figures need.
+    """
     console = plain_console()
     for column in table.columns:
         column.overflow = "fold"
-    if not console.is_terminal:
-        unlimited = console.options.update(width=sys.maxsize)
-        needed = console.measure(table, options=unlimited)
-        if needed.minimum > console.width:
+    unlimited = console.options.update(width=sys.maxsize)
+    needed = console.measure(table, options=unlimited)
+    if needed.minimum > console.width:
+        if not console.is_terminal:
             console.width = needed.maximum
+    elif needed.maximum > console.width:
+        _narrow(table, console, needed.maximum - console.width)
     console.print(table)
+
+
+def _narrow(table: "Table", console: "Console", excess: int) -> None:
+    """Take characters from the widest columns, of none so many that a word of it is cut.
+
+    rich takes them from the widest without regard to words.
+    """
+    from rich.measure import measure_renderables
+
+    unlimited = console.options.update(width=sys.maxsize)
+    needed = [
+        measure_renderables(console, unlimited, (column.header, *column.cells))
+        for column in table.columns
+    ]
+    widths = [one.maximum for one in needed]
+    for _ in range(excess):
+        spare = [n for n, one in enumerate(needed) if widths[n] > one.minimum]
+        widths[max(spare, key=widths.__getitem__)] -= 1
+    for column, width in zip(table.columns, widths, strict=True):
+        column.width = width
 
 
 def progress_bar(

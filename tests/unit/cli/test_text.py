@@ -91,6 +91,22 @@ def test_no_figure_of_a_table_is_cut_in_a_file(capsys):
     assert all(shown.count(f" {figure} ") == 2 for figure in figures), shown
 
 
+@pytest.mark.parametrize("terminal", [False, True])
+def test_no_word_of_a_table_is_cut_where_there_is_room(capsys, monkeypatch, terminal):
+    monkeypatch.setenv("COLUMNS", "61")
+    monkeypatch.setenv("TERM", "xterm")
+    if terminal:
+        monkeypatch.setenv("FORCE_COLOR", "1")
+    header = ("figure", "mean", "unit", "slope an hour", "drift")
+    names = ("rms_error_percent", "inverter_temperature_C", "rms_error_percent of 1, 2 Nm")
+    rows = [(name, "0.9716", "degC", "-0.12 +- 0.56", "yes") for name in names]
+    print_text([TextTable("slopes", header, rows, left=(0,))])
+    shown = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+    assert max(map(len, shown.splitlines())) <= 61
+    words = set(" ".join((*header, *(cell for row in rows for cell in row))).split())
+    assert words <= set(shown.split()), shown
+
+
 def test_a_character_that_the_locale_lacks_is_written_as_an_escape():
     script = "from motord.cli import console\nconsole.outlive_readers()\nprint('1 \\u03bcA')"
     ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
