@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from motord.api.messages import RecordingView
-from motord.cli.bench import set_report
+from motord.cli.bench import set_report, wording
 from tests.support.played_benches import state_of
 
 
@@ -24,3 +24,11 @@ def test_a_bench_that_should_be_recorded_and_is_not_is_said(monkeypatch, recordi
     state = state_of("a", recording=recording).model_copy(update={"tick": tick})
     text = set_report._reached(state, 0.0)
     assert text == f"now, OFF: torque 1 Nm commanded, 1 Nm measured; speed 0.25 Hz{said}"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(-4.09e-17, "0"), (0.0, "0"), (1e-6, "1e-06"), (-0.25, "-0.25"), (float("nan"), "nan")],
+)
+def test_a_rotor_at_rest_has_no_speed_of_rounding(value: float, said: str) -> None:
+    assert wording.number(value) == said

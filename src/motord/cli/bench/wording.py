@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 def number(value: float | None) -> str:
-    """Return a number in three digits, "-" for none."""
-    return "-" if value is None else f"{value:.3g}"
+    """Return a number in three digits, "-" for none; below 1e-9 it is rounding, and none: 0."""
+    return "-" if value is None else f"{0.0 if abs(value) < 1e-9 else value:.3g}"
 
 
 def clock(t_ns: int) -> str:
