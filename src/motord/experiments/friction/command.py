@@ -36,17 +36,20 @@ COLUMNS = ("t_ns", "encoder_count", "torque_set_Nm")
 
 class _InertiaFile(BaseModel):
     format: Literal["motord.inertia/1"] = Field(alias="schema")
+    motor: str = ""
     inertia_kg_m2: Positive
     uncertainty_kg_m2: NonNegative
 
 
-def inertia_of(file: Path | None, settings: FrictionConfig) -> Inertia:
+def inertia_of(file: Path | None, settings: FrictionConfig, motor: str) -> Inertia:
     """Return the inertia of a file that `analyse inertia` wrote, else of the settings.
+
+    Its source says if the file is of a motor of another name than `motor`.
 
     Raises AnalysisError, OSError.
     """
     if file is not None:
-        return _read_inertia(file)
+        return _read_inertia(file, motor)
     if not settings.inertia_kg_m2:
         raise AnalysisError(
             "friction follows from the moment of inertia, which is not known: name the result of "
@@ -57,12 +60,15 @@ def inertia_of(file: Path | None, settings: FrictionConfig) -> Inertia:
     return Inertia(settings.inertia_kg_m2, uncertainty, "[plans.friction]")
 
 
-def _read_inertia(file: Path) -> Inertia:
+def _read_inertia(file: Path, motor: str) -> Inertia:
     try:
         found = _InertiaFile.model_validate_json(read_bytes(file))
     except ValidationError:
         raise AnalysisError(f"{file}: is no result of `motord analyse inertia -o FILE`") from None
-    return Inertia(found.inertia_kg_m2, found.uncertainty_kg_m2 / found.inertia_kg_m2, file.name)
+    source = file.name
+    if found.motor and motor and found.motor != motor:
+        source += f", of another motor, {found.motor!r}"
+    return Inertia(found.inertia_kg_m2, found.uncertainty_kg_m2 / found.inertia_kg_m2, source)
 
 
 def coast_downs(
@@ -99,8 +105,8 @@ def estimate(
     """Return the friction. Raises AnalysisError, ConfigError, IdentifyError, OSError."""
     for run in recordings.runs:
         check_plan(run, NAME)
-    known = inertia_of(inertia, plan_settings(recordings, NAME, FrictionConfig))
     motor = recordings.subject.motor
+    known = inertia_of(inertia, plan_settings(recordings, NAME, FrictionConfig), motor.name)
     coasts, faults = coast_downs(recordings.runs, motor)
     found = measure(coasts, motor, known)
     return replace(found, findings=(*found.findings, *faults))

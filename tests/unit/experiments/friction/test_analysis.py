@@ -96,6 +96,16 @@ def test_without_an_inertia_it_says_what_to_do(recorded: Path) -> None:
     assert "inertia_kg_m2" in text
 
 
+@pytest.mark.parametrize("other", [True, False])
+def test_an_inertia_of_another_motor_is_said(recorded: Path, inertia: Path, other: bool) -> None:
+    name = "pump \x1b[31m" if other else "axial-flux 48/16"
+    inertia.write_text(json.dumps(json.loads(inertia.read_text()) | {"motor": name}))
+    code, text = invoke("analyse", "friction", recorded, "--inertia", inertia)
+    assert code == 0, text
+    assert (r"(inertia.json, of another motor, 'pump \x1b[31m', +-2 %)" in text) == other
+    assert "(inertia.json, " in text
+
+
 def test_the_inertia_may_stand_in_the_bench_file(recorded: Path, tmp_path: Path) -> None:
     bench = tmp_path / "bench.toml"
     rig = packaged("report.rig.toml")
