@@ -61,16 +61,17 @@ def _encoded(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 def json_of(schema: str, *motor: str) -> Callable[[Any, "Recordings"], dict[str, Any]]:
     """Return what makes the JSON of a result, after what it is of.
 
-    motor: fields of `[motor]`; without, the motor's name alone.
+    motor: fields of `[motor]`; without, the motor's name alone, and its serial number by itself.
     """
 
     def json(result: Any, recordings: "Recordings") -> dict[str, Any]:
         subject = recordings.subject
         named = {name: getattr(subject.motor, name) for name in motor}
+        alone = {"motor": subject.motor.name, "serial": subject.motor.serial}
         return {
             "schema": schema,
             "bench": subject.bench,
-            "motor": named or subject.motor.name,
+            **({"motor": named} if named else alone),
             "runs": recordings.names,
             **encode(result),
         }

@@ -35,7 +35,8 @@ def read_result(path: Path, kinds: Mapping[str, AnalysisKind]) -> StoredResult:
     if not found:
         raise ResultsError(f"{path}: no result of an analysis: it has no figures")
     motor = content.get("motor")
-    known: Mapping[str, Any] = motor if isinstance(motor, dict) else {"name": motor}
+    alone = {"name": motor, "serial": content.get("serial")}
+    known: Mapping[str, Any] = motor if isinstance(motor, dict) else alone
     runs = content.get("runs")
     return StoredResult(
         experiment=kinds[schema].name,

@@ -9,7 +9,9 @@ import pytest
 
 from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
+from motord.config.experiments import analysis_kinds
 from motord.recording.reader import open_run
+from motord.results.result_json import read_result
 from motord.results.store import ResultsStore
 from motord.results.stored_result import file_digest
 from tests.unit.experiments.conftest import Recorded
@@ -46,6 +48,18 @@ def test_an_analysis_is_stored_once_with_what_it_is_of(recorded: Recorded, tmp_p
     assert code == 0
     assert said.startswith("duplicate result, nothing stored")
     assert stored(store) == rows
+
+
+@pytest.mark.parametrize("words", ["verify", "calibrate"])
+def test_a_result_that_is_added_later_is_of_the_same_motor(
+    words: str, recorded: Recorded, tmp_path: Path
+) -> None:
+    result = tmp_path / "result.json"
+    code, _, said = run(analyse, words, recorded.off, "-o", result)
+    assert code == 0, said
+    kinds = {kind.schema: kind for kind in analysis_kinds().values() if kind.schema}
+    added, config = read_result(result, kinds), load()
+    assert (added.motor, added.serial) == (config.motor.name, config.motor.serial)
 
 
 def test_settings_and_files_that_are_named_count_by_their_content(

@@ -97,6 +97,7 @@ class LearnPass:
             "schema": "motord.learn/1",
             "calibration": self.calibration.id,
             "motor": self.calibration.motor.name,
+            "serial": self.calibration.motor.serial,
             "runs": list(self.learned.runs),
             "finished": self.finished,
             "orders": list(self.learned.orders),

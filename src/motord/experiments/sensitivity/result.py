@@ -68,8 +68,8 @@ class Sensitivity:
     """Theory and practice of what errors of a calibration cost."""
 
     JSON: ClassVar = (
-        "bench=subject.bench", "motor=subject.motor.name", "runs", "torque_Nm=theory.torque_Nm",
-        "speed_Hz", "theory", "series", "again",
+        "bench=subject.bench", "motor=subject.motor.name", "serial=subject.motor.serial", "runs",
+        "torque_Nm=theory.torque_Nm", "speed_Hz", "theory", "series", "again",
     )  # fmt: skip
 
     subject: Subject
