@@ -18,7 +18,7 @@ from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.error_budget import Share
 from motord.experiments.sensitivity.slope_fit import Branch
 from motord.identification.point_ripple import PointRipple
-from motord.intervals import coverage_factor
+from motord.intervals import IntervalEstimate, coverage_factor
 from motord.results.figures import ResultFigure, figures
 from tests.unit.service.test_installation import calibration
 
@@ -154,8 +154,12 @@ def test_results_of_other_experiments():
         "change": Change("gain-a", "the gain", "%", 0.1, 0.2, 5, 0.7, 0.9, 0.1, False),
         "directions": [DirectionDifference(16, 0.3, 0.2, 0.0, 0.1, 0.01, 0.05)],
         "friction": DirectionalFriction(
-            "forwards", 3, 1.0, 5.0, 0.05, 0.04, 0.07, 0.01, 0.002, 0.001, 0.004, 0.0005,
-            Stribeck(0.03, 0.02, 0.05, 1.5, 1.2, 1.9), None, (),
+            "forwards", 3, 1.0, 5.0, IntervalEstimate(0.05, 0.006, 0.04, 0.07), 0.01,
+            IntervalEstimate(0.002, 0.0007, 0.001, 0.004), 0.0005,
+            Stribeck(
+                IntervalEstimate(0.03, 0.008, 0.02, 0.05), IntervalEstimate(1.5, 0.2, 1.2, 1.9)
+            ),
+            None, (),
             Windage(0.0, 1e-3, 2e-3, 0.0, 1e-3, 0.0, False), 0.01, (), (),
         ),
         "inertia": Acceleration(0.01, 1e-4, 5.0, 0.0, 0.0, (), ()),
@@ -176,10 +180,10 @@ def test_results_of_other_experiments():
     assert found["change"] == pytest.approx((0.2, 0.1 - 0.2 * T5, 0.1 + 0.2 * T5))
     assert found["directions.16.difference_Nm"][0] == 0.01
     assert found["directions.16.forward_Nm"] == (None, None, None)
-    assert found["friction.coulomb_Nm"] == (None, 0.04, 0.07)
-    assert found["friction.viscous_Nm_s_per_rad"] == (None, 0.001, 0.004)
-    assert found["friction.stribeck.torque_Nm"] == (None, 0.02, 0.05)
-    assert found["friction.stribeck.speed_rad_s"] == (None, 1.2, 1.9)
+    assert found["friction.coulomb_Nm"] == (0.006, 0.04, 0.07)
+    assert found["friction.viscous_Nm_s_per_rad"] == (0.0007, 0.001, 0.004)
+    assert found["friction.stribeck.torque_Nm"] == (0.008, 0.02, 0.05)
+    assert found["friction.stribeck.speed_rad_s"] == (0.2, 1.2, 1.9)
     assert found["inertia.inertia_kg_m2"] == pytest.approx((1e-4, 0.01 - T5 / 1e4, 0.01 + T5 / 1e4))
     assert found["inertia.commanded_kg_m2"] == (None, None, None)
     assert {"share.half_width", "share.sensitivity", "share.uncertainty"} <= set(found)
