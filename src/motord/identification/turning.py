@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from motord.identification import IdentifyError
+from motord.identification.resample import GAP as SAMPLE_GAP
 
 STEADY = 0.1
 """Part by which the durations of the turns of one segment may differ from their median."""
@@ -18,6 +19,13 @@ LEAST_TURNS = 3
 
 GAP = 0.1
 """Part of a turn that may be missing between two turns of one segment: a rotor that trembles."""
+
+UNSEEN_TURN = 0.4
+"""Part of a turn that may pass between two samples: the shorter way round is the right one even if
+the rotor turned by a quarter more than its speed before or after makes."""
+
+SPEED_SAMPLES = 20
+"""Sample intervals on either side of a gap from which the speed in it is taken."""
 
 
 TURN_MORE = (
@@ -46,6 +54,26 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
     The shorter way round counts: less than half a turn from sample to sample.
     """
     return np.unwrap(np.asarray(count, np.int64), period=counts)
+
+
+def require_every_turn(t_s: np.ndarray, position: np.ndarray, whole: float, label: str) -> None:
+    """Raise IdentifyError if turns may be lost: by UNSEEN_TURN or more in a gap of the samples.
+
+    t_s (n,): rising; position (n,): running on, `whole` a turn. The speed in a gap is the larger
+    one of before and after it.
+    """
+    spacing_s, step = np.diff(t_s), np.diff(position)
+    if not spacing_s.size:
+        return
+    for gap in np.flatnonzero(spacing_s > SAMPLE_GAP * np.median(spacing_s)):
+        around = slice(max(gap - SPEED_SAMPLES, 0), gap), slice(gap + 1, gap + 1 + SPEED_SAMPLES)
+        speeds = [abs(step[one].sum()) / spacing_s[one].sum() for one in around if step[one].size]
+        turned = max(speeds, default=0.0) * spacing_s[gap] / whole
+        if turned >= UNSEEN_TURN:
+            raise IdentifyError(
+                f"{label}: {spacing_s[gap]:.3g} s without usable samples, in which the rotor made "
+                f"about {turned:.2g} turns: they cannot be counted; record it again"
+            )
 
 
 def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, int]:

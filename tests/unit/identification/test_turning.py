@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
 from motord.identification.turning import (
+    UNSEEN_TURN,
     continuous_turns,
+    require_every_turn,
     segments,
     steady_segments,
     unwrap_counts,
@@ -43,6 +45,30 @@ def test_counts_run_on_over_turns(counts: int, start: float, turns: float, direc
     whole = whole_turns(found)
     assert len(whole) >= int(turns - 1 / counts) - 1
     assert {turn.direction for turn in whole} <= {direction}
+
+
+@pytest.mark.parametrize("speed_Hz", [0.1, 6.0, -6.0])
+@pytest.mark.parametrize(("share", "refused"), [(0.9, False), (1.1, True), (2.6, True)])
+def test_turns_that_a_gap_may_hide_are_refused(
+    speed_Hz: float, share: float, refused: bool
+) -> None:
+    """Part of UNSEEN_TURN that passes in the gap; the shorter way round is right below half."""
+    turns = np.arange(-4.0, 4.0, abs(speed_Hz) * 1e-3)
+    kept = (turns < 0) | (turns > share * UNSEEN_TURN)
+    t_s, count = turns[kept] / speed_Hz, np.floor(turns[kept] * 1000).astype(int) % 1000
+    t_s, count = (t_s, count) if speed_Hz > 0 else (t_s[::-1], count[::-1])
+    position = unwrap_counts(count, 1000)
+    if refused:
+        with pytest.raises(IdentifyError, match=r"here: .* turns: they cannot be counted"):
+            require_every_turn(t_s, position, 1000, "here")
+    else:
+        require_every_turn(t_s, position, 1000, "here")
+        assert abs(np.ptp(position)) == pytest.approx(8000, abs=10)
+
+
+@pytest.mark.parametrize("size", [0, 1, 2])
+def test_few_samples_have_no_gap(size: int) -> None:
+    require_every_turn(np.arange(size), np.zeros(size), 1000, "here")
 
 
 def test_an_angle_alone_will_do() -> None:

@@ -15,7 +15,7 @@ from motord.identification.signal_condition import (
     out_of_range,
     require_sound,
 )
-from motord.identification.turning import continuous_turns, unwrap_counts
+from motord.identification.turning import continuous_turns, require_every_turn, unwrap_counts
 from motord.schema import rows_of
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm")
@@ -59,6 +59,7 @@ class CapturedTurns:
         t_s = (ticks["t_ns"].astype(np.int64) - t0_ns) * 1e-9
         step_rad = motor.encoder_direction * 2 * np.pi / motor.counts
         angle_rad = step_rad * unwrap_counts(count, motor.counts)
+        require_every_turn(t_s, angle_rad, 2 * np.pi, label)
         torque_Nm = ticks["torque_Nm"].astype(float)
         require_sound({"torque_Nm": torque_Nm}, count, motor.counts, len(turns), label)
         edges = np.array([turns[0][0], *(end for _, end in turns)])

@@ -133,6 +133,8 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
     good = made_up(PIEZO)
     with pytest.raises(IdentifyError, match="no good step"):
         accelerate([], 4096, PIEZO, AccelerationConfig())
+    turned = np.unwrap(good["encoder_count"], period=4096) / 4096
+    begin = float(turned[0] + 0.3 * np.ptp(turned))
     cases = (
         (changed(good, torque_set_Nm=0.0), "no step of torque from rest"),
         (changed(good, encoder_count=0), "did not turn on in one direction"),
@@ -140,6 +142,7 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
         (changed(good, torque_Nm=0.1), r"torque_Nm is 0\.1 from the first sample to the last"),
         (changed(good, t_ns=good["t_ns"] // 10), r"at rest for 0.1 s only"),
         (changed(good, t_ns=good["t_ns"][::-1]), "times do not rise"),
+        (good[(turned < begin) | (turned > begin + 0.5)], "they cannot be counted"),
     )
     for data, message in cases:
         with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):

@@ -271,6 +271,19 @@ def test_white_noise_of_the_bus_voltage_is_no_ripple(noise_V: float, ripple_V: f
     assert bus_voltage(turns, ticks, at_s, means=False)[1] == 0.0
 
 
+@pytest.mark.parametrize("change", ["lost", "not a number"])
+def test_a_gap_that_may_hide_a_turn_is_refused(change: str) -> None:
+    """At 4 Hz a turn takes 0.25 s: the power of 12 s with 0.3 s in a gap was 2 % too small."""
+    point = Machine().captured(np.random.default_rng(1))
+    gap = slice(6000, 6300)
+    if change == "lost":
+        point = replace(point, ticks=np.delete(point.ticks, gap))
+    else:
+        point.ticks["torque_Nm"][gap] = np.nan
+    with pytest.raises(IdentifyError, match=r"0\.301 s without usable samples.* about 1\.2 turns"):
+        CapturedTurns.of(point, MOTOR)
+
+
 @pytest.mark.parametrize(
     ("seconds_s", "every_s", "message"),
     [(3.0, 1.0, "blocks of turns with 2 readings"), (12.0, 9.0, "0 readings of the power only")],
