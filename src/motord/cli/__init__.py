@@ -9,9 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.connection_options import with_connection
-from motord.cli.console import CommandGroup, lost_output, outlive_readers, remark, single
+from motord.cli.console import CommandGroup, remark, single
 from motord.process.interrupts import ending_as_interrupts, recover_lost_interrupts
 from motord.process.module_command import shield_from_working_folder
+from motord.process.standard_streams import lost_output, outlive_readers
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",

@@ -4,16 +4,11 @@ What stands in brackets, such as [loop], is text: in help, messages, tables and 
 consoles and columns of rich, and groups of typer, are made here alone.
 """
 
-import errno
-import io
 import json
-import os
-import select
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TextIO
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
@@ -24,9 +19,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from motord.experiments.subject import PhaseProgress
-
-_GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
-"""Errors of a write without a reader any more: a closed pipe, a closed terminal."""
 
 
 def fail(message: str) -> NoReturn:
@@ -244,51 +236,6 @@ def phase_bars(*, silent: bool = False) -> "Iterator[PhaseProgress]":
         yield progress
 
 
-class _Descriptor(io.FileIO):
-    """A standard stream whose writes never fail; `lost` says why some did not get through.
-
-    That there is no reader any more is no loss.
-    """
-
-    lost = ""
-
-    def write(self, data: Any) -> int:
-        try:
-            return os.write(self.fileno(), data)
-        except OSError as error:
-            if error.errno not in _GONE:
-                self.lost = error.strerror or str(error)
-            return len(data)
-
-
-def outlive_readers() -> None:
-    """Let no closed pipe or terminal break a command off, least of all one that ramps down.
-
-    Nor a locale that lacks a character, such as of a motor's name: it is written as an escape.
-    """
-    sys.stdout = _lasting(sys.stdout)
-    sys.stderr = _lasting(sys.stderr)
-
-
-def lost_output() -> str:
-    """Return why part of the result could not be written, "" if it was or has no reader."""
-    sys.stdout.flush()
-    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
-    return raw.lost if isinstance(raw, _Descriptor) else ""
-
-
-def _lasting(stream: TextIO | None) -> TextIO:
-    if stream is None:  # closed before the start
-        return Path(os.devnull).open("w")
-    raw = _Descriptor(stream.fileno(), "w", closefd=False)
-    return io.TextIOWrapper(
-        io.BufferedWriter(raw),
-        encoding=stream.encoding,
-        errors="backslashreplace",
-        line_buffering=raw.isatty() or stream is sys.stderr,
-    )
-
-
 def explain_first_run(*, silent: bool = False) -> None:
     """Say on stderr that the kernels are being compiled, if none of this version are kept yet.
 
@@ -298,12 +245,3 @@ def explain_first_run(*, silent: bool = False) -> None:
 
     if not usable_kernel_cache().exists() and not silent:
         remark("first run: compiling the numerical kernels, which takes a minute or two, once")
-
-
-def nobody_reads() -> bool:
-    """Return whether the other end of stdout is closed: what streams may end then."""
-    with suppress(OSError, ValueError):
-        poll = select.poll()
-        poll.register(sys.stdout.fileno(), 0)
-        return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
-    return False

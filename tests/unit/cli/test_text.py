@@ -108,7 +108,8 @@ def test_no_word_of_a_table_is_cut_where_there_is_room(capsys, monkeypatch, term
 
 
 def test_a_character_that_the_locale_lacks_is_written_as_an_escape():
-    script = "from motord.cli import console\nconsole.outlive_readers()\nprint('1 \\u03bcA')"
+    module = "motord.process.standard_streams"
+    script = f"import {module}\n{module}.outlive_readers()\nprint('1 \\u03bcA')"
     ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, env=ascii_only

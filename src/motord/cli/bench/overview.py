@@ -9,7 +9,8 @@ import typer
 
 from motord.cli.bench import wording
 from motord.cli.connection_options import Connection, print_answer
-from motord.cli.console import fail, nobody_reads, remark
+from motord.cli.console import fail, remark
+from motord.process.standard_streams import nobody_reads
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

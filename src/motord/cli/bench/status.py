@@ -10,7 +10,8 @@ from motord.cli.bench.overview import All, events_of_all, status_of_all
 from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
-from motord.cli.console import nobody_reads, plain_console, print_line
+from motord.cli.console import plain_console, print_line
+from motord.process.standard_streams import nobody_reads
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -14,7 +14,8 @@ from motord.cli.bench import wording
 from motord.cli.bench.overview import All, watch_all
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
-from motord.cli.console import nobody_reads, print_line, remark
+from motord.cli.console import print_line, remark
+from motord.process.standard_streams import nobody_reads
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
