@@ -129,6 +129,23 @@ def test_a_ramp_that_would_be_an_error_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("rate_Nm_per_s", "error_Nm", "remedy", "slower_Nm_per_s", "greater_Nm"),
+    [
+        (1.0, 0.01, "raise torque_error_Nm", 1.0, 0.25),
+        (60.0, 0.01, "lower torque_rate_Nm_per_s and raise torque_error_Nm", 1.0, 0.25),
+        (60.0, 0.23, "lower torque_rate_Nm_per_s", 1.0, 0.23),
+    ],
+)
+def test_what_helps_against_a_ramp_that_would_be_an_error_helps(
+    rate_Nm_per_s: float, error_Nm: float, remedy: str, slower_Nm_per_s: float, greater_Nm: float
+) -> None:
+    """Down to zero the torque ramps in a second at any rate: below it, a lower one is no help."""
+    with pytest.raises(ValidationError, match=rf"make it at least [\d.]+, or {remedy} \["):
+        config_of(100, 100, 0.02, torque_rate_Nm_per_s=rate_Nm_per_s, torque_error_Nm=error_Nm)
+    config_of(100, 100, 0.02, torque_rate_Nm_per_s=slower_Nm_per_s, torque_error_Nm=greater_Nm)
+
+
+@pytest.mark.parametrize(
     ("rate_Hz", "sample_Hz"), [(100, 100), (100, 150), (150, 100), (500, 333), (1000, 130)]
 )
 @pytest.mark.parametrize("tau_s", [0.3, 2.0])

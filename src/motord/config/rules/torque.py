@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from motord.config.bounds import SettingBound
 from motord.config.sections import LimitsConfig, Sections
-from motord.config.timing import INTERVALS_MIN, SETTLING_LAGS, TORQUE_SHARE
+from motord.config.timing import INTERVALS_MIN, RAMP_DOWN_MAX_S, SETTLING_LAGS, TORQUE_SHARE
 
 
 def step_shows_s(config: Sections) -> float:
@@ -74,12 +74,28 @@ def no_set_point_is_an_error(config: Sections) -> Iterator[str]:
             f"set-point, more than torque_error_Nm, and this for up to {ramp_s:.3g} s, with "
             f"[inverter] actuation_delay_s = {inverter.actuation_delay_s:g}, a tick, a sample and "
             "what a high-pass of the torque sensor makes of it",
-            "lower torque_rate_Nm_per_s",
+            _gentler(config),
         )
     yield from SettingBound(
         "[limits] torque_error_s", limits.torque_error_s, "at least", least_error_s(config),
         "too short", why, remedy, 1.0,
     ).refusal()  # fmt: skip
+
+
+def _gentler(config: Sections) -> str:
+    """Return what helps against ramps: not their rate alone where the ramp down is as fast anyway.
+
+    At its own rate the torque is behind by much less than torque_error_Nm may be at most.
+    """
+    limits, remedies = config.limits, []
+    down_Nm_per_s = limits.torque_Nm / RAMP_DOWN_MAX_S
+    if limits.torque_rate_Nm_per_s > down_Nm_per_s:
+        remedies = ["lower torque_rate_Nm_per_s"]
+    slowest = limits.model_copy(update={"torque_rate_Nm_per_s": down_Nm_per_s})
+    slowest_s = ramp_astray_s(config.model_copy(update={"limits": slowest}))
+    if slowest_s > max(limits.torque_error_s, step_shows_s(config)):
+        remedies.append("raise torque_error_Nm")
+    return " and ".join(remedies)
 
 
 def reversal_shows_Nm(config: Sections) -> float:
