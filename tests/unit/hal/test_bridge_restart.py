@@ -44,26 +44,60 @@ class Link:
         pass
 
 
+def opened() -> tuple[Link, Bridge]:
+    config = make_config()
+    link = Link(Board(config, time.monotonic_ns()))
+    driver = Bridge(config, "bridge", "", lambda: link)
+    driver.open()
+    return link, driver
+
+
+def tick(driver: Bridge, link: Link, enable: int) -> bool:
+    """Read and command; return whether the line is closed."""
+    driver.read(time.time_ns(), new_feedback())
+    driver.write(new_command(enable=enable))
+    return link.board.line_closed
+
+
+def start_anew(link: Link, away: bool = False) -> None:
+    link.board.restart(time.monotonic_ns())
+    link.sequence, link.openings = 0, link.openings + away
+    link.arrive(link.board.hello())
+
+
 @pytest.mark.parametrize("away", [False, True], ids=["reset", "reset-while-away"])
 def test_the_line_of_a_board_that_starts_anew_stays_open_until_the_command_was_open(
     away: bool,
 ) -> None:
     """As the kernel has to see it open for 5 ms, or a reset in mid-run would be no trip."""
-    config = make_config()
-    board = Board(config, time.monotonic_ns())
-    link = Link(board)
-    driver, feedback = Bridge(config, "bridge", "", lambda: link), new_feedback()
-    driver.open()
-
-    def tick(enable: int) -> bool:
-        driver.read(time.time_ns(), feedback)
-        driver.write(new_command(enable=enable))
-        return board.line_closed
-
-    assert [tick(enable) for enable in (0, 1, 1)][-1]
-    board.restart(time.monotonic_ns())
-    link.sequence, link.openings = 0, 1 + away
-    link.arrive(board.hello())
-    assert not any(tick(1) for _ in range(20))
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    start_anew(link, away)
+    assert not any(tick(driver, link, 1) for _ in range(20))
     assert driver.restarts == 1
-    assert [tick(enable) for enable in (0, 1, 1)][-1]
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+
+
+@pytest.mark.parametrize("away", [False, True], ids=["reset", "reset-while-away"])
+def test_a_command_to_open_before_the_status_of_a_board_that_started_anew_counts(
+    away: bool,
+) -> None:
+    """Or it would be open until enable_timeout_s is over if it is enabled in between."""
+    link, driver = opened()
+    assert not tick(driver, link, 0)
+    start_anew(link, away)
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)] == [False, True, True]
+
+
+def test_a_configuration_that_is_lost_in_mid_run_opens_the_line_until_the_command_was_open() -> (
+    None
+):
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    now_ns = time.monotonic_ns()
+    kept = link.board.status(now_ns)
+    link.arrive(kept._replace(rate_Hz=kept.rate_Hz + 1))
+    assert not tick(driver, link, 1)
+    link.arrive(kept)
+    assert not any(tick(driver, link, 1) for _ in range(20))
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]

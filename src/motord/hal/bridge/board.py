@@ -61,7 +61,7 @@ class Bridge:
             config.sample_rate_Hz, round(bridge.heartbeat_timeout_s * 1e6)
         )
         self._configured = False  # by the newest Status since the board started
-        self._may_close = True  # configured ever since the command last was an open line
+        self._may_close = True  # the command was an open line since the board started
         self._torque_Nm_per_count = config.torque_Nm_per_count
         self._link: BridgeLink | None = None
         self._openings = 0  # of the link, when the board last said who it is
@@ -115,7 +115,7 @@ class Bridge:
                 self._acknowledged_ns = now_ns
             received = self._link.receive()
             if self._link.openings != self._openings:
-                self._configured = False
+                self._configured = self._may_close = False
                 received = [numbered for numbered in received if type(numbered[1]) is frames.Hello]
             if received:
                 stamp_ns = self._link.stamp_ns
@@ -145,8 +145,8 @@ class Bridge:
         host would be one that knows of the open line, and it would close it again at once.
         """
         enable = bool(command["enable"][0])
-        self._may_close = self._configured and (self._may_close or not enable)
-        self._send_heartbeat(1 if enable and self._may_close else 0)
+        self._may_close = self._may_close or not enable
+        self._send_heartbeat(1 if enable and self._configured and self._may_close else 0)
 
     def safe_stop(self) -> None:
         """Open the enable line; said twice, in case a frame is lost."""
@@ -181,7 +181,10 @@ class Bridge:
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
     def _update_from_status(self, status: frames.Status) -> None:
-        self._configured = self._refusal(status) is None
+        configured = self._refusal(status) is None
+        if self._configured and not configured:
+            self._may_close = False
+        self._configured = configured
         lost = status.errors + status.dropped
         if self._board_errors >= 0:
             self._lost_by_board += max(lost - self._board_errors, 0)
@@ -199,7 +202,7 @@ class Bridge:
         if (hello.heartbeat_next - self._number) % frames.HEARTBEAT_NUMBERS < _AHEAD:
             self._number = hello.heartbeat_next
         self.clock.reset()
-        self._configured = False
+        self._configured = self._may_close = False
         self._board_errors = -1
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT
         self._send(self._configuration)
