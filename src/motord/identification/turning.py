@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 
 from motord.identification import IdentifyError
-from motord.identification.resample import GAP as SAMPLE_GAP
 
 STEADY = 0.1
 """Part by which the durations of the turns of one segment may differ from their median."""
@@ -27,6 +26,11 @@ the rotor turned by a quarter more than its speed before or after makes."""
 SPEED_SAMPLES = 20
 """Sample intervals on either side of a gap from which the speed in it is taken."""
 
+MISSING = 1.5
+"""Spacing of samples, in usual spacings, from which on one of them is missing."""
+
+SHOWN = 0.1
+"""Part of the usual time that sample intervals take at least, if they are to show a speed."""
 
 TURN_MORE = (
     "record at least 2 turns; if it did turn, a line of the encoder is stuck "
@@ -57,23 +61,53 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
 
 
 def require_every_turn(t_s: np.ndarray, position: np.ndarray, whole: float, label: str) -> None:
-    """Raise IdentifyError if turns may be lost: by UNSEEN_TURN or more in a gap of the samples.
+    """Raise IdentifyError if turns may be lost: by UNSEEN_TURN or more where samples are missing.
 
     t_s (n,): rising; position (n,): running on, `whole` a turn. The speed in a gap is the larger
     one of before and after it.
     """
     spacing_s, step = np.diff(t_s), np.diff(position)
-    if not spacing_s.size:
+    missing = spacing_s > MISSING * np.median(spacing_s) if spacing_s.size else np.zeros(0, bool)
+    [gaps] = np.nonzero(missing)
+    if not gaps.size:
         return
-    for gap in np.flatnonzero(spacing_s > SAMPLE_GAP * np.median(spacing_s)):
-        around = slice(max(gap - SPEED_SAMPLES, 0), gap), slice(gap + 1, gap + 1 + SPEED_SAMPLES)
-        speeds = [abs(step[one].sum()) / spacing_s[one].sum() for one in around if step[one].size]
-        turned = max(speeds, default=0.0) * spacing_s[gap] / whole
-        if turned >= UNSEEN_TURN:
-            raise IdentifyError(
-                f"{label}: {spacing_s[gap]:.3g} s without usable samples, in which the rotor made "
-                f"about {turned:.2g} turns: they cannot be counted; record it again"
-            )
+    before = np.maximum(gaps - SPEED_SAMPLES, 0), gaps
+    after = gaps + 1, np.minimum(gaps + 1 + SPEED_SAMPLES, spacing_s.size)
+    speeds = [_speeds(spacing_s, step, missing, *one) for one in (before, after)]
+    turned = np.max(speeds, axis=0) * spacing_s[gaps] / whole
+    worst = int(np.argmax(turned))
+    if turned[worst] >= UNSEEN_TURN:
+        raise IdentifyError(
+            f"{label}: {spacing_s[gaps[worst]]:.3g} s without usable samples, in which the rotor "
+            f"made about {turned[worst]:.2g} turns: they cannot be counted; record it again"
+        )
+
+
+def _speeds(
+    spacing_s: np.ndarray, step: np.ndarray, missing: np.ndarray, first: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """Return the speeds in sample intervals `first` to `end` (m,), not included, 0 where none are.
+
+    Those where samples are missing (n,) do not count, as turns may be lost there; but they do where
+    times come in bunches, so that the others show next to nothing of the time.
+    """
+
+    def sums(values: np.ndarray) -> np.ndarray:
+        total = np.concatenate([[0.0], np.cumsum(values)])
+        return np.asarray(total[end] - total[first])
+
+    usual_s = (end - first) * _usual_s(spacing_s)
+    seen_s, all_s = sums(np.where(missing, 0.0, spacing_s)), np.maximum(sums(spacing_s), usual_s)
+    shown = seen_s >= SHOWN * usual_s
+    way = np.where(shown, sums(np.where(missing, 0.0, step)), sums(step))
+    return np.abs(way) / np.where(end > first, np.where(shown, seen_s, all_s), 1.0)
+
+
+def _usual_s(spacing_s: np.ndarray) -> float:
+    """Return the usual time between samples, also of times that come in bunches."""
+    together = min(SPEED_SAMPLES, spacing_s.size)
+    sums_s = np.convolve(spacing_s, np.ones(together), "valid")
+    return float(np.median(sums_s)) / together
 
 
 def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, int]:

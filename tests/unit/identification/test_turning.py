@@ -66,6 +66,33 @@ def test_turns_that_a_gap_may_hide_are_refused(
         assert abs(np.ptp(position)) == pytest.approx(8000, abs=10)
 
 
+def test_turns_that_few_lost_samples_hide_are_refused() -> None:
+    """Three of 100 Hz at 15 Hz hide a turn, though a gap of the signals' shape is longer."""
+    t_s = np.arange(1000) * 0.01
+    kept = np.arange(1000) % 40 < 37
+    position = unwrap_counts(np.floor(15 * t_s[kept] * 1000).astype(int) % 1000, 1000)
+    assert np.ptp(position) < 0.9 * 15 * 10 * 1000
+    with pytest.raises(IdentifyError, match=r"0\.04 s .* about 0\.6 turns"):
+        require_every_turn(t_s[kept], position, 1000, "here")
+
+
+def test_other_gaps_nearby_hide_no_speed() -> None:
+    """What is lost in them would make the rotor look slow."""
+    t_s = np.arange(10000) * 0.001
+    kept = np.arange(10000) % 10 < 6
+    position = unwrap_counts(np.floor(90 * t_s[kept] * 1000).astype(int) % 1000, 1000)
+    with pytest.raises(IdentifyError, match=r"0\.005 s .* about 0\.45 turns"):
+        require_every_turn(t_s[kept], position, 1000, "here")
+
+
+def test_times_that_come_in_bunches_are_no_gaps() -> None:
+    """Ten samples at a time, as a USB adapter hands them over: within one nothing shows a speed."""
+    number = np.arange(2000)
+    t_s = number // 10 * 0.01 + number % 10 * 1e-5
+    position = np.floor(20 * number * 0.001 * 1000).astype(int)
+    require_every_turn(t_s, position, 1000, "here")
+
+
 @pytest.mark.parametrize("size", [0, 1, 2])
 def test_few_samples_have_no_gap(size: int) -> None:
     require_every_turn(np.arange(size), np.zeros(size), 1000, "here")
