@@ -81,9 +81,9 @@ def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorCo
     name = f"step {index + 1}"
     t_s, begin = _since_step(ticks, name)
     require_change({"torque_Nm": ticks["torque_Nm"]}, name)
-    angle_rad = np.unwrap(ticks["encoder_count"] * (2 * pi / counts))
-    require_every_turn(t_s, angle_rad, 2 * pi, name)
-    angle_rad = angle_rad[begin:] - angle_rad[begin]
+    angle_rad = np.unwrap(ticks["encoder_count"][begin:] * (2 * pi / counts))
+    require_every_turn(t_s[begin:], angle_rad, 2 * pi, name)
+    angle_rad -= angle_rad[0]
     measured_Nm = _torque_since(t_s, ticks["torque_Nm"].astype(float), begin, sensor)
     commanded_Nm = ticks["torque_set_Nm"][begin:].astype(float)
     t_s = t_s[begin:]

@@ -59,6 +59,15 @@ def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign:
     assert found.fitted_rad.size == found.fitted_s.size < found.t_s.size
 
 
+def test_a_pause_while_the_rotor_stands_before_the_step_is_no_gap() -> None:
+    """A count that trembles at rest passed for turns within a minute of it."""
+    ticks = made_up(DIRECT)
+    ticks["encoder_count"][499:700:200] += 1
+    ticks["t_ns"][500:] += 60 * 10**9
+    found = read_step(0, ticks, 4096, DIRECT)
+    assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
+
+
 def test_what_drifts_before_the_step_is_taken_off() -> None:
     settled = read_step(0, made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
     assert settled.inertia_kg_m2 == pytest.approx(J, rel=5e-3)
