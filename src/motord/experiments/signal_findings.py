@@ -1,6 +1,7 @@
 """Clipped, frozen, misread signals, and torque and currents of another scale, as findings."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import count
 from math import copysign
 
 import numpy as np
@@ -119,14 +120,15 @@ def current_scale(ratios: np.ndarray, spoiled: str) -> Iterator[Finding]:
 
 
 def with_counts_in_range(
-    captures: Iterable[np.ndarray], counts: int, what: str
+    captures: Iterable[np.ndarray], counts: int, what: str, numbers: Iterable[int] | None = None
 ) -> tuple[list[np.ndarray], tuple[Finding, ...]]:
     """Return the ticks of captures whose counts are of the encoder, and what is said of the others.
 
-    what: a capture, as "step". Raises CountsOutOfRange.
+    what: a capture, as "step"; numbers: of the captures, from 1 on by default. Raises
+    CountsOutOfRange.
     """
     kept, seen = [], []
-    for number, ticks in enumerate(captures, start=1):
+    for number, ticks in zip(count(1) if numbers is None else numbers, captures, strict=False):
         label = f"{what} {number}"
         good = in_range(ticks["encoder_count"].astype(np.int64), counts, label)
         kept.append(rows_of(ticks, good))

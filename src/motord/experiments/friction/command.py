@@ -85,7 +85,9 @@ def coast_downs(
         require_columns(run, (*COLUMNS, "plan_point"))
         points = good_points(run.operating_points())
         what = f"{run.path.name}: coast-down"
-        captures, seen = with_counts_in_range(captured_ticks(run, COLUMNS), motor.counts, what)
+        numbers = [int(point["index"]) + 1 for point in points]
+        ticks_of = captured_ticks(run, COLUMNS)
+        captures, seen = with_counts_in_range(ticks_of, motor.counts, what, numbers)
         faults += seen
         for point, ticks in zip(points, captures, strict=True):
             index = int(point["index"])

@@ -2,13 +2,17 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.config import Config, ConfigError, load, packaged
 from motord.config.experiments import plan_kinds
+from motord.experiments.friction.command import COLUMNS, coast_downs
 from motord.experiments.plans import build
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
@@ -87,6 +91,22 @@ def test_a_count_out_of_range_is_left_out_and_said(
     assert [one["name"] for one in found["findings"]] == ["encoder-out-of-range"]
     for one, other in zip(found["directions"], sound["directions"], strict=True):
         assert one["coulomb_Nm"] == pytest.approx(other["coulomb_Nm"], rel=1e-3)
+
+
+def test_a_fault_is_of_the_coast_down_of_that_index() -> None:
+    """Not of its place among the good ones: the third was blamed for the fourth."""
+    ticks = np.zeros(200, [(name, np.int64) for name in (*COLUMNS, "plan_point")])
+    ticks["t_ns"], ticks["encoder_count"] = 10**6 * np.arange(200), 40 * np.arange(200) % 4096
+    ticks["encoder_count"][50], ticks["plan_point"] = 10**6, 3
+    point = {"index": 3, "tick_start": 0, "t_start_ns": 0, "t_end_ns": 10**9}
+    run: Any = SimpleNamespace(
+        path=Path("run.mcap"),
+        columns=ticks.dtype.names,
+        operating_points=lambda: [{**point, "index": 2, "quality": "bad"}, point],
+        ticks=lambda *_, **__: ticks,
+    )
+    _, [fault] = coast_downs([run], load().motor)
+    assert "run.mcap: coast-down 4" in fault.meaning
 
 
 def test_without_an_inertia_it_says_what_to_do(recorded: Path) -> None:
