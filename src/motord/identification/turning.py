@@ -43,6 +43,10 @@ class NoWholeTurn(IdentifyError):
     """The samples have no whole turn."""
 
 
+class LostTurns(IdentifyError):
+    """Samples are missing for so long that turns may have passed uncounted."""
+
+
 @dataclass(frozen=True)
 class Turn:
     """Samples `first` to `end` (not included) of one whole turn, forward (1) or backward (-1)."""
@@ -61,7 +65,7 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
 
 
 def require_every_turn(t_s: np.ndarray, position: np.ndarray, whole: float, label: str) -> None:
-    """Raise IdentifyError if turns may be lost: by UNSEEN_TURN or more where samples are missing.
+    """Raise LostTurns if turns may be lost: by UNSEEN_TURN or more where samples are missing.
 
     t_s (n,): rising; position (n,): running on, `whole` a turn. The speed in a gap is the larger
     one of before and after it.
@@ -77,7 +81,7 @@ def require_every_turn(t_s: np.ndarray, position: np.ndarray, whole: float, labe
     turned = np.max(speeds, axis=0) * spacing_s[gaps] / whole
     worst = int(np.argmax(turned))
     if turned[worst] >= UNSEEN_TURN:
-        raise IdentifyError(
+        raise LostTurns(
             f"{label}: {spacing_s[gaps[worst]]:.3g} s without usable samples, in which the rotor "
             f"made about {turned[worst]:.2g} turns: they cannot be counted; record it again"
         )

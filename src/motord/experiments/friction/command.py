@@ -16,6 +16,7 @@ from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.result import Friction, Inertia
 from motord.experiments.friction.settings import NAME, FrictionConfig
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.signal_findings import with_counts_in_range
 from motord.experiments.subject import (
     AnalysisError,
@@ -27,6 +28,7 @@ from motord.experiments.subject import (
 )
 from motord.findings import Finding
 from motord.identification.operating_points import good_points
+from motord.identification.turning import LostTurns
 from motord.recording.reader import Run
 from motord.report.text import TextTable
 from motord.untrusted import read_bytes
@@ -76,11 +78,13 @@ def coast_downs(
 ) -> tuple[tuple[CoastDown, ...], tuple[Finding, ...]]:
     """Return the coast-downs of good quality, and what is questionable about their signals.
 
-    Raises AnalysisError, IdentifyError.
+    One in which turns may be lost is left out, unless there is no other. Raises AnalysisError,
+    IdentifyError.
     """
     turn_rad = motor.encoder_direction * 2 * pi / motor.counts
     found: list[CoastDown] = []
     faults: list[Finding] = []
+    lost: list[LostTurns] = []
     for run in runs:
         require_columns(run, (*COLUMNS, "plan_point"))
         points = good_points(run.operating_points())
@@ -94,8 +98,14 @@ def coast_downs(
             if np.any(ticks["torque_set_Nm"] != 0.0):
                 raise AnalysisError(f"{run.path}: coast-down {index + 1}: a torque was commanded")
             angle_rad = ticks["encoder_count"].astype(float) * turn_rad
-            found.append(CoastDown.of(run.path.name, index, ticks["t_ns"], angle_rad, motor.counts))
-    return tuple(found), tuple(faults)
+            place = run.path.name, index
+            try:
+                found.append(CoastDown.of(*place, ticks["t_ns"], angle_rad, motor.counts))
+            except LostTurns as error:
+                lost.append(error)
+    if lost and not found:
+        raise lost[0]
+    return tuple(found), (*faults, *points_left_out((), [f"({one})" for one in lost]))
 
 
 def estimate(

@@ -9,9 +9,11 @@ from scipy.special import gammaincinv
 
 from motord.config import AccelerationConfig, TorqueSensorConfig
 from motord.experiments.inertia.torque_step import TorqueStep, read_step
+from motord.experiments.recording_checks import points_left_out
 from motord.experiments.signal_findings import torque_scale
 from motord.findings import Finding
 from motord.identification import IdentifyError
+from motord.identification.turning import LostTurns
 from motord.intervals import coverage_factor, t_quantile
 
 RARE = 0.001
@@ -90,19 +92,29 @@ def accelerate(
     """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
     data: ticks of each step from the rest before it on, with the columns REQUIRED.
+    A step in which turns may be lost is left out, unless there is no other.
     Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
     half of it is what they differ by.
     """
     if not data:
         raise IdentifyError("no good step in there")
-    steps = tuple(read_step(n, ticks, counts, sensor) for n, ticks in enumerate(data))
+    read: dict[int, TorqueStep] = {}
+    lost: list[LostTurns] = []
+    for n, ticks in enumerate(data):
+        try:
+            read[n] = read_step(n, ticks, counts, sensor)
+        except LostTurns as error:
+            lost.append(error)
+    if not read:
+        raise lost[0]
+    steps = tuple(read.values())
     both = _both_ways(steps)
     value = both.inertia_kg_m2
     repetition = TorqueSource("repetition", both.stderr_kg_m2 / value)
     sources = [TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3))]
     if sensor.highpass_time_constant_s > 0:
         longer = _longer_highpass(sensor, settings.highpass_tolerance)
-        changed = _both_ways([read_step(n, ticks, counts, longer) for n, ticks in enumerate(data)])
+        changed = _both_ways([read_step(n, data[n], counts, longer) for n in read])
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))
     sources.append(repetition)
@@ -116,7 +128,12 @@ def accelerate(
         commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in steps])),
         plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
         budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
-        findings=(*torque_scale(ratio, "the inertia"), *_age(steps), *both.findings),
+        findings=(
+            *torque_scale(ratio, "the inertia"),
+            *_age(steps),
+            *both.findings,
+            *points_left_out((), [f"({one})" for one in lost]),
+        ),
     )
 
 

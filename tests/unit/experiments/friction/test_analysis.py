@@ -14,6 +14,7 @@ from motord.config import Config, ConfigError, load, packaged
 from motord.config.experiments import plan_kinds
 from motord.experiments.friction.command import COLUMNS, coast_downs
 from motord.experiments.plans import build
+from motord.identification import IdentifyError
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
@@ -107,6 +108,28 @@ def test_a_fault_is_of_the_coast_down_of_that_index() -> None:
     )
     _, [fault] = coast_downs([run], load().motor)
     assert "run.mcap: coast-down 4" in fault.meaning
+
+
+def test_a_coast_down_with_lost_turns_is_left_out_and_said() -> None:
+    """It ended the analysis of all the others."""
+    ticks = np.zeros(2000, [(name, np.int64) for name in (*COLUMNS, "plan_point")])
+    number = np.arange(2000)
+    ticks["t_ns"], ticks["encoder_count"] = 10**6 * number, 40 * number % 4096
+    ticks["plan_point"] = number // 1000
+    gap = ticks[(number < 1400) | (number > 1460)]
+    points = [{"index": n, "tick_start": n, "t_start_ns": 0, "t_end_ns": 10**10} for n in range(2)]
+    run: Any = SimpleNamespace(
+        path=Path("run.mcap"),
+        columns=ticks.dtype.names,
+        operating_points=lambda: points,
+        ticks=lambda *_, **__: gap,
+    )
+    [_], [left_out] = coast_downs([run], load().motor)
+    assert left_out.name == "points-left-out"
+    assert "run.mcap: coast-down 2: 0.062 s without usable samples" in left_out.meaning
+    del points[0]
+    with pytest.raises(IdentifyError, match=r"coast-down 2: 0\.062 s"):
+        coast_downs([run], load().motor)
 
 
 def test_without_an_inertia_it_says_what_to_do(recorded: Path) -> None:

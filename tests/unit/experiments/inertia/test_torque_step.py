@@ -68,6 +68,18 @@ def test_a_pause_while_the_rotor_stands_before_the_step_is_no_gap() -> None:
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
 
 
+def test_a_step_with_lost_turns_is_left_out_and_said() -> None:
+    step = made_up(DIRECT)
+    turned = np.unwrap(step["encoder_count"], period=4096) / 4096
+    begin = float(turned[0] + 0.3 * np.ptp(turned))
+    gap = step[(turned < begin) | (turned > begin + 0.5)]
+    found = accelerate([step, gap, made_up(DIRECT, -1)], 4096, DIRECT, AccelerationConfig())
+    assert [one.index for one in found.steps] == [0, 2]
+    [left_out] = [one for one in found.findings if one.name == "points-left-out"]
+    assert "step 2: " in left_out.meaning
+    assert "cannot be counted" in left_out.meaning
+
+
 def test_what_drifts_before_the_step_is_taken_off() -> None:
     settled = read_step(0, made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
     assert settled.inertia_kg_m2 == pytest.approx(J, rel=5e-3)
