@@ -5,6 +5,7 @@ import os
 from collections import namedtuple
 from collections.abc import Callable
 from enum import Enum
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -28,6 +29,21 @@ class _Locator(_CACHING.CompileResultCacheImpl._locator_classes[0]):  # type: ig
     def ensure_cache_path(self) -> None:
         if not _READ_ONLY:
             super().ensure_cache_path()
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> "_Locator | None":
+        """Return the place of a function; beside its source, numba's next, edits of helpers pass.
+
+        Raises OSError, which says what to do, if it cannot be kept there.
+        """
+        if not Path(py_file).exists():
+            return None
+        place = cls(py_func, py_file)
+        try:
+            place.ensure_cache_path()
+        except OSError as error:
+            raise not_kept(error, Path(place.get_cache_path())) from None
+        return place
 
 
 class _Located(_CACHING.CompileResultCacheImpl):  # type: ignore[misc]

@@ -127,6 +127,22 @@ def test_a_cache_that_cannot_be_written_to_says_what_to_do(tmp_path: Path) -> No
     assert "set MOTORD_CACHE_DIR to a folder that this user may write to" in done.stderr
 
 
+def test_kernels_are_kept_nowhere_else(tmp_path: Path) -> None:
+    """Where a folder in the cache is of another user numba went on to that of the source."""
+    code = (
+        "import motord.jit as jit, pathlib\n"
+        "place = pathlib.Path(jit.records_at._cache.cache_path)\n"
+        "place.rmdir()\n"
+        "place.touch()\n"
+        "jit.jit(jit.records_at.py_func)\n"
+    )
+    changed = {**os.environ, "MOTORD_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, env=changed)
+    assert done.returncode == 1
+    assert "cannot keep compiled kernels there: File exists; set MOTORD_CACHE_DIR" in done.stderr
+
+
 def test_without_a_home_the_error_says_to_name_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     def no_home() -> Path:
         raise RuntimeError("Could not determine home directory.")
