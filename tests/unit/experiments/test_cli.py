@@ -99,8 +99,8 @@ def test_what_is_wrong_is_one_line(recorded: Recorded, tmp_path: Path) -> None:
         ("verify", empty, "-c", sim): f"{empty}: no good operating point",
         ("calibrate", empty, "-c", sim): f"{empty}: there is no good operating point",
         ("verify", recorded.on, "-c", tmp_path / "none.toml"): "none.toml",
-        ("verify", recorded.on, "-o", tmp_path / "no" / "v.json"): "No such file",
-        ("calibrate", recorded.off, "-o", tmp_path / "no" / "c.json"): "cannot write it",
+        ("verify", recorded.on, "-o", tmp_path / "no" / "v.json"): f"no folder {tmp_path / 'no'}",
+        ("calibrate", tmp_path / "text.mcap", "-o", tmp_path / "no" / "c.json"): "no folder",
         ("calibrate", recorded.off, "--beside", tmp_path / "text.mcap"): "no valid JSON",
         (
             "calibrate", recorded.off, "--beside", tmp_path / "other.json",
