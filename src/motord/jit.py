@@ -32,9 +32,10 @@ class _Locator(_CACHING.CompileResultCacheImpl._locator_classes[0]):  # type: ig
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> "_Locator | None":
-        """Return the place of a function; beside its source, numba's next, edits of helpers pass.
+        """Return where a function's machine code is kept, None if it has no source file.
 
-        Raises OSError, which says what to do, if it cannot be kept there.
+        Raises OSError, which says what to do, if it cannot be. Numba would try the folder of the
+        source next, where an edit of an inlined function goes unnoticed.
         """
         if not Path(py_file).exists():
             return None

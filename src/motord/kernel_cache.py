@@ -37,7 +37,7 @@ def kernel_cache(package: Path = PACKAGE) -> Path:
     try:
         folder = Path(root) / "motord" if root else Path.home() / ".cache" / "motord"
     except RuntimeError:  # neither HOME nor an account of this number
-        raise _not_kept("this user has no home", "~", errno.ENOENT) from None
+        raise not_kept(OSError(errno.ENOENT, "this user has no home"), Path("~")) from None
     return folder / f"kernels-{digest.hexdigest()[:16]}"
 
 
@@ -59,12 +59,10 @@ def usable_kernel_cache() -> Path:
 
 def not_kept(error: OSError, folder: Path) -> OSError:
     """Return the error of a folder that compiled kernels cannot be kept in."""
-    return _not_kept(error.strerror or str(error), str(folder), error.errno or 0)
-
-
-def _not_kept(why: str, folder: str, number: int) -> OSError:
+    why = error.strerror or str(error)
     advice = "set MOTORD_CACHE_DIR to a folder that this user may write to"
-    return OSError(number, f"cannot keep compiled kernels there: {why}; {advice}", folder)
+    message = f"cannot keep compiled kernels there: {why}; {advice}"
+    return OSError(error.errno or 0, message, str(folder))
 
 
 def kernel_sources(package: Path) -> list[Path]:

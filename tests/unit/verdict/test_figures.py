@@ -373,7 +373,7 @@ def test_an_interval_around_no_error_is_not_narrowed(stderr_Nm, more):
     ],
 )
 def test_with_what_can_be_no_error_no_error_counts(stated):
-    """An infinite half-width beside a standard error of 0.001 did not count: the figure passed."""
+    """An infinite half-width next to a standard error of 0.001 did not count: the figure passed."""
     [one] = figures_of(GAIN, {"gain_Nm": 1.0, "gain_stderr_Nm": 0.001, **stated}, {})
     found = decide(one, Tolerance(0.5, 1.5), 0.025)
     assert (found.decision, found.reason) == ("undecidable", "its uncertainty is not stated")
