@@ -8,9 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from motord.client import Client, operator
@@ -136,9 +138,16 @@ class _Protocol(WebSocketsSansIOProtocol):
     _pinged = False
 
     def handle_ping(self) -> None:
-        """Answer a ping."""
-        super().handle_ping()
+        """Answer a ping, unless the connection is lost: asyncio warns of such writes."""
+        if not self.transport.is_closing():
+            super().handle_ping()
         self._pinged = True
+
+    async def send(self, message: Any) -> None:
+        """Send a message. Raises ClientDisconnected, an OSError, if the connection is lost."""
+        if message["type"] == "websocket.send" and self.transport.is_closing():
+            raise ClientDisconnected
+        await super().send(message)
 
     def data_received(self, data: bytes) -> None:
         """Take in what came."""

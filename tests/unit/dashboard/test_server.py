@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import struct
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Any
@@ -32,23 +33,62 @@ async def sends_more_than_is_taken(
                 await send({"type": "websocket.send", "bytes": bytes(1_000_000)})
 
 
+def connected(
+    application: Callable[..., Awaitable[None]],
+    steps: Callable[[socket.socket, ServerState], Awaitable[None]],
+) -> None:
+    """Serve `application` to a page that asked for a socket, and take `steps` with the page."""
+
+    async def serve() -> None:
+        config, state = uvicorn.Config(application, ws=_Protocol), ServerState()
+        config.load()
+        loop = asyncio.get_running_loop()
+        listening = await loop.create_server(lambda: _Protocol(config, state, {}), HOST)
+        with socket.create_connection(listening.sockets[0].getsockname()) as page:
+            page.sendall(HANDSHAKE.encode())
+            page.setblocking(False)
+            async with asyncio.timeout(PATIENCE_S):
+                await steps(page, state)
+        listening.close()
+
+    asyncio.run(serve())
+
+
 def test_a_closed_page_that_does_not_read_is_aborted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Its transport would stay open until the send buffer is empty."""
     monkeypatch.setattr(server, "CLOSE_TIMEOUT_S", 0.01)
 
-    async def serve() -> None:
-        config, state = uvicorn.Config(sends_more_than_is_taken, ws=_Protocol), ServerState()
-        config.load()
-        loop = asyncio.get_running_loop()
-        listening = await loop.create_server(lambda: _Protocol(config, state, {}), HOST)
-        with socket.create_connection(listening.sockets[0].getsockname()) as page:
-            page.sendall(HANDSHAKE.encode())
-            async with asyncio.timeout(PATIENCE_S):
-                for there in (True, False):
-                    while bool(state.connections) is not there:
-                        await asyncio.sleep(0.001)
-        listening.close()
+    async def comes_and_goes(page: socket.socket, state: ServerState) -> None:
+        for there in (True, False):
+            while bool(state.connections) is not there:
+                await asyncio.sleep(0.001)
 
-    asyncio.run(serve())
+    connected(sends_more_than_is_taken, comes_and_goes)
+
+
+def test_nothing_is_written_to_a_connection_that_is_lost(caplog: pytest.LogCaptureFixture) -> None:
+    """Messages that were waiting, before the loop knows: asyncio warns of each from the fifth."""
+    reset, ended = asyncio.Event(), asyncio.Event()
+
+    async def sends_ten(
+        scope: Any, receive: Callable[[], Awaitable[Any]], send: Callable[[Any], Awaitable[None]]
+    ) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+        await reset.wait()
+        with suppress(OSError):
+            for _ in range(10):
+                await send({"type": "websocket.send", "text": "state"})
+        ended.set()
+
+    async def resets(page: socket.socket, state: ServerState) -> None:
+        assert b"101" in await asyncio.get_running_loop().sock_recv(page, 4096)
+        page.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        page.close()
+        reset.set()
+        await ended.wait()
+
+    connected(sends_ten, resets)
+    assert [record for record in caplog.records if record.name == "asyncio"] == []
