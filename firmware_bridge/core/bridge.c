@@ -38,7 +38,11 @@ static uint16_t status_bits(const struct bridge *bridge)
     unsigned bits = bridge->sample_status;
     bits |= enable_line_closed(&bridge->line) ? BRIDGE_STATUS_ENABLE_LINE : 0U;
     bits |= bridge->line.state == LINE_LOST ? BRIDGE_STATUS_HEARTBEAT_LOST : 0U;
-    bits |= bridge->self_test_passed ? 0U : BRIDGE_STATUS_FAULT;
+    if (!bridge->self_test_passed) {
+        bits |= BRIDGE_STATUS_FAULT;
+    } else if (bridge->line.state == LINE_BARRED) {
+        bits |= BRIDGE_STATUS_BARRED;
+    }
     return (uint16_t)bits;
 }
 

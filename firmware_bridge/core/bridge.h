@@ -27,7 +27,7 @@
 #include "core/ring.h"
 #include "protocol/bridge_frames.h"
 
-#define BRIDGE_FIRMWARE (1U << 16 | 2U << 8 | 0U) /* major, minor, patch */
+#define BRIDGE_FIRMWARE (1U << 16 | 3U << 8 | 0U) /* major, minor, patch */
 
 enum {
     BRIDGE_RATE_MIN_HZ = 100,

@@ -167,6 +167,7 @@ class BridgeStatus(IntFlag):
     TORQUE_INVALID = 1 << 2  # the torque sample is not to be trusted (saturated, ADC error)
     ENCODER_INVALID = 1 << 3  # the encoder lines are not to be trusted
     FAULT = 1 << 4  # the board's self-test failed
+    BARRED = 1 << 5  # a host of another protocol asked: the line is open until motord asks anew
 
 
 FAULT_COUNT_SHIFT, FAULT_COUNT_MODULUS = 8, 128

@@ -45,7 +45,7 @@ def test_hello_after_reset_and_when_asked(library: Library, link: int) -> None:
     (hello,) = device.answers()
     assert hello == frames.Hello(
         protocol=frames.PROTOCOL,
-        firmware=frames.firmware(1, 2, 0),
+        firmware=frames.firmware(1, 3, 0),
         board=b"host".ljust(16, b"\0"),
         serial=7,
         rate_Hz=1000,
@@ -391,6 +391,7 @@ def test_a_failed_self_test_keeps_the_line_open_for_good(
     device.pass_us(10_000)
     *_, status = statuses(device.answers())
     assert status.status & BridgeStatus.FAULT
+    assert not status.status & BridgeStatus.BARRED
     assert not status.status & BridgeStatus.ENABLE_LINE
 
 
@@ -402,13 +403,23 @@ def test_another_protocol_opens_the_line_and_keeps_it_so(library: Library) -> No
     assert not device.closed
     device.beat(0)
     device.beat(1)
-    device.pass_us(1000)
+    device.pass_us(20_000)
     assert not device.closed
+    assert barred(device)
     device.send(frames.HelloRequest(frames.PROTOCOL))
+    assert not barred(device)
     device.beat(1)
     assert not device.closed
     device.close_line()
     assert device.closed
+    assert not barred(device)
+
+
+def barred(device: Device) -> bool:
+    """Return what the board says of it in Status."""
+    status = device.ask(frames.Start())
+    assert isinstance(status, frames.Status)
+    return bool(status.status & BridgeStatus.BARRED)
 
 
 def test_status_reports_the_line(library: Library) -> None:

@@ -220,7 +220,7 @@ def test_firmware_with_other_frames_is_refused(bench, tmp_path):
         program = Program(bench.folder, "run", "-c", bench.path, ready=False)
         assert program.wait() == 1
         last = program.said().splitlines()[-1]
-        assert "qemu-stm32f405 (firmware 1.2.0) was built with other frame layouts" in last
+        assert "qemu-stm32f405 (firmware 1.3.0) was built with other frame layouts" in last
         assert "update the older of the two" in last
     finally:
         devices.close()

@@ -159,7 +159,7 @@ def wait_for_pieces(debugger, pieces):
 def test_frames_over_can(tmp_path):
     name = b"stm32f405".ljust(16, b"\0")
     hello = frames.Hello(
-        frames.PROTOCOL, frames.firmware(1, 2, 0), name, 0, 1000, 4096, frames.LAYOUT_HASH
+        frames.PROTOCOL, frames.firmware(1, 3, 0), name, 0, 1000, 4096, frames.LAYOUT_HASH
     )
     with chip(tmp_path, "stm32f405_can_in_qemu") as (_, debugger):
         wait_for_pieces(debugger, last_pieces(hello, 0, 0))

@@ -39,7 +39,6 @@ from motord.wire.can import dbc
 from motord.wire.can.codec import MessageCodec
 
 CATCH_UP_NS = 200_000_000
-BOARD_STATUS_HZ = 20
 INVERTER_STATUS_HZ = 100
 ENDED_BY_OFF = InverterStatus.READY | InverterStatus.ENABLE_LINE | InverterStatus.COMMAND_TIMEOUT
 """What a command to be off ends."""
@@ -205,8 +204,7 @@ class Emulator:
         self._samples = Schedule(now_ns, self.bench.board.rate_Hz)
         self._feedback = Schedule(now_ns, self._config.loop.rate_Hz)
         self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)
-        self._board_status = Schedule(now_ns, BOARD_STATUS_HZ)
-        self._schedules = (self._samples, self._feedback, self._slow_feedback, self._board_status)
+        self._schedules = (self._samples, self._feedback, self._slow_feedback)
 
     def _restart_board(self) -> None:
         """Let the board, which was silent, send its Hello."""
@@ -257,6 +255,8 @@ class Emulator:
         reading, board = self.bench.sense(), self.bench.board
         if self._samples.due(at_ns):
             self._link.sample(board, reading, at_ns)
+            if board.status_is_due(at_ns):
+                self._link.send(board.status(at_ns), at_ns)
         held_up, newest = self._freshness.held_up(now_ns), self._freshness.newest(at_ns, now_ns)
         if held_up and newest:
             self._listen(time.monotonic_ns())
@@ -274,8 +274,6 @@ class Emulator:
         if due and not outdated:
             self._send(self._slow, reading, status, at_ns)
             self._status = status
-        if self._board_status.due(at_ns) and board.streaming:
-            self._link.send(board.status(at_ns), at_ns)
 
     def _send(
         self,

@@ -4,7 +4,8 @@ import itertools
 import re
 from pathlib import Path
 
-from motord.config import packaged
+from motord.config import Config, packaged
+from motord.emulate.board import Board
 from motord.wire.bridge import frames
 from tests.support.ports import free_port
 
@@ -17,6 +18,14 @@ def beat(enable: int) -> frames.Numbered:
     number = next(NUMBERS)
     heartbeat = frames.Heartbeat.of(number, enable=enable == 1)
     return frames.Numbered(number % frames.SEQUENCE_MODULUS, heartbeat)
+
+
+def configure(board: Board, config: Config) -> None:
+    """Be the host of the bench that starts at time 0."""
+    timeout_us = round(config.bridge.heartbeat_timeout_s * 1e6)
+    wanted = frames.Configure(config.sample_rate_Hz, timeout_us)
+    for frame in (wanted, frames.HelloRequest(frames.PROTOCOL)):
+        board.receive(0, frames.Numbered(0, frame))
 
 
 PLACES = {

@@ -9,7 +9,7 @@ from motord.rig.truth import RigTruth
 from motord.schema import TRUTH_DTYPE, InverterStatus
 from motord.wire.bridge import frames
 from motord.wire.modbus.registers import DeviceStatus
-from tests.unit.emulate.benches import EMULATED, beat
+from tests.unit.emulate.benches import EMULATED, beat, configure
 
 MS = 1_000_000
 CONFIG = load(EMULATED)
@@ -47,7 +47,9 @@ def sensed_A(bench: EmulatedBench) -> float:
 
 @pytest.fixture
 def bench() -> EmulatedBench:
-    return EmulatedBench(CONFIG, TRUTH, 0)
+    bench = EmulatedBench(CONFIG, TRUTH, 0)
+    configure(bench.board, CONFIG)
+    return bench
 
 
 def test_commands_give_currents(bench):

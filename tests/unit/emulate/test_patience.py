@@ -7,7 +7,7 @@ from motord.config import Config, load
 from motord.emulate.bench import CurrentCommand, EmulatedBench
 from motord.rig.truth import load as load_truth
 from motord.schema import TRUTH_DTYPE
-from tests.unit.emulate.benches import beat
+from tests.unit.emulate.benches import beat, configure
 
 MS = 1_000_000
 
@@ -22,7 +22,9 @@ def bench_with(patience_s: float | None, timeout_s: float = 0.1) -> EmulatedBenc
         }
     )
     assert isinstance(changed, Config)
-    return EmulatedBench(changed, load_truth(None), 0)
+    bench = EmulatedBench(changed, load_truth(None), 0)
+    configure(bench.board, changed)
+    return bench
 
 
 def play(bench: EmulatedBench, until_ns: int, commanded: bool = True) -> None:

@@ -25,6 +25,7 @@ class BoardCanLink(BoardEnd):
         self._config = config
         self._clock = clock
         self._piece_bytes = FD_BYTES if config.fd else CLASSIC_BYTES
+        self._check = check
         self._decoder = PieceDecoder(check)
         self._number = 0
         self._bus = EmulatedBus(config, self.faults)
@@ -42,7 +43,8 @@ class BoardCanLink(BoardEnd):
 
     def send(self, frame: Frame, now_ns: int = 0) -> bool:
         """Send a frame; False if the bus has no room for all of it."""
-        pieces = split(pack(frame, self._next_sequence()), self._number, self._piece_bytes)
+        pieces = split(pack(frame, self._sequence), self._number, self._piece_bytes)
+        self._count()
         self._number = (self._number + len(pieces)) % PIECE_NUMBERS
         if not self._undisturbed:
             pieces = [sent for one in pieces for sent in self.faults.to_host(now_ns, None, one)]
@@ -59,6 +61,11 @@ class BoardCanLink(BoardEnd):
     def close(self) -> None:
         """Release the channel; may be called twice."""
         self._bus.close()
+
+    def _reset(self) -> None:
+        super()._reset()
+        self._decoder = PieceDecoder(self._check)
+        self._number = 0
 
     def _transmit(self, piece: bytes) -> None:
         self._bus.send(new_message(self._config.board_id, fd=self._config.fd, data=piece))

@@ -47,22 +47,24 @@ class BoardEnd(ABC):
         """Release the wire; may be called twice."""
 
     def sample(self, board: Board, reading: SensorReading, now_ns: int) -> None:
-        """Send the sample of this instant, if the board is to."""
+        """Take the sample of this instant; send it if the board is to."""
+        clipped = reading.torque_clipped != 0
+        sample = board.sample(now_ns, reading.encoder_gray, reading.torque_counts, clipped)
         if board.streaming:
-            clipped = reading.torque_clipped != 0
-            sample = board.sample(now_ns, reading.encoder_gray, reading.torque_counts, clipped)
             board.dropped += not self.send(sample, now_ns)
 
     def greet(self, board: Board) -> None:
-        """Send the board's Hello and number frames anew, as a board does that was reset."""
-        self._sequence = 0
+        """Send the Hello of a board that was reset."""
+        self._reset()
         self.send(board.hello())
 
-    def _next_sequence(self) -> int:
-        """Return the number of the frame that is sent now."""
-        sequence = self._sequence
-        self._sequence = (sequence + 1) % SEQUENCE_MODULUS
-        return sequence
+    def _reset(self) -> None:
+        """Number frames anew; of a frame whose begin has come nothing is kept."""
+        self._sequence = 0
+
+    def _count(self) -> None:
+        """Note that a frame with the number `_sequence` has been sent."""
+        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
 
     @property
     def _undisturbed(self) -> bool:
@@ -115,6 +117,7 @@ class BoardLink(PtyEnd):
         `check` is the board's, which judges the numbers of the frames.
         """
         super().__init__(port)
+        self._check = check
         self._decoder = StreamDecoder(check)
         self._polled_ns = 0
 
@@ -134,5 +137,15 @@ class BoardLink(PtyEnd):
             yield now_ns - waiting_ns * (len(numbered) - place) // len(numbered), frame
 
     def send(self, frame: Frame, now_ns: int = 0) -> bool:
-        """Send a frame; False if the host has let the line fill up and there is no room."""
-        return self._write(encode(frame, self._next_sequence()), now_ns)
+        """Send a frame; False if the host has let the line fill up and there is no room.
+
+        Such a frame has no number: it is the board that misses it, and counts it once.
+        """
+        sent = self._write(encode(frame, self._sequence), now_ns)
+        if sent:
+            self._count()
+        return sent
+
+    def _reset(self) -> None:
+        super()._reset()
+        self._decoder = StreamDecoder(self._check)

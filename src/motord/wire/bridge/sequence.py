@@ -10,9 +10,7 @@ class SequenceCheck:
 
     def __init__(self, modulus: int) -> None:
         self._modulus = modulus
-        self._expected = -1
-        self._corrupt = 0
-        self._errors = 0
+        self.reset()
 
     @property
     def errors(self) -> int:
@@ -46,6 +44,11 @@ class SequenceCheck:
         self._expected = (number + 1) % modulus
         self._settle(missing)
         return True
+
+    def reset(self) -> None:
+        """Start anew, without errors."""
+        self._expected = -1
+        self._corrupt = self._errors = 0
 
     def restart(self) -> None:
         """Take the next frame as the first of a new stream."""

@@ -3,7 +3,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.config import load
-from motord.emulate.board import CLOCK_DRIFT, CLOCK_OFFSET_US, Board
+from motord.emulate.board import (
+    CLOCK_DRIFT,
+    CLOCK_OFFSET_US,
+    RESET_RATE_HZ,
+    RESET_TIMEOUT_US,
+    STATUS_PERIOD_NS,
+    Board,
+)
 from motord.emulate.devices import NEVER_NS
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
@@ -11,7 +18,7 @@ from tests.unit.emulate.benches import EMULATED, beat
 
 MS = 1_000_000
 CONFIG = load(EMULATED)
-TIMEOUT_MS = round(CONFIG.bridge.heartbeat_timeout_s * 1000)
+TIMEOUT_MS = RESET_TIMEOUT_US // 1000
 
 
 def board() -> Board:
@@ -33,7 +40,7 @@ def test_it_says_who_it_is():
     assert hello.protocol == frames.PROTOCOL
     assert hello.layout == frames.LAYOUT_HASH
     assert hello.counts == CONFIG.motor.counts
-    assert hello.rate_Hz == CONFIG.loop.rate_Hz
+    assert hello.rate_Hz == RESET_RATE_HZ
     assert hello.board_name == "motord-emulate"
 
 
@@ -79,6 +86,7 @@ def test_configure_takes_all_or_nothing(rate_Hz, timeout_us, taken):
 def test_configure_opens_the_line_and_prolongs_nothing(silent_ms, lost):
     ours = board()
     ask(ours, frames.Configure(500, 50_000))
+    ours.sample(0, 0, 0, False)
     close_line(ours)
     (status,) = ask(ours, frames.Configure(500, 500_000), silent_ms * MS)
     assert (ours.line_closed, ours.deadline_ns) == (False, NEVER_NS)
@@ -182,3 +190,16 @@ def test_status_has_the_newest_heartbeat():
     assert (status.heartbeats, status.heartbeat_sequence) == (2, 42)
     assert status.heartbeat_t_us == ours.clock_us(4 * MS)
     assert (status.errors, status.dropped) == (5, 6)
+
+
+def test_status_comes_unasked_while_it_streams_and_a_period_after_any_other():
+    ours = board()
+    assert not ours.status_is_due(10 * STATUS_PERIOD_NS)
+    ask(ours, frames.Start(), 3 * MS)
+    ask(ours, frames.Configure(500, 20_000), 7 * MS)
+    due_ns = 7 * MS + STATUS_PERIOD_NS
+    assert [ours.status_is_due(due_ns - 1), ours.status_is_due(due_ns)] == [False, True]
+    ours.status(due_ns)
+    assert not ours.status_is_due(due_ns + STATUS_PERIOD_NS - 1)
+    ask(ours, frames.Stop(), due_ns + 1)
+    assert not ours.status_is_due(10 * due_ns)
