@@ -143,6 +143,18 @@ def test_hello_starts_a_new_count() -> None:
     assert decoder.errors == 0
 
 
+def test_frames_that_came_before_are_none_until_a_hello() -> None:
+    """A buffer on the way that sends the newest ones over and over is no living board."""
+    decoder = StreamDecoder()
+    old = b"".join(frames.encode(frames.Sample(n, n, n, 0), n) for n in range(5000, 5010))
+    assert len(decoder.feed(old)) == 10
+    assert decoder.feed(old + old) == []
+    assert decoder.errors == 20
+    hello = frames.Hello(1, 0, b"x" * 16, 0, 0, 0, 0)
+    decoder.feed(frames.encode(hello, 4999))
+    assert len(decoder.feed(old)) == 10
+
+
 def test_unknown_type_and_wrong_length_are_refused() -> None:
     for body in (b"\x7f\0\0", b"\x13\0\0\0", b"\x02\0\0", b""):
         assert frames.decode(cobs.encode(body + crc16(body).to_bytes(2, "little"))) is None

@@ -16,11 +16,12 @@ from motord.wire.bridge.sequence import SequenceCheck
 
 
 class FrameDecoder:
-    """Says which frames count: the good ones that do not repeat the one before.
+    """Says which frames count: the good ones that are newer than the one before.
 
-    A `Hello` starts a new count: the board has just started. With a `check` of the caller's,
-    corrupt frames are counted there, and all good frames are handed on: their numbers are the
-    caller's to judge.
+    A `Hello` starts a new count: the board has just started. Without one no number steps back: old
+    frames, repeated by whatever is on the way, are none. With a `check` of the caller's, corrupt
+    frames are counted there, and all good frames are handed on: their numbers are the caller's to
+    judge.
     """
 
     def __init__(self, check: SequenceCheck | None = None) -> None:
@@ -41,7 +42,8 @@ class FrameDecoder:
             return numbered
         if type(numbered.frame) is Hello:
             self._check.restart()
-        return numbered if self._check.accept(numbered.sequence) else None
+        new = self._check.accept(numbered.sequence, may_restart=False)
+        return numbered if new else None
 
 
 class StreamDecoder(FrameDecoder):
