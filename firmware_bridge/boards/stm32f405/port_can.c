@@ -135,9 +135,9 @@ void can1_tx_handler(void)
 void can1_rx0_handler(void)
 {
     while (CAN1->RF0R & CAN_RF0R_FMP_MASK) {
-        if (held(&received) < RING_FRAMES_MAX) {
+        uint32_t count = CAN1->R[0].RDTR & 0xF;
+        if (count > 0 && held(&received) < RING_FRAMES_MAX) { /* to port_take 0 says: no more */
             struct can_frame *frame = at(&received, received.head);
-            uint32_t count = CAN1->R[0].RDTR & 0xF;
             frame->count = (uint8_t)(count < 8 ? count : 8);
             frame->words[0] = CAN1->R[0].RDLR;
             frame->words[1] = CAN1->R[0].RDHR;
