@@ -19,6 +19,11 @@ class WireRig:
         clock = getattr(self._bridge, "clock", None)
         return clock if isinstance(clock, BoardClock) else None
 
+    @property
+    def refused(self) -> str:
+        """Why the bridge board that answers now is not taken, and what to do; "" if it is."""
+        return str(getattr(self._bridge, "refused", ""))
+
     def open(self) -> None:
         """Open both devices; neither stays open if one cannot be. Raises DeviceError."""
         self._bridge.open()

@@ -13,6 +13,7 @@ from motord.control.step import new_memory
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.base import Rig
 from motord.hal.bridge.clock import BoardClock
+from motord.hal.wire_rig import WireRig
 from motord.loop.pacer import INT32_MAX, Pacer
 from motord.loop.tick_kernel import NO_WORK, TickKernel, run_tick
 from motord.schema import State
@@ -75,15 +76,17 @@ class ControlLoop:
         if self.clock is not None:
             self.timing.set_board_clock(self.clock.drift_ppm, self.clock.jitter_ns)
 
-    def supervisor_gone(self, now_ns: int) -> bool:
-        """Return whether the supervisor has been silent for long and no torque is applied."""
-        silent_ns = now_ns - int(self.setpoint["heartbeat_ns"][0])
-        enabled = int(self.memory["state"][0]) == State.ENABLED
-        return silent_ns > SUPERVISOR_GONE_S * 1e9 and not enabled
+    def end_reason(self, now_ns: int) -> str:
+        """Return why the loop ends by itself, "" while it does not: no torque is applied then."""
+        if int(self.memory["state"][0]) == State.ENABLED:
+            return ""
+        if now_ns - int(self.setpoint["heartbeat_ns"][0]) > SUPERVISOR_GONE_S * 1e9:
+            return "the supervisor is gone"
+        return self.rig.refused if isinstance(self.rig, WireRig) else ""
 
 
 def run(loop: ControlLoop, pacer: Pacer, ticks: int | None = None) -> None:
-    """Run ticks until a stop is requested or the supervisor is gone; sets `stop.reason`.
+    """Run ticks until a stop is requested or there is an `end_reason`; sets `stop.reason`.
 
     With `ticks`, run at most so many, then return and leave the reason empty.
     """
@@ -111,7 +114,7 @@ def run(loop: ControlLoop, pacer: Pacer, ticks: int | None = None) -> None:
         work_ns = min(clock_ns() - woke_ns, INT32_MAX)
         if not i % _LOOK_EVERY_TICKS:
             loop.set_board_clock()
-            if loop.supervisor_gone(now_ns):
-                stop.reason = "the supervisor is gone"
+            if reason := loop.end_reason(now_ns):
+                stop.reason = reason
     if work_ns != NO_WORK:
         count_time(loop.timing.work.cells, work_ns)

@@ -6,9 +6,13 @@ import pytest
 
 from motord.emulate.board import Board
 from motord.hal.bridge.board import Bridge
+from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 from tests.contract.benches import new_command, new_feedback
 from tests.unit.control.bench import make_config
+
+SECOND_NS = 1_000_000_000
+STRANGER = frames.HelloRequest(frames.PROTOCOL + 1)
 
 
 class Link:
@@ -19,6 +23,7 @@ class Link:
 
     def __init__(self, board: Board) -> None:
         self.board, self.openings, self.sequence = board, 1, 0
+        self.sends = True
         self.arrived: list[frames.Numbered] = []
 
     def arrive(self, *sent: frames.Frame) -> None:
@@ -35,7 +40,8 @@ class Link:
         return arrived
 
     def send(self, frame: frames.Frame, number: int) -> None:
-        self.arrive(*self.board.receive(time.monotonic_ns(), frames.Numbered(number, frame)))
+        if self.sends:
+            self.arrive(*self.board.receive(time.monotonic_ns(), frames.Numbered(number, frame)))
 
     def wait(self, timeout_s: float) -> None:
         pass
@@ -101,3 +107,59 @@ def test_a_configuration_that_is_lost_in_mid_run_opens_the_line_until_the_comman
     link.arrive(kept)
     assert not any(tick(driver, link, 1) for _ in range(20))
     assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+
+
+def status_after(driver: Bridge, later_ns: int) -> int:
+    """Read `later_ns` from now; return the status word."""
+    feedback = new_feedback()
+    driver.read(time.time_ns() + later_ns, feedback)
+    return int(feedback["bridge_status"][0])
+
+
+def test_a_barred_board_says_so_and_is_asked_anew_but_closes_its_line_only_on_command() -> None:
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    link.board.receive(time.monotonic_ns(), frames.Numbered(0, STRANGER))
+    assert not tick(driver, link, 1)
+    assert status_after(driver, 0) & BridgeStatus.BARRED
+    status_after(driver, SECOND_NS)  # nothing for so long: a HelloRequest
+    assert not status_after(driver, SECOND_NS) & BridgeStatus.BARRED
+    assert not any(tick(driver, link, 1) for _ in range(20))
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+
+
+def test_after_the_hello_of_another_board_nothing_counts_until_that_of_the_one_opened() -> None:
+    link, driver = opened()
+    tick(driver, link, 0)
+    link.board.streaming = False
+    ours = link.board.hello()
+    link.arrive(ours._replace(serial=9), frames.Sample(0, 0x123, 0, 0))
+    feedback = new_feedback()
+    for _ in range(3):
+        driver.read(time.time_ns(), feedback)
+        assert feedback["encoder_gray"][0] == 0
+        link.arrive(frames.Sample(0, 0x123, 0, 0))
+    assert driver.refused == (
+        f"bridge: motord-emulate (firmware {ours.firmware_version}) has serial number 9, but the "
+        "board that was opened has 1; connect that one, or leave this one to be taken; "
+        "then `motord reset`"
+    )
+    assert not any(tick(driver, link, enable) for enable in (0, 1, 1))
+    link.arrive(ours)
+    assert [tick(driver, link, enable) for enable in (0, 0, 1)][-1]
+    assert (driver.refused, driver.restarts) == ("", 1)
+
+
+def test_a_heartbeat_that_was_acknowledged_once_is_not_again_when_its_number_comes_round() -> None:
+    link, driver = opened()
+    tick(driver, link, 0)
+    assert not status_after(driver, 0) & BridgeStatus.HEARTBEAT_LOST
+    standing = link.board.status(time.monotonic_ns())
+    link.arrive(standing)
+    link.sends = link.board.streaming = False
+    assert status_after(driver, SECOND_NS) & BridgeStatus.HEARTBEAT_LOST
+    at = (standing.heartbeat_sequence + 1) % frames.SEQUENCE_MODULUS
+    while driver._number % frames.SEQUENCE_MODULUS != at:
+        driver.write(new_command())
+    link.arrive(standing)
+    assert status_after(driver, SECOND_NS) & BridgeStatus.HEARTBEAT_LOST

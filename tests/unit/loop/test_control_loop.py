@@ -3,12 +3,15 @@
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from motord import config
 from motord.control import parameters
+from motord.hal.wire_rig import WireRig
 from motord.loop.control_loop import SUPERVISOR_GONE_S, ControlLoop, StopRequest, run
 from motord.loop.pacer import Pacer
 from motord.schema import Flag, Request, State
@@ -134,9 +137,22 @@ def test_loop_ends_when_the_supervisor_is_gone(loop: Loop) -> None:
 def test_loop_stays_while_there_is_torque(loop: Loop) -> None:
     loop.run(1)
     loop.loop.memory["state"] = State.ENABLED
-    assert not loop.loop.supervisor_gone(2**62)
+    assert not loop.loop.end_reason(2**62)
     loop.loop.memory["state"] = State.TRIPPED
-    assert loop.loop.supervisor_gone(2**62)
+    assert loop.loop.end_reason(2**62) == "the supervisor is gone"
+
+
+def test_loop_ends_when_another_board_answers_and_there_is_no_torque(loop: Loop) -> None:
+    """`motord reset` starts it again, which takes the board that answers then."""
+    bridge: Any = SimpleNamespace(refused="")
+    loop.run(1)
+    loop.loop.rig = WireRig(bridge, bridge)
+    assert not loop.loop.end_reason(loop.now_ns)
+    bridge.refused = "bridge: it has serial number 9"
+    loop.loop.memory["state"] = State.ENABLED
+    assert not loop.loop.end_reason(loop.now_ns)
+    loop.loop.memory["state"] = State.TRIPPED
+    assert loop.loop.end_reason(loop.now_ns) == bridge.refused
 
 
 def test_work_is_in_the_tick_after_and_in_the_histogram(loop: Loop) -> None:

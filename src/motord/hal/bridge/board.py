@@ -7,8 +7,10 @@ again without waiting for its answers, and asked to close the line only once its
 and heartbeat timeout as they were set, and the loop has commanded an open line since. One that does
 not, that sends no samples any more, or receives no heartbeats, is sent a HelloRequest now and then:
 it may have started anew while the link was down, or have missed so many heartbeats that it takes
-the next for old ones. Its Hello says from which number heartbeats go on. Behind a port that was
-away may be another board: nothing that it sends counts until its Hello says that it is the same.
+the next for old ones. So is one that another host has barred: this host's HelloRequest ends that.
+Its Hello says from which number heartbeats go on. Behind a port that was away may be another board:
+nothing that it sends counts until its Hello says that it is the same. Nor does anything after the
+Hello of another one, and `refused` says who answered, for the loop to end with.
 """
 
 from collections.abc import Callable
@@ -19,6 +21,7 @@ import numpy as np
 from motord.config import Config
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import BoardClock, LoopClock
+from motord.hal.bridge.identity import incompatibility, refusal
 from motord.hal.bridge.link import BridgeLink
 from motord.hal.countdown import countdown_s
 from motord.schema import BridgeStatus
@@ -29,6 +32,9 @@ SILENCE_NS = 500_000_000
 """After this time without a sample, or with heartbeats that the board does not receive, it is asked
 who it is, and again each time it is over; not before its samples are stale: it starts anew then."""
 _HEARTBEAT_LOST = int(BridgeStatus.HEARTBEAT_LOST)
+_DEAF = int(BridgeStatus.HEARTBEAT_LOST | BridgeStatus.BARRED)
+"""Of a board that heartbeats do not reach, or do not move."""
+_UNIDENTIFIED = -1
 _AHEAD = frames.HEARTBEAT_NUMBERS // 2
 _HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
@@ -55,6 +61,8 @@ class Bridge:
         self._open_link = open_link
         self.hello: frames.Hello | None = None
         self.restarts = 0
+        self.refused = ""
+        """Why the board that answers now is not taken, and what to do; "" if it is."""
         self._config = bridge
         self._counts = config.motor.counts
         self._configuration = frames.Configure(
@@ -69,6 +77,7 @@ class Bridge:
         self.clock = BoardClock()
         self._number = 0  # of the next frame; its sequence is the rest of it
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT  # number and time of each heartbeat
+        self._heartbeats = 0  # received by the board, by its newest Status
         self._lost_by_board = 0
         self._board_errors = -1  # as last reported, -1 if not since the board started
         self._errors_before: int | None = None  # link errors count from the first read
@@ -81,13 +90,11 @@ class Bridge:
 
     def open(self) -> None:
         """Open the link, check the board and that it samples. Raises DeviceError."""
-        self._link = self._open_link()
+        self._link, self.hello, self.refused = self._open_link(), None, ""
         try:
             self.hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
-            incompatible = self._incompatibility(self.hello)
-            if incompatible is not None:
-                board = f"{self.hello.board_name} (firmware {self.hello.firmware_version})"
-                raise self._error(f"{board} {incompatible}")
+            if wrong := incompatibility(self.hello, self._counts, None):
+                raise self._error(wrong)
             self._openings = self._link.openings
             self._number = self.hello.heartbeat_next
             self._update_from_status(self._request(self._configuration, frames.Status))
@@ -172,16 +179,17 @@ class Bridge:
                 self._update_from_status(frame)
             elif type(frame) is frames.Hello:
                 newest = None
-                if self._incompatibility(frame) is None:
-                    self._restart(frame)
+                if not self._identified(frame):
+                    break
+                self._restart(frame)
         if newest is not None:
-            if self._configured and not newest.status & _HEARTBEAT_LOST:
+            if self._configured and not newest.status & _DEAF:
                 self._received_ns = arrival_ns
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
     def _update_from_status(self, status: frames.Status) -> None:
-        configured = self._refusal(status) is None
+        configured = refusal(status, self._configuration) is None
         if self._configured and not configured:
             self._may_close = False
         self._configured = configured
@@ -190,9 +198,18 @@ class Bridge:
             self._lost_by_board += max(lost - self._board_errors, 0)
         self._board_errors = lost
         number, sent_ns = self._sent[status.heartbeat_sequence % _HEARTBEATS_KEPT]
-        if status.heartbeats and number == status.heartbeat_sequence:
+        if status.heartbeats not in (0, self._heartbeats) and number == status.heartbeat_sequence:
             self._acknowledged_ns = sent_ns
             self.clock.heartbeat(status.heartbeat_t_us, sent_ns)
+        self._heartbeats = status.heartbeats
+
+    def _identified(self, hello: frames.Hello) -> bool:
+        """Return whether it is the board that was opened; of another one nothing counts."""
+        wrong = incompatibility(hello, self._counts, self.hello)
+        self.refused = f"{self._name}: {wrong}; then `motord reset`" if wrong else ""
+        if wrong:
+            self._openings = _UNIDENTIFIED
+        return not wrong
 
     def _restart(self, hello: frames.Hello) -> None:
         """Configure and start a board that was reset, or cut off, while the loop runs."""
@@ -204,6 +221,7 @@ class Bridge:
         self.clock.reset()
         self._configured = self._may_close = False
         self._board_errors = -1
+        self._heartbeats = 0
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT
         self._send(self._configuration)
         self._send(frames.Start())
@@ -227,18 +245,19 @@ class Bridge:
         """
         link = self._link
         assert link is not None
-        refusal: str | None = None
+        refused: str | None = None
         for _ in countdown_s(self._config.connect_timeout_s):
             self._send(request)
             for left_s in countdown_s(_REPEAT_S):
                 link.wait(left_s)
                 for _, found in link.receive():
                     if isinstance(found, response):
-                        refusal = self._refusal(found)
-                        if refusal is None:
+                        if isinstance(found, frames.Status):
+                            refused = refusal(found, self._configuration)
+                        if refused is None:
                             return found
-        if refusal is not None:
-            raise self._error(refusal)
+        if refused is not None:
+            raise self._error(refused)
         raise self._error(
             f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
             + (
@@ -247,40 +266,6 @@ class Bridge:
                 else "nothing at all; is the board powered, and is this where it is?"
             )
         )
-
-    def _refusal(self, response: frames.Frame) -> str | None:
-        """Return why the board does not do as it was configured, by its Status; None if it does."""
-        if not isinstance(response, frames.Status):
-            return None
-        wanted = self._configuration
-        if (response.rate_Hz, response.heartbeat_timeout_us) == wanted:
-            return None
-        return (
-            f"the board cannot sample at {wanted.rate_Hz} Hz with a heartbeat timeout of "
-            f"{wanted.heartbeat_timeout_us} us, it stays at {response.rate_Hz} Hz and "
-            f"{response.heartbeat_timeout_us} us; set rate_Hz in [bridge], or heartbeat_timeout_s"
-        )
-
-    def _incompatibility(self, hello: frames.Hello) -> str | None:
-        """Return why this board cannot be used, as text behind its name; None if it can."""
-        if hello.protocol != frames.PROTOCOL:
-            return (
-                f"speaks protocol {hello.protocol}, motord speaks {frames.PROTOCOL}; "
-                "update the older of the two"
-            )
-        if hello.layout != frames.LAYOUT_HASH:
-            return (
-                "was built with other frame layouts than this motord "
-                f"({hello.layout:08x}, here {frames.LAYOUT_HASH:08x}); update the older of the two"
-            )
-        if self.hello is not None and hello.serial != self.hello.serial:
-            return f"has serial number {hello.serial}, the one opened has {self.hello.serial}"
-        if hello.counts not in (0, self._counts):
-            return (
-                f"has an encoder of {hello.counts} counts, "
-                f"the bench file says [motor] counts = {self._counts}"
-            )
-        return None
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"{self._name}: {what}")
