@@ -28,6 +28,7 @@ KEYS = (
 EVENT_MEANING: dict[str, str] = {
     "access": "a client of another machine came in, was refused or lost its role",
     "blackbox": "a black box was asked for, written, or could not be",
+    "bridge": "the bridge board is barred by a host of another protocol",
     "calibration": "a calibration is in force, was installed, cannot be used or holds again",
     "calibration_departed": "operation shows a quantity outside its interval in the calibration in "
     "force: both values, and what to do",

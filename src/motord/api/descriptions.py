@@ -1,7 +1,7 @@
 """Texts for trips and flags: for events, state, errors and the documentation."""
 
 from motord.control.interlock_table import INTERLOCKS
-from motord.schema import Flag, Trip
+from motord.schema import BridgeStatus, Flag, Trip
 
 TRIP_MEANING: dict[Trip, str] = {row.trip: row.meaning for row in INTERLOCKS}
 """Meaning of each cause, with the key of the bench file that sets its limit."""
@@ -38,8 +38,8 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.BUS_VOLTAGE: "too high: the rotor fed energy back, so brake more gently or give the "
     "supply a braking resistor; too low: check the supply's current limit and its cables",
     Trip.ENABLE_TIMEOUT: "the values say what is missing: check the enable line and the emergency "
-    "stop, the bridge's cable (heartbeats), the inverter's status; raise loop.enable_timeout_s if "
-    "the inverter takes longer",
+    "stop, the bridge's cable (heartbeats), hosts of another protocol that bar it, the inverter's "
+    "status; raise loop.enable_timeout_s if the inverter takes longer",
     Trip.BRIDGE_FAULT: "check the encoder's lines and the bridge's supply; bridge_status in the "
     "ticks says what the board found",
     Trip.FEEDBACK_INVALID: "find in the ticks which value is not a number; check the signal map "
@@ -51,12 +51,29 @@ TRIP_ACTION: dict[Trip, str] = {
     "sensor's amplifier; a torque that goes with the angle to the encoder (frozen, slipped, wrong "
     "offset) or a phase without current",
     Trip.BRAKE_TEMPERATURE: "let the brake's disc cool; rest between operating points",
-    Trip.ENABLE_LINE: "bridge_status in the ticks says why the board opened it: heartbeat lost "
-    "(its cable, or a loop that was late: see `motord check --rt`) or a reset (its supply)",
+    Trip.ENABLE_LINE: "the values say why the board opened it: heartbeats lost (its cable, or a "
+    "loop that was late: see `motord check --rt`), or barred (end the host of another protocol); "
+    "if neither, it was reset (its supply)",
     Trip.CHANNEL: "the values of the trip name the channel: let it come back within its limits, or "
     "mend its sensor; `motord status` shows every channel, and why one is broken",
 }
 """What to do about each cause before the reset."""
+
+
+BRIDGE_ACTION: dict[BridgeStatus, str] = {
+    BridgeStatus.FAULT: "the bridge board's self-test failed, so it keeps the enable line open: "
+    "check its crystal, supply and the switch of the line, then reset the board",
+    BridgeStatus.BARRED: "a host of another protocol asked the bridge board who it is, so it keeps "
+    "the enable line open: end that program (an older motord, or one that sends with the host_id "
+    "of [bridge.can]); motord asks the board anew by itself, then `motord reset` and enable",
+}
+"""What keeps the bridge board from closing the enable line, and what to do."""
+
+
+def bridge_action(status: int) -> str:
+    """Return what is wrong with the bridge board by its status word, and what to do; "" if all is
+    well."""
+    return "; ".join(text for bit, text in BRIDGE_ACTION.items() if status & bit)
 
 
 def trip_action(bits: int) -> str:

@@ -116,6 +116,9 @@ class LinksView(PublishedMessage):
     """The same of the inverter; one that sends half as often is missing in every other tick."""
     bus_off: bool
     """The CAN controller is off the bus."""
+    bridge: str = ""
+    """What kept the bridge board from closing the enable line in the last second, and what to do.
+    """
 
 
 Health = Literal["none", "simulated", "ok", "failing", "stale"]

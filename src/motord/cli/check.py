@@ -164,7 +164,9 @@ def _probe_rig(bench: "Config") -> str:
 
     import numpy as np
 
+    from motord.api.descriptions import bridge_action
     from motord.control.types import FEEDBACK
+    from motord.hal.base import DeviceError
     from motord.hal.registry import make_rig
     from motord.schema import BridgeStatus, InverterStatus
 
@@ -176,6 +178,8 @@ def _probe_rig(bench: "Config") -> str:
         rig.close()
     inverter = InverterStatus(int(feedback["inverter_status"][0]))
     bridge = BridgeStatus(int(feedback["bridge_status"][0]))
+    if wrong := bridge_action(bridge):
+        raise DeviceError(wrong)
     return (
         f"{bench.inverter.driver} and {bench.bridge.driver}: bus {feedback['u_bus_V'][0]:.1f} V, "
         f"inverter {_flags(inverter)}, bridge {_flags(bridge)}"

@@ -23,6 +23,7 @@ LEVELS = {
     "fault_injected": EventLevel.WARNING,
     "process": EventLevel.WARNING,
     "access": EventLevel.WARNING,
+    "bridge": EventLevel.WARNING,
     "calibration_departed": EventLevel.WARNING,
     "device": EventLevel.WARNING,
     "missed": EventLevel.WARNING,

@@ -62,6 +62,12 @@ def test_errors_and_ticks_without_news_are_counted(ticks):
     assert (view.errors, view.errors_last_s, view.ticks_last_s) == (43, 3, RATE_HZ)
     assert (view.without_encoder_last_s, view.without_inverter_last_s) == (0, RATE_HZ // 2)
     assert view.bus_off
+    assert view.bridge == ""
+
+
+def test_a_bridge_board_that_was_barred_in_the_last_second_is_said_to(ticks):
+    ticks["bridge_status"][-300:-200] = BridgeStatus.BARRED
+    assert "end that program" in link_health.links(lambda name: ticks[name]).bridge
 
 
 def test_a_bench_reports_its_ages_and_none_without_a_loop():

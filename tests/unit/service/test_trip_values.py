@@ -144,7 +144,7 @@ def test_an_inverter_that_never_gets_ready():
     [
         (Trip.TORQUE_STALE, {"bridge_status": [0, 4, 4, 4]}, 0.003, 0.005),
         (Trip.BRIDGE_FAULT, {"bridge_status": [0, 0, 8, 16]}, 0.002, 0),
-        (Trip.ENABLE_LINE, {"bridge_status": [1, 2, 2, 2]}, 0.003, 0.005),
+        (Trip.ENABLE_LINE, {"bridge_status": [1, 0, 0, 0]}, 0.003, 0.005),
         (Trip.FEEDBACK_INVALID, {"torque_Nm": np.nan, "i_b_A": np.inf}, 2, 0),
         (Trip.I2T, {"i_c_A": -24.0}, 24, 22),
         (Trip.LOOP_OVERRUN, {"missed": [3, 3, 3, 90]}, 87, 50),
@@ -171,6 +171,36 @@ def test_values_that_are_read_off_several_ticks(trip, fields, value, limit):
     [reported] = trip_values(int(trip), window(ticks)).values()
     assert reported["value"] == pytest.approx(value)
     assert reported["limit"] == limit
+
+
+@pytest.mark.parametrize(
+    ("bit", "reason"),
+    [
+        (BridgeStatus.HEARTBEAT_LOST, "no heartbeat acknowledged by the bridge board, for s"),
+        (BridgeStatus.BARRED, "bridge board barred by a host of another protocol, for s"),
+    ],
+)
+def test_why_the_bridge_board_opened_the_line(bit, reason):
+    ticks = np.zeros(4, TICK_DTYPE)
+    ticks["tick"], ticks["bridge_status"] = [7, 8, 9, 10], [1, bit, bit, bit]
+    found = trip_values(int(Trip.ENABLE_LINE), window(ticks))
+    assert found[reason] == {"value": pytest.approx(0.003), "limit": 0.005}
+    assert list(found)[1:] == [reason]
+
+
+def test_a_bridge_board_that_is_barred_is_an_event_that_says_what_to_do():
+    """And once, not at every tick, however often a stranger asks."""
+    ticks, events = np.zeros(3, TICK_DTYPE), EventLog(lambda: 0)
+    watch = TickMonitor(load(), events)
+    watch.update(ticks, 0, 1)
+    assert not events.recent()
+    ticks["bridge_status"][1] = BridgeStatus.BARRED
+    for second in range(1, 100):
+        watch.update(ticks, 0, second * 1_000_000_000)
+    [event] = events.recent()
+    assert event.kind == "bridge"
+    assert "a host of another protocol" in event.message
+    assert "then `motord reset`" in event.message
 
 
 def test_the_torque_expected_goes_through_the_high_pass():

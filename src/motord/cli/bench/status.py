@@ -119,6 +119,8 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
     rows.append(("loop", wording.loop(state)))
     if state.realtime and not state.realtime.get("granted", True):
         rows.append(("real time", "not all rights granted: `motord check --rt` says which"))
+    if state.links is not None and state.links.bridge:
+        rows.append(("bridge", state.links.bridge))
     if (clock := state.bridge_clock) is not None:
         text = f"drift {clock.drift_ppm:.1f} ppm, jitter {clock.jitter_us:.0f} us"
         rows.append(("bridge clock", text))

@@ -81,6 +81,7 @@ export class Health {
   _links(links) {
     const text = links.bus_off ? "the CAN controller is off the bus" : `${links.errors}, ${links.errors_last_s} in the last second`;
     this._figure("Link errors", text, links.bus_off ? "error" : links.errors_last_s > 0 ? "warning" : "");
+    if (links.bridge) this._figure("Bridge board", links.bridge, "error");
   }
 
   /** @param {string} name @param {any} device */

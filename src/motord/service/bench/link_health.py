@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from motord.api.descriptions import bridge_action
 from motord.api.messages import LinksView
 from motord.schema import BridgeStatus, Flag, InverterStatus
 
@@ -57,4 +58,5 @@ def links(last_second: LastSecond) -> LinksView:
         without_encoder_last_s=int(np.count_nonzero(flags & int(Flag.NEW_ENCODER) == 0)),
         without_inverter_last_s=int(np.count_nonzero(flags & int(Flag.NEW_INVERTER) == 0)),
         bus_off=bool(status & InverterStatus.BUS_OFF),
+        bridge=bridge_action(int(np.bitwise_or.reduce(last_second("bridge_status")))),
     )

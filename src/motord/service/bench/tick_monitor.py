@@ -9,11 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from motord.api.descriptions import TRIP_MEANING, flag_names, trip_action, trip_names, trip_text
+from motord.api.descriptions import (
+    BRIDGE_ACTION,
+    TRIP_MEANING,
+    flag_names,
+    trip_action,
+    trip_names,
+    trip_text,
+)
 from motord.api.messages import LinksView, LoopView, TickView
 from motord.api.trip_messages import TripReport, TripView
 from motord.config import Config
-from motord.schema import State, Trip
+from motord.schema import BridgeStatus, State, Trip
 from motord.service.bench import link_health
 from motord.service.bench.recent_ticks import RecentTicks
 from motord.service.bench.trip_report import ValuesAndLimits, trip_values
@@ -57,6 +64,7 @@ class TickMonitor:
         self._missed_reported = 0
         self._missed_reported_ns = 0
         self._missed_pause_ns = REPORT_FIRST_NS
+        self._barred_ns = -REPORT_LAST_NS  # when the bridge board was last barred
 
     @property
     def state(self) -> State:
@@ -98,6 +106,7 @@ class TickMonitor:
         self.read_ns = now_ns
         self.ticks += len(block)
         self._report_missed(now_ns)
+        self._report_barred(block, now_ns)
 
     def forget(self) -> None:
         """Start anew: the loop was restarted and its counters with it."""
@@ -168,6 +177,14 @@ class TickMonitor:
             "missed", f"the loop skipped {new} ticks, {missed} since it started",
             new=new, total=missed,
         )  # fmt: skip
+
+    def _report_barred(self, block: np.ndarray, now_ns: int) -> None:
+        """Say that the board was barred, unless it was not long ago: motord ends it within 1 s."""
+        if not (block["bridge_status"] & int(BridgeStatus.BARRED)).any():
+            return
+        since_ns, self._barred_ns = now_ns - self._barred_ns, now_ns
+        if since_ns >= REPORT_LAST_NS:
+            self._events.emit("bridge", BRIDGE_ACTION[BridgeStatus.BARRED])
 
     @property
     def missed(self) -> int:

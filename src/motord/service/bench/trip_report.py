@@ -220,11 +220,20 @@ _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
 time of the condition."""
 
 
-_UNPOWERED: dict[str, Quantity] = {
-    _LINE_OPEN: _bits_clear("bridge_status", BridgeStatus.ENABLE_LINE),
+_OPENED: dict[str, Quantity] = {
     "no heartbeat acknowledged by the bridge board, for s": _bits_set(
         "bridge_status", BridgeStatus.HEARTBEAT_LOST
     ),
+    "bridge board barred by a host of another protocol, for s": _bits_set(
+        "bridge_status", BridgeStatus.BARRED
+    ),
+}
+"""Why the board opened the line, if it says so; ENABLE_LINE has those that hold among its values.
+"""
+
+_UNPOWERED: dict[str, Quantity] = {
+    _LINE_OPEN: _bits_clear("bridge_status", BridgeStatus.ENABLE_LINE),
+    **_OPENED,
     "inverter not ready, for s": _bits_clear("inverter_status", InverterStatus.READY),
 }
 """What keeps a bench from power; ENABLE_TIMEOUT has those that hold among its values."""
@@ -245,10 +254,11 @@ def trip_values(bits: int, window: TripWindow) -> ValuesAndLimits:
         for trip, (quantity, value, limit) in _QUANTITIES.items()
         if bits & trip
     }
-    for quantity, held in _UNPOWERED.items() if bits & Trip.ENABLE_TIMEOUT else ():
-        if held_s := held(window):
-            limit_s = float(window.parameters.enable_timeout_s)
-            values.setdefault(quantity, {"value": held_s, "limit": limit_s})
+    for trip, reasons in ((Trip.ENABLE_LINE, _OPENED), (Trip.ENABLE_TIMEOUT, _UNPOWERED)):
+        for quantity, held in reasons.items() if bits & trip else ():
+            if held_s := held(window):
+                limit_s = _limit(trip, _QUANTITIES[trip][2], window)
+                values.setdefault(quantity, {"value": held_s, "limit": limit_s})
     if bits & Trip.I2T and window.i2t_derating > 0.0:
         values[DERATING] = {"value": window.i2t_derating, "limit": 1.0}
     return {**values, **window.channels} if bits & Trip.CHANNEL else values

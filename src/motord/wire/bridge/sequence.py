@@ -12,6 +12,11 @@ class SequenceCheck:
         self._modulus = modulus
         self.reset()
 
+    def reset(self) -> None:
+        """Start anew, without errors."""
+        self._expected = -1
+        self._corrupt = self._errors = 0
+
     @property
     def errors(self) -> int:
         """Return the frames lost, corrupt or repeated since the start; it never falls."""
@@ -44,11 +49,6 @@ class SequenceCheck:
         self._expected = (number + 1) % modulus
         self._settle(missing)
         return True
-
-    def reset(self) -> None:
-        """Start anew, without errors."""
-        self._expected = -1
-        self._corrupt = self._errors = 0
 
     def restart(self) -> None:
         """Take the next frame as the first of a new stream."""

@@ -254,6 +254,7 @@ def devices(state: BenchState, width: int) -> list[Text]:
         style = "bold" if links.errors_last_s > 0 else "none"
         parts.append(Text(f"link errors {links.errors}", style))
         parts += [Text("bus off", "bold")] * links.bus_off
+        parts += [Text(links.bridge, "bold")] * bool(links.bridge)
     for name, device in (("brake", state.brake), ("drive", state.drive)):
         why = f" ({device.error})" if device.error else ""
         if device.health != "none":
