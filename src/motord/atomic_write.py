@@ -1,6 +1,8 @@
 """Small files that are there whole or not at all, whatever interrupts the writing."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -13,9 +15,10 @@ def write_whole(path: Path, content: str | bytes) -> None:
     if path.exists() and not path.is_file():
         path.write_bytes(_encoded(content))
         return
-    path = path.resolve()
-    _replace(path, content, synced=True)
-    sync_folder(path.parent)
+    with _naming(path):
+        target = path.resolve()
+        _replace(target, content, synced=True)
+        sync_folder(target.parent)
 
 
 def write_cached(path: Path, content: str | bytes) -> None:
@@ -23,7 +26,24 @@ def write_cached(path: Path, content: str | bytes) -> None:
 
     Who reads it finds what was there before, or this. After a loss of power it may be neither.
     """
-    _replace(path, content, synced=False)
+    with _naming(path):
+        _replace(path, content, synced=False)
+
+
+def why_not_written(path: Path, error: OSError) -> str:
+    """Return why `path` cannot be written: its folder is not there, or what the system says."""
+    if isinstance(error, FileNotFoundError) and not path.parent.exists():
+        return f"there is no folder {path.parent}; make it"
+    return error.strerror or str(error)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Have an OSError name `path`, not the temporary file or the folder that only we know of."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, why_not_written(path, error), str(path)) from error
 
 
 def sync_folder(folder: Path) -> None:

@@ -40,6 +40,21 @@ def test_what_was_there_stays_if_writing_fails(
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
+@pytest.mark.parametrize("write", [write_whole, write_cached])
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [("absent/a.json", "there is no folder {folder}/absent; make it"), ("file/a.json", "Not a ")],
+)
+def test_an_error_names_the_file_that_was_asked_for(
+    tmp_path: Path, write: Write, place: str, why: str
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"a\.json") as raised:
+        write(tmp_path / place, "new")
+    assert raised.value.filename == str(tmp_path / place)
+    assert raised.value.strerror.startswith(why.format(folder=tmp_path))
+
+
 def test_links_and_pipes_stay_what_they_are(tmp_path: Path) -> None:
     target, link, pipe = tmp_path / "target", tmp_path / "link", tmp_path / "pipe"
     target.write_text("old")

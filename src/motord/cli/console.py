@@ -8,6 +8,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -100,6 +101,16 @@ class CommandGroup(TyperGroup):
         with formatter.section("Commands"):
             formatter.write_dl([(name, one.get_short_help_str(sys.maxsize)) for name, one in shown])
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that is asked for; of an unknown one say which may be meant.
+
+        Typer compares with commands that are loaded already, of which a lazy group has none.
+        """
+        near = get_close_matches(args[0], self.list_commands(ctx))
+        if near and not ctx.resilient_parsing and self.get_command(ctx, args[0]) is None:
+            ctx.fail(f"No such command {args[0]!r}; did you mean {' or '.join(near)}?")
+        return super().resolve_command(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         """Carry out a command."""
         try:
@@ -109,9 +120,27 @@ class CommandGroup(TyperGroup):
         except Exception as error:
             if interrupt_was_converted(error):
                 fail("interrupted")
+            _name_value(error)
             if (message := explanation(error)) is None:
                 raise
             fail(message)
+
+
+NO_NUMBER = {
+    "float_parsing": "takes a number with a decimal point, without its unit",
+    "int_parsing": "takes a whole number",
+}
+"""What is wrong with an option's value, by pydantic's name of it."""
+
+
+def _name_value(error: Exception) -> None:
+    """Complete what Typer says of an option: what pydantic refuses it does not show."""
+    cause: Any = error.__cause__
+    if isinstance(error, typer.BadParameter) and type(cause).__name__ == "ValidationError":
+        wrong = cause.errors(include_url=False)[0]
+        what = NO_NUMBER.get(wrong["type"], error.message.removeprefix("Value error, "))
+        value = repr(wrong["input"])
+        error.message = what if value in what else f"{what}, got {value}"
 
 
 def interrupt_was_converted(error: Exception) -> bool:

@@ -59,7 +59,7 @@ def wrong_things(error: ValidationError) -> Iterator[str]:
         unknown = item["type"] == "extra_forbidden"
         place = dotted([part for part in item["loc"] if not str(part).startswith(_CHOICES)])
         text = "is not known" if unknown else message(item)
-        if not unknown and isinstance(item["input"], bool | int | float | str):
+        if not unknown and isinstance(item["input"], bool | int | float | str | list):
             text += f", got {reprlib.repr(item['input'])}"
         yield f"{place}: {text}" if place else text
 

@@ -226,6 +226,23 @@ def test_wrong_usage_is_exit_2(words):
     assert invoke(shlex.split(words)).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("statu", "No such command 'statu'; did you mean status?"),
+        ("analyse cooging x.mcap", "No such command 'cooging'; did you mean cogging?"),
+        ("calibration instal x", "No such command 'instal'; did you mean install or list?"),
+        ("set --torque-Nm 3,5", "with a decimal point, without its unit, got '3,5'"),
+        ("set --torque-Nm 3Nm", "with a decimal point, without its unit, got '3Nm'"),
+        ("set --brake 2", "or equal to 1, got '2'"),
+        ("set --compensate of", "'--compensate': 'of' is not one of 'off', 'on', "),
+        ("simulate cogging --seed 1.5", "takes a whole number, got '1.5'"),
+    ],
+)
+def test_wrong_usage_names_what_was_typed_and_what_may_be_meant(words, said):
+    assert said in " ".join(invoke(shlex.split(words)).stderr.split())
+
+
 @pytest.mark.parametrize("name", sorted(EXPLAINED))
 def test_errors_that_end_a_command_with_one_line_are_known_by_their_right_names(name):
     kind = resolve_name(name)

@@ -88,6 +88,7 @@ def test_names_of_plain_types_are_no_keys():
         ({"torques_Nm": [-1]}, "torques_Nm[0]: Input should be greater than 0, got -1"),
         ({"torques_Nm": []}, "torques_Nm: takes at least one value, got none"),
         ({"torques_Nm": [1.0] * 65}, "torques_Nm: takes at most 64 values, got 65"),
+        ({"settle_s": [0, 5]}, "settle_s: Input should be a valid number, got [0, 5]"),
         ({"turns": "x" * 500}, "turns: Input should be a valid integer, got 'xxxxxxxxxxxx...xx"),
     ],
 )

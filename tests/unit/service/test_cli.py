@@ -436,6 +436,7 @@ def test_settings_become_json_values():
     assert parse_settings(given, defaults) == {
         "torques_Nm": [3], "turns": 2, "compensate": "currents", "speeds_Hz": [0.5, 0.7], "x": [1],
     }  # fmt: skip
+    assert parse_settings(["torques_Nm=2Nm, 4"], defaults) == {"torques_Nm": ["2Nm", 4]}
     given = ["inner.turns=12", "inner.torques_Nm=1,2", "plan=verify"]
     assert parse_settings(given, {"inner": {}}) == {
         "inner": {"turns": 12, "torques_Nm": [1, 2]}, "plan": "verify",

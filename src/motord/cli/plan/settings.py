@@ -30,8 +30,7 @@ def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, A
     pairs = [_pair(one) for one in given]
     for key, value in pairs:
         if "." not in key:
-            many = isinstance(defaults.get(key), list) and not isinstance(value, list)
-            settings[key] = [value] if many else value
+            settings[key] = _listed(value) if isinstance(defaults.get(key), list) else value
     for key, value in pairs:
         table, dot, name = key.partition(".")
         if not dot:
@@ -48,6 +47,13 @@ def _pair(text: str) -> tuple[str, Any]:
     if not equals or not all(key.split(".")):
         raise typer.BadParameter(f"--set {text}: expected KEY=VALUE or KEY.NAME=VALUE")
     return key, value_of(value)
+
+
+def _listed(value: Any) -> list[Any]:
+    """Return the value of a setting that is a list: text by commas, anything else as it is."""
+    if isinstance(value, str):
+        return [value_of(part.strip()) for part in value.split(",")]
+    return value if isinstance(value, list) else [value]
 
 
 def value_of(text: str) -> Any:

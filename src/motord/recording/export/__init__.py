@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from motord.atomic_write import why_not_written
 from motord.recording.errors import RecordError
 from motord.recording.export.csv_text import write_csv
 from motord.recording.export.matlab import write_matlab
@@ -77,6 +78,6 @@ def _complete_or_absent(output: Path) -> Iterator[Path]:
         yield part
         part.rename(output)
     except OSError as error:
-        raise RecordError(f"{output}: cannot write it: {error.strerror}") from error
+        raise RecordError(f"{output}: cannot write it: {why_not_written(output, error)}") from error
     finally:
         part.unlink(missing_ok=True)

@@ -32,7 +32,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from motord.atomic_write import sync_folder
+from motord.atomic_write import sync_folder, why_not_written
 from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of, require_free
 from motord.recording.mcap.chunk_builder import Index, index_record
@@ -209,7 +209,7 @@ class McapFile:
             yield
         except OSError as error:
             raise RecordError(
-                f"{self._part}: cannot write it: {error.strerror or error}"
+                f"{self._part}: cannot write it: {why_not_written(self._part, error)}"
             ) from error
 
     def _summary(self) -> bytes:
