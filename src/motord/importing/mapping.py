@@ -110,6 +110,9 @@ class CsvMap(Section):
     """Such as utf-8, latin-1, utf-16; left out: found in the file."""
     comment: str = "#"
     """Lines that begin with it are left out."""
+    date_format: str | None = None
+    """How dates are written, as in Python's `strptime`: `%d.%m.%Y %H:%M:%S.%f`; left out: in ISO
+    form. One without a day, such as `%H:%M:%S.%f`, counts from midnight, which `start` then is."""
 
     @field_validator("encoding")
     @classmethod

@@ -60,8 +60,9 @@ def survey(column_map: ColumnMap, mapping: ImportMap, progress: Progress) -> Sur
     if first_ns is None or last_ns is None or not medians_ns:
         raise RecordError(
             f"{source.path}: fewer than two rows in it have {column_map.position_field} and a time "
-            "(a number, or a date in ISO form) later than the row before; see that the map names "
-            "the right columns" + "".join(f"; {message}" for message in problems.messages())
+            "(a number, or a date in ISO form or in that of [csv] date_format) later than the row "
+            "before; see that the map names the right columns"
+            + "".join(f"; {message}" for message in problems.messages())
         )
     return Survey(
         rows=rows,

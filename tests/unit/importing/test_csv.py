@@ -1,5 +1,6 @@
 """CSV in the ways it is written, and what becomes of rows that lack something."""
 
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -267,6 +268,26 @@ def test_dates_are_times(tmp_path: Path) -> None:
     assert done.problems == ("line 7: no time: left out",)
     expected = START_NS + np.delete(np.arange(3000), 5) * 1_000_000
     np.testing.assert_array_equal(run.ticks()["t_ns"], expected)
+
+
+@pytest.mark.parametrize(
+    ("date_format", "start"),
+    [
+        ("%d.%m.%Y %H:%M:%S,%f", ""),
+        ("%m/%d/%Y %I:%M:%S.%f %p", ""),
+        ("%H:%M:%S.%f", "start = 2007-05-01T00:00:00Z\n"),
+    ],
+)
+def test_dates_may_be_written_in_another_form(tmp_path: Path, date_format: str, start: str) -> None:
+    base = datetime(2007, 5, 1, 12, 0)
+    stamps = [(base + n * timedelta(milliseconds=1)).strftime(date_format) for n in range(3000)]
+    decimal = "," if "," in date_format else "."
+    angles = [f"{2 * np.pi * n / 1000:.6f}".replace(".", decimal) for n in range(3000)]
+    rows = [f"{stamp};{angle}\n" for stamp, angle in zip(stamps, angles, strict=True)]
+    (tmp_path / "a.csv").write_text("stamp;angle\n" + "".join(rows))
+    text = f'motor = "motor.toml"\n{start}[columns]\nt_s = "stamp"\nangle_rad = "angle"\n'
+    _, run = imported(tmp_path, tmp_path / "a.csv", f'{text}[csv]\ndate_format = "{date_format}"\n')
+    np.testing.assert_array_equal(run.ticks()["t_ns"], START_NS + np.arange(3000) * 1_000_000)
 
 
 def test_rows_without_time_have_a_period(tmp_path: Path) -> None:

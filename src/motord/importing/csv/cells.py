@@ -11,16 +11,25 @@ from motord.importing.source import MISSING_NS, WantedColumn
 
 Columns = tuple[np.ndarray, ...]
 
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+MIDNIGHT = datetime(1900, 1, 1, tzinfo=UTC)
+"""What `strptime` adds to a time of day."""
+
 
 class CellReader:
-    """Reads the columns `wanted`; those whose index is in `dates` hold dates."""
+    """Reads the columns `wanted`; those whose index is in `dates` hold dates in `date_format`."""
 
     def __init__(
-        self, dialect: Dialect, wanted: tuple[WantedColumn, ...], dates: tuple[int, ...]
+        self,
+        dialect: Dialect,
+        wanted: tuple[WantedColumn, ...],
+        dates: tuple[int, ...],
+        date_format: str | None,
     ) -> None:
         self._dialect = dialect
         self._wanted = wanted
         self._dates = dates
+        self._date_format = date_format
         self._swap = dialect.decimal == "," and dialect.delimiter != ","
         kinds = ["i8" if w.as_time else "f8" for w in wanted]
         self._dtype = np.dtype([(f"c{n}", kind) for n, kind in enumerate(kinds)])
@@ -77,10 +86,10 @@ class CellReader:
 
     def _column(self, wanted: WantedColumn, rows: list[list[str]]) -> np.ndarray:
         cells = [row[wanted.index] if wanted.index < len(row) else "" for row in rows]
+        if wanted.index in self._dates:
+            return dates_ns(cells, self._dialect.decimal, self._date_format)
         if self._dialect.decimal == ",":
             cells = [cell.replace(",", ".") for cell in cells]
-        if wanted.index in self._dates:
-            return _dates_ns(cells)
         if wanted.as_time:
             return np.array([_whole(cell) for cell in cells], np.int64)
         return np.array([number(cell, ".") for cell in cells], float)  # None is nan
@@ -98,22 +107,29 @@ def _whole(cell: str) -> int:
     return value if abs(value) < -int(MISSING_NS) else int(MISSING_NS)
 
 
-def _dates_ns(cells: list[str]) -> np.ndarray:
-    """Return dates in ISO form as Unix ns (n,), MISSING_NS for others; UTC if they do not say."""
-    if not any("Z" in cell or "+" in cell for cell in cells):
+def dates_ns(cells: list[str], decimal: str, date_format: str | None = None) -> np.ndarray:
+    """Return dates as Unix ns (n,), MISSING_NS for others; UTC if they do not say.
+
+    date_format: as for `strptime`; None: ISO form. A time of day counts from midnight.
+    """
+    if decimal == ",":
+        cells = [cell.replace(",", ".") for cell in cells]
+        date_format = date_format and date_format.replace(",", ".")
+    if date_format is None and not any("Z" in cell or "+" in cell for cell in cells):
         try:
             return np.array(cells, "M8[ns]").astype(np.int64)
         except ValueError:
             pass  # some are no dates
-    return np.array([_date_ns(cell) for cell in cells], np.int64)
+    return np.array([_date_ns(cell, date_format) for cell in cells], np.int64)
 
 
-def _date_ns(cell: str) -> int:
+def _date_ns(cell: str, date_format: str | None) -> int:
     try:
-        date = datetime.fromisoformat(cell)
+        date = datetime.strptime(cell, date_format) if date_format else datetime.fromisoformat(cell)
     except ValueError:
         return int(MISSING_NS)
     date = date if date.tzinfo else date.replace(tzinfo=UTC)
-    seconds = (date.replace(microsecond=0) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    zero = MIDNIGHT if date.year == MIDNIGHT.year else EPOCH
+    seconds = (date.replace(microsecond=0) - zero).total_seconds()
     value = round(seconds) * 1_000_000_000 + date.microsecond * 1000
     return value if abs(value) < -int(MISSING_NS) else int(MISSING_NS)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.importing.csv.cells import CellReader
-from motord.importing.csv.dialect import Dialect, detect, is_date, is_row, number
+from motord.importing.csv.cells import CellReader, dates_ns
+from motord.importing.csv.dialect import Dialect, detect, is_row, number
 from motord.importing.mapping import CsvMap
 from motord.importing.problems import Problems
-from motord.importing.source import RawBlock, RowSource, WantedColumn
+from motord.importing.source import MISSING_NS, RawBlock, RowSource, WantedColumn
 from motord.recording.errors import RecordError
 
 BLOCK_CHARACTERS = 1 << 21
@@ -31,6 +31,7 @@ class CsvSource(RowSource):
     def __init__(self, path: Path, options: CsvMap, wanted: Sequence[str]) -> None:
         self.path = path
         self._dialect = d = detect(path, options, wanted)
+        self._date_format = options.date_format
         self._size = max(path.stat().st_size, 1)
         self.names = d.names
         self.notes = [
@@ -40,9 +41,11 @@ class CsvSource(RowSource):
 
     def holds_dates(self, index: int) -> bool:
         """Return whether a column holds dates rather than numbers."""
+        decimal = self._dialect.decimal
         cells = [row[index] for row in self._dialect.sample if index < len(row)]
-        dates = sum(is_date(cell) for cell in cells)
-        return dates > sum(number(cell, self._dialect.decimal) is not None for cell in cells)
+        numbers = sum(number(cell, decimal) is not None for cell in cells)
+        dates = dates_ns(cells, decimal, self._date_format) != MISSING_NS
+        return int(dates.sum()) > numbers
 
     def holds_whole_numbers(self, index: int) -> bool:
         """Return whether a column holds whole numbers."""
@@ -52,7 +55,7 @@ class CsvSource(RowSource):
     def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows; those that have another number of cells are noted and left out."""
         dates = tuple(w.index for w in wanted if w.as_time and self.holds_dates(w.index))
-        reader = CellReader(self._dialect, tuple(wanted), dates)
+        reader = CellReader(self._dialect, tuple(wanted), dates, self._date_format)
         for lines, first_line, done in self._text():
             block = reader.read(*_rows(lines, first_line, self._dialect), problems)
             if block[1].size:
