@@ -5,11 +5,13 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from motord.api.published_message import PublishedMessage
-from motord.config.base import Finite, Positive, Section
+from motord.config.base import Finite, Positive, Section, matching
 from motord.verdict.serial import check_serial
 
 ChannelName = Annotated[str, Field(min_length=1, max_length=64)]
-TimeOfDay = Annotated[str, Field(pattern=r"^([01]\d|2[0-3]):[0-5]\d$")]
+TimeOfDay = Annotated[
+    str, matching(r"([01]\d|2[0-3]):[0-5]\d", "a time of day as HH:MM, from 00:00 to 23:59")
+]
 PLANS_MAX = 64
 """Plans that are added by one request."""
 

@@ -1,5 +1,6 @@
 """What every part of a bench file shares: strict sections, bounded numbers, one kind of error."""
 
+import re
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, Field, GetCoreSchemaHandler
@@ -39,6 +40,28 @@ BitRate = Annotated[int, Field(gt=0, le=100_000_000)]
 """Bit/s of a line; no interface does more."""
 Mask = Annotated[int, Field(ge=0, lt=2**64)]
 """Bits of a signal, or a value of it: CAN has no signal of more than 64 bits."""
+
+
+def matching(pattern: str, what: str) -> AfterValidator:
+    """Return the validator of text that matches all of `pattern`; another one is not `what`."""
+
+    def check(value: str) -> str:
+        if re.fullmatch(pattern, value) is None:
+            raise ValueError(f"takes {what}")
+        return value
+
+    return AfterValidator(check)
+
+
+PlainName = Annotated[
+    str,
+    matching(
+        r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}",
+        "letters, digits, _, . and -, at most 64, of which the first is a letter or digit",
+    ),
+]
+"""A name that is part of keys, of file names, or that of an entry point."""
+
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, JsonValue, Tag
 
-from motord.config.base import BitRate, Section
+from motord.config.base import BitRate, PlainName, Section, matching
 from motord.config.devices import CanBusConfig
 from motord.config.devices.slow_devices import ModbusLinkConfig, RegisterKind
 
@@ -52,7 +52,7 @@ class CanSource(Section):
     """`"can"`."""
     dbc: Path
     """The DBC; next to the bench file, or `package:NAME`."""
-    signal: Annotated[str, Field(pattern=r"^[^.]+\.[^.]+$")]
+    signal: Annotated[str, matching(r"[^.]+\.[^.]+", "Message.Signal, with one dot")]
     """`Message.Signal`, not multiplexed."""
     bus: CanBusConfig | None = None
     """A bus of its own; left out: that of `[inverter.can]`."""
@@ -133,7 +133,7 @@ class SimulatedSource(Section):
 class OtherSource(Section):
     """A driver of another package, by its entry point in the group `motord.channels`."""
 
-    driver: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    driver: PlainName
     """The name of its entry point."""
     timeout_s: Timeout = 1.0
     """The longest that a reading takes, as its documentation says."""

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from motord.config.base import Finite, Positive, Section
+from motord.config.base import Finite, Positive, Section, matching
 from motord.config.bounds import SettingBound, is_below, rounded_up
 from motord.config.channel_sources import ChannelSource, ModbusSource, SerialSource
 from motord.config.devices.slow_devices import register_counts
@@ -29,7 +29,13 @@ class ChannelConfig(Section):
     value = offset + scale x what the source reads.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,47}$")]
+    name: Annotated[
+        str,
+        matching(
+            r"[A-Za-z][A-Za-z0-9_]{0,47}",
+            "letters, digits and _, at most 48, of which the first is a letter",
+        ),
+    ]
     """Its name in the state, in recordings and in tables, with its unit: `winding_C`."""
     unit: Annotated[str, Field(max_length=16)]
     """Its unit, as text."""

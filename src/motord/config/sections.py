@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import CPUS_MAX, Finite, NonNegative, Positive, Section
+from motord.config.base import CPUS_MAX, Finite, NonNegative, PlainName, Positive, Section
 from motord.config.channels import Channels
 from motord.config.devices import BridgeConfig, InverterConfig
 from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
@@ -31,7 +31,7 @@ from motord.config.zenoh import ZenohConfig
 class BenchConfig(Section):
     """`[bench]`: its name and, for a simulated or emulated bench, what is true of it."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
+    name: PlainName = "bench"
     """Part of every Zenoh key and of every recording's name: letters, digits, `_.-`."""
     rig: Path | None = None
     """Truth of a simulated or emulated bench; next to the bench file, or `package:NAME`."""

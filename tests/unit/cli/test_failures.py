@@ -236,6 +236,7 @@ def test_wrong_usage_is_exit_2(words):
         ("set --torque-Nm 3Nm", "with a decimal point, without its unit, got '3Nm'"),
         ("set --brake 2", "or equal to 1, got '2'"),
         ("set --compensate of", "'--compensate': 'of' is not one of 'off', 'on', "),
+        ("queue add verify --wait-until 25:00", "takes a time of day as HH:MM"),
         ("simulate cogging --seed 1.5", "takes a whole number, got '1.5'"),
     ],
 )

@@ -9,7 +9,7 @@ from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
 from motord.api.queue_requests import QueueContent
 from motord.cli import app
 from motord.cli.plan.commands import _then
-from motord.cli.plan.queue import _text
+from motord.cli.plan.queue import _added, _text
 
 
 @pytest.mark.parametrize(
@@ -39,6 +39,18 @@ def test_an_option_of_the_queue_that_would_do_nothing_is_refused(option: str) ->
     result = CliRunner().invoke(app, ["queue", "add", "verify", option, "5"])
     assert result.exit_code == 2
     assert option in result.output
+
+
+@pytest.mark.parametrize(
+    ("view", "expected"),
+    [
+        (QueueView(length=1), "added as 7; paused; 1 plan, about 0 s; motord queue start runs it"),
+        (QueueView(length=2, state="running"), "added as 7; running; 2 plans, about 0 s"),
+    ],
+)
+def test_what_is_added_has_a_number_and_waits_for_the_start(view: QueueView, expected: str) -> None:
+    content = QueueContent.model_construct(queue=view, items=[], history=[], added=[7])
+    assert _added(content) == expected
 
 
 def test_runs_of_what_has_left_the_queue_do_not_say_that_it_is_there() -> None:

@@ -29,7 +29,7 @@ def bench(*channels: dict[str, Any], **tables: dict[str, Any]) -> Config:
 
 
 REFUSED = [
-    ({"name": "2nd"}, "String should match pattern"),
+    ({"name": "2nd"}, "takes letters, digits and _, at most 48"),
     ({"name": "torque_Nm"}, "torque_Nm is a field of the tick"),
     ({"scale": 0.0}, "scale = 0"),
     ({"rate_Hz": 20.1}, "less than or equal to 20"),
@@ -49,9 +49,12 @@ REFUSED = [
     ({"source": {**SERIAL, "pattern": "(?P<a>.)(?P<b>.)"}}, "needs a group around the number"),
     ({"source": {**SERIAL, "pattern": "("}}, "not a regular expression"),
     ({"source": {**SIMULATED, "quantity": "oil_C"}}, "winding_C"),
-    ({"source": {"driver": "can", "dbc": "a.dbc", "signal": "A"}}, "String should match pattern"),
+    (
+        {"source": {"driver": "can", "dbc": "a.dbc", "signal": "A"}},
+        "takes Message.Signal, with one",
+    ),
     ({"source": {"driver": "acme", "host": "x"}}, "Extra inputs"),
-    ({"source": {"driver": "../acme"}}, "String should match pattern"),
+    ({"source": {"driver": "../acme"}}, "takes letters, digits, _, . and -"),
 ]
 
 

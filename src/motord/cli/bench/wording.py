@@ -97,7 +97,7 @@ def queue(queue: "QueueView") -> str:
     """Return where the queue of plans stands: why it is paused or waits, plans and time left."""
     why = f": {queue.message}" if queue.message else ""
     left = f", about {duration(queue.eta_s)}" if queue.length else ""
-    return f"{queue.state}{why}; {queue.length} plans{left}"
+    return f"{queue.state}{why}; {queue.length} plan{'' if queue.length == 1 else 's'}{left}"
 
 
 def precision(plan: "PlanView") -> str:

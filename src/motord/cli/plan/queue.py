@@ -133,7 +133,8 @@ def _limit(pair: str) -> tuple[str, float]:
 
 def _added(answer: "QueueContent") -> str:
     numbers = ", ".join(map(str, answer.added))
-    return f"added: {numbers}; the queue has {answer.queue.length}"
+    begins = "" if answer.queue.active else "; motord queue start runs it"
+    return f"added as {numbers}; {in_short(answer.queue)}{begins}"
 
 
 @app.command("list")
