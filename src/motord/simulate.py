@@ -59,7 +59,7 @@ def record_plan(
     """Run `plan` and write ticks, truth, points and metadata to `path`.
 
     Each operating point is taken on a rig of its own, on all processors if there is a `pool`; but
-    those of a continuous plan. Of one that is interrupted there is no file.
+    those of a continuous plan. Of one that is interrupted or fails there is no file.
     Raises PlanFailed, ConfigError where rig or faults do not fit the bench, RecordError, OSError.
     """
     config = source.config
@@ -72,7 +72,7 @@ def record_plan(
     rig_and_faults(config)  # what is wrong is found before a file is begun
     ticks = number = 0
     progress(0.0)
-    with _nothing_if_interrupted(path), RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
+    with _whole_or_nothing(path), RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
         for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
             _write(writer, piece, config)
             ticks += piece.ticks.size
@@ -82,11 +82,11 @@ def record_plan(
 
 
 @contextmanager
-def _nothing_if_interrupted(path: Path) -> Iterator[None]:
+def _whole_or_nothing(path: Path) -> Iterator[None]:
     require_free(path, part_of(path))
     try:
         yield
-    except KeyboardInterrupt:
+    except BaseException:  # an interrupt, too
         part_of(path).unlink(missing_ok=True)
         raise
 

@@ -293,7 +293,8 @@ def test_a_port_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_file_is_no_port(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    assert "cannot open" in error_of(port=str(tmp_path / "file"))
+    for port in (tmp_path / "file", tmp_path):
+        assert f"open {port}: it is no serial port; is port right?" in error_of(port=str(port))
 
 
 def test_a_port_in_use(pair: tuple[SerialBridge, Board]) -> None:

@@ -9,7 +9,9 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import packaged
 from motord.experiments import plans
+from motord.recording.errors import RecordError
 from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.rig.build import build
 from motord.rig.truth import RigTruth
 from motord.simulate import PlanSource, record_plan
@@ -100,3 +102,18 @@ def test_a_rig_is_built_for_each_point_and_none_to_check_it(
     plan = plans.build("calibrate", source.config, settings)
     record_plan(source, plan, tmp_path / "run.mcap", seed=1)
     assert len(built) == len(plan.points) == 1
+
+
+def test_of_a_simulation_on_a_full_disk_there_is_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise RecordError("run.mcap.part: cannot write it: No space left on device")
+
+    monkeypatch.setattr(RunWriter, "operating_point", full)
+    source = PlanSource.of()
+    settings = {"torques_Nm": [2], "speeds_Hz": [1], "turns": 2, "gain_steps": []}
+    plan = plans.build("calibrate", source.config, settings)
+    with pytest.raises(RecordError, match="No space"):
+        record_plan(source, plan, tmp_path / "run.mcap", seed=1)
+    assert not list(tmp_path.iterdir())

@@ -14,6 +14,7 @@ import time
 import serial
 
 from motord.hal.base import DeviceError
+from motord.hal.port_obstacle import port_obstacle
 
 _CHUNK_BYTES = 1 << 16
 _CHUNKS_AT_ONCE = 16
@@ -41,7 +42,8 @@ class SerialPort:
             self._fd: int | None = self._open()
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             self._serial.close()
-            raise DeviceError(f"{name}: cannot open {path}: {_reason(error)}") from error
+            why = port_obstacle(error, "board", "port")
+            raise DeviceError(f"{name}: cannot open {path}: {why}") from error
 
     def _open(self) -> int:
         self._serial.open()
@@ -132,14 +134,3 @@ class SerialPort:
             self._fd = self._open()
         except (OSError, ValueError, termios.error):
             self._serial.close()
-
-
-def _reason(error: Exception) -> str:
-    code = getattr(error, "errno", None)
-    if code == 2:
-        return "there is no such port; is the board plugged in, and is port right?"
-    if code == 13:
-        return "no permission; add the user to the group of the port (often dialout)"
-    if code in (11, 16):
-        return "it is in use by another program"
-    return str(error)

@@ -11,6 +11,7 @@ import time
 from motord.config import ModbusLinkConfig
 from motord.hal.base import DeviceError, DeviceNotReadyError
 from motord.hal.modbus.link import ModbusLink, connect
+from motord.hal.port_obstacle import port_obstacle
 from motord.wire.modbus.pdu import ModbusException, ModbusRequest
 
 EXCEPTION_NAMES = {
@@ -92,11 +93,13 @@ class ModbusClient:
         except TimeoutError:
             raise self._late(unit) from None
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
-            reason = getattr(error, "strerror", None) or str(error)
-            how = "connect" if config.transport == "tcp" else "open it"
+            if config.transport == "rtu":
+                why = port_obstacle(error, "device", "serial_port")
+                raise self._error(unit, f"cannot open it: {why}") from error
             absent = getattr(error, "errno", None) in ABSENT
             failure = self._not_ready if absent else self._error
-            raise failure(unit, f"cannot {how}: {reason}") from error
+            reason = getattr(error, "strerror", None) or str(error)
+            raise failure(unit, f"cannot connect: {reason}") from error
         self._host = link.host
         looked_up = link.host not in (host, config.host)
         if looked_up and time.monotonic() - begun_s > config.timeout_s:
