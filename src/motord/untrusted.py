@@ -7,6 +7,7 @@ an OSError and a text that cannot be understood is a ValueError.
 
 import errno
 import json
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,9 @@ from typing import Any, TypeVar
 
 SIZE_MAX = 1 << 26
 """Bytes of a file that is read whole; the largest calibration has a hundredth of it."""
+
+LINE_SHOWN = 60
+"""Characters of a wrong line that an error shows."""
 
 _Text = TypeVar("_Text", str, bytes, str | bytes)
 
@@ -45,8 +49,13 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return what a text in TOML holds. Raises ValueError."""
-    content: dict[str, Any] = _parsed(tomllib.loads, text)
+    """Return what a text in TOML holds. Raises ValueError, which shows the line that is wrong."""
+    try:
+        content: dict[str, Any] = _parsed(tomllib.loads, text)
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r"at line (\d+)", str(error))
+        line = text.split("\n")[int(place[1]) - 1].strip() if place else ""
+        raise ValueError(f"{error}: {line[:LINE_SHOWN]}" if line else str(error)) from None
     return content
 
 

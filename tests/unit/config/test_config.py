@@ -317,6 +317,8 @@ def test_a_lease_too_short_for_the_ramp_is_refused_with_what_it_needs(tmp_path: 
 
 
 def test_not_toml(tmp_path: Path) -> None:
+    said = complaint(tmp_path, '[bench]\nname = bench 3\nnotes = ""\n')
+    assert said.endswith("not valid TOML: Invalid value (at line 2, column 8): name = bench 3")
     assert "not valid TOML" in complaint(tmp_path, "[bench\nname=3")
 
 

@@ -153,7 +153,7 @@ class TorqueSensorConfig(SensorHighpass, Section):
     damping_ratio: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Damping ratio of that resonance."""
     gain_Nm_per_V: Positive = 1.0
-    """Gain of sensor and amplifier."""
+    """Gain of sensor and amplifier; for the other sign exchange the amplifier's inputs."""
 
 
 class MotorFile(Section):
