@@ -1,6 +1,6 @@
 """Processes that compute operating points are kept from test to test: each takes seconds to start.
 
-`tests/system/test_demo.py` runs with its own, which end with the command.
+`tests/unit/virtual/test_mesh.py` runs with its own, and `tests/system/test_demo.py`.
 """
 
 import sys
@@ -11,30 +11,32 @@ from typing import Any
 import pytest
 
 
-class Kept(ProcessPoolExecutor):
-    """A pool that outlives the blocks that use it."""
-
-    def __exit__(self, *_error: object) -> None:
-        pass
-
-
 @pytest.fixture(scope="session")
-def kept_pools() -> Iterator[list[Kept]]:
-    pools: list[Kept] = []
+def kept_pools() -> Iterator[list[ProcessPoolExecutor]]:
+    pools: list[ProcessPoolExecutor] = []
     yield pools
     for pool in pools:
         pool.shutdown()
 
 
-@pytest.fixture(autouse=True)
-def kept_processes(kept_pools: list[Kept], monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = sys.modules.get("motord.virtual.mesh")
+@pytest.fixture(scope="module", autouse=True)
+def kept_processes(kept_pools: list[ProcessPoolExecutor]) -> Iterator[None]:
+    mesh: Any = sys.modules.get("motord.virtual.mesh")
     if mesh is None:
+        yield
         return
 
-    def kept(workers: int, context: Any) -> Kept:
+    class Kept(mesh._Processors):  # type: ignore[misc]
+        """A pool that outlives the blocks that use it."""
+
+        def __exit__(self, *_error: object) -> None:
+            pass
+
+    def kept(*arguments: Any) -> ProcessPoolExecutor:
         if not kept_pools:
-            kept_pools.append(Kept(workers, context))
+            kept_pools.append(Kept(*arguments))
         return kept_pools[0]
 
-    monkeypatch.setattr(mesh, "ProcessPoolExecutor", kept)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(mesh, "_Processors", kept)
+        yield

@@ -24,6 +24,11 @@ MESH = {
 }  # fmt: skip
 
 
+@pytest.fixture
+def kept_processes() -> None:
+    """Pools of their own, as some are interrupted here."""
+
+
 def test_many_processes_give_the_bits_of_one() -> None:
     config = load()
     plan = build("calibrate", config, MESH)
