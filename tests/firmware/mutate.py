@@ -91,11 +91,13 @@ def examine(chosen: list[Mutant], folder: Path) -> Outcome:
     """Compile and try each mutant."""
     source = SOURCE.read_text(encoding="utf-8")
     outcome = Outcome([], [], [])
+    ffi = cffi.FFI()
+    ffi.cdef(declarations())
     for number, mutant in enumerate(chosen):
         out = folder / f"mutant{number}.so"
         if not _compiles(mutated(source, mutant), out):
             outcome.refused.append(mutant)
-        elif history := _failing_history(out):
+        elif history := line_model.check(ffi, ffi.dlopen(str(out)), 2, 2000):
             outcome.killed.append((mutant, history))
         else:
             outcome.lived.append(mutant)
@@ -113,13 +115,6 @@ def _compiles(text: str, out: Path) -> bool:
     except AssertionError:
         return False
     return True
-
-
-def _failing_history(out: Path) -> str | None:
-    ffi = cffi.FFI()
-    ffi.cdef(declarations())
-    lib = ffi.dlopen(str(out))
-    return line_model.check(ffi, lib, 2, 2000)
 
 
 def main() -> int:
