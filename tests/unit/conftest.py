@@ -1,6 +1,7 @@
 """Processes that compute operating points are kept from test to test: each takes seconds to start.
 
-`tests/unit/virtual/test_mesh.py` runs with its own, and `tests/system/test_demo.py`.
+Tests that interrupt some have their own (`tests/unit/virtual/test_mesh.py`), and
+`tests/system/test_demo.py`.
 """
 
 import sys

@@ -24,9 +24,13 @@ MESH = {
 }  # fmt: skip
 
 
+OWN_POOL = mesh._Processors
+
+
 @pytest.fixture
-def kept_processes() -> None:
-    """Pools of their own, as some are interrupted here."""
+def own_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pool that no other test has: it is interrupted."""
+    monkeypatch.setattr(mesh, "_Processors", OWN_POOL)
 
 
 def test_many_processes_give_the_bits_of_one() -> None:
@@ -87,6 +91,7 @@ def test_a_point_that_fails_in_a_process_says_why() -> None:
         list(run_points(config, plan, seed=5, pool=pool))
 
 
+@pytest.mark.usefixtures("own_processes")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_an_interrupt_of_a_process_that_waits_does_not_break_the_pool(number):
     """A broken pool whose futures are cancelled never ends: Ctrl-C in the first seconds hung."""
@@ -95,6 +100,7 @@ def test_an_interrupt_of_a_process_that_waits_does_not_break_the_pool(number):
         assert all(pool.submit(os.getpid).result() for _ in range(10))
 
 
+@pytest.mark.usefixtures("own_processes")
 def test_an_interrupt_of_a_process_that_starts_is_that_of_its_task():
     with processors() as pool:
         task = pool.submit(os.getpid)
