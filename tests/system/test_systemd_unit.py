@@ -52,7 +52,7 @@ def install(layer: Path) -> None:
     for name in ("memory", "whole", "out", "cache", "opt/bin"):
         (layer / name).mkdir(parents=True)
     opt = layer / "opt"
-    shutil.copytree(ROOT / "src", opt / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "src", opt / "src")
     shutil.copy(HERE / "scenario.py", opt / "scenario.py")
     for name in ("packages", "python"):  # mounted there; the interpreter may be in somebody's home
         (opt / name).mkdir()
