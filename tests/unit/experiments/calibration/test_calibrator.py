@@ -177,7 +177,7 @@ def test_many_points_take_errors_between_points_into_account() -> None:
 def test_standard_errors_are_true(connection: str) -> None:
     """The truth lies within the 95 % intervals of 30 small trials about 95 times in a hundred."""
     bench = Bench(
-        motor=motor(counts=1000, connection=connection),
+        motor=motor(counts=400, connection=connection),
         rate_Hz=500,
         fine_Hz=2000,
         sensor=TorqueSensorConfig(highpass_time_constant_s=2.0),
