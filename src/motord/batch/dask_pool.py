@@ -155,7 +155,9 @@ class DaskPool:
         except OSError:
             raise self._lost() from None
         if self._scheduler is None:
-            self._replace_lost()
+            cluster = self._client.cluster
+            if len(cluster.workers) < self._workers:
+                cluster.scale(self._workers)
         if threads or not self._seen_s:
             self._seen_s = now_s
         if not threads and self._threads != 0 and self._scheduler:
@@ -163,12 +165,6 @@ class DaskPool:
         if not threads and self._scheduler is None and now_s > self._seen_s + START_S:
             raise BatchError(f"no worker has started for {START_S:g} s")
         self._threads = threads
-
-    def _replace_lost(self) -> None:
-        """Start workers for those that Dask has given up, as one that dies while it starts."""
-        cluster = self._client.cluster
-        if len(cluster.workers) < self._workers:
-            cluster.scale(self._workers)
 
     def _lost(self) -> BatchError:
         where = self._scheduler or "on this computer"
@@ -181,7 +177,8 @@ class DaskPool:
             with _interrupts_blocked():
                 start_fork_server(self._modules, ONE_THREAD)
         distributed()
-        _silence()
+        for handler in logging.getLogger("distributed").handlers:
+            handler.setLevel(SILENT)
         client = _remote(self._scheduler) if self._scheduler else _local(self._workers)
         self._client = self._stack.enter_context(client)
 
@@ -262,9 +259,3 @@ def _remote(address: str) -> Iterator[Any]:
         raise BatchError(f"no scheduler of Dask answers at {address}: {error}") from error
     with client:
         yield client
-
-
-def _silence() -> None:
-    """Keep Dask's log off the terminal: what matters of it is an error here."""
-    for handler in logging.getLogger("distributed").handlers:
-        handler.setLevel(SILENT)

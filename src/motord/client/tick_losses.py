@@ -33,18 +33,13 @@ class LossCounter:
         counters = np.stack([block["tick"].astype(np.int64), block["missed"].astype(np.int64)])
         if self._newest is not None:
             counters = np.insert(counters, 0, self._newest, axis=1)
-        found = _losses(counters)
+        steps, skipped = np.diff(counters)
+        same_loop = (steps > 0) & (skipped >= 0)
+        lost = (steps - 1 - skipped)[same_loop]
+        found = TickLosses(
+            lost_ticks=int(np.maximum(lost, 0).sum()),
+            missed_ticks=int(skipped[same_loop].sum()),
+            restarts=int((~same_loop).sum()),
+        )
         self.losses = TickLosses(*map(sum, zip(self.losses, found, strict=True)))
         self._newest = int(counters[0, -1]), int(counters[1, -1])
-
-
-def _losses(counters: NDArray[np.int64]) -> TickLosses:
-    """Return the losses in a sequence of `tick` and `missed`, shape (2, n)."""
-    steps, skipped = np.diff(counters)
-    same_loop = (steps > 0) & (skipped >= 0)
-    lost = (steps - 1 - skipped)[same_loop]
-    return TickLosses(
-        lost_ticks=int(np.maximum(lost, 0).sum()),
-        missed_ticks=int(skipped[same_loop].sum()),
-        restarts=int((~same_loop).sum()),
-    )

@@ -136,9 +136,14 @@ class LivePage:
     def received(self, message: PageMessage) -> None:
         """Do what the page asks for."""
         if isinstance(message, Pong):
-            self._answered(message.n)
+            if self._pings.answer(message.n, time.monotonic()) and self.lease.held:
+                self._run(self.lease.renew())
         elif isinstance(message, Visible):
-            self._show(message.value)
+            self._visible = message.value
+            if message.value:
+                drawn = {k: v for k, v in self._bench.documents.items() if k in DRAWN}
+                self._documents.update(drawn)
+                self.wake()
         elif isinstance(message, ViewWanted):
             self._look_at(message)
         else:
@@ -150,18 +155,6 @@ class LivePage:
         if wanted.signals:
             self._views[wanted.view] = view
             self.wake()
-
-    def _show(self, visible: bool) -> None:
-        self._visible = visible
-        if visible:
-            drawn = {k: v for k, v in self._bench.documents.items() if k in DRAWN}
-            self._documents.update(drawn)
-            self.wake()
-
-    def _answered(self, n: int) -> None:
-        """Renew the lease: nothing else does."""
-        if self._pings.answer(n, time.monotonic()) and self.lease.held:
-            self._run(self.lease.renew())
 
     def _call(self, call: RpcCall) -> None:
         most = CALLS_MAX if call.name != STOP.name else 2 * CALLS_MAX

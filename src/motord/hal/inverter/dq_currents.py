@@ -35,7 +35,13 @@ class DqInverter(CanDrive):
         """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
         super().read(now_ns, feedback)
         if not self._sends_phases:
-            self._fill_phases(feedback)
+            i_d_A, i_q_A, u_d_V, u_q_V = self._feedback.along_axes()
+            since_s = (int(feedback["t_inverter_ns"][0]) - self._angle_ns) * 1e-9
+            angle_rad = self._angle_rad + self._speed_rad_s * since_s
+            if math.isnan(i_d_A):  # not in the map
+                i_d_A = 0.0
+            feedback["i_A"] = self._frame.from_drive(angle_rad, self._speed_rad_s, i_d_A, i_q_A)
+            feedback["u_V"] = self._frame.from_drive(angle_rad, self._speed_rad_s, u_d_V, u_q_V)
 
     def write(self, command: np.ndarray) -> None:
         """Send d and q of the current references, and the enable bit; what is not finite is 0."""
@@ -47,13 +53,3 @@ class DqInverter(CanDrive):
         if not math.isfinite(currents_A[0] + currents_A[1]):
             currents_A = self.NO_CURRENT_A
         self._send(currents_A, bool(command["enable"][0]))
-
-    def _fill_phases(self, feedback: np.ndarray) -> None:
-        """Fill i_A and u_V from the drive's d and q."""
-        i_d_A, i_q_A, u_d_V, u_q_V = self._feedback.along_axes()
-        since_s = (int(feedback["t_inverter_ns"][0]) - self._angle_ns) * 1e-9
-        angle_rad = self._angle_rad + self._speed_rad_s * since_s
-        if math.isnan(i_d_A):  # not in the map
-            i_d_A = 0.0
-        feedback["i_A"] = self._frame.from_drive(angle_rad, self._speed_rad_s, i_d_A, i_q_A)
-        feedback["u_V"] = self._frame.from_drive(angle_rad, self._speed_rad_s, u_d_V, u_q_V)
