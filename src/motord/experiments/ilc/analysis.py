@@ -20,8 +20,7 @@ from motord.experiments.ilc.estimate import (
     unlearned,
 )
 from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
-from motord.experiments.ilc.seen import SeenRipple, seen_points
-from motord.experiments.ilc.zoh_images import ZeroOrderHold
+from motord.experiments.ilc.seen import SeenRipple, ZeroOrderHold, seen_points
 from motord.experiments.ripple_findings import asynchronous_line
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.ilc.seen import SeenRipple
-from motord.experiments.ilc.zoh_images import ZeroOrderHold
+from motord.experiments.ilc.seen import SeenRipple, ZeroOrderHold
 from motord.identification.point_ripple import repeating_rms
 from motord.learned import LearnedPoint, Verified
 
