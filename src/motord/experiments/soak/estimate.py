@@ -4,7 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from motord.experiments.recording_checks import points_left_out
-from motord.experiments.soak.figure_trends import of_points, of_repetitions, repetitions_of
+from motord.experiments.soak.figure_trends import (
+    of_points,
+    of_repetitions,
+    repetitions_of,
+    with_steps,
+)
 from motord.experiments.soak.point_figures import PointFigures, points_of, with_stated
 from motord.experiments.soak.point_ripples import changed_behind_noise, ripple_findings
 from motord.experiments.soak.result import SoakResult
@@ -33,12 +38,10 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     units = {name: one.unit for run in runs for name, one in run.channels().items()}
     repetitions = repetitions_of(points)
     scale = subject.accuracy.torque_scale
+    plain = [*of_repetitions(repetitions, points, units), *of_points(repetitions, points)]
     trends = [
         one.with_scale(scale) if one.name.partition(" of ")[0] in OF_TORQUE else one
-        for one in (
-            *of_repetitions(repetitions, points, units),
-            *of_points(repetitions, points),
-        )
+        for one in with_steps(plain)
     ]
     drifts = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
     judged = tuple(replace(one, drifts=its) for one, its in zip(trends, drifts, strict=True))

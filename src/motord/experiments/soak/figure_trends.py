@@ -7,7 +7,8 @@ import numpy as np
 
 from motord.experiments.soak.point_figures import PointFigures
 from motord.experiments.soak.result import FigureTrend, Repetition
-from motord.experiments.soak.trend import slope
+from motord.experiments.soak.step import FALSE_ALARMS, most_likely_step
+from motord.experiments.soak.trend import drifting, slope
 
 OWN_FIGURES = (
     "rms_error_percent", "noise_rms_percent", "torque_mean_Nm", "inverter_temperature_C",
@@ -44,8 +45,11 @@ def of_repetitions(
         if repetitions[one.repetition].complete:
             groups.setdefault(one.repetition, []).append(one)
 
-    def trend(name: str, unit: str, values: Mapping[int, float]) -> list[FigureTrend]:
-        return _trend(name, unit, {repetitions[key].hours: one for key, one in values.items()})
+    def trend(
+        name: str, unit: str, values: Mapping[int, float], counts: bool = False
+    ) -> list[FigureTrend]:
+        by_hours = {repetitions[key].hours: one for key, one in values.items()}
+        return _trend(name, unit, by_hours, counts)
 
     def means(name: str) -> dict[int, float]:
         """Return the means over the set-points that have the figure; nan where one is not known."""
@@ -66,7 +70,7 @@ def of_repetitions(
         means_read = {key: float(np.mean(one)) for key, one in read.items() if one}
         found += trend(f"channel {name}" if name in OWN_FIGURES else name, unit, means_read)
     missed = {key: sum(one.missed for one in group) for key, group in groups.items()}
-    return found + trend("missed_ticks", "ticks", missed)
+    return found + trend("missed_ticks", "ticks", missed, counts=True)
 
 
 def of_points(
@@ -88,10 +92,24 @@ def of_points(
     ]
 
 
-def _trend(name: str, unit: str, by_hours: Mapping[float, float]) -> list[FigureTrend]:
+def with_steps(trends: Sequence[FigureTrend]) -> list[FigureTrend]:
+    """Return the trends, those of which a step is no chance with it, all judged together."""
+    steps = [most_likely_step(one.hours, one.values) for one in trends]
+    known = drifting([None if one is None else one.p_value for one in steps], FALSE_ALARMS)
+    return [
+        replace(one, step=step, slope=slope(one.hours, one.values, step.place))
+        if step is not None and its
+        else one
+        for one, step, its in zip(trends, steps, known, strict=True)
+    ]
+
+
+def _trend(
+    name: str, unit: str, by_hours: Mapping[float, float], counts: bool = False
+) -> list[FigureTrend]:
     """Return the trend of values by hours, of two or more that are known; else none."""
     known = sorted((hours, value) for hours, value in by_hours.items() if np.isfinite(value))
     if len(known) < 2:
         return []
     hours, values = np.array(known).T
-    return [FigureTrend(name, unit, hours, values, slope(hours, values))]
+    return [FigureTrend(name, unit, hours, values, slope(hours, values, counts=counts))]

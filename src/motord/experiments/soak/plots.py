@@ -28,11 +28,18 @@ def over_time(found: SoakResult) -> Figure:
 
 def _draw(axes: Axes, one: FigureTrend) -> None:
     axes.plot(one.hours, one.values, ".", color=AFTER, markersize=5)
-    line = one.mean + one.slope.value * (one.hours - one.hours.mean())
+    rise = one.slope.value * one.hours
+    if one.step is not None:
+        rise[one.step.place :] += one.step.value
+    line = one.mean + rise - rise.mean()
     style = "-" if one.drifts else (0, (4, 3))
     axes.plot(one.hours, line, color=AFTER, linestyle=style, linewidth=1.1)
     slope = f"{one.to_text()} {one.slope_unit}".replace("+-", "\u00b1")
-    axes.set_title(f"{one.name}: {slope}" + (", drifts" if one.drifts else ""))
+    axes.set_title(
+        f"{one.name}: {slope}"
+        + (", drifts" if one.drifts else "")
+        + (", a step" if one.step else "")
+    )
     axes.set_ylabel(one.unit)
     low, high = np.min(one.values), np.max(one.values)
     if low == high:

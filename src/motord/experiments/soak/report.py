@@ -4,9 +4,10 @@ from motord.experiments.soak.plots import over_time
 from motord.experiments.soak.result import SoakResult
 from motord.experiments.soak.trend import CORRELATION_MAX
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.html import Page
 
-HEADER = ("figure", "mean", "unit", "slope an hour", "drift")
+HEADER = ("figure", "mean", "unit", "slope an hour", "drift", "step")
 """Of the table of slopes."""
 
 
@@ -27,7 +28,9 @@ def report(found: SoakResult, recordings: Recordings) -> Page:
     page.paragraph(
         "95 % intervals, by generalised least squares with residuals correlated from repetition to "
         "repetition. Drifts are judged for all figures together: where there is none, one is "
-        f"claimed in about 5 % of soaks at most, up to a correlation of {CORRELATION_MAX:g}."
+        f"claimed in about 5 % of soaks at most, up to a correlation of {CORRELATION_MAX:g}. "
+        "A step is what changed at once; the slope is that of before and after. Of values that are "
+        "all the same no interval is known (?): a drift may be below their resolution."
     )
     page.heading("About these figures")
     page.table((), recordings.facts)
@@ -40,6 +43,7 @@ def rows(found: SoakResult) -> list[list[str]]:
         [
             one.name, f"{one.mean:.4g}", one.unit, one.to_text(),
             "yes" if one.drifts else "no" if one.slope.p_value is not None else "?",
+            plus_minus(one.step.value, one.step.half_width) if one.step else "",
         ]
         for one in found.trends
     ]  # fmt: skip

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from motord.experiments.soak.step import Step
 from motord.experiments.soak.trend import CORRELATION_MAX, LEAST, DriftSlope
 from motord.findings import Finding, listed
 from motord.intervals import coverage_factor, plus_minus
@@ -18,6 +19,10 @@ WARMS_UP = (
 DRIFTS = (
     "compare it with the temperatures; let the bench warm up before, calibrate more often, or look "
     "for what wears, slips or gets loose"
+)
+STEPPED = (
+    "look for what was changed at that time, or slipped or came loose at once (the encoder's "
+    "magnet, coupling, sensor); the slope is that of before and after"
 )
 
 
@@ -39,13 +44,14 @@ class FigureTrend:
     """A figure over the repetitions: hours (n,), values (n,), its slope an hour.
 
     name: the figure's, with its unit as suffix, then the set-point that it is of, if of one;
-    drifts: the slope is no chance, that of all figures judged together.
+    drifts: the slope is no chance, that of all figures judged together. step: None if none is
+    beyond chance; with one the slope is that of the values without it.
     """
 
     JSON: ClassVar = (
         "name", "value=slope.value", "unit=slope_unit", "stderr=slope.stderr", "low", "high",
-        "p_value=slope.p_value", "correlation=slope.correlation", "drifts", "figure_unit=unit",
-        "time_series",
+        "p_value=slope.p_value", "correlation=slope.correlation", "drifts", "step",
+        "figure_unit=unit", "time_series",
     )  # fmt: skip
 
     name: str
@@ -55,6 +61,7 @@ class FigureTrend:
     slope: DriftSlope
     drifts: bool = False
     of_point: bool = False
+    step: Step | None = None
 
     @property
     def time_series(self) -> dict[str, np.ndarray]:
@@ -84,17 +91,20 @@ class FigureTrend:
         return float(self.values.mean())
 
     def with_scale(self, scale: float) -> "FigureTrend":
-        """Return the trend whose slope is as unsure as the scale of its values, too (Type B).
+        """Return the trend whose slope and step are as unsure as the scale of its values, too.
 
-        scale: standard uncertainty, in parts.
+        scale: standard uncertainty, in parts (Type B).
         """
-        slope = self.slope
+        slope, step = self.slope, self.step
         if slope.stderr is None:
             return self
         common = scale * slope.value
         half_width = hypot(slope.half_width or 0.0, coverage_factor() * common)
         slope = replace(slope, stderr=hypot(slope.stderr, common), half_width=half_width)
-        return replace(self, slope=slope)
+        if step is not None:
+            half_width = hypot(step.half_width, coverage_factor() * scale * step.value)
+            step = replace(step, half_width=half_width)
+        return replace(self, slope=slope, step=step)
 
     def to_text(self) -> str:
         """Return the slope with half of its interval, if that is known."""
@@ -126,18 +136,23 @@ class SoakResult:
         count = len(self.repetitions)
         of = f"{count} repetitions of {self.plan} in {self.hours:.3g} h"
         judged = [one for one in self.trends if one.slope.p_value is not None]
-        drifts = [one for one in judged if one.drifts]
+        drift = [one.name for one in judged if one.drifts]
+        stepped = [one.name for one in judged if one.step]
         if not judged:
             return f"{of}: too few to tell a drift from chance, {LEAST} are needed"
-        if not drifts:
+        if not drift and not stepped:
             return f"{of}: no drift in {len(judged)} figures beyond what chance explains"
-        named = listed([one.name for one in drifts], 3, ", ")
-        return f"{of}: {len(drifts)} of {len(judged)} figures drift: {named}"
+        found = {"drift": drift, "changed at once": stepped}
+        return f"{of}: " + "; ".join(
+            f"{len(names)} of {len(judged)} figures {how}: {listed(names, 3, ', ')}"
+            for how, names in found.items()
+            if names
+        )
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Drifts, a correlation that is too high for their intervals, and what is questionable."""
-        return (*self._drifts(), *self._correlated(), *self.questionable)
+        """Drifts, steps, a correlation too high for the intervals, and what is questionable."""
+        return (*self._drifts(), *self._steps(), *self._correlated(), *self.questionable)
 
     def _drifts(self) -> Iterator[Finding]:
         for one in self.trends:
@@ -149,6 +164,18 @@ class SoakResult:
                 f"it changes by {one.to_text()} {one.slope_unit} over {self.hours:.3g} h, from "
                 f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
                 WARMS_UP if one.unit == "degC" else DRIFTS,
+            )  # fmt: skip
+
+    def _steps(self) -> Iterator[Finding]:
+        for one in self.trends:
+            if (step := one.step) is None:
+                continue
+            yield Finding(
+                f"step of {one.name}", step.value, step.half_width, one.unit, "warning",
+                f"it changed by {plus_minus(step.value, step.half_width)} {one.unit} at once, "
+                f"{step.hours:.3g} h after the first repetition, from "
+                f"{one.values[step.place - 1]:.4g} to {one.values[step.place]:.4g} {one.unit}",
+                STEPPED,
             )  # fmt: skip
 
     def _correlated(self) -> Iterator[Finding]:

@@ -44,11 +44,38 @@ def test_without_a_drift_few_are_claimed_and_a_clear_one_is_found():
     assert found >= 90
 
 
-def test_values_without_scatter_have_their_slope_and_no_more():
+def test_values_without_scatter_have_their_slope_and_the_rounding_of_their_steps():
     hours = np.arange(8.0)
-    still, straight = slope(hours, np.zeros(8)), slope(hours, 2.0 + 0.5 * hours)
-    assert (still.value, still.half_width, still.p_value) == (0.0, 0.0, 1.0)
-    assert (straight.value, straight.p_value) == (pytest.approx(0.5), 0.0)
+    counts, straight = slope(hours, np.zeros(8), counts=True), slope(hours, 2.0 + 0.5 * hours)
+    assert (counts.value, counts.half_width, counts.p_value) == (0.0, 0.0, 1.0)
+    assert straight.value == pytest.approx(0.5)
+    assert 0 < straight.p_value < 1e-5
+    assert 0 < straight.half_width < 0.1
+
+
+@pytest.mark.parametrize(("n", "rise"), [(8, 0.7), (20, 0.7), (50, 1.5), (20, 10.0)])
+def test_the_interval_holds_for_readings_in_steps(n, rise):
+    covers, known = 0, 0
+    for seed in range(100):
+        rng, hours = np.random.default_rng(seed), np.linspace(0.0, 1.0, n)
+        values = rng.uniform() + rise * hours + 0.02 * rng.normal(size=n)
+        found = slope(hours, np.round(values))
+        if found.half_width is not None:
+            known += 1
+            covers += abs(found.value - rise) <= found.half_width
+    assert known >= 60
+    assert covers >= 0.94 * known
+
+
+@pytest.mark.parametrize("n", [10, 20, 50])
+def test_after_a_gap_residuals_resemble_those_before_as_little_as_time_makes_them(n):
+    place = np.arange(n) + n * (np.arange(n) >= n // 2)
+    covers = 0
+    for seed in range(200):
+        values = wandering(np.random.default_rng(seed), 2 * n, 0.8)
+        found = slope(0.1 * place, values[place])
+        covers += abs(found.value) <= found.half_width
+    assert covers >= 0.94 * 200 - 2.5 * np.sqrt(200 * 0.94 * 0.06)
 
 
 def test_of_too_few_values_no_interval_is_stated():
@@ -61,11 +88,11 @@ def test_of_too_few_values_no_interval_is_stated():
 
 
 @pytest.mark.parametrize("level", [22.1, -1e-9, 3e12])
-def test_constant_values_have_no_slope_and_hide_no_drift_of_others(level):
+def test_constant_values_have_a_slope_of_unknown_error_and_hide_no_drift_of_others(level):
     for n in range(6, 51):
         hours = 0.1 * np.arange(n)
         still = slope(hours, np.full(n, level))
-        assert (still.value, still.half_width, still.p_value) == (0.0, 0.0, 1.0)
+        assert (still.value, still.half_width, still.p_value) == (0.0, None, None)
     drift = slope(hours, 40.0 * hours + wandering(np.random.default_rng(3), n, 0.3))
     assert drifting([still.p_value, drift.p_value], 0.05) == [False, True]
     assert slope(np.arange(3.0), np.full(3, level)).value == 0.0

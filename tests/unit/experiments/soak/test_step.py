@@ -1,0 +1,92 @@
+"""Steps of a series: found with place and size, and not taken for what is none."""
+
+import numpy as np
+import pytest
+
+from motord.experiments.soak.figure_trends import with_steps
+from motord.experiments.soak.result import FigureTrend, SoakResult
+from motord.experiments.soak.step import FALSE_ALARMS, LEAST, most_likely_step
+from motord.experiments.soak.trend import drifting, slope
+from tests.unit.experiments.soak.test_trend import wandering
+
+HOURS = np.linspace(0.0, 5.0, 50)
+SEEDS = 40
+
+
+def trend(values: np.ndarray, name: str = "x_Nm") -> FigureTrend:
+    return FigureTrend(name, "Nm", HOURS, values, slope(HOURS, values))
+
+
+def stepped(values: np.ndarray) -> bool:
+    rng = np.random.default_rng(99)
+    others = [trend(rng.normal(size=HOURS.size)) for _ in range(11)]
+    return with_steps([trend(values), *others])[0].step is not None
+
+
+def test_a_step_is_found_with_its_place_and_size_and_is_no_slope():
+    after = np.arange(HOURS.size) >= 20
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        [found] = with_steps([trend(7.0 + 10.0 * after + wandering(rng, HOURS.size, 0.3))])
+        assert found.step.place == 20
+        assert HOURS[19] < found.step.hours < HOURS[20]
+        assert abs(found.step.value - 10.0) < 2 * found.step.half_width
+        assert found.slope.p_value > 1e-3
+
+
+def test_a_step_and_a_slope_are_told_apart():
+    values = 10.0 * (HOURS > 2.0) - 3.0 * HOURS
+    covers = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        [found] = with_steps([trend(values + rng.normal(size=HOURS.size))])
+        covers += abs(found.slope.value + 3.0) <= found.slope.half_width
+    assert covers >= 90
+
+
+@pytest.mark.parametrize("kind", ["line", "warm-up", "cycle", "outlier", "readings in steps"])
+def test_what_changes_otherwise_is_no_step(kind):
+    part, claimed = HOURS / HOURS[-1], 0
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        noise = rng.normal(size=HOURS.size)
+        values = {
+            "line": 10 * part + noise,
+            "warm-up": 100 * (1 - np.exp(-part / 0.1)) + noise,
+            "cycle": 10 * np.sin(4 * np.pi * part + seed) + noise,
+            "outlier": 20.0 * (np.arange(HOURS.size) == rng.integers(HOURS.size)) + noise,
+            "readings in steps": np.round(0.3 * part + rng.uniform() + 0.01 * noise),
+        }[kind]
+        claimed += stepped(values)
+    assert claimed <= 2
+
+
+@pytest.mark.parametrize(("n", "correlation"), [(10, 0.0), (12, 0.5), (50, 0.8), (50, 0.95)])
+def test_without_a_step_few_soaks_claim_one(n, correlation):
+    rng, at = np.random.default_rng([n, round(100 * correlation)]), np.linspace(0.0, 1.0, n)
+
+    def p_value() -> float | None:
+        found = most_likely_step(at, wandering(rng, n, correlation))
+        return found and found.p_value
+
+    claimed = [any(drifting([p_value() for _ in range(12)], FALSE_ALARMS)) for _ in range(100)]
+    assert sum(claimed) <= 4  # 1, and 3 standard deviations
+
+
+def test_of_few_or_equal_values_no_step_is_stated():
+    few = np.arange(LEAST - 1.0)
+    assert most_likely_step(few, few**2) is None
+    assert most_likely_step(HOURS, np.full(HOURS.size, 3.0)) is None
+
+
+def test_a_soak_says_what_changed_at_once():
+    rng = np.random.default_rng(3)
+    after = np.arange(HOURS.size) >= 25
+    trends = [
+        trend(rng.normal(size=HOURS.size) + 10.0 * after, "torque_mean_Nm of point 1"),
+        trend(rng.normal(size=HOURS.size)),
+    ]
+    found = SoakResult("verify", (), tuple(with_steps(trends)))
+    [finding] = found.findings
+    assert finding.name == "step of torque_mean_Nm of point 1"
+    assert "at once, 2.5 h after the first repetition" in finding.meaning
