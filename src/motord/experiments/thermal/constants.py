@@ -59,7 +59,27 @@ def constants_of(fit: ThermalFit) -> ThermalConstants:
         notes=(),
         fit=fit,
     )
+    if found.noise_free:
+        found = _without_intervals(found)
     return replace(found, notes=tuple(_notes(found)))
+
+
+def _without_intervals(found: ThermalConstants) -> ThermalConstants:
+    """Return the constants without the intervals that are of the fit alone."""
+
+    def unknown(one: IntervalEstimate) -> IntervalEstimate:
+        return IntervalEstimate(one.value)
+
+    return replace(
+        found,
+        time_constants=tuple(
+            replace(one, time_constant_s=unknown(one.time_constant_s))
+            for one in found.time_constants
+        ),
+        rise=unknown(found.rise),
+        steady=tuple(replace(one, steady_C=unknown(one.steady_C)) for one in found.steady),
+        ambient_stderr_C=None,
+    )
 
 
 def _positive(value: float, stderr: float, relative: float, freedom: int) -> IntervalEstimate:
@@ -167,9 +187,8 @@ def _notes(found: ThermalConstants) -> list[str]:
         )
     if not found.ambient_measured:
         notes.append(
-            f"the ambient is fitted as constant, {found.ambient_C:.2f} degC +- "
-            f"{coverage_factor(found.fit.freedom) * found.ambient_stderr_C:.2f} K; "
-            "name ambient_channel to measure it"
+            f"the ambient is fitted as constant, {found.ambient_C:.2f} degC"
+            f"{found.ambient_error_text('+-')}; name ambient_channel to measure it"
         )
     if found.nodes[0] != "winding":
         notes.append(

@@ -1,19 +1,16 @@
-"""What is questionable about thermal constants, each with its meaning and what to do.
+"""What is questionable about thermal constants, each with its meaning and what to do."""
 
-Drift of the ambient and lag of a sensor are score tests: a column is added to the linear form of
-the fit, and what it takes is compared with its standard error.
-"""
-
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from motord.experiments.signal_findings import current_scale
 from motord.experiments.thermal.course import Readings
-from motord.experiments.thermal.estimate import ThermalFit, whiten
+from motord.experiments.thermal.departures import Departure
+from motord.experiments.thermal.estimate import ThermalFit
 from motord.experiments.thermal.recordings import STOPPED
-from motord.experiments.thermal.result import ThermalConstants
+from motord.experiments.thermal.result import QUIET_K, ThermalConstants
 from motord.findings import Finding
 
 COVERAGE_FACTOR = 4.0
@@ -27,6 +24,9 @@ MISFIT_BLOCKS = 24
 
 DRIFT_PERCENT = 0.5
 """Part of the rise that the ambient may have drifted."""
+
+COOLING_PERCENT = 1.0
+"""Part of the conductance to the ambient by which it may differ between heat-up and cooling."""
 
 LAG_PART = 0.03
 """Part of the shortest time constant that a sensor may lag."""
@@ -48,11 +48,15 @@ SLOW_PART = 0.25
 
 
 def findings(
-    found: ThermalConstants, frozen: dict[str, float], readings: Iterable[Readings]
+    found: ThermalConstants,
+    shown: Sequence[Departure],
+    frozen: dict[str, float],
+    readings: Iterable[Readings],
 ) -> tuple[Finding, ...]:
     """Return what is questionable.
 
-    frozen: channels and the seconds for which they were; readings: of each channel, as recorded.
+    shown: departures from the network, whatever their size; frozen: channels and the seconds for
+    which they were; readings: of each channel, as recorded.
     """
     constants_s = (one.time_constant_s.value for one in found.time_constants)
     fit, shortest_s = found.fit, min(filter(None, constants_s))
@@ -61,11 +65,12 @@ def findings(
         *_frozen(frozen),
         *_constant(readings),
         *_invalid(readings),
+        *_noise_free(found),
         *_runaway(found),
         *_not_steady(found),
         *_misfit(fit),
-        *_ambient_drift(fit),
-        *_lags(fit, shortest_s),
+        *_around(fit, shown),
+        *_lags(shown, shortest_s),
         *_slow(fit, shortest_s),
     )
 
@@ -117,6 +122,18 @@ def _invalid(readings: Iterable[Readings]) -> Iterator[Finding]:
                 f"{each.channel} had no valid reading for this part of the time",
                 "see the sensor, its wiring and valid_min and valid_max of [[channels]]",
             )  # fmt: skip
+
+
+def _noise_free(found: ThermalConstants) -> Iterator[Finding]:
+    if found.noise_free:
+        yield Finding(
+            "noise-free", max(found.residual_K), QUIET_K, "K", "warning",
+            "readings depart from the network by less than those of any thermometer: they are "
+            "simulated or smoothed. The error of time constants and steady temperatures is not "
+            "known from them, and intervals of K/W and J/K have that of the heat alone",
+            "record the channels as they are read, without a filter; of a simulation compare with "
+            "its truth",
+        )  # fmt: skip
 
 
 def _runaway(found: ThermalConstants) -> Iterator[Finding]:
@@ -177,56 +194,40 @@ def _misfit(fit: ThermalFit) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def _score(fit: ThermalFit, columns: list[np.ndarray]) -> tuple[float, float]:
-    """Return how much of further columns (n_i,) the residuals have, and its standard error."""
-    column, residual, jacobian = (
-        whiten(fit.noises, columns),
-        fit.whitened_residual,
-        fit.whitened_jacobian,
-    )
-    column = column - jacobian @ np.linalg.lstsq(jacobian, column, rcond=None)[0]
-    square = float(column @ column)
-    if not square > 0:
-        return 0.0, np.inf
-    scale = np.sqrt(float(residual @ residual) / fit.freedom)
-    return float(column @ residual) / square, float(scale / np.sqrt(square))
-
-
-def _ambient_drift(fit: ThermalFit) -> Iterator[Finding]:
-    course = fit.course
-    if course.ambient is not None:
+def _around(fit: ThermalFit, shown: Sequence[Departure]) -> Iterator[Finding]:
+    """Yield what explains the residuals best: another ambient, or another cooling."""
+    best = max((one for one in shown if one.kind != "lag"), key=lambda one: one.ratio)
+    limit = COVERAGE_FACTOR * best.stderr
+    if best.kind == "cooling":
+        percent, limit = 100 * abs(best.value), max(100 * limit, COOLING_PERCENT)
+        if percent > limit:
+            yield Finding(
+                "cooling-changes", percent, limit, "%", "warning",
+                f"without current about this part {'more' if best.value > 0 else 'less'} heat "
+                "flowed off to the ambient than with it, and the network is one for both",
+                "let the rotor turn as fast, and fans run, in both or in neither",
+            )  # fmt: skip
         return
-    still, steps = np.zeros(len(course.nodes)), course.squares_A2.size
-    ramp = np.linspace(-0.5, 0.5, steps)
-    moved = fit.network.temperatures_C(still, np.zeros(steps), ramp, course.step_s)
-    ends_s = course.step_s * np.arange(steps + 1)
-    columns = [
-        np.interp(each.t_s, ends_s, moved[:, n]) for n, each in enumerate(course.readings.values())
-    ]
-    drift_K, stderr_K = _score(fit, columns)
-    limit_K = max(
-        COVERAGE_FACTOR * stderr_K,
-        DRIFT_PERCENT / 100 * max(float(np.ptp(one)) for one in fit.fitted_C),
-    )
-    if abs(drift_K) > limit_K:
+    rise_K = max(float(np.ptp(one)) for one in fit.fitted_C)
+    limit = max(limit, DRIFT_PERCENT / 100 * rise_K)
+    if abs(best.value) > limit:
+        how = "wandered" if best.degree > 1 else "rose" if best.value > 0 else "fell"
         yield Finding(
-            "ambient-drifts", abs(drift_K), limit_K, "K", "warning",
-            f"the ambient {'rose' if drift_K > 0 else 'fell'} by about this much meanwhile, and "
-            "the fit takes it as constant",
+            "ambient-drifts", abs(best.value), limit, "K", "warning",
+            f"the ambient {how} by about this much meanwhile, and the fit takes it as constant",
             "measure it and name it as ambient_channel, or keep the room's temperature",
         )  # fmt: skip
 
 
-def _lags(fit: ThermalFit, shortest_s: float) -> Iterator[Finding]:
-    for n, each in enumerate(fit.course.readings.values()):
-        columns = [np.zeros(one.t_s.size) for one in fit.course.readings.values()]
-        columns[n] = -np.gradient(fit.fitted_C[n], each.t_s)
-        lag_s, stderr_s = _score(fit, columns)
-        limit_s = max(COVERAGE_FACTOR * stderr_s, LAG_PART * shortest_s)
-        if lag_s > limit_s:
+def _lags(shown: Sequence[Departure], shortest_s: float) -> Iterator[Finding]:
+    for one in shown:
+        if one.kind != "lag":
+            continue
+        limit_s = max(COVERAGE_FACTOR * one.stderr, LAG_PART * shortest_s)
+        if one.value > limit_s:
             yield Finding(
-                "sensor-lag", lag_s, limit_s, "s", "warning",
-                f"{each.channel} follows its node late, about by this time: short time constants "
+                "sensor-lag", one.value, limit_s, "s", "serious",
+                f"{one.channel} follows its node late, by this time or more: short time constants "
                 "and heat capacities are too large",
                 "mount the sensor with less thermal resistance, nearer to the copper",
             )  # fmt: skip

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from motord.experiments.subject import Recordings
 from motord.experiments.thermal.result import ThermalConstants
-from motord.intervals import IntervalEstimate, coverage_factor
+from motord.intervals import IntervalEstimate
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, INK, OTHER, SOFT, figure
 
@@ -71,7 +71,7 @@ def steady_rows(found: ThermalConstants) -> list[list[str]]:
             one.channel,
             f"{one.end_C:.2f}",
             "none" if steady.value is None else f"{steady.value:.2f}",
-            "" if steady.value is None else f"{steady.low:.2f} to {steady.high:.2f}",
+            "" if steady.value is None else _interval(steady, ".2f"),
             "extrapolated" if one.extrapolated else "reached",
         ]
         for one in found.steady
@@ -80,12 +80,15 @@ def steady_rows(found: ThermalConstants) -> list[list[str]]:
 
 
 def _row(name: str, one: IntervalEstimate, unit: str) -> list[str]:
-    return [name, f"{one.value:.4g}", f"{one.low:.4g} to {one.high:.4g}", unit]
+    return [name, f"{one.value:.4g}", _interval(one, ".4g"), unit]
+
+
+def _interval(one: IntervalEstimate, digits: str) -> str:
+    return "not known" if one.low is None else f"{one.low:{digits}} to {one.high:{digits}}"
 
 
 def _facts(found: ThermalConstants) -> list[tuple[str, str]]:
     how = "measured" if found.ambient_measured else "fitted"
-    half_width_K = coverage_factor(found.fit.freedom) * found.ambient_stderr_C
     ambient = f"{found.ambient_C:.2f} \u00b0C, {how}"
     heat = "" if found.heat_W is None else f", {found.heat_W:.4g} W of copper loss at its end"
     return [
@@ -94,7 +97,7 @@ def _facts(found: ThermalConstants) -> list[tuple[str, str]]:
         ("cooling", f"{found.cooling_s:.0f} s, ended by {found.ended_by[1]}"),
         (
             "ambient",
-            ambient if found.ambient_measured else f"{ambient}, \u00b1 {half_width_K:.2f} K",
+            ambient if found.ambient_measured else ambient + found.ambient_error_text("\u00b1"),
         ),
     ]
 

@@ -8,12 +8,16 @@ import numpy as np
 
 from motord.experiments.thermal.estimate import ThermalFit
 from motord.findings import Finding
-from motord.intervals import IntervalEstimate
+from motord.intervals import IntervalEstimate, coverage_factor
 
 Phase = Literal["heat-up", "cooling"]
 
 SEPARATED = 0.25
 """Relative standard error above which a constant counts as not separated from the others."""
+
+
+QUIET_K = 1e-3
+"""RMS residual of every channel below which readings have no noise that errors can be had from."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,7 @@ class ThermalConstants:
     each A^2 of the sum of the squares of the phase currents, with the winding at resistance_C.
     heating_s, cooling_s: how long it was heated and cooled; ended_by: why either ended. heat_W:
     copper loss at the end of the heat-up, None if it is not known. residual_K: RMS of each channel.
+    Of readings without noise there are no intervals but those by the heat.
     """
 
     JSON: ClassVar = (
@@ -89,7 +94,7 @@ class ThermalConstants:
     capacities: tuple[HeatCapacity, ...]
     steady: tuple[SteadyTemperature, ...]
     ambient_C: float
-    ambient_stderr_C: float
+    ambient_stderr_C: float | None
     ambient_measured: bool
     current_rms_A: float
     heat_W: float | None
@@ -100,6 +105,18 @@ class ThermalConstants:
     notes: tuple[str, ...]
     fit: ThermalFit
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def noise_free(self) -> bool:
+        """Whether readings have no noise, so that the error of the fit is not known."""
+        return max(self.residual_K) < QUIET_K
+
+    def ambient_error_text(self, sign: str) -> str:
+        """Return half of the ambient's interval, after a sign; "" if it is not known."""
+        if self.ambient_stderr_C is None:
+            return ""
+        half_width_K = coverage_factor(self.fit.freedom) * self.ambient_stderr_C
+        return f" {sign} {half_width_K:.2f} K"
 
 
 def unseparated(found: Sequence[ThermalResistance | HeatCapacity]) -> list[str]:

@@ -1,6 +1,9 @@
 """Made-up heat-ups with their cooling: the network itself, with noise of the channels."""
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.signal import lfilter
 
 from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
 from motord.experiments.thermal.network import LumpedNetwork
@@ -24,10 +27,11 @@ def temperatures(
     network: LumpedNetwork,
     squares_A2: np.ndarray,
     ambient_C: np.ndarray,
+    begin_C: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the temperatures (k + 1, n); the loss follows that of the first node, step by step."""
     keep, heated, around = one_step(network)
-    now, found = np.full(len(network.nodes), ambient_C[0]), []
+    now, found = np.full(len(network.nodes), ambient_C[0]) if begin_C is None else begin_C, []
     for square_A2, around_C in zip(squares_A2, ambient_C, strict=True):
         found.append(now)
         alone = keep @ now + around * around_C
@@ -36,6 +40,19 @@ def temperatures(
         heat_W = 0.1 * square_A2 * (1 + 0.00393 * (0.5 * (now[0] + half[0]) - 25.0))
         now = alone + heated * heat_W
     return np.array([*found, now])
+
+
+def _cooled_otherwise(
+    network: LumpedNetwork, squares_A2: np.ndarray, ambient_C: np.ndarray, cooling: float
+) -> np.ndarray:
+    """Return the temperatures (k + 1, n), without current with `cooling` times the conductance."""
+    heated = np.count_nonzero(squares_A2)
+    conductance = network.conductance_W_per_K.copy()
+    conductance[-1] *= cooling
+    first_C = temperatures(network, squares_A2[:heated], ambient_C[:heated])
+    later = replace(network, conductance_W_per_K=conductance)
+    after_C = temperatures(later, squares_A2[heated:], ambient_C[heated:], first_C[-1])
+    return np.concatenate([first_C, after_C[1:]])
 
 
 def one_step(network: LumpedNetwork) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,13 +76,24 @@ def course(
     drift_K: float = 0.0,
     correlation: float = 0.9,
     every_s: float = 3.0,
+    bend_K: float = 0.0,
+    lag_s: float = 0.0,
+    cooling: float = 1.0,
 ) -> ThermalCourse:
-    """Return a course: 550 A^2, half of the readings' noise correlated from one to the next."""
+    """Return a course: 550 A^2, half of the readings' noise correlated from one to the next.
+
+    drift_K, bend_K: by which the ambient is higher in the end, and in the middle; lag_s: time
+    constant of the sensors; cooling: conductance to the ambient without current, in parts.
+    """
     rng, network = np.random.default_rng(seed), NETWORKS[nodes]
     steps = int((heating_s + cooling_s) / STEP_S)
     squares_A2 = np.where(STEP_S * np.arange(steps) < heating_s, 550.0, 0.0)
-    ambient_C = AMBIENT_C + np.linspace(0.0, drift_K, steps)
-    true_C = temperatures(network, squares_A2, ambient_C)
+    part = np.linspace(0.0, 1.0, steps)
+    ambient_C = AMBIENT_C + drift_K * part + 4 * bend_K * part * (1 - part)
+    true_C = _cooled_otherwise(network, squares_A2, ambient_C, cooling)
+    if lag_s:
+        keep = np.exp(-STEP_S / lag_s)
+        true_C = lfilter([1 - keep], [1.0, -keep], true_C - true_C[0], axis=0) + true_C[0]
     t_s = np.arange(0.4, heating_s + cooling_s, every_s)
     ends_s = STEP_S * np.arange(steps + 1)
     readings = {

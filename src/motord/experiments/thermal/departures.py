@@ -1,0 +1,136 @@
+"""Departures from the network that residuals show, and what they do to the parameters.
+
+    r = W (y - f),   d = c' r / c' c,   u(d) = s / |c|,   shift of the parameters = F^+ c' d
+
+Score tests (Rao 1948): c, the whitened effect of a departure of one unit on the readings, less what
+the parameters take of it; of lags also what others take, as all sensors may have one. Where d is
+no chance (5 %), d^2 - u(d)^2 is variance of the parameters by their shift, departure by departure:
+an effect that is known to be there and is not corrected (GUM, F.2.4.5). So the intervals of
+constants hold it, also where it is too small for a finding. Noise is that of residuals with all
+departures in them, by which d comes out small: of a lag of an eighth of a time constant half.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.polynomial import Legendre
+
+from motord.experiments.thermal.estimate import UNDETERMINED, ThermalFit, whiten
+from motord.experiments.thermal.network import AMBIENT
+from motord.intervals import coverage_factor
+
+AMBIENT_DEGREES = (1, 2, 3)
+"""Of the Legendre polynomials over time by which an ambient that is not measured may change."""
+
+Kind = Literal["ambient", "cooling", "lag"]
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A departure with its standard error, and the parameters' shift (p,) that it makes.
+
+    ambient: K from end to end or from trough to crest, of a polynomial of `degree`; cooling:
+    conductance to the ambient without current, less that with it, in parts; lag: s, of `channel`.
+    """
+
+    kind: Kind
+    value: float
+    stderr: float
+    shift: np.ndarray
+    degree: int = 0
+    channel: str = ""
+
+    @property
+    def ratio(self) -> float:
+        """The departure in standard errors."""
+        return abs(self.value) / self.stderr
+
+    @property
+    def shift_beyond_chance(self) -> np.ndarray:
+        """The shift (p,) of what the departure is beyond its standard error; none by chance."""
+        significant = self.ratio > coverage_factor()
+        return self.shift * (np.sqrt(1 - 1 / self.ratio**2) if significant else 0.0)
+
+
+def departures(fit: ThermalFit) -> tuple[Departure, ...]:
+    """Return the departures that the readings can show."""
+    return tuple(_departures(fit))
+
+
+def with_departures(fit: ThermalFit, found: Sequence[Departure]) -> ThermalFit:
+    """Return the fit with departures in the covariance of its parameters."""
+    beyond = [one.shift_beyond_chance for one in found]
+    return replace(fit, root=np.column_stack([fit.root, *beyond]))
+
+
+def _departures(fit: ThermalFit) -> Iterator[Departure]:
+    course, steps = fit.course, fit.course.squares_A2.size
+    part = np.linspace(-1.0, 1.0, steps)
+    if course.ambient is None:
+        for degree in AMBIENT_DEGREES:
+            around_K = Legendre.basis(degree)(part)
+            around_K /= np.ptp(around_K)
+            yield replace(_departure("ambient", fit, _of_ambient(fit, around_K)), degree=degree)
+    yield _departure("cooling", fit, _of_ambient(fit, _colder_than_ambient_K(fit)))
+    lags = [_of_lag(fit, place) for place in range(len(course.nodes))]
+    for n, each in enumerate(course.readings.values()):
+        others = [columns for place, columns in enumerate(lags) if place != n]
+        yield replace(_departure("lag", fit, lags[n], others), channel=each.channel)
+
+
+def _of_ambient(fit: ThermalFit, around_K: np.ndarray) -> list[np.ndarray]:
+    """Return what an ambient that is warmer by around_K (k,) makes of the readings (n_i,)."""
+    course, steps = fit.course, around_K.size
+    still = np.zeros(len(course.nodes))
+    moved_K = fit.network.temperatures_C(still, np.zeros(steps), around_K, course.step_s)
+    ends_s = course.step_s * np.arange(steps + 1)
+    return [
+        np.interp(each.t_s, ends_s, moved_K[:, n])
+        for n, each in enumerate(course.readings.values())
+    ]
+
+
+def _of_lag(fit: ThermalFit, place: int) -> list[np.ndarray]:
+    """Return what a sensor that is late by 1 s makes of the readings (n_i,), at least at first."""
+    each, fitted_C = tuple(fit.course.readings.values())[place], fit.fitted_C[place]
+    columns = [np.zeros(one.size) for one in fit.fitted_C]
+    columns[place] = -np.gradient(fitted_C, each.t_s)
+    return columns
+
+
+def _colder_than_ambient_K(fit: ThermalFit) -> np.ndarray:
+    """Return the ambient less its neighbour while it cools (k,), 0 before.
+
+    More conductance to the ambient takes as much heat as an ambient that is so much colder.
+    """
+    course, t_s = fit.course, fit.course.middles_s
+    [node] = {one for link in fit.network.links if AMBIENT in link for one in link} - {AMBIENT}
+    place = course.nodes.index(node)
+    node_C = np.interp(t_s, tuple(course.readings.values())[place].t_s, fit.fitted_C[place])
+    ambient_C = fit.ambient_C if course.ambient is None else course.ambient.at(t_s)
+    return np.where(t_s < course.heating_s, 0.0, ambient_C - node_C)
+
+
+def _departure(
+    kind: Kind,
+    fit: ThermalFit,
+    columns: list[np.ndarray],
+    others: Sequence[list[np.ndarray]] = (),
+) -> Departure:
+    """Return how much of columns (n_i,) the residuals have, with its standard error.
+
+    others: columns of departures that may be there, too.
+    """
+    residual, jacobian = fit.whitened_residual, fit.whitened_jacobian
+    column = whiten(fit.noises, columns)
+    shift = np.linalg.lstsq(jacobian, column, rcond=UNDETERMINED)[0]
+    wider = np.column_stack([jacobian, *(whiten(fit.noises, one) for one in others)])
+    column = column - wider @ np.linalg.lstsq(wider, column, rcond=UNDETERMINED)[0]
+    square = float(column @ column)
+    if not square > 0:
+        return Departure(kind, 0.0, np.inf, 0 * shift)
+    value = float(column @ residual) / square
+    scale = np.sqrt(float(residual @ residual) / fit.freedom)
+    return Departure(kind, value, float(scale / np.sqrt(square)), -shift * value)

@@ -1,0 +1,87 @@
+"""What the network leaves out: named by its cause, and in the intervals of the constants."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motord.experiments.thermal.command import measure
+from motord.experiments.thermal.report import rows, steady_rows
+from motord.experiments.thermal.result import ThermalConstants
+from tests.unit.experiments.thermal.courses import COPPER, NETWORKS, course
+
+SEEDS = 12
+
+
+def held(found: ThermalConstants, nodes: int) -> list[bool]:
+    """Return which intervals of the constants hold the truth."""
+    network = NETWORKS[nodes]
+    estimates = [
+        *(one.capacity_J_per_K for one in found.capacities),
+        *(one.resistance_K_per_W for one in found.resistances),
+        *(one.time_constant_s for one in found.time_constants if one.phase == "cooling"),
+        found.resistance_K_per_W,
+    ]
+    truth = [
+        *network.capacity_J_per_K, *(1 / network.conductance_W_per_K),
+        *(1 / network.rates_per_s()), network.steady_rise_K(1.0)[0],
+    ]  # fmt: skip
+    return [one.low <= true <= one.high for one, true in zip(estimates, truth, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("nodes", "departure", "expected"),
+    [
+        (2, {}, set()),
+        (2, {"drift_K": 0.3}, {"ambient-drifts"}),
+        (1, {"drift_K": -1.0}, {"ambient-drifts"}),
+        (2, {"bend_K": 1.0}, {"ambient-drifts"}),
+        (2, {"cooling": 1.05}, {"cooling-changes"}),
+        (2, {"cooling": 0.98}, {"cooling-changes"}),
+        (2, {"lag_s": 2.0}, {"sensor-lag"}),
+    ],
+)
+def test_intervals_hold_what_residuals_show_and_its_cause_is_named(
+    nodes: int, departure: dict[str, Any], expected: set[str]
+) -> None:
+    results = [measure(course(nodes, seed=seed, **departure), COPPER) for seed in range(SEEDS)]
+    covered = np.array([held(found, nodes) for found in results])
+    assert covered.mean() >= 0.9
+    names = [{one.name for one in found.findings} - {"not-steady"} for found in results]
+    assert all(one <= expected for one in names)
+
+
+@pytest.mark.parametrize("departure", [{"drift_K": 1.0}, {"cooling": 1.05}, {"lag_s": 5.0}])
+def test_a_departure_is_found_each_time(departure: dict[str, Any]) -> None:
+    for seed in range(SEEDS):
+        assert measure(course(2, seed=seed, **departure), COPPER).findings
+
+
+def test_intervals_that_do_not_hold_a_lag_are_said_not_to() -> None:
+    for seed in range(SEEDS):
+        found = measure(course(2, seed=seed, lag_s=5.0), COPPER)
+        severities = {one.severity for one in found.findings if one.name == "sensor-lag"}
+        assert severities == {"serious"}
+
+
+def test_intervals_are_as_narrow_without_a_departure() -> None:
+    widths = []
+    for seed in range(SEEDS):
+        one = measure(course(2, seed=seed), COPPER).time_constants[0].time_constant_s
+        widths.append((one.high - one.low) / one.value)
+    assert np.median(widths) < 0.006  # 0.003 by the noise alone
+
+
+def test_without_noise_the_error_of_the_fit_is_not_known() -> None:
+    found = measure(course(2, noise_K=0.0), COPPER)
+    [finding] = [one for one in found.findings if one.name == "noise-free"]
+    assert "not known" in finding.meaning
+    times = [one.time_constant_s for one in found.time_constants]
+    steady = [one.steady_C for one in found.steady]
+    for one in (*times, *steady):
+        assert one.value > 0
+        assert (one.stderr, one.low, one.high) == (None, None, None)
+    assert found.ambient_stderr_C is None
+    assert not any("+-" in note for note in found.notes)
+    assert "not known" in [cell for row in rows(found) for cell in row]
+    assert "not known" in [cell for row in steady_rows(found) for cell in row]
