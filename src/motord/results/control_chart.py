@@ -2,12 +2,19 @@
 
     centre = mean(x),   sigma = mean(|x[i] - x[i - 1]|) / 1.128
 
-Western Electric Company: Statistical Quality Control Handbook, 1956; ISO 7870-2.
+Western Electric Company: Statistical Quality Control Handbook, 1956; ISO 7870-2. Limits are of
+independent values: whether they are is tested by their first autocorrelation,
+
+    r = sum((x[i] - mean) (x[i + 1] - mean)) / sum((x - mean)^2),
+
+which of independent ones is normal, of a standard deviation of 1 / sqrt(n) (Bartlett 1946).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from motord.intervals import coverage_factor
 
 D2 = 1.128
 """Mean range of two normal values, in standard deviations."""
@@ -61,6 +68,23 @@ class ControlChart:
     def preliminary(self) -> bool:
         """Whether there are too few points for limits that one can rely on."""
         return self.values.size < PRELIMINARY
+
+    @property
+    def correlation(self) -> float:
+        """First autocorrelation of the values; 0 if all are the same."""
+        apart = self.values - self.centre
+        square = float(apart @ apart)
+        return float(apart[1:] @ apart[:-1]) / square if square > 0 else 0.0
+
+    @property
+    def correlation_limit(self) -> float:
+        """Correlation that of 40 charts of independent values about one exceeds."""
+        return coverage_factor() / float(np.sqrt(self.values.size))
+
+    @property
+    def correlated(self) -> bool:
+        """Whether values resemble those before, so that limits are too narrow for them."""
+        return self.correlation > self.correlation_limit
 
 
 def control_chart(values: np.ndarray) -> ControlChart:

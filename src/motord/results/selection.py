@@ -42,6 +42,12 @@ def rows_of(table: "pa.Table", field: str | None, where: str = "") -> list[Resul
             f"{field} is a field of {', '.join(experiments)}: choose one with "
             f"--where \"experiment = '{experiments[0]}'\""
         )
+    units = sorted({row.unit for row in rows})
+    if len(units) > 1:
+        raise ResultsError(
+            f"{field} is in {' and in '.join(unit or 'no unit' for unit in units)}: choose with "
+            f"--where \"unit = '{units[-1]}'\""
+        )
     return rows
 
 

@@ -107,6 +107,14 @@ def test_a_trend_names_the_points_that_violate_rules(folder):
     assert (bench["bench"], len(bench["points"])) == ("north", 26)
 
 
+def test_a_trend_of_results_that_wander_says_so(folder):
+    fill(folder / "store", 0.8 + 0.01 * np.sin(np.arange(30) / 4))
+    text = motord("results trend alpha.a").stdout
+    assert "results resemble those before: correlation 0.9" in text
+    [one] = json.loads(motord("results trend alpha.a --json").stdout)
+    assert one["correlated"]
+
+
 def test_few_results_have_preliminary_limits_and_units_are_shown(folder):
     store = fill(folder / "store", [])
     for number, value in enumerate((1.0, 2.0, 1.5)):

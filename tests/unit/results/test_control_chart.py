@@ -118,3 +118,16 @@ def test_errors_are_the_distances_to_the_ends_of_the_interval():
     [one] = trends(rows, "serial")
     np.testing.assert_array_equal(one.errors, [[0.5, np.nan], [0.25, np.nan]])
     assert one.stderr == 0.3
+
+
+def test_results_that_resemble_those_before_are_said_to_and_others_are_not():
+    independent = correlated = 0
+    for seed in range(200):
+        values = np.random.default_rng(seed).normal(size=50)
+        independent += control_chart(values).correlated
+        for place in range(1, 50):
+            values[place] = 0.5 * values[place - 1] + np.sqrt(0.75) * values[place]
+        correlated += control_chart(values).correlated
+    assert independent <= 10
+    assert correlated >= 160
+    assert not control_chart(np.array([3.0, 3.0, 3.0])).correlated

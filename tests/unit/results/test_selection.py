@@ -135,3 +135,12 @@ def test_what_cannot_be_compared_is_named(a, b, why):
     ]
     with pytest.raises(ResultsError, match=why):
         either(rows, a, b)
+
+
+def test_results_in_several_units_are_not_charted_as_one(tmp_path):
+    store = fill(tmp_path / "s", [0.8])
+    store.add(result(1, figures=[figure(800.0, "alpha.a", "mNm")]))
+    table = store.read().table
+    with pytest.raises(ResultsError, match="in no unit and in mNm: choose with --where"):
+        rows_of(table, "alpha.a")
+    assert [one.value for one in rows_of(table, "alpha.a", "unit = 'mNm'")] == [800.0]

@@ -83,6 +83,11 @@ def _print(by: str, one: "Trend") -> None:
     )
     if one.chart.preliminary:
         print_line(f"  fewer than {PRELIMINARY} results: the limits are preliminary")
+    if one.chart.correlated:
+        print_line(
+            f"  results resemble those before: correlation {one.chart.correlation:.2f}, by chance "
+            f"up to {one.chart.correlation_limit:.2f}; limits are too narrow for what wanders so"
+        )
     marked = [at for at, rules in enumerate(one.violated) if rules]
     if not marked:
         print_line("  no rule is violated")
@@ -110,6 +115,8 @@ def _as_json(by: str, one: "Trend") -> dict[str, Any]:
         "sigma": chart and chart.sigma,
         "limits": chart and list(chart.limits),
         "preliminary": chart and chart.preliminary,
+        "correlation": chart and chart.correlation,
+        "correlated": chart and chart.correlated,
         "points": [
             {
                 "time": plain(row.time), "run": row.run, "version": row.version, "value": value,
