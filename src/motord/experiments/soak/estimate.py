@@ -19,7 +19,13 @@ from motord.experiments.subject import AnalysisError, Recordings, check_plan
 from motord.intervals import LEVEL
 from motord.recording.reader import Run
 
-OF_TORQUE = ("rms_error_percent", "noise_rms_percent", "torque_mean_Nm")
+OF_TORQUE = (
+    "rms_error_percent",
+    "noise_rms_percent",
+    "torque_mean_Nm",
+    "torque_zero_Nm",
+    "torque_gain_percent",
+)
 """Figures that have the scale of the torque, those of set-points with " of " after them."""
 
 

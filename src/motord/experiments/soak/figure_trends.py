@@ -11,8 +11,8 @@ from motord.experiments.soak.step import FALSE_ALARMS, most_likely_step
 from motord.experiments.soak.trend import drifting, slope
 
 OWN_FIGURES = (
-    "rms_error_percent", "noise_rms_percent", "torque_mean_Nm", "inverter_temperature_C",
-    "missed_ticks",
+    "rms_error_percent", "noise_rms_percent", "torque_mean_Nm", "torque_zero_Nm",
+    "torque_gain_percent", "inverter_temperature_C", "missed_ticks",
 )  # fmt: skip
 """Figures of the ticks; a channel of such a name has "channel" before it."""
 
@@ -69,8 +69,29 @@ def of_repetitions(
         }
         means_read = {key: float(np.mean(one)) for key, one in read.items() if one}
         found += trend(f"channel {name}" if name in OWN_FIGURES else name, unit, means_read)
+    lines = {key: line for key, group in groups.items() if (line := _torque_line(group))}
+    found += trend("torque_zero_Nm", "Nm", {key: zero_Nm for key, (zero_Nm, _) in lines.items()})
+    found += trend("torque_gain_percent", "%", {key: 100 * k for key, (_, k) in lines.items()})
     missed = {key: sum(one.missed for one in group) for key, group in groups.items()}
     return found + trend("missed_ticks", "ticks", missed, counts=True)
+
+
+def _torque_line(group: Sequence[PointFigures]) -> tuple[float, float] | None:
+    """Return zero (Nm) and slope of the mean torque over the commanded one, by least squares.
+
+    A zero that drifts moves all set-points alike, a gain each by its own torque. None where the
+    mean is not known, or fewer than two torques were commanded.
+    """
+    known = [
+        (one.torque_set_Nm, mean_Nm)
+        for one in group
+        if np.isfinite(mean_Nm := one.figures.get("torque_mean_Nm", np.nan))
+    ]
+    if len({set_Nm for set_Nm, _ in known}) < 2:
+        return None
+    set_Nm, mean_Nm = np.array(known).T
+    gain, zero_Nm = np.polyfit(set_Nm, mean_Nm, 1)
+    return float(zero_Nm), float(gain)
 
 
 def of_points(

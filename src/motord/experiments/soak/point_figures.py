@@ -33,6 +33,7 @@ class PointFigures:
     repetition: int
     place: int
     label: str
+    torque_set_Nm: float
     t_ns: float
     missed: float
     figures: Mapping[str, float]
@@ -101,6 +102,7 @@ def _point(
         repetition=int(point["repetition"]),
         place=place,
         label=label,
+        torque_set_Nm=float(point["torque_Nm"]),
         t_ns=sum(span_ns) / 2,
         missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
         figures=figures,

@@ -20,6 +20,14 @@ DRIFTS = (
     "compare it with the temperatures; let the bench warm up before, calibrate more often, or look "
     "for what wears, slips or gets loose"
 )
+CAUSES = {
+    "torque_zero_Nm": "it is the same at all set-points: look at the sensor's zero (temperature, "
+    "supply) and at friction",
+    "torque_gain_percent": "it goes with the torque: look at the sensor's gain, and at the "
+    "temperature of the magnets",
+}
+"""What to do about the drift of a figure, by its name."""
+
 STEPPED = (
     "look for what was changed at that time, or slipped or came loose at once (the encoder's "
     "magnet, coupling, sensor); the slope is that of before and after"
@@ -163,7 +171,7 @@ class SoakResult:
                 one.slope_unit, "warning",
                 f"it changes by {one.to_text()} {one.slope_unit} over {self.hours:.3g} h, from "
                 f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
-                WARMS_UP if one.unit == "degC" else DRIFTS,
+                WARMS_UP if one.unit == "degC" else CAUSES.get(one.name, DRIFTS),
             )  # fmt: skip
 
     def _steps(self) -> Iterator[Finding]:

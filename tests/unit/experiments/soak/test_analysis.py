@@ -37,7 +37,7 @@ EVERY_NS = round(0.1 * 3.6e12)
 
 def captured(
     index: int, repetition: int, rng: np.random.Generator, drift_Nm: float,
-    noise_Nm: float = 0.001,
+    noise_Nm: float = 0.001, zero_Nm: float = 0.0, gain: float = 0.0,
 ) -> np.ndarray:  # fmt: skip
     """Return four turns of a point: ripple of 0.06 Nm RMS and more by and by, and noise."""
     ticks = np.zeros(4 * TURN_TICKS + 2, TICK_DTYPE)
@@ -49,6 +49,7 @@ def captured(
     ticks["speed_rad_s"] = 2 * np.pi
     ripple_Nm = np.sqrt(2) * (0.06 + drift_Nm * 0.1 * repetition + 0.0006 * rng.normal())
     ticks["torque_Nm"] = 1.0 + index % 2 + noise_Nm * rng.normal(size=number.size)
+    ticks["torque_Nm"] += 0.1 * repetition * (zero_Nm + gain * (1.0 + index % 2))
     ticks["torque_Nm"] += ripple_Nm * np.sin(4 * ticks["angle_rad"])
     ticks["temperature_C"] = 30 + 0.1 * rng.normal()
     ticks["missed"] = 7
@@ -59,7 +60,8 @@ def captured(
 def write(
     path: Path, repetitions: range, drift_Nm: float = 0.0, seed: int = 1, last_points: int = 2,
     shows_mean: bool = False, channel: str = "winding_C", noise_Nm: float = 0.001,
-    set_points: Mapping[str, float] | None = None, **settings: object,
+    set_points: Mapping[str, float] | None = None, zero_Nm: float = 0.0, gain: float = 0.0,
+    **settings: object,
 ) -> Path:  # fmt: skip
     """Write a soak with these repetitions, the last one with fewer points."""
     source, rng = PlanSource.of(), np.random.default_rng([seed, repetitions.start])
@@ -71,7 +73,7 @@ def write(
         for repetition in repetitions:
             for place in range(last_points if repetition == repetitions[-1] else 2):
                 index = 2 * repetition + place
-                ticks = captured(index, repetition, rng, drift_Nm, noise_Nm)
+                ticks = captured(index, repetition, rng, drift_Nm, noise_Nm, zero_Nm, gain)
                 first_ns, last_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
                 content = {"value": 40.0 + 20 * 0.1 * repetition + 0.1 * rng.normal()}
                 writer.channel(first_ns + 10**6, channel, "degC", 5.0, content)
@@ -142,6 +144,28 @@ def test_the_mean_torque_is_there_where_the_sensor_shows_it(tmp_path: Path) -> N
     mean = found["torque_mean_Nm of point 2, 2 Nm, 1 Hz"]
     assert mean.mean == pytest.approx(2.0, abs=0.01)
     assert (mean.drifts, mean.slope_unit) == (False, "Nm/h")
+
+
+@pytest.mark.parametrize(
+    ("zero_Nm", "gain", "drifts", "steady"),
+    [
+        (0.02, 0.0, "torque_zero_Nm", "torque_gain_percent"),
+        (0.0, 0.02, "torque_gain_percent", "torque_zero_Nm"),
+    ],
+)
+def test_a_zero_that_drifts_is_distinguished_from_a_gain(
+    tmp_path: Path, zero_Nm: float, gain: float, drifts: str, steady: str
+) -> None:
+    path = write(tmp_path / "soak.mcap", range(13), shows_mean=True, zero_Nm=zero_Nm, gain=gain)
+    result = soak_trends(Recordings.open([path]))
+    found = {one.name: one for one in result.trends}
+    assert found["torque_mean_Nm of point 2, 2 Nm, 1 Hz"].drifts
+    assert (found[drifts].drifts, found[steady].drifts) == (True, False)
+    for name, true in (("torque_zero_Nm", zero_Nm), ("torque_gain_percent", 100 * gain)):
+        assert found[name].low < true < found[name].high
+    actions = {one.name: one.action for one in result.findings}
+    how = "same at all set-points" if zero_Nm else "goes with the torque"
+    assert how in actions[f"drift of {drifts}"]
 
 
 def test_a_steady_soak_is_said_to_be_steady(tmp_path: Path) -> None:

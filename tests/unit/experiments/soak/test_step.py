@@ -34,7 +34,7 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_slope():
         assert found.slope.p_value > 1e-3
 
 
-def test_a_step_and_a_slope_are_told_apart():
+def test_a_step_and_a_slope_are_separated():
     values = 10.0 * (HOURS > 2.0) - 3.0 * HOURS
     covers = 0
     for seed in range(100):
