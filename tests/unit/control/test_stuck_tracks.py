@@ -8,6 +8,7 @@ from motord.config import Config
 from motord.config.rules.false_trips import false_trips
 from motord.config.rules.hidden_faults import hidden_faults
 from motord.config.rules.tracks import stop_max_rad_s2, unseen_track_rad
+from motord.config.timing import ACCELERATION_RAD_S2
 from motord.schema import State
 from tests.unit.control.bench import Bench, make_config
 
@@ -73,6 +74,26 @@ def test_the_greatest_deceleration_to_a_stop(rate_Hz: int, observer_Hz: float, c
         assert (bench.tick["state"][0] == State.ENABLED) == (part <= 1.0)
     named = [note for note in false_trips(config) if "a rotor that stops" in note]
     assert bool(named) == (most_rad_s2 < 100.0)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    ("rate_Hz", "observer_Hz", "counts"), [(1000, 20.0, 65536), (1468, 40.0, 97977)]
+)
+def test_no_track_seems_stuck_as_the_rotor_turns_back(
+    rate_Hz: int, observer_Hz: float, counts: int
+) -> None:
+    """While the observer's speed is zero the rotor turns by whole patterns of the finest tracks."""
+    for phase in range(8):
+        bench = Bench(config_of(rate_Hz, observer_Hz, counts))
+        bench.angle_rad += phase * 3.7e-5
+        bench.speed_rad_s = 3.0
+        bench.run(rate_Hz // 4)
+        bench.enable()
+        while bench.speed_rad_s > -3.0:
+            bench.speed_rad_s -= ACCELERATION_RAD_S2 / rate_Hz
+            bench.run()
+        assert bench.tick["state"][0] == State.ENABLED
 
 
 def test_usual_benches_may_stop_as_quickly_as_they_like() -> None:
