@@ -254,9 +254,9 @@ def parse(rpc: Rpc[RequestT, ReplyT], payload: bytes, limit: int = MAX_REQUEST_B
 
 def _message(error: ValidationError) -> str:
     lines = []
-    for item in error.errors(include_url=False, include_input=False):
+    for item in error.errors(include_url=False, include_input=False)[:5]:
         where = ".".join(str(part) for part in item["loc"])
         what = item["msg"].removeprefix("Value error, ")
         what = {"extra_forbidden": "unknown field", "missing": "missing"}.get(item["type"], what)
         lines.append(f"{where}: {what}" if where else what)
-    return "; ".join(lines[:5])
+    return "; ".join(lines)

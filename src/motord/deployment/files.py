@@ -90,7 +90,7 @@ class Deployment:
                 place = self.place(file.path)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 if difference == "edited":
-                    write_whole(place.with_name(f"{place.name}.old"), place.read_text())
+                    write_whole(place.with_name(f"{place.name}.old"), place.read_bytes())
                 if difference != "same":
                     write_whole(place, file.text)
             self._remember(files, request)

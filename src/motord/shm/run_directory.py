@@ -136,5 +136,5 @@ def _try_lock(path: Path) -> int | None:
 
 def _holder(path: Path) -> str:
     with suppress(OSError):
-        return path.read_text() or "?"
+        return path.read_text(errors="replace") or "?"
     return "?"

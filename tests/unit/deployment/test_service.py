@@ -99,11 +99,12 @@ def test_a_dry_run_shows_what_is_written_and_writes_nothing(folder: Path) -> Non
 def test_what_was_edited_is_not_written_over_or_removed(folder: Path) -> None:
     install(folder)
     rules = folder / "root" / "etc/udev/rules.d/60-motord.rules"
-    rules.write_text("mine\n")
+    mine = "gehört mir\n".encode("latin-1")
+    rules.write_bytes(mine)
     done = install(folder)
     assert done.exit_code == 1
     assert "60-motord.rules: there already, and not as installed" in done.stderr
-    assert rules.read_text() == "mine\n"
+    assert rules.read_bytes() == mine
     status = service("status", "--root", folder / "root")
     assert "60-motord.rules: edited" in status.stdout
     assert "motord.service: as installed" in status.stdout
@@ -111,7 +112,7 @@ def test_what_was_edited_is_not_written_over_or_removed(folder: Path) -> None:
     assert f"left {rules}: it was edited" in left.stdout
     assert rules.exists()
     assert install(folder, "--force").exit_code == 0
-    assert rules.with_name("60-motord.rules.old").read_text() == "mine\n"
+    assert rules.with_name("60-motord.rules.old").read_bytes() == mine
     assert rules.read_text() == packaged("systemd/60-motord.rules").read_text()
 
 

@@ -332,6 +332,14 @@ def test_an_unreadable_mark_is_reported(service):
         put_in_force(service.store, calibration())
 
 
+@pytest.mark.parametrize("mark", [b"\xff\xfe", b"", b"a\0b", b"../x.json"])
+def test_a_mark_that_names_nothing_keeps_no_daemon_from_starting(service, mark):
+    service.store.directory.mkdir(parents=True)
+    (service.store.directory / MARK).write_bytes(mark)
+    assert installed_calibration(service.store, service.bench) is None
+    assert "the installed calibration is not used" in service.events.recent()[-1].message
+
+
 def test_the_configuration_is_given_as_text_and_in_full(service):
     answer = service.ask("config")
     assert answer["toml"] == "the text"

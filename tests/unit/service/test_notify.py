@@ -53,6 +53,13 @@ def test_the_watchdog_is_fed_by_new_ticks_alone(manager: socket.socket) -> None:
     notify.close()
 
 
+def test_what_is_no_text_or_number_fails_nothing(manager: socket.socket) -> None:
+    notify = notifier(manager, WATCHDOG_USEC="4\u00b2")
+    notify.stopping("a file of the name \udcff")
+    assert received(manager) == ["STOPPING=1\nSTATUS=a file of the name ?"]
+    notify.close()
+
+
 def test_a_watchdog_of_another_process_is_not_fed(manager: socket.socket) -> None:
     notify = notifier(manager, WATCHDOG_USEC="4000000", WATCHDOG_PID="1")
     notify.progress(10, 10 * SECOND_NS)

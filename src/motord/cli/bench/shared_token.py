@@ -47,7 +47,7 @@ def tokens(bench: str) -> list[str]:
     with suppress(OSError):
         for path in folder(bench).glob("*.json"):
             pid, _, start = path.stem.partition("-")
-            if not pid.isdigit() or str(_started_at(int(pid))) != start:
+            if not pid.isdecimal() or str(_started_at(int(pid))) != start:
                 path.unlink(missing_ok=True)  # its owner has ended and cannot
             else:
                 alive.append(path)

@@ -18,6 +18,7 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config, MotorConfig
 from motord.service.bench.rest_currents import check_rest_currents
 from motord.service.host.events import EventLog
+from motord.untrusted import read_text
 
 MARK = "installed"
 
@@ -96,7 +97,7 @@ class CalibrationStore:
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
         try:
-            name = (self.directory / MARK).read_text(encoding="utf-8").strip()
+            name = read_text(self.directory / MARK, errors="replace").strip()
         except FileNotFoundError:
             return None
         except OSError as error:

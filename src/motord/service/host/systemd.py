@@ -34,7 +34,7 @@ class Notifier:
         """Return one for the socket and the timeout that systemd names, if it does."""
         meant = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         microseconds = environment.get("WATCHDOG_USEC", "0")
-        watchdog_s = int(microseconds) * 1e-6 if meant and microseconds.isdigit() else 0.0
+        watchdog_s = int(microseconds) * 1e-6 if meant and microseconds.isdecimal() else 0.0
         return cls(environment.get("NOTIFY_SOCKET", ""), watchdog_s)
 
     def ready(self, status: str) -> None:
@@ -61,4 +61,4 @@ class Notifier:
     def _send(self, message: str) -> None:
         if self._socket is not None:
             with suppress(OSError):  # no listener, or its queue is full
-                self._socket.sendto(message.encode(), self._address)
+                self._socket.sendto(message.encode(errors="replace"), self._address)
