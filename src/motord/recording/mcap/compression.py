@@ -65,7 +65,16 @@ def _content(name: str, data: memoryview, size: int) -> bytes | memoryview:
         if name == "lz4":
             if lz4_frame.get_frame_info(data)["content_size"] not in (size, 0):
                 raise ValueError("its lz4 frame is of another size")
-            return bytes(lz4_frame.decompress(data))
+            return _lz4_content(data, size + 1)  # a frame that does not say its size may hold GB
     except (zstandard.ZstdError, RuntimeError) as error:
         raise ValueError(f"cannot be decompressed: {error}") from error
     raise ValueError(f'its compression "{name}" is not known')
+
+
+def _lz4_content(data: memoryview, most: int) -> bytes:
+    """Return at most so many bytes. Raises ValueError, RuntimeError."""
+    frame = lz4_frame.LZ4FrameDecompressor()
+    content: bytes = frame.decompress(data, max_length=most)
+    if len(content) < most and not frame.eof:
+        raise ValueError("its lz4 frame is cut off")
+    return content
