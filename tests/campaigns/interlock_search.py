@@ -71,7 +71,7 @@ class Operation:
         b = self.b
         for _ in range(ticks):
             if not self.faulty:
-                period_s = b.period_ns * 1e-9
+                period_s = b.period_ns * 1e-9 * (1 + b.stalled_most)  # it lasts through a stall
                 a_rad_s2 = (self.wanted_rad_s - b.speed_rad_s) / period_s
                 b.acceleration_rad_s2 = min(max(a_rad_s2, -self.most_rad_s2), self.most_rad_s2)
             before, before_Nm = b.state, abs(float(b.tick["torque_set_Nm"][0]))

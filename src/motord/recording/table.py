@@ -68,6 +68,9 @@ class Table:
         out = np.empty(most, dtype)  # what is not used costs nothing
         lanes, count = self._codec.lanes(dtype), 0
         for runs in self._runs(chunks, span):
+            missing = count + sum(map(len, runs)) - len(out)
+            if missing > 0:  # an index says less than there is
+                out = np.concatenate([out, np.empty(missing, dtype)])
             count = _unpack(lanes, runs, out, count)
         return out[:count]
 

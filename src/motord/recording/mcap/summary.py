@@ -96,12 +96,15 @@ def chunk_entry(body: bytes) -> ChunkEntry:
 
 
 def _keep(structure: Structure, record: McapRecord | ChunkEntry, file: BinaryIO) -> None:
+    """Take over a record. Raises ValueError for an index of what is beyond the file."""
     if isinstance(record, ChunkEntry):
+        _require_within(structure, record.offset + record.size)
         structure.chunks.append(record)
     elif isinstance(record, Statistics):
         structure.counts = record.channel_message_counts
         structure.loose_messages = record.message_count > 0 and record.chunk_count == 0
     elif isinstance(record, MetadataIndex):
+        _require_within(structure, record.offset + record.length)
         content = _read(file, record.offset, record.length)
         try:
             structure.keep(parse(Opcode.METADATA, content[RECORD_HEAD.size :]))
@@ -110,3 +113,8 @@ def _keep(structure: Structure, record: McapRecord | ChunkEntry, file: BinaryIO)
             structure.losses.append(Loss(record.offset, record.length, reason, messages=False))
     else:
         structure.keep(record)
+
+
+def _require_within(structure: Structure, end: int) -> None:
+    if end > structure.size:
+        raise ValueError("an index points beyond the file")
