@@ -12,6 +12,7 @@ from types import FrameType
 from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
+from motord.process.allocator import shrink_heaps_from_their_end
 from motord.process.signal_handlers import handled
 from motord.security.error import SecurityError
 from motord.service.bench.calibrations import state_directory
@@ -85,6 +86,7 @@ def run(
     if config.zenoh.tls is not None:
         process.check(config.zenoh.tls)
     descriptors.raise_limit()
+    shrink_heaps_from_their_end()
     with (
         log_to_stderr(),
         stop_signals() as stopping,
