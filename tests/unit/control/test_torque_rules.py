@@ -4,10 +4,12 @@ import itertools
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from motord.config import Config
+from motord.config.motor import back_emf_waves
 from motord.config.rules.false_trips import false_trips
 from motord.config.rules.torque import (
     dead_sensor_error_Nm,
@@ -202,3 +204,42 @@ def test_a_reversal_that_trips_is_named(trip_torque_Nm: float, named: bool) -> N
     notes = [note for note in false_trips(config) if "OVER_TORQUE" in note]
     assert bool(notes) == named
     assert not named or "shows up to 9.02 Nm of it" in notes[0]
+
+
+def commutation_notes(config: Config) -> list[str]:
+    return [note for note in false_trips(config) if IMPLAUSIBLE.name in note]
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(("counts", "named"), [(295, True), (305, False)])
+def test_an_encoder_too_coarse_for_the_poles_is_named(counts: int, named: bool) -> None:
+    """Half of the torque may be missing, 60 degrees: of 100 pole pairs half of 300 counts."""
+    config = make_config(
+        motor={"counts": counts, "pole_pairs": 100},
+        limits={"encoder_jump_rad": 1.5, "trip_speed_rad_s": 10.0, "torque_error_Nm": 1.8},
+    )
+    assert bool(commutation_notes(config)) == named
+    tripped = []
+    for part in (-0.499, 0.0, 0.499):  # of a count, from the angle that the encoder says
+        bench = Bench(config)
+        bench.speed_rad_s, bench.angle_rad = 0.0, (70 + part) * 2 * math.pi / counts
+        electrical_rad = np.array([100 * bench.angle_rad])
+        [back_emf] = back_emf_waves(config.motor.back_emf, electrical_rad, "abc")
+        bench.enable(torque_Nm=6.0)
+        for _ in range(1500):
+            bench.feedback["torque_Nm"] = back_emf @ bench.currents_A()
+            bench.run()
+        tripped.append(Trip(int(bench.tick["first_trip"][0])))
+    assert tripped == ([IMPLAUSIBLE, Trip(0), IMPLAUSIBLE] if named else [Trip(0)] * 3)
+
+
+@pytest.mark.parametrize(("trip_speed_rad_s", "named"), [(41.8, False), (42.0, True)])
+def test_a_loop_too_slow_for_the_poles_is_named(trip_speed_rad_s: float, named: bool) -> None:
+    """60 degrees in half of a period: 2.09 rad in 1 ms, of 50 pole pairs 41.9 rad/s."""
+    config = make_config(
+        motor={"pole_pairs": 50},
+        limits={"encoder_jump_rad": 1.5, "trip_speed_rad_s": trip_speed_rad_s},
+    )
+    notes = commutation_notes(config)
+    assert bool(notes) == named
+    assert not named or "at more than 41.8 rad/s" in notes[0]
