@@ -8,7 +8,7 @@ import numpy as np
 from motord.experiments.subject import AnalysisError, require_columns
 from motord.findings import Finding, listed
 from motord.identification.operating_points import CURRENTS, PointData, good_points
-from motord.identification.rotor.driven_rotor import PART, LeftOut
+from motord.identification.rotor.left_out import PART, LeftOut
 from motord.recording.reader import Run, bounds_of
 
 ANGLE = ("encoder_count", "angle_rad")
@@ -33,7 +33,8 @@ def driven_points(runs: Iterable[Run], names: Sequence[str]) -> Iterator[PointDa
         for point in points or [None]:
             ticks = _ticks(run, columns, point)
             commanded = point is not None and point.get("driven")
-            yield PointData(0.0, float(point["speed_Hz"]) if point and commanded else 0.0, ticks)
+            speed_Hz = float(point["speed_Hz"]) if point and commanded else 0.0
+            yield PointData(0.0, speed_Hz, ticks, recording=run.path.name)
 
 
 def _columns(run: Run, names: Sequence[str]) -> list[str]:

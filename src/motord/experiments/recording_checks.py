@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from motord.report.html import Page
 
 
+REASONS_MAX = 50
+"""Points left out that a finding names with their reasons."""
+
 LINES_MAX = 6
 """Losses of a recording that a page lists."""
 
@@ -77,7 +80,7 @@ def points_left_out(runs: Iterable[Run], others: Iterable[str] = ()) -> tuple[Fi
     return (
         Finding(
             "points-left-out", len(reasons), 0, "points", "warning",
-            f"left out for the reason in brackets: {listed(reasons, 5)}",
+            f"left out for the reason in brackets: {listed(reasons, REASONS_MAX)}",
             "take these points again; of counts out of range, look for a loose wire first",
         ),
     )  # fmt: skip

@@ -1,7 +1,6 @@
 """Clipped, frozen, misread signals, and torque and currents of another scale, as findings."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import count
 from math import copysign
 
 import numpy as np
@@ -10,10 +9,7 @@ from motord.findings import Finding, Severity, listed
 from motord.identification.signal_condition import (
     CLIPPED_SHARE,
     SignalFault,
-    in_range,
-    out_of_range,
 )
-from motord.schema import rows_of
 
 NAMES = {
     "torque_Nm": "torque",
@@ -117,23 +113,6 @@ def current_scale(ratios: np.ndarray, spoiled: str) -> Iterator[Finding]:
             f"scale, sign or phase, or the drive did not follow, and {spoiled}",
             "check scale, sign and order of the currents in the drive's DBC file with a shunt",
         )  # fmt: skip
-
-
-def with_counts_in_range(
-    captures: Iterable[np.ndarray], counts: int, what: str, numbers: Iterable[int] | None = None
-) -> tuple[list[np.ndarray], tuple[Finding, ...]]:
-    """Return the ticks of captures whose counts are of the encoder, and what is said of the others.
-
-    what: a capture, as "step"; numbers: of the captures, from 1 on by default. Raises
-    CountsOutOfRange.
-    """
-    kept, seen = [], []
-    for number, ticks in zip(count(1) if numbers is None else numbers, captures, strict=False):
-        label = f"{what} {number}"
-        good = in_range(ticks["encoder_count"].astype(np.int64), counts, label)
-        kept.append(rows_of(ticks, good))
-        seen.append((label, out_of_range(good)))
-    return kept, signal_findings(seen)
 
 
 def signal_findings(seen: Iterable[tuple[str, Sequence[SignalFault]]]) -> tuple[Finding, ...]:

@@ -14,12 +14,11 @@ from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.signal_condition import (
     SignalFault,
     encoder_faults,
-    in_range,
     out_of_range,
     require_change,
     signal_faults,
 )
-from motord.identification.turning import continuous_turns
+from motord.identification.turning import continuous_turns, countable
 from motord.schema import rows_of
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
@@ -42,7 +41,7 @@ class PointData:
     errors that were put on the currents on purpose (sequencing.Induced), so that its ripple is not
     the motor's; empty without. turns_from_start: whole turns count from the first sample, not from
     the encoder's zero. back_emf_factor: back-EMF over that of the motor's reference temperature;
-    nan where it cannot be known.
+    nan where it cannot be known. recording: name of its file.
     """
 
     torque_Nm: float
@@ -52,6 +51,13 @@ class PointData:
     induced: Mapping[str, Any] = field(default_factory=dict)
     turns_from_start: bool = False
     back_emf_factor: float = 1.0
+    recording: str = ""
+
+    @property
+    def label(self) -> str:
+        """Recording, if it is known, and set-points as text."""
+        at = f"{self.torque_Nm:g} Nm, {self.speed_Hz:g} Hz"
+        return f"{self.recording}: {at}" if self.recording else at
 
 
 @dataclass(frozen=True)
@@ -110,12 +116,14 @@ def _forwards(count: np.ndarray) -> bool:
     return bool((steps > 0).sum() >= (steps < 0).sum())
 
 
-def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> Iterator[PointData]:
+def split(
+    ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]], recording: str = ""
+) -> Iterator[PointData]:
     """Yield the good operating points of a run, in their order.
 
     ticks: all ticks of the run, with columns `tick` and `plan_point` besides those of a point.
     operating_points: dicts as recorded in `/operating_point`; those not of good quality, and
-    takes that were taken again, are left out.
+    takes that were taken again, are left out. recording: name of its file.
     """
     for point in good_points(operating_points):
         first, last = int(point["tick_start"]), int(point["tick_end"])
@@ -128,6 +136,7 @@ def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> I
             compensate=int(point.get("compensate", 0)),
             induced=point.get("induced", {}),
             turns_from_start=bool(point.get("turns_from_start", False)),
+            recording=recording,
         )
 
 
@@ -142,8 +151,8 @@ def good_points(operating_points: Sequence[Mapping[str, Any]]) -> list[Mapping[s
 
 
 def prepare(point: PointData, counts: int) -> Samples:
-    """Return the samples of a point. Raises NoWholeTurn, CountsOutOfRange, IdentifyError."""
-    label = f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz"
+    """Return the samples of a point. Raises CaptureError, IdentifyError."""
+    label = point.label
     names = point.ticks.dtype.names or ()
     missing = [name for name in REQUIRED if name not in names]
     if missing:
@@ -158,7 +167,8 @@ def prepare(point: PointData, counts: int) -> Samples:
         good &= sensed
     else:
         i_A[:] = np.nan
-    readable = in_range(ticks["encoder_count"][good].astype(np.int64), counts, label)
+    count = ticks["encoder_count"][good].astype(np.int64)
+    readable = countable(t_s[good], count, counts, label)
     good[good] = readable
     if good.all():
         good = slice(None)  # spares the copies

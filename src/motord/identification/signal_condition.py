@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from motord.identification import IdentifyError
+from motord.identification import CaptureError, IdentifyError
 
 CLIPPED_SHARE = 0.005
 """Of the samples that are at one end of the signal, from which on it may be clipped."""
@@ -34,15 +34,12 @@ MISREAD_STEPS, MISREAD_COUNTS = 3.0, 8
 """A sample is off that is so many usual steps, and counts, away from both of its neighbours."""
 OUT_OF_RANGE_SHARE = 0.01
 """Of the samples that are disturbed at most: with more, it is another encoder or none."""
-LOST_TURN = 0.25
-"""Part of a turn that may be between two counts in range: by half a turn it is not known which way,
-nor how many turns, the rotor went, and its speed may have changed meanwhile."""
 FROZEN_TURN = 0.125
 FROZEN_RUNS = 20.0
 """A value is frozen that stays for this part of a turn, and for so many times the mean time."""
 
 
-class CountsOutOfRange(IdentifyError):
+class CountsOutOfRange(CaptureError):
     """Encoder counts are below 0, or not below the motor's counts a turn, and not by chance."""
 
 
@@ -128,15 +125,15 @@ def in_range(count: np.ndarray, counts: int, label: str) -> np.ndarray:
     """Return which encoder counts (n,) are of `counts` a turn (n,): the others are disturbed.
 
     Raises CountsOutOfRange if these are several and more than OUT_OF_RANGE_SHARE, or if the rotor
-    turns on into them more than once: the motor has another encoder then. Also if it may have
-    turned by more than LOST_TURN over some in a row.
+    turns on into them more than once: the motor has another encoder then.
     """
     good = (count >= 0) & (count < counts)
     if good.all():
         return good
     inside = count[good]
-    step = _apart(inside[1:], inside[:-1], counts)
-    near = np.abs(np.diff(count)) <= (_far(step) if step.size else 0)
+    step = (inside[1:] - inside[:-1] + counts // 2) % counts - counts // 2
+    usual = np.median(step) if step.size else 0
+    near = np.abs(np.diff(count) - usual) <= (_far(np.abs(step - usual)) if step.size else 0)
     edges = np.flatnonzero(near & (good[1:] != good[:-1]))
     onwards = np.unique(edges + good[edges])  # a sample that is next to two counts in range
     if onwards.size > 1 or good.size - good.sum() > max(OUT_OF_RANGE_SHARE * good.size, 1):
@@ -144,28 +141,7 @@ def in_range(count: np.ndarray, counts: int, label: str) -> np.ndarray:
             f"{label}: encoder counts from {count.min()} to {count.max()}, "
             f"but the motor has {counts} counts a turn; correct counts in [motor]"
         )
-    if (lost := _most_lost(good, step)) > LOST_TURN * counts:
-        raise CountsOutOfRange(
-            f"{label}: encoder counts are out of range for {lost / counts:.2g} of a turn on end, "
-            "so that the turns cannot be counted; look for a loose plug, and record it again"
-        )
     return good
-
-
-def _most_lost(good: np.ndarray, step: np.ndarray) -> float:
-    """Return by how many counts the rotor turned at most between two good samples, others between.
-
-    good (n,); step (m - 1,): between successive samples of the m good ones.
-    """
-    if not step.size:
-        return 0.0
-    apart = np.diff(np.flatnonzero(good))
-    [gaps] = np.nonzero(apart > 1)
-    if not gaps.size:
-        return 0.0
-    around = np.stack([step[np.maximum(gaps - 1, 0)], step[np.minimum(gaps + 1, step.size - 1)]])
-    fastest = np.maximum(around.max(axis=0), np.percentile(step, 95))
-    return float((apart[gaps] * fastest).max())
 
 
 def out_of_range(good: np.ndarray) -> tuple[SignalFault, ...]:
@@ -182,17 +158,26 @@ def encoder_faults(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
 
 
 def misread_counts(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
-    """Return an encoder of whose counts (n,) single samples are far from both of their neighbours.
+    """Return an encoder of whose counts (n,) single samples are misread."""
+    number = int(misread(count, counts).sum())
+    return tuple(
+        SignalFault("encoder_count", "misread", number / count.size)
+        for _ in range(number >= MISREAD_MIN)
+    )
 
-    Those near each other, the one between was misread; a gap in the recording is none.
+
+def misread(count: np.ndarray, counts: int) -> np.ndarray:
+    """Return which counts (n,) are far from both of their neighbours, those near each other (n,).
+
+    A gap in the recording is none.
     """
-    if count.size < 3:
-        return ()
-    step = _apart(count[1:], count[:-1], counts)
-    far = _far(step)
-    off = (step[:-1] > far) & (step[1:] > far) & (_apart(count[2:], count[:-2], counts) <= far)
-    number = int(off.sum())
-    return (SignalFault("encoder_count", "misread", number / count.size),) * (number >= MISREAD_MIN)
+    off = np.zeros(count.size, bool)
+    if count.size >= 3:
+        step = _apart(count[1:], count[:-1], counts)
+        far = _far(step)
+        off[1:-1] = (step[:-1] > far) & (step[1:] > far)
+        off[1:-1] &= _apart(count[2:], count[:-2], counts) <= far
+    return off
 
 
 def _far(step: np.ndarray) -> float:

@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from motord.identification import IdentifyError
+from motord.identification import CaptureError, IdentifyError
+from motord.identification.signal_condition import in_range, misread
 
 STEADY = 0.1
 """Part by which the durations of the turns of one segment may differ from their median."""
@@ -19,15 +20,18 @@ LEAST_TURNS = 3
 GAP = 0.1
 """Part of a turn that may be missing between two turns of one segment: a rotor that trembles."""
 
-UNSEEN_TURN = 0.4
-"""Part of a turn that may pass between two samples: the shorter way round is the right one even if
-the rotor turned by a quarter more than its speed before or after makes."""
+SPEED_ERROR = 0.25
+"""Part of the speed by which that between two samples may differ from that before or after them."""
 
 SPEED_SAMPLES = 20
 """Sample intervals on either side of a gap from which the speed in it is taken."""
 
 MISSING = 1.5
-"""Spacing of samples, in usual spacings, from which on one of them is missing."""
+"""Spacing of samples, in the short spacings of which SHORT are shorter, from which on one of them
+is missing."""
+
+SHORT = 0.1
+"""Part of the spacings that are short, however many samples are missing."""
 
 SHOWN = 0.1
 """Part of the usual time that sample intervals take at least, if they are to show a speed."""
@@ -39,12 +43,12 @@ TURN_MORE = (
 """What to do where there is no whole turn."""
 
 
-class NoWholeTurn(IdentifyError):
+class NoWholeTurn(CaptureError):
     """The samples have no whole turn."""
 
 
-class LostTurns(IdentifyError):
-    """Samples are missing for so long that turns may have passed uncounted."""
+class LostTurns(CaptureError):
+    """Samples are so far apart that turns may have passed uncounted."""
 
 
 @dataclass(frozen=True)
@@ -59,32 +63,60 @@ class Turn:
 def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
     """Return encoder counts (n,) that run on over turns, beginning with the first as it is.
 
-    The shorter way round counts: less than half a turn from sample to sample.
+    The shorter way round counts: less than half a turn from sample to sample, but for misread ones.
     """
-    return np.unwrap(np.asarray(count, np.int64), period=counts)
+    count = np.asarray(count, np.int64)
+    off = misread(count, counts)
+    if not off.any():
+        return np.unwrap(count, period=counts)
+    position = np.empty_like(count)
+    position[~off] = np.unwrap(count[~off], period=counts)
+    for n in np.flatnonzero(off):
+        position[n] = np.unwrap([position[n - 1], count[n]], period=counts)[1]
+    return position
 
 
-def require_every_turn(t_s: np.ndarray, position: np.ndarray, whole: float, label: str) -> None:
-    """Raise LostTurns if turns may be lost: by UNSEEN_TURN or more where samples are missing.
+def countable(t_s: np.ndarray, count: np.ndarray, counts: int, label: str) -> np.ndarray:
+    """Return which samples (n,) have a count in range, if the turns between these can be counted.
 
-    t_s (n,): rising; position (n,): running on, `whole` a turn. The speed in a gap is the larger
-    one of before and after it.
+    t_s (n,): rising; count (n,): of the encoder. Raises CountsOutOfRange, or LostTurns if the
+    shorter way round may be another than the rotor's somewhere.
     """
-    spacing_s, step = np.diff(t_s), np.diff(position)
-    missing = spacing_s > MISSING * np.median(spacing_s) if spacing_s.size else np.zeros(0, bool)
-    [gaps] = np.nonzero(missing)
-    if not gaps.size:
-        return
-    before = np.maximum(gaps - SPEED_SAMPLES, 0), gaps
-    after = gaps + 1, np.minimum(gaps + 1 + SPEED_SAMPLES, spacing_s.size)
-    speeds = [_speeds(spacing_s, step, missing, *one) for one in (before, after)]
-    turned = np.max(speeds, axis=0) * spacing_s[gaps] / whole
-    worst = int(np.argmax(turned))
-    if turned[worst] >= UNSEEN_TURN:
+    good = in_range(count, counts, label)
+    t_s, position = t_s[good], unwrap_counts(count[good], counts)
+    doubtful, turned = uncounted(t_s, position, counts)
+    if doubtful.size:
+        worst = int(np.argmax(turned))
+        apart_s = float(np.diff(t_s)[doubtful[worst]])
         raise LostTurns(
-            f"{label}: {spacing_s[gaps[worst]]:.3g} s without usable samples, in which the rotor "
-            f"made about {turned[worst]:.2g} turns: they cannot be counted; record it again"
+            f"{label}: {apart_s:.3g} s without usable samples, in which the rotor made about "
+            f"{turned[worst]:.2g} turns: they cannot be counted; record it again"
         )
+    return good
+
+
+def uncounted(t_s: np.ndarray, position: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return after which samples turns may be lost (m,), and about how many passed there (m,).
+
+    t_s (n,): rising; position (n,): running on, `counts` a turn. What the speed before, and that
+    after, makes of the time between two samples must be what they differ by, to half a turn less
+    SPEED_ERROR of it: another turn would be farther off.
+    """
+    [used] = np.nonzero(~misread(position, counts))
+    spacing_s, step = np.diff(t_s[used]), np.diff(position[used]) / counts
+    if spacing_s.size < 2:
+        return np.zeros(0, int), np.zeros(0)
+    at = np.arange(spacing_s.size)
+    missing = spacing_s > MISSING * np.quantile(spacing_s, SHORT)
+    before = np.maximum(at - SPEED_SAMPLES, 0), at
+    after = at + 1, np.minimum(at + 1 + SPEED_SAMPLES, spacing_s.size)
+    expected = np.array(
+        [_speeds(spacing_s, step, missing, *one) * spacing_s for one in (before, after)]
+    )
+    expected[0, 0], expected[1, -1] = expected[1, 0], expected[0, -1]  # nothing is before or after
+    off = np.abs(expected - step) + SPEED_ERROR * np.abs(expected)
+    [doubtful] = np.nonzero(off.max(axis=0) >= 0.5)
+    return used[doubtful], np.abs(expected).max(axis=0)[doubtful]
 
 
 def _speeds(
@@ -104,7 +136,7 @@ def _speeds(
     seen_s, all_s = sums(np.where(missing, 0.0, spacing_s)), np.maximum(sums(spacing_s), usual_s)
     shown = seen_s >= SHOWN * usual_s
     way = np.where(shown, sums(np.where(missing, 0.0, step)), sums(step))
-    return np.abs(way) / np.where(end > first, np.where(shown, seen_s, all_s), 1.0)
+    return way / np.where(end > first, np.where(shown, seen_s, all_s), 1.0)
 
 
 def _usual_s(spacing_s: np.ndarray) -> float:

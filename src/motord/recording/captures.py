@@ -31,7 +31,7 @@ def captures(run: Run, columns: Sequence[str] = COLUMNS) -> Iterator[PointData]:
 
 def _read(run: Run, columns: Sequence[str], point: Mapping[str, Any]) -> list[PointData]:
     """Return a point with its ticks; none if the recording has no ticks of it."""
-    return list(split(run.ticks(columns, **bounds_of(point)), [point]))
+    return list(split(run.ticks(columns, **bounds_of(point)), [point], run.path.name))
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from motord.experiments.driven_rotor import driven_points
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
-from motord.identification.rotor.driven_rotor import LeftOut
+from motord.identification.rotor.left_out import LeftOut
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter

@@ -14,7 +14,8 @@ from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.rests import REQUIRED
 from motord.experiments.alignment.result import Alignment
 from motord.experiments.analysis import Analysis, json_of
-from motord.experiments.signal_findings import with_counts_in_range
+from motord.experiments.captures_left_out import CapturesLeftOut
+from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
@@ -22,6 +23,7 @@ from motord.experiments.subject import (
     captured_ticks,
     check_plan,
 )
+from motord.identification.encoder_ticks import countable_ticks
 from motord.recording.reader import Run
 
 PLAN = "align"
@@ -31,13 +33,21 @@ def found_alignment(runs: Sequence[Run], subject: Subject) -> Alignment:
     """Return the alignment over all sweeps of the runs. Raises AnalysisError, IdentifyError."""
     for run in runs:
         check_plan(run, PLAN)
-    captures = (ticks for run in runs for ticks in captured_ticks(run, REQUIRED))
-    sweeps, faults = with_counts_in_range(captures, subject.motor.counts, "sweep")
-    if not sweeps:
+    sweeps, faults, left_out = [], [], CapturesLeftOut()
+    for run in runs:
+        for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1):
+            label = f"{run.path.name}: sweep {number}"
+            with left_out.noted(label):
+                good, of_signals = countable_ticks(ticks, subject.motor.counts, label)
+                sweeps.append(good)
+                faults.append((label, of_signals))
+    if not (sweeps or left_out.reasons):
         names = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{names}: the plan was ended before a sweep was over: start it anew")
-    found = align(sweeps, subject.motor)
-    return replace(found, accuracy=subject.accuracy, of_signals=faults)
+    with left_out.explaining():
+        found = align(sweeps, subject.motor)
+    findings = (*signal_findings(faults), *left_out.findings())
+    return replace(found, accuracy=subject.accuracy, of_signals=findings)
 
 
 def estimate(

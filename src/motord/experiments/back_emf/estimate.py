@@ -38,7 +38,8 @@ from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import FEWEST_TURNS, ClusterFit, Regressors, first_rows
 from motord.identification.operating_points import PointData
 from motord.identification.orders import resolved_order
-from motord.identification.rotor.driven_rotor import Driven, LeftOut, prepare
+from motord.identification.rotor.driven_rotor import Driven, prepare
+from motord.identification.rotor.left_out import LeftOut
 
 MOST_HARMONICS = 31
 """Electrical orders that are fitted, at most."""

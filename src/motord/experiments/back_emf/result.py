@@ -10,7 +10,7 @@ from motord.experiments.back_emf.between_speeds import Delay, correlated_freedom
 from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
-from motord.identification.rotor.driven_rotor import LeftOut
+from motord.identification.rotor.left_out import LeftOut
 from motord.intervals import coverage_factor, plus_minus
 
 

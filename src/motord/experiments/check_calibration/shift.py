@@ -26,12 +26,13 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     Regression,
 )
 from motord.experiments.calibration.estimate.turn_products import accumulate
+from motord.experiments.captures_left_out import CapturesLeftOut, prepared
 from motord.experiments.check_calibration.line_fit import LineFit
 from motord.experiments.signal_findings import signal_findings
 from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
-from motord.identification.operating_points import PointData, Samples, prepare, require_currents
+from motord.identification.operating_points import PointData, Samples, require_currents
 from motord.identification.orders import resolved_cogging_order
 from motord.identification.torque_sensor import without_highpass
 from motord.identification.variance_components import VarianceComponents
@@ -120,14 +121,16 @@ def parameter_shift(
     sensor: TorqueSensorConfig,
 ) -> ParameterShift:
     """Return by how much the calibration would have to move. Raises IdentifyError."""
-    recorded = [prepare(point, motor.counts) for point in points]
+    left_out = CapturesLeftOut()
+    recorded = list(prepared(points, motor.counts, left_out))
     faults = signal_findings((one.label, one.faults) for one in recorded)
     for fault in faults:
         if fault.severity == "serious":
             raise IdentifyError(f"nothing can be said: {fault.meaning}; {fault.action}")
     has_law = motor.connection == "star" and not any(map(is_missing, recorded))
     samples = [without_sensor(one, calibration, motor, sensor) for one in recorded]
-    _check_turns(samples)
+    with left_out.explaining():
+        _check_turns(samples)
     fewest = min(end - first for one in samples for first, end in one.turns)
     highest = resolved_cogging_order(fewest, motor.counts)
     harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
@@ -147,7 +150,7 @@ def parameter_shift(
         misfit=fit.misfit,
         orders=basis.orders,
         turns=tuple(len(one.turns) for one in samples),
-        faults=faults,
+        faults=(*faults, *left_out.findings()),
         law=law_shift(regression, gain) if has_law else None,
     )
 

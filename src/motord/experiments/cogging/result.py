@@ -12,7 +12,7 @@ from motord.experiments.cogging.eccentricity import Eccentricity
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.orders import periods_per_slot_pitch
-from motord.identification.rotor.driven_rotor import LeftOut
+from motord.identification.rotor.left_out import LeftOut
 from motord.intervals import coverage_factor
 
 

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from motord.identification import IdentifyError
-from motord.identification.turning import require_every_turn
 
 LEAST_SAMPLES = 50
 
@@ -56,7 +55,6 @@ class CoastDown:
         if (np.diff(t_s) <= 0).any():
             raise IdentifyError(f"{name}: times do not rise")
         unwrapped_rad = np.unwrap(angle_rad.astype(float))
-        require_every_turn(t_s, unwrapped_rad, 2 * pi, name)
         direction = 1 if unwrapped_rad[-1] >= unwrapped_rad[0] else -1
         q_rad = direction * (unwrapped_rad - unwrapped_rad[0])
         behind = np.maximum.accumulate(q_rad) - q_rad > BACK_COUNTS * 2 * pi / counts

@@ -12,12 +12,12 @@ from pydantic import BaseModel, Field, ValidationError
 
 from motord.config import MotorConfig, NonNegative, Positive
 from motord.experiments.analysis import Analysis, json_of
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.result import Friction, Inertia
 from motord.experiments.friction.settings import NAME, FrictionConfig
-from motord.experiments.recording_checks import points_left_out
-from motord.experiments.signal_findings import with_counts_in_range
+from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
@@ -27,8 +27,10 @@ from motord.experiments.subject import (
     require_columns,
 )
 from motord.findings import Finding
+from motord.identification import CaptureError
+from motord.identification.encoder_ticks import countable_ticks
 from motord.identification.operating_points import good_points
-from motord.identification.turning import LostTurns
+from motord.identification.signal_condition import SignalFault
 from motord.recording.reader import Run
 from motord.report.text import TextTable
 from motord.untrusted import read_bytes
@@ -75,37 +77,30 @@ def _read_inertia(file: Path, motor: str) -> Inertia:
 
 def coast_downs(
     runs: Sequence[Run], motor: MotorConfig
-) -> tuple[tuple[CoastDown, ...], tuple[Finding, ...]]:
-    """Return the coast-downs of good quality, and what is questionable about their signals.
+) -> tuple[tuple[CoastDown, ...], tuple[Finding, ...], CapturesLeftOut]:
+    """Return the coast-downs of good quality, findings of their signals, and those left out.
 
-    One in which turns may be lost is left out, unless there is no other. Raises AnalysisError,
-    IdentifyError.
+    Raises AnalysisError.
     """
     turn_rad = motor.encoder_direction * 2 * pi / motor.counts
     found: list[CoastDown] = []
-    faults: list[Finding] = []
-    lost: list[LostTurns] = []
+    faults: list[tuple[str, tuple[SignalFault, ...]]] = []
+    left_out = CapturesLeftOut()
     for run in runs:
         require_columns(run, (*COLUMNS, "plan_point"))
         points = good_points(run.operating_points())
-        what = f"{run.path.name}: coast-down"
-        numbers = [int(point["index"]) + 1 for point in points]
-        ticks_of = captured_ticks(run, COLUMNS)
-        captures, seen = with_counts_in_range(ticks_of, motor.counts, what, numbers)
-        faults += seen
-        for point, ticks in zip(points, captures, strict=True):
+        for point, ticks in zip(points, captured_ticks(run, COLUMNS), strict=True):
             index = int(point["index"])
-            if np.any(ticks["torque_set_Nm"] != 0.0):
-                raise AnalysisError(f"{run.path}: coast-down {index + 1}: a torque was commanded")
-            angle_rad = ticks["encoder_count"].astype(float) * turn_rad
-            place = run.path.name, index
-            try:
-                found.append(CoastDown.of(*place, ticks["t_ns"], angle_rad, motor.counts))
-            except LostTurns as error:
-                lost.append(error)
-    if lost and not found:
-        raise lost[0]
-    return tuple(found), (*faults, *points_left_out((), [f"({one})" for one in lost]))
+            label = f"{run.path.name}: coast-down {index + 1}"
+            with left_out.noted(label):
+                if np.any(ticks["torque_set_Nm"] != 0.0):
+                    raise CaptureError(f"{label}: a torque was commanded")
+                good, seen = countable_ticks(ticks, motor.counts, label)
+                angle_rad = good["encoder_count"].astype(float) * turn_rad
+                place = run.path.name, index
+                found.append(CoastDown.of(*place, good["t_ns"], angle_rad, motor.counts))
+                faults.append((label, seen))
+    return tuple(found), signal_findings(faults), left_out
 
 
 def estimate(
@@ -119,9 +114,10 @@ def estimate(
         check_plan(run, NAME)
     motor = recordings.subject.motor
     known = inertia_of(inertia, plan_settings(recordings, NAME, FrictionConfig), motor.name)
-    coasts, faults = coast_downs(recordings.runs, motor)
-    found = measure(coasts, motor, known)
-    return replace(found, findings=(*found.findings, *faults))
+    coasts, faults, left_out = coast_downs(recordings.runs, motor)
+    with left_out.explaining():
+        found = measure(coasts, motor, known)
+    return replace(found, findings=(*found.findings, *faults, *left_out.findings()))
 
 
 def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:

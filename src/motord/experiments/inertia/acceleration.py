@@ -2,18 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from math import sqrt
 
 import numpy as np
 from scipy.special import gammaincinv
 
 from motord.config import AccelerationConfig, TorqueSensorConfig
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.inertia.torque_step import TorqueStep, read_step
-from motord.experiments.recording_checks import points_left_out
-from motord.experiments.signal_findings import torque_scale
+from motord.experiments.signal_findings import signal_findings, torque_scale
 from motord.findings import Finding
 from motord.identification import IdentifyError
-from motord.identification.turning import LostTurns
 from motord.intervals import coverage_factor, t_quantile
 
 RARE = 0.001
@@ -74,7 +74,7 @@ class BothWays:
     """Mean of both directions, of as many as there are, each weighted alike.
 
     stderr_kg_m2: from how steps of one direction differ, with so many degrees of freedom; of one
-    step alone, from its noise, freedom None.
+    step alone, and of steps that are all alike, from their noise, freedom None.
     """
 
     inertia_kg_m2: float
@@ -88,25 +88,25 @@ def accelerate(
     counts: int,
     sensor: TorqueSensorConfig,
     settings: AccelerationConfig,
+    names: Sequence[str] = (),
 ) -> Acceleration:
     """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
-    data: ticks of each step from the rest before it on, with the columns REQUIRED.
-    A step in which turns may be lost is left out, unless there is no other.
+    data: ticks of each step from the rest before it on, with the columns REQUIRED; names: of the
+    steps, by default their numbers. One that tells nothing is left out, unless there is no other.
     Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
     half of it is what they differ by.
     """
     if not data:
         raise IdentifyError("no good step in there")
     read: dict[int, TorqueStep] = {}
-    lost: list[LostTurns] = []
-    for n, ticks in enumerate(data):
-        try:
-            read[n] = read_step(n, ticks, counts, sensor)
-        except LostTurns as error:
-            lost.append(error)
+    left_out = CapturesLeftOut()
+    for n, (ticks, name) in enumerate(zip_longest(data, names)):
+        name = name or f"step {n + 1}"
+        with left_out.noted(name):
+            read[n] = read_step(n, ticks, counts, sensor, name)
     if not read:
-        raise lost[0]
+        raise IdentifyError(f"no step can be used{left_out.as_text}")
     steps = tuple(read.values())
     both = _both_ways(steps)
     value = both.inertia_kg_m2
@@ -114,7 +114,9 @@ def accelerate(
     sources = [TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3))]
     if sensor.highpass_time_constant_s > 0:
         longer = _longer_highpass(sensor, settings.highpass_tolerance)
-        changed = _both_ways([read_step(n, data[n], counts, longer) for n in read])
+        changed = _both_ways(
+            [read_step(n, data[n], counts, longer, one.label) for n, one in read.items()]
+        )
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))
     sources.append(repetition)
@@ -132,7 +134,8 @@ def accelerate(
             *torque_scale(ratio, "the inertia"),
             *_age(steps),
             *both.findings,
-            *points_left_out((), [f"({one})" for one in lost]),
+            *signal_findings((step.label, step.faults) for step in steps),
+            *left_out.findings(),
         ),
     )
 
@@ -168,9 +171,11 @@ def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
     noise = float(np.sqrt(np.mean(stderr**2)))
     freedom = values.size - len(groups)
     reduced = sqrt(sum(1 / group.size for group in groups)) / len(groups)
-    if freedom < 1:
+    scatter = 0.0
+    if freedom > 0:
+        scatter = sqrt(sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom)
+    if scatter == 0:
         return BothWays(mean, noise * reduced, None, tuple(_few(values.size)))
-    scatter = sqrt(sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom)
     findings = [*_few(values.size), *_scatter(scatter, noise, freedom)]
     if len(groups) == 2:
         apart = sqrt(sum(1 / group.size for group in groups)) * scatter

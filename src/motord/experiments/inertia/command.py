@@ -1,8 +1,9 @@
 """`motord analyse inertia`: the moment of inertia, by oscillation or by acceleration."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,12 +13,13 @@ import typer
 from motord.calibration import load as load_calibration
 from motord.config import AccelerationConfig, OscillationConfig
 from motord.experiments.analysis import Analysis, json_of
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.inertia.acceleration import Acceleration, accelerate
 from motord.experiments.inertia.oscillation import Oscillation, combine
 from motord.experiments.inertia.releases import Release, find_releases, read_release, waves_of
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import REQUIRED
-from motord.experiments.signal_findings import with_counts_in_range
+from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
@@ -28,11 +30,14 @@ from motord.experiments.subject import (
     plan_settings,
     recorded_settings,
 )
-from motord.findings import Finding
 from motord.identification import IdentifyError
+from motord.identification.encoder_ticks import countable_ticks
+from motord.identification.resample import rising
+from motord.identification.signal_condition import SignalFault, in_range
 from motord.intervals import plus_minus
 from motord.recording.reader import Run
 from motord.report.text import TextTable
+from motord.schema import rows_of
 
 EXPERIMENTS = (Oscillation.experiment, Acceleration.experiment)
 
@@ -77,24 +82,43 @@ def oscillation(
             "cannot separate the two; give a calibration that knows it, or take the stator off"
         )
     waves = waves_of(cogging_Nm) if settings.stator and cogging_Nm is not None else None
+    read = partial(read_release, counts=counts, setup=setup, cogging_Nm=waves)
     releases: list[Release] = []
-    faults: list[Finding] = []
+    faults: list[tuple[str, tuple[SignalFault, ...]]] = []
+    left_out = CapturesLeftOut()
     for run in runs:
-        marked = bool(run.operating_points())
-        captures = captured_ticks(run, RELEASE) if marked else [run.ticks(RELEASE)]
-        what = f"{run.path.name}: {'release' if marked else 'recording'}"
-        readable, seen = with_counts_in_range(captures, counts, what)
-        faults += seen
-        for ticks in readable if marked else _searched(readable[0], counts):
+        faults += _read_releases(run, counts, read, releases, left_out)
+    with left_out.explaining():
+        found = combine(releases, setup, waves)
+    return replace(found, of_signals=(*signal_findings(faults), *left_out.findings()))
+
+
+def _read_releases(
+    run: Run,
+    counts: int,
+    read: Callable[[int, np.ndarray, np.ndarray], Release],
+    releases: list[Release],
+    left_out: CapturesLeftOut,
+) -> list[tuple[str, tuple[SignalFault, ...]]]:
+    """Add the releases of a run; return by label what is wrong with their encoder's signal."""
+    marked = bool(run.operating_points())
+    captures = captured_ticks(run, RELEASE) if marked else _searched(run, counts)
+    seen = []
+    for number, ticks in enumerate(captures, start=1):
+        label = f"{run.path.name}: release {number}"
+        with left_out.noted(label):
+            good, faults = countable_ticks(rows_of(ticks, rising(ticks["t_ns"])), counts, label)
+            seen.append((label, faults))
             # a segment without oscillation is skipped where a recording marks none
             with nullcontext() if marked else suppress(IdentifyError):
-                place = len(releases), ticks["t_ns"], ticks["encoder_count"]
-                releases.append(read_release(*place, counts, setup, waves))
-    return replace(combine(releases, setup, waves), of_signals=tuple(faults))
+                releases.append(read(len(releases), good["t_ns"], good["encoder_count"]))
+    return seen
 
 
-def _searched(ticks: np.ndarray, counts: int) -> Iterator[np.ndarray]:
+def _searched(run: Run, counts: int) -> Iterator[np.ndarray]:
     """Yield what may be releases of the ticks of a recording that marks none."""
+    ticks = run.ticks(RELEASE)
+    ticks = rows_of(ticks, in_range(ticks["encoder_count"].astype(np.int64), counts, run.path.name))
     for part in find_releases(ticks["t_ns"], ticks["encoder_count"], counts):
         yield ticks[part]
 
@@ -105,10 +129,12 @@ def acceleration(
     """Return the inertia from steps of torque. Raises IdentifyError, AnalysisError."""
     settings = settings or recorded_settings(runs[0], AccelerationConfig)
     counts = subject.motor.counts
-    captures = (ticks for run in runs for ticks in captured_ticks(run, REQUIRED))
-    steps, faults = with_counts_in_range(captures, counts, "step")
-    found = accelerate(steps, counts, subject.sensor, settings)
-    return replace(found, findings=(*found.findings, *faults))
+    steps, names = [], []
+    for run in runs:
+        for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1):
+            steps.append(ticks)
+            names.append(f"{run.path.name}: step {number}")
+    return accelerate(steps, counts, subject.sensor, settings, names)
 
 
 def estimate(

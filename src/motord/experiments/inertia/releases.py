@@ -7,7 +7,6 @@ import numpy as np
 from scipy import ndimage
 
 from motord.experiments.inertia.springs import SpringSetup
-from motord.identification import IdentifyError
 from motord.identification.rotor.free_decay import Decay, fit_decay
 from motord.identification.rotor.log_decrement import (
     FivePeriods,
@@ -82,15 +81,12 @@ def read_release(
     setup: SpringSetup,
     cogging_Nm: np.ndarray | None = None,
 ) -> Release:
-    """Return a release from its samples (n,). Raises IdentifyError naming it.
+    """Return a release from its samples (n,). Raises IdentifyError.
 
     counts: of the encoder's turn; cogging_Nm (3, n): as `waves_of` gives it.
     """
-    try:
-        oscillation = find_free_oscillation(t_ns, count, counts)
-        decay = fit_decay(oscillation, setup.stiffness_Nm, cogging_Nm)
-    except IdentifyError as error:
-        raise IdentifyError(f"release {index + 1}: {error}") from None
+    oscillation = find_free_oscillation(t_ns, count, counts)
+    decay = fit_decay(oscillation, setup.stiffness_Nm, cogging_Nm)
     return Release(index, oscillation, five_periods(oscillation), decay)
 
 

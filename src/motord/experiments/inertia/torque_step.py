@@ -24,8 +24,10 @@ from scipy.integrate import cumulative_trapezoid
 
 from motord.config import TorqueSensorConfig
 from motord.identification import IdentifyError
-from motord.identification.signal_condition import require_change
-from motord.identification.turning import require_every_turn
+from motord.identification.encoder_ticks import countable_ticks
+from motord.identification.signal_condition import SignalFault, require_change
+from motord.identification.turning import unwrap_counts
+from motord.schema import joined
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
 """Columns of the ticks of a step."""
@@ -52,7 +54,7 @@ class TorqueStep:
     commanded_kg_m2: the same fit with the commanded torque for the measured one; plain_kg_m2: eq.
     (2.1), from commanded torque, time and angle, damping neglected. impulse_ratio: of the measured
     torque to the commanded one. t_s, angle_rad, torque_Nm (n,)
-    since the beginning of the step; fitted_rad (m,) at fitted_s.
+    since the beginning of the step; fitted_rad (m,) at fitted_s. faults: of its encoder.
     """
 
     JSON = (
@@ -74,15 +76,21 @@ class TorqueStep:
     torque_Nm: np.ndarray
     fitted_s: np.ndarray
     fitted_rad: np.ndarray
+    label: str = ""
+    faults: tuple[SignalFault, ...] = ()
 
 
-def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig) -> TorqueStep:
-    """Return what one step tells. Raises IdentifyError naming it."""
-    name = f"step {index + 1}"
+def read_step(
+    index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig, name: str = ""
+) -> TorqueStep:
+    """Return what one step tells. Raises IdentifyError naming it, by its number as a default."""
+    name = name or f"step {index + 1}"
+    _, begin = _since_step(ticks, name)
+    turning, faults = countable_ticks(ticks[begin:], counts, name)
+    ticks = joined([ticks[:begin], turning])
     t_s, begin = _since_step(ticks, name)
     require_change({"torque_Nm": ticks["torque_Nm"]}, name)
-    angle_rad = np.unwrap(ticks["encoder_count"][begin:] * (2 * pi / counts))
-    require_every_turn(t_s[begin:], angle_rad, 2 * pi, name)
+    angle_rad = unwrap_counts(ticks["encoder_count"][begin:], counts) * (2 * pi / counts)
     angle_rad -= angle_rad[0]
     measured_Nm = _torque_since(t_s, ticks["torque_Nm"].astype(float), begin, sensor)
     commanded_Nm = ticks["torque_set_Nm"][begin:].astype(float)
@@ -113,6 +121,8 @@ def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorCo
         torque_Nm=measured_Nm,
         fitted_s=t_s[sliding],
         fitted_rad=fitted_rad,
+        label=name,
+        faults=faults,
     )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from motord.calibration import Calibration
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.profile.findings import CycleSignals, findings
 from motord.experiments.profile.result import (
     Cycle,
@@ -26,7 +27,6 @@ from motord.experiments.profile.result import (
     TrackingError,
 )
 from motord.experiments.profile.settings import NAME, ProfileConfig
-from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
@@ -35,8 +35,10 @@ from motord.experiments.subject import (
     recorded_settings,
     require_columns,
 )
+from motord.identification import CaptureError
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
 from motord.identification.signal_condition import in_range, out_of_range, require_change
+from motord.identification.turning import countable, unwrap_counts
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
 from motord.uncertainty_budget import totals
@@ -83,10 +85,13 @@ def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileT
                 f"{run.path}: is of another profile than {runs[0].path}; analyse them one by one"
             )
     own = settings[0]
-    found = [one for run in runs for one in _cycles(run, subject, own, calibration)]
+    left_out = CapturesLeftOut()
+    found = [one for run in runs for one in _cycles(run, subject, own, calibration, left_out)]
     if not found:
         files = ", ".join(str(run.path) for run in runs)
-        raise AnalysisError(f"{files}: no cycle of good quality in there; play the profile again")
+        raise AnalysisError(
+            f"{files}: no cycle of good quality in there; play the profile again{left_out.as_text}"
+        )
     return ProfileTracking(
         own.file,
         own.sha256,
@@ -95,7 +100,10 @@ def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileT
         _scale_uncertainty(subject, calibration),
         _source(subject, calibration),
         tuple(cycle for cycle, _ in found),
-        (*findings([signals for _, signals in found], subject), *points_left_out(runs)),
+        (
+            *findings([signals for _, signals in found], subject),
+            *left_out.findings(runs),
+        ),
         subject.accuracy.torque_zero_Nm / sqrt(3) if subject.sensor.passes_mean else 0.0,
     )
 
@@ -129,17 +137,21 @@ def _source(subject: Subject, calibration: Calibration | None) -> str:
 
 
 def _cycles(
-    run: Run, subject: Subject, own: ProfileConfig, calibration: Calibration | None
+    run: Run,
+    subject: Subject,
+    own: ProfileConfig,
+    calibration: Calibration | None,
+    left_out: CapturesLeftOut,
 ) -> Iterator[tuple[Cycle, CycleSignals]]:
     require_columns(run, COLUMNS)
     for point in good_points(run.operating_points()):
-        signals, checked = _signals(run, point, subject, calibration)
-        if signals.t_s.size < 2 or not np.isfinite(signals.torque_Nm).all():
-            raise AnalysisError(
-                f"{run.path}: cycle {int(point['index']) + 1} has no ticks, or no torque, speed "
-                "or currents in them"
-            )
-        yield _cycle(signals, int(point["index"]), run.path.name, own), checked
+        index = int(point["index"])
+        with left_out.noted(f"{run.path.name}: cycle {index + 1}"):
+            signals, checked = _signals(run, point, subject, calibration)
+            if signals.t_s.size < 2 or not np.isfinite(signals.torque_Nm).all():
+                raise CaptureError("no ticks, or no torque, speed or currents in them")
+            cycle = _cycle(signals, index, run.path.name, own)
+            yield cycle, checked
 
 
 def _signals(
@@ -152,26 +164,28 @@ def _signals(
     ticks = run.ticks((*COLUMNS, *commands), **bounds)
     name = f"cycle {int(point['index']) + 1}"
     count = ticks["encoder_count"].astype(np.int64)
-    readable = in_range(count, subject.motor.counts, f"{run.path}: {name}")
+    label = f"{run.path.name}: {name}"
+    readable = in_range(count, subject.motor.counts, label)
     ticks = rows_of(ticks, readable)
     captured = ticks["plan_point"] == int(point["index"])
     torque_Nm, passed_Nm, currents_Nm = _torques(ticks, subject, calibration)[:, captured]
     ticks = rows_of(ticks, captured)
-    require_change({"torque_Nm": ticks["torque_Nm"]}, f"{run.path}: {name}")
+    require_change({"torque_Nm": ticks["torque_Nm"]}, label)
     checked = CycleSignals.of(name, ticks, passed_Nm, currents_Nm, subject.motor)
     checked = replace(checked, faults=(*checked.faults, *out_of_range(readable)))
     if not ticks.size:
         return _Signals(*(np.empty(0),) * 6), checked
-    at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
+    at_s, count = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9, ticks["encoder_count"].astype(np.int64)
+    countable(at_s, count, subject.motor.counts, label)
     speed_wanted, torque_wanted_Nm = _asked_for(at_s, ticks)
-    step_rad = 2 * np.pi / subject.motor.counts
+    step_rad = subject.motor.encoder_direction * 2 * np.pi / subject.motor.counts
     signals = _Signals(
         at_s + float(point.get("profile_start_s", 0.0)),
         speed_wanted / (2 * np.pi),
         ticks["speed_rad_s"].astype(float) / (2 * np.pi),
         torque_wanted_Nm,
         torque_Nm,
-        np.unwrap(subject.motor.encoder_direction * step_rad * ticks["encoder_count"]),
+        step_rad * unwrap_counts(count, subject.motor.counts),
     )
     return signals, checked
 

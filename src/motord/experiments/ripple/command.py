@@ -8,7 +8,7 @@ import typer
 
 from motord.calibration import load
 from motord.experiments.analysis import Analysis, json_of
-from motord.experiments.recording_checks import points_left_out
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
 from motord.experiments.ripple_findings import findings
 from motord.experiments.subject import AnalysisError, Recordings
@@ -26,18 +26,18 @@ def estimate(
     ] = None,
 ) -> MeshRipple:
     """Return the ripple of each point. Raises AnalysisError, CalibrationError, IdentifyError."""
-    runs, subject = recordings.runs, recordings.subject
+    runs, subject, left_out = recordings.runs, recordings.subject, CapturesLeftOut()
     if calibration:
         applied = load(calibration)
         applied.check_motor(subject.motor, recorded=True)
-        shares = tuple(explained(runs, subject, applied))
+        shares = tuple(explained(runs, subject, applied, left_out))
         measured = tuple(one.measured for one in shares)
     else:
-        shares, measured = (), tuple(ripples(runs, subject))
+        shares, measured = (), tuple(ripples(runs, subject, left_out))
     if not measured:
         files = ", ".join(str(run.path) for run in runs)
-        raise AnalysisError(f"{files}: no good operating point in there")
-    found = (*findings(measured), *points_left_out(runs))
+        raise AnalysisError(f"{files}: no good operating point in there{left_out.as_text}")
+    found = (*findings(measured), *left_out.findings(runs))
     return MeshRipple(measured, shares, found, subject.accuracy.torque_scale)
 
 

@@ -22,10 +22,11 @@ import numpy as np
 from motord.calibration import Calibration, RmsErrors
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
+from motord.experiments.captures_left_out import CapturesLeftOut, prepared
 from motord.experiments.subject import Subject
 from motord.findings import Finding
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
-from motord.identification.operating_points import Samples, prepare, require_currents
+from motord.identification.operating_points import Samples, require_currents
 from motord.identification.point_ripple import (
     PointRipple,
     point_ripple,
@@ -106,33 +107,40 @@ class MeshRipple:
         return replace(ripple, stderr_percent=stderr_percent)
 
 
-def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
-    """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
+def ripples(
+    runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut | None = None
+) -> list[PointRipple]:
+    """Return the measured ripple of each good point of the runs that can be used."""
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
     found = [
         (point_ripple(samples, motor, sensor), DetectedLines.of(samples, motor.counts))
-        for samples in _samples(runs, subject)
+        for samples in _samples(runs, subject, left_out)
     ]
-    return with_asynchronous(found, _samples(runs, subject), motor, sensor)
+    return with_asynchronous(found, _samples(runs, subject, left_out), motor, sensor)
 
 
-def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -> list[Explained]:
+def explained(
+    runs: Iterable[Run],
+    subject: Subject,
+    calibration: Calibration,
+    left_out: CapturesLeftOut | None = None,
+) -> list[Explained]:
     """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
     found = [
         (explain(samples, motor, sensor, calibration), DetectedLines.of(samples, motor.counts))
-        for samples in _samples(runs, subject)
+        for samples in _samples(runs, subject, left_out)
     ]
     plain = [(one.measured, lines) for one, lines in found]
-    measured = with_asynchronous(plain, _samples(runs, subject), motor, sensor)
+    measured = with_asynchronous(plain, _samples(runs, subject, left_out), motor, sensor)
     return [replace(one, measured=point) for (one, _), point in zip(found, measured, strict=True)]
 
 
-def _samples(runs: Iterable[Run], subject: Subject) -> Iterator[Samples]:
-    for run in runs:
-        for point in captures(run):
-            if not point.induced:
-                yield prepare(point, subject.motor.counts)
+def _samples(
+    runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut | None
+) -> Iterator[Samples]:
+    points = (point for run in runs for point in captures(run) if not point.induced)
+    return prepared(points, subject.motor.counts, left_out)
 
 
 def middle_point(places: Sequence[tuple[float, float]]) -> tuple[float, float]:

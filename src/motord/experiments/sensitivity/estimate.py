@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.captures_left_out import CapturesLeftOut, prepared
 from motord.experiments.ripple_findings import asynchronous_line
 from motord.experiments.sensitivity.applied import NEEDED, Applied, AppliedCompensation
 from motord.experiments.sensitivity.curves import (
@@ -29,7 +30,6 @@ from motord.identification.operating_points import (
     CURRENTS,
     PointData,
     Samples,
-    prepare,
     stacked,
 )
 from motord.identification.point_ripple import PointRipple, point_ripple
@@ -91,7 +91,8 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     share = tuple(applied.gain.tolist()) if subject.motor.connection == "star" else None
     model = RippleModel.of(subject.motor, applied.tau_cog_Nm, share)
     rows: dict[str, list[tuple[float, ...]]] = {what: [] for what in IDEALS}
-    measured = measured_ripples(runs, subject)
+    left_out = CapturesLeftOut()
+    measured = measured_ripples(runs, subject, left_out)
     for ripple, induced in measured:
         if ripple.stderr_percent is None:
             raise IdentifyError(f"{ripple.label}: one whole turn; take at least 2 turns")
@@ -116,11 +117,14 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
             *current_scale(current_ratios, "slopes of current errors are as wrong"),
             *asynchronous_line([ripple for ripple, _ in measured]),
             *signal_findings((ripple.label, ripple.faults) for ripple, _ in measured),
+            *left_out.findings(runs),
         ),
     )
 
 
-def measured_ripples(runs: Sequence[Run], subject: Subject) -> list[tuple[PointRipple, Induced]]:
+def measured_ripples(
+    runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut | None = None
+) -> list[tuple[PointRipple, Induced]]:
     """Return the ripple of each point with a single error, or none, with what was induced.
 
     Lines that are not locked to the rotor are detected at all good points: those to calibrate from
@@ -128,18 +132,21 @@ def measured_ripples(runs: Sequence[Run], subject: Subject) -> list[tuple[PointR
     """
     motor, sensor = subject.motor, subject.sensor
     found, errors = [], []
-    for samples, induced in _prepared(runs, subject):
+    for samples, induced in _prepared(runs, subject, left_out):
         detected = DetectedLines.of(samples, motor.counts)
         found.append((point_ripple(samples, motor, sensor), detected))
         errors.append(induced)
-    points = (samples for samples, _ in _prepared(runs, subject))
+    points = (samples for samples, _ in _prepared(runs, subject, left_out))
     ripples = with_asynchronous(found, points, motor, sensor)
     return [pair for pair in zip(ripples, errors, strict=True) if _single(pair[1])]
 
 
-def _prepared(runs: Sequence[Run], subject: Subject) -> Iterator[tuple[Samples, Induced]]:
+def _prepared(
+    runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut | None = None
+) -> Iterator[tuple[Samples, Induced]]:
     for point, induced in _points(runs):
-        yield prepare(point, subject.motor.counts), induced
+        for samples in prepared([point], subject.motor.counts, left_out):
+            yield samples, induced
 
 
 def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:

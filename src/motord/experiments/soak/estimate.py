@@ -55,23 +55,20 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     questionable = (
         *ripple_findings(ripples),
         *changed_behind_noise(ripples),
-        *points_left_out(runs, _out_of_range(points)),
+        *points_left_out(runs, _without_ripple(points)),
     )
     return SoakResult(plan, tuple(repetitions.values()), judged, questionable)
 
 
-def _out_of_range(points: Sequence[PointFigures]) -> list[str]:
-    """Return which captures have no ripple, as counts are out of range. Raises IdentifyError.
+def _without_ripple(points: Sequence[PointFigures]) -> list[str]:
+    """Return which captures have no ripple, as their turns cannot be counted, and why.
 
-    That is so if no capture has any: the encoder is another one.
+    Raises CaptureError if no capture has any: the encoder may be another one.
     """
-    found = [(one, error) for one in points if (error := one.out_of_range)]
+    found = [(one, error) for one in points if (error := one.unusable)]
     if found and all(one.ripple is None for one in points):
         raise found[0][1]
-    return [
-        f"repetition {one.repetition}, {one.label} (encoder counts out of range: no ripple)"
-        for one, _ in found
-    ]
+    return [f"({error}: no ripple)" for _, error in found]
 
 
 def _plan_of(runs: Sequence[Run]) -> str:

@@ -11,9 +11,10 @@ from motord.experiments.ripple_findings import is_hidden
 from motord.experiments.soak.point_ripples import noise_rms_Nm, point_ripples, without_orders
 from motord.experiments.soak.settings import NAME
 from motord.experiments.subject import AnalysisError, Subject
+from motord.identification import CaptureError
 from motord.identification.operating_points import good_points
 from motord.identification.point_ripple import PointRipple
-from motord.identification.signal_condition import CountsOutOfRange, require_change
+from motord.identification.signal_condition import require_change
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
 
@@ -26,7 +27,7 @@ class PointFigures:
 
     figures: by name with its unit; not finite where they are not known in this repetition, without
     those that are stated of the set-point in none;
-    ripple: without its orders, None where there is no whole turn, or counts are out of range.
+    ripple: without its orders, None where there is no whole turn, or its turns cannot be counted.
     """
 
     run: str
@@ -39,7 +40,7 @@ class PointFigures:
     figures: Mapping[str, float]
     channels: Mapping[str, float]
     ripple: PointRipple | None
-    out_of_range: CountsOutOfRange | None = None
+    unusable: CaptureError | None = None
 
 
 def with_stated(points: Sequence[PointFigures]) -> list[PointFigures]:
@@ -71,7 +72,7 @@ def points_of(run: Run, subject: Subject) -> Iterator[PointFigures]:
     channels = {name: run.channel(name) for name in run.channels()}
     for _, group in groupby(good_points(numbered), key=lambda point: int(point["repetition"])):
         points = list(group)
-        ripples, out_of_range = point_ripples(run, points, subject)
+        ripples, unusable = point_ripples(run, points, subject)
         for point in points:
             ticks = run.ticks(COLUMNS, **bounds_of(point))
             ticks = rows_of(ticks, ticks["plan_point"] == int(point["index"]))
@@ -81,7 +82,7 @@ def points_of(run: Run, subject: Subject) -> Iterator[PointFigures]:
                 found = _point(
                     run, point, ticks, _figures(ticks, subject, ripple), channels, ripple
                 )
-                yield replace(found, out_of_range=out_of_range.get(index))
+                yield replace(found, unusable=unusable.get(index))
 
 
 def _point(

@@ -10,11 +10,10 @@ import numpy as np
 from motord.experiments.ripple_findings import findings, is_hidden
 from motord.experiments.subject import Subject
 from motord.findings import Finding, listed
-from motord.identification import IdentifyError
+from motord.identification import CaptureError, IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple, point_ripple
-from motord.identification.signal_condition import CountsOutOfRange
 from motord.identification.turning import NoWholeTurn
 from motord.intervals import LEVEL, t_quantile
 from motord.recording.captures import COLUMNS
@@ -23,8 +22,8 @@ from motord.recording.reader import Run, bounds_of
 
 def point_ripples(
     run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
-) -> tuple[dict[int, PointRipple], dict[int, CountsOutOfRange]]:
-    """Return the ripple of good points by index, and of which counts are out of range.
+) -> tuple[dict[int, PointRipple], dict[int, CaptureError]]:
+    """Return the ripple of good points by index, and why others have none.
 
     Points without a whole turn have none, nor have those that do not hold their set-points: only
     plans of points that hold them for a number of turns have `turns` among their settings. Raises
@@ -34,23 +33,23 @@ def point_ripples(
     inner = run.plan_metadata.get("settings", {}).get("inner")
     turns = isinstance(inner, Mapping) and "turns" in inner
     points = [one for one in points if turns and one["speed_Hz"]]
-    index, found, out_of_range = [], [], {}
+    index, found, unusable = [], [], {}
     for number, samples in _samples(run, points, subject):
-        if isinstance(samples, CountsOutOfRange):
-            out_of_range[number] = samples
+        if isinstance(samples, CaptureError):
+            unusable[number] = samples
             continue
         index.append(number)
         lines = DetectedLines.of(samples, motor.counts)
         found.append((point_ripple(samples, motor, sensor), lines))
     again = (one for _, one in _samples(run, points, subject) if isinstance(one, Samples))
     ripples = with_asynchronous(found, again, motor, sensor)
-    return dict(zip(index, ripples, strict=True)), out_of_range
+    return dict(zip(index, ripples, strict=True)), unusable
 
 
 def _samples(
     run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
-) -> Iterator[tuple[int, Samples | CountsOutOfRange]]:
-    """Yield the samples of points by index, or that counts are out of range. Raises IdentifyError.
+) -> Iterator[tuple[int, Samples | CaptureError]]:
+    """Yield the samples of points by index, or why they cannot be used. Raises IdentifyError.
 
     Points without a whole turn have none.
     """
@@ -61,8 +60,8 @@ def _samples(
                 yield int(point["index"]), prepare(data, subject.motor.counts)
             except NoWholeTurn:
                 continue
-            except CountsOutOfRange as error:
-                yield int(point["index"]), CountsOutOfRange(f"{at}, {error}")
+            except CaptureError as error:
+                yield int(point["index"]), CaptureError(f"{at}, {error}")
             except IdentifyError as error:
                 raise IdentifyError(f"{at}, {error}") from error
 

@@ -52,7 +52,8 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
                 place = (point.torque_Nm, point.speed_Hz)
                 found = operating_power(*place, turns, series, accuracy, pole_pairs)
             except IdentifyError as error:
-                left_out.append(f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz: {error}")
+                reason = str(error).removeprefix(f"{point.label}: ")
+                left_out.append(f"{point.label}: {reason}")
             else:
                 points.append(replace(found, envelope_Nm=envelope_Nm, plan=plan))
     if not points:
@@ -78,7 +79,7 @@ def _captured(run: Run) -> Iterator[tuple[PointData, float | None]]:
     columns = [name for name in COLUMNS if name in run.columns]
     for point in good_points(run.operating_points()):
         envelope = point.get("envelope_Nm")
-        for one in split(run.ticks(columns, **bounds_of(point)), [point]):
+        for one in split(run.ticks(columns, **bounds_of(point)), [point], run.path.name):
             yield one, None if envelope is None else float(envelope)
 
 

@@ -11,11 +11,10 @@ from motord.identification.operating_points import PointData
 from motord.identification.resample import rising
 from motord.identification.signal_condition import (
     SignalFault,
-    in_range,
     out_of_range,
     require_sound,
 )
-from motord.identification.turning import continuous_turns, require_every_turn, unwrap_counts
+from motord.identification.turning import continuous_turns, countable, unwrap_counts
 from motord.schema import rows_of
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm")
@@ -46,20 +45,20 @@ class CapturedTurns:
     @classmethod
     def of(cls, point: PointData, motor: MotorConfig) -> "CapturedTurns":
         """Return the turns of an operating point. Raises IdentifyError."""
-        label, names = f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz", point.ticks.dtype.names
+        label, names = point.label, point.ticks.dtype.names
         if missing := [name for name in REQUIRED if name not in (names or ())]:
             raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
         good = rising(point.ticks["t_ns"]) & np.isfinite(point.ticks["torque_Nm"])
         ticks = rows_of(point.ticks, good)
-        readable = in_range(ticks["encoder_count"].astype(np.int64), motor.counts, label)
-        ticks = rows_of(ticks, readable)
+        t_s = (ticks["t_ns"].astype(np.int64) - ticks["t_ns"][:1].astype(np.int64)) * 1e-9
         count = ticks["encoder_count"].astype(np.int64)
+        readable = countable(t_s, count, motor.counts, label)
+        ticks, count = rows_of(ticks, readable), count[readable]
         turns = continuous_turns(count, motor.counts, label, from_start=point.turns_from_start)
         t0_ns = int(ticks["t_ns"][0])
         t_s = (ticks["t_ns"].astype(np.int64) - t0_ns) * 1e-9
         step_rad = motor.encoder_direction * 2 * np.pi / motor.counts
         angle_rad = step_rad * unwrap_counts(count, motor.counts)
-        require_every_turn(t_s, angle_rad, 2 * np.pi, label)
         torque_Nm = ticks["torque_Nm"].astype(float)
         require_sound({"torque_Nm": torque_Nm}, count, motor.counts, len(turns), label)
         edges = np.array([turns[0][0], *(end for _, end in turns)])

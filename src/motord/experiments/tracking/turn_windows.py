@@ -11,9 +11,9 @@ import numpy as np
 from numpy.lib.recfunctions import repack_fields
 
 from motord.calibration import Calibration
+from motord.identification import CaptureError
 from motord.identification.operating_points import COMMANDS, REQUIRED
-from motord.identification.signal_condition import CountsOutOfRange, in_range
-from motord.identification.turning import NoWholeTurn, continuous_turns, unwrap_counts
+from motord.identification.turning import NoWholeTurn, continuous_turns, countable, unwrap_counts
 from motord.schema import Flag, State, joined, rows_of
 
 COLUMNS = [*REQUIRED, *COMMANDS, "i_age_ns", "torque_set_Nm", "speed_rad_s"]
@@ -103,11 +103,12 @@ class TurnWindows:
         turns: tuple[tuple[int, int], ...] = ()
         try:
             count = ticks["encoder_count"].astype(int)
-            ticks = rows_of(ticks, in_range(count, self._counts, "window"))
+            t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
+            ticks = rows_of(ticks, countable(t_s, count, self._counts, "window"))
             turns = continuous_turns(ticks["encoder_count"].astype(int), self._counts, "window")
         except NoWholeTurn:
             pass
-        except CountsOutOfRange:
+        except CaptureError:
             yield ticks  # `prepare` refuses it with its reason
             return
         if len(turns) < LEAST_TURNS:

@@ -2,15 +2,22 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.identification import IdentifyError
+from motord.identification import CaptureError, IdentifyError
 from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
 from motord.identification.resample import rising
+from motord.identification.rotor.left_out import (
+    LOST,
+    PART,
+    LeftOut,
+    spans_left_out,
+    whole_left_out,
+)
 from motord.identification.rotor.motion import Motion
 from motord.identification.signal_condition import (
     SignalFault,
@@ -20,12 +27,16 @@ from motord.identification.signal_condition import (
     require_change,
     signal_faults,
 )
-from motord.identification.turning import TURN_MORE, Turn, segments, unwrapped, whole_turns
+from motord.identification.turning import (
+    TURN_MORE,
+    NoWholeTurn,
+    Turn,
+    segments,
+    uncounted,
+    unwrapped,
+    whole_turns,
+)
 from motord.schema import rows_of
-
-UNUSABLE = "no numbers, counts out of range, or times that do not rise"
-PART = "part of a turn"
-"""At the beginning, at the end or at a reversal: no whole turn of one direction."""
 
 CURRENT_SHARE = 0.02
 """Part of the rated current that may turn with the rotor in a run without current."""
@@ -36,53 +47,6 @@ LEAST_RIPPLE_ORDERS, MOST_RIPPLE_ORDERS = 64, 256
 
 JERKY = 2.0
 """Residual of a smooth motion, over the encoder's rounding, beyond which the rotor is jerky."""
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """A span that was not used; begin_s, end_s: since the first sample of the point `of`.
-
-    duration_s: of the samples in it, which may be scattered.
-    """
-
-    of: str
-    reason: str
-    begin_s: float
-    end_s: float
-    duration_s: float
-
-
-def spans_left_out(
-    of: str, t_s: np.ndarray, usable: np.ndarray, reasons: np.ndarray
-) -> tuple[LeftOut, ...]:
-    """Return the spans of a point that were not used, in time order.
-
-    t_s (n,): of all samples; usable (n,): those that could be used, m of them; reasons (m,) of str:
-    why each of these was not used, "" if it was.
-    """
-    if not t_s.size:
-        return ()
-    why = np.full(t_s.size, UNUSABLE, dtype=object)
-    why[usable] = reasons
-    period_s = float(np.median(np.diff(t_s[usable]))) if usable.sum() > 1 else 0.0
-    found = []
-    scattered = np.flatnonzero(~usable)
-    if scattered.size:
-        found.append(_span(of, UNUSABLE, t_s, scattered, period_s))
-    places = np.flatnonzero(usable)
-    edges = np.flatnonzero(reasons[1:] != reasons[:-1]) + 1
-    for first, end in pairwise([0, *edges.tolist(), reasons.size]):
-        if end > first and reasons[first]:
-            found.append(_span(of, str(reasons[first]), t_s, places[first:end], period_s))
-    return tuple(sorted(found, key=lambda one: one.begin_s))
-
-
-def _span(of: str, reason: str, t_s: np.ndarray, places: np.ndarray, period_s: float) -> LeftOut:
-    at_s = t_s[places]
-    finite = at_s[np.isfinite(at_s)]
-    return LeftOut(
-        of, reason, float(finite.min()), float(finite.max()) + period_s, places.size * period_s
-    )
 
 
 @dataclass(frozen=True)
@@ -149,14 +113,24 @@ def prepare(
 
     A point may be a capture at one speed, or a whole recording, its speed 0: slow starts, several
     speeds and both directions in it are found. `names` must be finite; what: what is missing
-    without them. The motor must carry no current that turns with the rotor. Raises IdentifyError.
+    without them. The motor must carry no current that turns with the rotor. A
+    point without a turn that can be counted is left out, unless there is no other. Raises
+    IdentifyError.
     """
     driven: list[Driven] = []
     left_out: list[LeftOut] = []
+    errors: list[CaptureError] = []
     for number, point in enumerate(points, start=1):
-        found, rest = _prepare(point, number, motor, names, what)
+        try:
+            found, rest = _prepare(point, number, motor, names, what)
+        except CaptureError as error:
+            errors.append(error)
+            left_out.append(whole_left_out(point, number, error))
+            continue
         driven += found
         left_out += rest
+    if errors and not driven:
+        raise errors[0]
     if not driven:
         raise IdentifyError("there is no good operating point in the recording")
     return driven, tuple(left_out)
@@ -176,15 +150,11 @@ def _prepare(
     all_s = (point.ticks["t_ns"] - point.ticks["t_ns"][:1]) * 1e-9
     t_s = all_s[good]
     position_rad, grid = unwrapped(ticks, motor.counts, label)
-    groups, dropped = segments(t_s, whole_turns(position_rad))
+    gaps, _ = uncounted(t_s, position_rad * (motor.counts / (2 * np.pi)), motor.counts)
+    groups, dropped = _segments(t_s, position_rad, gaps + 1)
     if not groups:
-        raise IdentifyError(f"{label}: no whole turn; {TURN_MORE}")
-    reasons = np.full(t_s.size, PART, dtype=object)
-    for turn, reason in dropped:
-        reasons[turn.first : turn.end] = reason
-    for group in groups:
-        for turn in group:
-            reasons[turn.first : turn.end] = ""
+        raise NoWholeTurn(f"{label}: no whole turn; {TURN_MORE}")
+    reasons = _reasons(t_s.size, groups, dropped, gaps)
     signals = {name: ticks[name] for name in names}
     require_change(signals, label)
     faults = signal_faults(signals, sum(map(len, groups)), {})
@@ -192,10 +162,45 @@ def _prepare(
         faults += encoder_faults(ticks["encoder_count"].astype(np.int64), motor.counts)
     faults += out_of_range(readable)
     driven = [
-        replace(_segment(point, group, ticks, t_s, position_rad, grid, motor), faults=faults)
+        replace(_segment(point, group, ticks, t_s, position_rad, grid, motor, gaps), faults=faults)
         for group in groups
     ]
     return driven, spans_left_out(f"point {number}, {label}", all_s, good, reasons)
+
+
+def _segments(
+    t_s: np.ndarray, position_rad: np.ndarray, begins: np.ndarray
+) -> tuple[list[list[Turn]], list[tuple[Turn, str]]]:
+    """Return segments, and turns in none with the reason; none goes on over samples `begins`."""
+    turns = [
+        Turn(first + one.first, first + one.end, one.direction)
+        for first, end in pairwise([0, *begins.tolist(), t_s.size])
+        for one in whole_turns(position_rad[first:end])
+    ]
+    groups, dropped = segments(t_s, turns)
+
+    def span(turn: Turn) -> int:
+        return int(np.searchsorted(begins, turn.first, "right"))
+
+    return [list(part) for group in groups for _, part in groupby(group, span)], dropped
+
+
+def _reasons(
+    samples: int, groups: list[list[Turn]], dropped: list[tuple[Turn, str]], gaps: np.ndarray
+) -> np.ndarray:
+    """Return why each of the samples (n,) is not used, "" if it is."""
+    reasons = np.full(samples, PART, dtype=object)
+    for turn, reason in dropped:
+        reasons[turn.first : turn.end] = reason
+    for group in groups:
+        for turn in group:
+            reasons[turn.first : turn.end] = ""
+    whole = np.flatnonzero(reasons != PART)
+    for gap in gaps:
+        after = int(np.searchsorted(whole, gap, "right"))
+        first = whole[after - 1] + 1 if after else 0
+        reasons[first : whole[after] if after < whole.size else samples] = LOST
+    return reasons
 
 
 def _readable(ticks: np.ndarray, good: np.ndarray, counts: int, label: str) -> np.ndarray:
@@ -218,9 +223,11 @@ def _segment(
     position_rad: np.ndarray,
     grid: int,
     motor: MotorConfig,
+    gaps: np.ndarray,
 ) -> Driven:
-    """Return a segment with a turn before it, in which filters settle."""
-    lead = max(group[0].first - (group[0].end - group[0].first), 0)
+    """Return a segment with a turn before it, in which filters settle, but none over `gaps`."""
+    began = int(max(gaps[gaps < group[0].first], default=-1)) + 1
+    lead = max(group[0].first - (group[0].end - group[0].first), began)
     part = slice(lead, group[-1].end + 1)
     turns = tuple((turn.first - lead, turn.end - lead) for turn in group)
     speed_Hz = len(group) / sum(float(t_s[turn.end] - t_s[turn.first]) for turn in group)

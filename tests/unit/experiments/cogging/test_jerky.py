@@ -14,7 +14,7 @@ from motord.experiments.cogging.estimate import measure
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_rotor import left_out_lines
 from motord.identification.operating_points import PointData
-from motord.identification.rotor.driven_rotor import UNUSABLE
+from motord.identification.rotor.left_out import UNUSABLE
 from tests.campaigns.jerky import STIFF, errors
 from tests.support.jerky_rotor import Jerky
 

@@ -13,6 +13,8 @@ from motord.cli import app
 from motord.config import Config, ConfigError, load, packaged
 from motord.config.experiments import plan_kinds
 from motord.experiments.friction.command import COLUMNS, coast_downs
+from motord.experiments.friction.estimate import measure
+from motord.experiments.friction.result import Inertia
 from motord.experiments.plans import build
 from motord.identification import IdentifyError
 from motord.recording.metadata import describe
@@ -106,7 +108,7 @@ def test_a_fault_is_of_the_coast_down_of_that_index() -> None:
         operating_points=lambda: [{**point, "index": 2, "quality": "bad"}, point],
         ticks=lambda *_, **__: ticks,
     )
-    _, [fault] = coast_downs([run], load().motor)
+    _, [fault], _ = coast_downs([run], load().motor)
     assert "run.mcap: coast-down 4" in fault.meaning
 
 
@@ -124,12 +126,62 @@ def test_a_coast_down_with_lost_turns_is_left_out_and_said() -> None:
         operating_points=lambda: points,
         ticks=lambda *_, **__: gap,
     )
-    [_], [left_out] = coast_downs([run], load().motor)
-    assert left_out.name == "points-left-out"
-    assert "run.mcap: coast-down 2: 0.062 s without usable samples" in left_out.meaning
-    del points[0]
-    with pytest.raises(IdentifyError, match=r"coast-down 2: 0\.062 s"):
-        coast_downs([run], load().motor)
+    [_], [], left_out = coast_downs([run], load().motor)
+    [reason] = left_out.reasons
+    assert reason.startswith("run.mcap: coast-down 2: 0.062 s without usable samples")
+    [finding] = left_out.findings()
+    assert finding.name == "points-left-out"
+    assert f"({reason})" in finding.meaning
+
+
+def spoiled(ticks: np.ndarray, how: str) -> None:
+    """Spoil the ticks of one coast-down."""
+    half = ticks.size // 2
+    if how == "other counts":
+        ticks["encoder_count"][:half] = 65535
+    elif how == "times":
+        ticks["t_ns"][half] = ticks["t_ns"][half + 1]
+    elif how == "short":
+        ticks["encoder_count"] = ticks["encoder_count"][0]
+    else:
+        ticks["torque_set_Nm"][half] = 0.1
+
+
+REASONS = {
+    "other counts": "encoder counts from",
+    "times": "times do not rise",
+    "short": "the rotor coasted for 0 turns only",
+    "torque": "a torque was commanded",
+}
+
+
+@pytest.mark.parametrize("how", REASONS)
+def test_one_coast_down_that_cannot_be_used_ends_no_analysis(how: str) -> None:
+    """Whatever its error is: it ended the analysis of all the others, some without a file name."""
+    names = ("plan_point", *COLUMNS)
+    ticks = np.zeros(6000, [(n, float if n == "torque_set_Nm" else np.int64) for n in names])
+    number = np.arange(6000)
+    ticks["t_ns"], ticks["encoder_count"] = 10**6 * number, 40 * number % 4096
+    ticks["plan_point"] = number // 1000
+    part = ticks[2000:3000]
+    spoiled(part, how)
+    run: Any = SimpleNamespace(
+        path=Path("run.mcap"),
+        columns=ticks.dtype.names,
+        operating_points=lambda: [
+            {"index": n, "tick_start": n, "t_start_ns": 0, "t_end_ns": 10**10} for n in range(6)
+        ],
+        ticks=lambda *_, **__: ticks,
+    )
+    found, faults, left_out = coast_downs([run], load().motor)
+    [reason] = left_out.reasons
+    assert (len(found), faults) == (5, ())
+    assert reason.startswith(f"run.mcap: coast-down 3: {REASONS[how]}")
+    with (
+        pytest.raises(IdentifyError, match=r"2 good coast-downs forw.* left out: run\.mcap: co"),
+        left_out.explaining(),
+    ):
+        measure(found[:2], load().motor, Inertia(1e-3, 0.0, ""))
 
 
 def test_without_an_inertia_it_says_what_to_do(recorded: Path) -> None:

@@ -138,22 +138,6 @@ def test_each_point_of_the_curve_has_its_standard_uncertainty(
     assert encode(one.curve[0])["stderr_Nm"] == one.curve[0].stderr_Nm
 
 
-@pytest.mark.parametrize(("lost_s", "refused"), [(0.1, False), (0.6, True)])
-def test_a_gap_that_may_hide_a_turn_of_a_coast_down_is_refused(
-    lost_s: float, refused: bool
-) -> None:
-    """A turn took 0.52 s at its begin: one that is not counted is 12 rad/s that never were."""
-    [whole] = coast_downs(np.random.default_rng(7), Rotor(cogging=()), 1, start_rad_s=12.0)
-    kept = np.abs(whole.t_s - 0.5) > lost_s / 2
-    t_ns = np.round(whole.t_s * 1e9).astype(np.int64)
-    samples = ("run", 2, t_ns[kept], whole.angle_rad[kept] % (2 * np.pi), 4096)
-    if refused:
-        with pytest.raises(IdentifyError, match=r"coast-down 3: .* they cannot be counted"):
-            CoastDown.of(*samples)
-    else:
-        assert CoastDown.of(*samples).q_rad[-1] == pytest.approx(whole.q_rad[-1])
-
-
 def test_the_curve_has_the_degrees_of_freedom_of_its_fit() -> None:
     coasts = coast_downs(
         np.random.default_rng(7), Rotor(cogging=()), 6, start_rad_s=8.0, stop_rad_s=0.6

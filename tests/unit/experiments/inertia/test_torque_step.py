@@ -168,3 +168,27 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
     for data, message in cases:
         with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):
             read_step(0, data, 4096, PIEZO)
+
+
+def test_a_step_that_cannot_be_used_is_left_out_by_the_name_of_its_recording() -> None:
+    """Whatever its error is: it ended the analysis of all the others."""
+    step, other = made_up(DIRECT), made_up(DIRECT, -1)
+    late = step.copy()
+    late["t_ns"][-10] = late["t_ns"][-11]
+    wrong = changed(step, encoder_count=65535)
+    names = [f"run.mcap: step {n}" for n in (1, 2, 3, 4)]
+    found = accelerate([step, late, wrong, other], 4096, DIRECT, AccelerationConfig(), names)
+    assert [one.label for one in found.steps] == [names[0], names[3]]
+    [left_out] = [one for one in found.findings if one.name == "points-left-out"]
+    assert "(run.mcap: step 2: times do not rise); (run.mcap: step 3: encoder c" in left_out.meaning
+    with pytest.raises(IdentifyError, match=r"no step can be used; left out: run\.mcap: step 2: t"):
+        accelerate([late], 4096, DIRECT, AccelerationConfig(), names[1:2])
+
+
+def test_steps_that_are_all_alike_are_as_uncertain_as_their_noise() -> None:
+    """Their scatter is 0, which was divided by."""
+    step = made_up(DIRECT)
+    found = accelerate([step, step.copy()], 4096, DIRECT, AccelerationConfig())
+    alone = accelerate([step], 4096, DIRECT, AccelerationConfig())
+    assert found.freedom is None
+    assert found.uncertainty_kg_m2 == pytest.approx(alone.uncertainty_kg_m2, rel=0.5)

@@ -41,6 +41,7 @@ from motord.experiments.calibration.estimate.more_orders.search import FIRST_ORD
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.magnet_temperature import ReferredBackEmf, referred
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import PhaseProgress, Subject
@@ -99,6 +100,7 @@ class Calibrator:
         self._short: list[str] = []  # points of too few whole turns
         self._unknown: list[str] = []  # points with magnets of a temperature that is not known
         self._factors: list[float] = []  # back-EMF over that at the reference temperature
+        self._left_out = CapturesLeftOut()
         self._residual = ResidualEstimator(motor, self._orders)
         self._ripples: list[PointRipple] = []
         self._faults: list[tuple[str, tuple[SignalFault, ...]]] = []
@@ -127,9 +129,11 @@ class Calibrator:
         return calibrator
 
     def add(self, point: PointData) -> None:
-        """Take an operating point, or leave it out if it is too short, or its magnets' temperature
-        is asked for and not known. Raises IdentifyError."""
+        """Take an operating point, or leave it out if it cannot be used, is too short, or its
+        magnets' temperature is asked for and not known."""
         samples = self._samples(point)
+        if samples is None:
+            return
         if not _usable(samples):
             (self._unknown if isnan(samples.back_emf_factor) else self._short).append(samples.label)
             return
@@ -147,14 +151,17 @@ class Calibrator:
         """Return what all points together give. Raises IdentifyError."""
         faults = signal_findings(self._faults)
         try:
-            found = self.joint() if method == "joint" else self.residual()
+            with self._left_out.explaining():
+                found = self.joint() if method == "joint" else self.residual()
         except IdentifyError as error:
             for one in faults:
                 if one.severity == "serious":
                     raise IdentifyError(f"{one.meaning}; {one.action} ({error})") from error
             raise
         scale = common_gain_finding(found, self._bench.accuracy)
-        return replace(found, findings=(*found.findings, *scale, *faults))
+        return replace(
+            found, findings=(*found.findings, *scale, *faults, *self._left_out.findings())
+        )
 
     def joint(self) -> CalibrationResult:
         """Return the result of the joint estimator. Raises IdentifyError."""
@@ -214,7 +221,8 @@ class Calibrator:
         torques_Nm: set-points whose ripple counts. Fast, for a calibration that is under way:
         departures of the bench are not looked for.
         """
-        check_points(self._points, self._unknown)
+        with self._left_out.explaining():
+            check_points(self._points, self._unknown)
         fitted = self._fitted(self._points, self._basis, len(self._sampled_orders()))
         return half_widths.of_fit(*fitted, self._motor, torques_Nm)
 
@@ -231,7 +239,7 @@ class Calibrator:
             basis = Basis.of(self._motor, (*known, *added))
             phase, points = f"{READING} again for {in_a_row(added)}", []
             for samples in map(self._samples, self._again()):
-                if not _usable(samples):
+                if samples is None or not _usable(samples):
                     continue
                 points.append(accumulate(samples, basis, self._sensor))
                 self._progress(phase, len(points) / len(self._points))
@@ -266,9 +274,12 @@ class Calibrator:
         check_fit(fitted, partial(misfit, regression, fitted))
         return fitted, regression
 
-    def _samples(self, point: PointData) -> Samples:
-        samples = prepare(point, self._motor.counts)
-        require_currents(samples)
+    def _samples(self, point: PointData) -> Samples | None:
+        """Return the samples of a point, None if it cannot be used, which is said of the result."""
+        samples: Samples | None = None
+        with self._left_out.noted(point.label):
+            samples = prepare(point, self._motor.counts)
+            require_currents(samples)
         return samples
 
     def residual(self) -> CalibrationResult:
