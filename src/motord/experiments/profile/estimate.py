@@ -11,13 +11,14 @@ The energy is the integral of T over the encoder's angle: the estimated speed la
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import exp, hypot, sqrt
+from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
 
 from motord.calibration import Calibration
 from motord.experiments.captures_left_out import CapturesLeftOut
+from motord.experiments.profile.cycle_torque import torques
 from motord.experiments.profile.findings import CycleSignals, findings
 from motord.experiments.profile.result import (
     Cycle,
@@ -36,7 +37,7 @@ from motord.experiments.subject import (
     require_columns,
 )
 from motord.identification import CaptureError
-from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
+from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
 from motord.identification.signal_condition import in_range, out_of_range, require_change
 from motord.identification.turning import countable, unwrap_counts
 from motord.recording.reader import Run, bounds_of
@@ -168,7 +169,7 @@ def _signals(
     readable = in_range(count, subject.motor.counts, label)
     ticks = rows_of(ticks, readable)
     captured = ticks["plan_point"] == int(point["index"])
-    torque_Nm, passed_Nm, currents_Nm = _torques(ticks, subject, calibration)[:, captured]
+    torque_Nm, passed_Nm, currents_Nm = torques(ticks, subject, calibration)[:, captured]
     ticks = rows_of(ticks, captured)
     require_change({"torque_Nm": ticks["torque_Nm"]}, label)
     checked = CycleSignals.of(name, ticks, passed_Nm, currents_Nm, subject.motor)
@@ -188,43 +189,6 @@ def _signals(
         step_rad * unwrap_counts(count, subject.motor.counts),
     )
     return signals, checked
-
-
-def _torques(ticks: np.ndarray, subject: Subject, calibration: Calibration | None) -> np.ndarray:
-    """Return the torque, what the sensor passes of the set torque, and that of the currents (3, n).
-
-    The last is nan where the sensor passes the mean: it is not used then.
-    """
-    torque_Nm, set_Nm = (ticks[name].astype(float) for name in ("torque_Nm", "torque_set_Nm"))
-    tau_s = subject.sensor.highpass_time_constant_s
-    if tau_s == 0 or ticks.size < 2:
-        return np.array([torque_Nm, set_Nm, np.full(ticks.size, np.nan)])
-    currents_Nm = _from_currents(ticks, subject, calibration)
-    decay = exp(-float(np.median(np.diff(ticks["t_ns"]))) * 1e-9 / tau_s)
-    fast_Nm = _passed(_passed(currents_Nm, decay), decay)
-    slow_Nm = currents_Nm - fast_Nm
-    return np.array([_passed(torque_Nm, decay) + slow_Nm, _passed(set_Nm, decay), currents_Nm])
-
-
-def _passed(torque_Nm: np.ndarray, decay: float) -> np.ndarray:
-    """Return what the high-pass passes of a torque (n,) that was constant before."""
-    from scipy.signal import lfilter  # 0.3 s, of whoever asks for less
-
-    start = [decay * torque_Nm[0]]
-    return np.asarray(torque_Nm - lfilter([1 - decay], [1, -decay], torque_Nm, zi=start)[0])
-
-
-def _from_currents(
-    ticks: np.ndarray, subject: Subject, calibration: Calibration | None
-) -> np.ndarray:
-    """Return the torque (n,) of the sensed currents, and cogging if there is a calibration."""
-    i_A = stacked(ticks, CURRENTS)
-    count, cogging_Nm = ticks["encoder_count"], np.zeros(1)
-    if calibration is not None:
-        i_A = i_A * (calibration.delta_epsilon * np.array(calibration.alpha))
-        i_A = i_A + np.array(calibration.beta_A)
-        cogging_Nm = np.array(calibration.tau_cog_Nm)[count]
-    return np.asarray((i_A * subject.motor.back_emf_table()[count]).sum(axis=1) + cogging_Nm)
 
 
 def _asked_for(t_s: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,45 @@
+"""One capture whose turns cannot be counted: every analysis of many goes on and says so."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.recording.reader import open_run
+from tests.support.wrong_signals import change_recording
+from tests.unit.experiments.conftest import Recorded
+
+
+def without_a_turn(path: Path, target: Path) -> Path:
+    """Write the recording without the middle turn of its second point."""
+
+    def changed(ticks: np.ndarray) -> np.ndarray:
+        [own] = np.nonzero(ticks["plan_point"] == 1)
+        turn = round(1 / abs(float(np.median(ticks["speed_rad_s"][own]))) * 2 * np.pi * 1000)
+        middle = own[own.size // 2]
+        return np.delete(ticks, np.arange(middle, middle + turn))
+
+    return change_recording(path, target, changed)
+
+
+@pytest.mark.parametrize("command", ["verify", "calibrate"])
+def test_a_point_with_lost_turns_is_left_out_and_said(
+    command: str, recorded: Recorded, tmp_path: Path
+) -> None:
+    """Its speed and its noise were of turns that nobody counted; an error ended all the others."""
+    path = without_a_turn(recorded.off, tmp_path / "gap.mcap")
+    points = len(open_run(path).operating_points())
+    page, result = tmp_path / "page.html", tmp_path / "result.json"
+    arguments = ["analyse", command, path, "-o", result, "--report", page]
+    done = CliRunner().invoke(app, [str(one) for one in arguments])
+    assert done.exit_code == 0, done.output
+    found = json.loads(result.read_text())
+    [left_out] = [one for one in found["findings"] if one["name"] == "points-left-out"]
+    assert "gap.mcap: " in left_out["meaning"]
+    assert "turns: they cannot be counted" in left_out["meaning"]
+    assert "they cannot be counted" in page.read_text()
+    if command == "verify":
+        assert len(found["points"]) == points - 1
