@@ -136,7 +136,8 @@ def _speeds(
     seen_s, all_s = sums(np.where(missing, 0.0, spacing_s)), np.maximum(sums(spacing_s), usual_s)
     shown = seen_s >= SHOWN * usual_s
     way = np.where(shown, sums(np.where(missing, 0.0, step)), sums(step))
-    return way / np.where(end > first, np.where(shown, seen_s, all_s), 1.0)
+    took_s = np.where(shown, seen_s, all_s)
+    return way / np.where(took_s > 0, took_s, np.inf)
 
 
 def _usual_s(spacing_s: np.ndarray) -> float:
