@@ -10,7 +10,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from motord.intervals import coverage_factor
 from motord.schema import Request
 from motord.schema import State as DriveState
 from motord.service.bench.bench import Bench
@@ -73,7 +72,6 @@ class Supervisor:
         """Start the child processes; `take_down` ends them."""
         self.children.start_all(self.clock_ns())
         self.loop.start(self.clock_ns())
-        coverage_factor()  # loads SciPy, 0.2 s, while the loop starts: not in a step later on
 
     def step(self) -> None:
         """Do everything that is due now."""

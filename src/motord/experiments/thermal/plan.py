@@ -12,6 +12,7 @@ from motord.config import BrakeConfig, ChannelConfig, Config
 from motord.experiments.thermal.settings import NAME, ThermalConfig
 from motord.experiments.thermal.watch import TemperatureWatch
 from motord.identification.least_loss import currents_per_Nm
+from motord.intervals import coverage_factor
 from motord.schema import TICK_DTYPE
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import BrakeServo
@@ -48,6 +49,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     torque_Nm = _torque_Nm(config, own)
     _check_torque(config, own, torque_Nm)
     limits_s = {HEATING: own.heating_max_s, COOLING: own.cooling_max_s}
+    coverage_factor()  # loads SciPy, 0.2 s: not in a step of the plan, which needs it
     return Plan(
         name=NAME,
         points=(

@@ -309,3 +309,12 @@ def test_a_fast_channel_costs_a_look_no_more_than_a_slow_one() -> None:
     assert slow.slope is not None
     assert fast.slope.K_per_min == pytest.approx(0.6, abs=0.05)
     assert 0.5 < fast.slope.half_width_K_per_min / slow.slope.half_width_K_per_min < 2
+
+
+def test_what_its_steps_need_is_loaded_while_the_plan_is_made(
+    config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded: list[int] = []
+    monkeypatch.setattr("motord.experiments.thermal.plan.coverage_factor", lambda: loaded.append(1))
+    build("thermal", config, SMALL)
+    assert loaded == [1]
