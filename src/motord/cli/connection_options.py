@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord import DEFAULT_ENDPOINT
+from motord.process.collector_pause import collector_paused
 
 if TYPE_CHECKING:
     from motord.client import Client
@@ -63,7 +64,8 @@ class Connection:
 
     def connect(self) -> "Client":
         """Connect to the daemon. Raises ClientError."""
-        from motord.client import connect
+        with collector_paused():
+            from motord.client import connect
 
         return connect(self.bench, self.endpoint, self.identity)
 

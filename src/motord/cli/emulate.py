@@ -9,6 +9,7 @@ import typer
 
 from motord.cli.common_options import bench_file
 from motord.cli.connection_options import print_answer
+from motord.process.collector_pause import collector_paused
 from motord.process.signal_handlers import handled
 
 
@@ -35,11 +36,12 @@ def emulate(
     ] = False,
 ) -> None:
     """Be the devices of a bench on the wire: inverter, bridge, brake and external drive."""
-    from motord.config import load
-    from motord.config.faults import load_timeline
-    from motord.emulate.process import Emulator
-    from motord.recording.writer import RunWriter
-    from motord.rig.truth import load as load_rig
+    with collector_paused():
+        from motord.config import load
+        from motord.config.faults import load_timeline
+        from motord.emulate.process import Emulator
+        from motord.recording.writer import RunWriter
+        from motord.rig.truth import load as load_rig
 
     bench = load(config)
     about = {"bench": bench.bench.name, "source": "motord emulate"}

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from motord.cli.common_options import BenchFile, ReadyAsJson
 from motord.cli.connection_options import print_answer
 from motord.cli.console import explain_first_run
+from motord.process.collector_pause import collector_paused
 
 if TYPE_CHECKING:
     from motord.config import Config
@@ -16,8 +17,9 @@ def run(
     as_json: ReadyAsJson = False,
 ) -> None:
     """Run a bench until SIGTERM or Ctrl-C; it starts OFF and ends ramped down and disabled."""
-    from motord.config import packaged
-    from motord.service.daemon import run as run_daemon
+    with collector_paused():
+        from motord.config import packaged
+        from motord.service.daemon import run as run_daemon
 
     def say_ready(bench: "Config") -> None:
         ready = {"bench": bench.bench.name, "listen": list(bench.zenoh.listen), "pid": os.getpid()}

@@ -9,6 +9,7 @@ import os
 import sys
 from pathlib import Path
 
+from motord.process.collector_pause import collector_paused
 from motord.process.one_thread import ONE_THREAD
 
 
@@ -19,8 +20,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--dir", type=Path, required=True, help="run folder made by the daemon")
     options = parser.parse_args(arguments)
     os.environ.update(ONE_THREAD)
-    from motord.loop.process import LoopProcess
-    from motord.shm.run_directory import RunDir
+    with collector_paused():
+        from motord.loop.process import LoopProcess
+        from motord.shm.run_directory import RunDir
 
     return LoopProcess(options.config, RunDir.at(options.dir)).run()
 
