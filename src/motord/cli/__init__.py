@@ -3,7 +3,6 @@
 import sys
 from contextlib import ExitStack
 from importlib import import_module
-from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
@@ -94,6 +93,8 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version
+
         typer.echo(f"motord {version('motord')}")
         raise typer.Exit
 

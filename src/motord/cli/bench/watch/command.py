@@ -1,6 +1,5 @@
 """`motord watch`: the screen on a terminal, a line a second into a pipe, all states as JSON."""
 
-import asyncio
 import os
 import sys
 import time
@@ -123,6 +122,8 @@ def in_one_line(state: "BenchState") -> str:
 
 async def _run(app: "WatchApp", session: "OperatorSession") -> None:
     """Run the screen until it ends, or until a signal ends it."""
+    import asyncio
+
     from motord.cli.bench.ending_signals import ending_signals
 
     loop = asyncio.get_running_loop()
@@ -136,6 +137,8 @@ async def _run(app: "WatchApp", session: "OperatorSession") -> None:
 
 
 def _on_screen(client: "Client", for_s: float | None, *, ascii_only: bool) -> None:
+    import asyncio
+
     from motord.cli.bench.watch import glyphs
     from motord.cli.bench.watch.app import WatchApp
     from motord.cli.bench.watch.feed import Feed
