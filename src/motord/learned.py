@@ -10,7 +10,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from motord.config import Finite, NonNegative, Positive
+from motord.section import Finite, NonNegative, Positive
 
 MAX_NODES = 16
 """Torques, and speeds, that a mesh may have."""

@@ -8,7 +8,7 @@ never renumber, only append.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -100,6 +100,10 @@ class Compensate(IntFlag):
     CURRENTS = 1 << 0  # alpha and beta
     COGGING = 1 << 1  # the cogging torque
     LEARNED = 1 << 2  # the learned torque
+
+
+Compensation = Literal["off", "on", "calibration", "currents", "cogging"]
+"""Choices of them, by their names in settings and requests."""
 
 
 class Trip(IntFlag):

@@ -2,15 +2,17 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 
 from motord.api.requests import RPCS, max_request_bytes
-from motord.config import Config
 from motord.security.access import access_control, daemon_access_control
 from motord.security.identity import Identity
 from motord.security.roles import Role
+
+if TYPE_CHECKING:
+    from motord.config import Config
 
 UNIX_SOCKET = "unixsock-stream/"
 """Prefix of the endpoint of a Unix socket, before its path."""
@@ -93,7 +95,7 @@ def daemon_config(bench: str, listen: Sequence[str], max_request_bytes: int) -> 
     return _config(_router(listen), access, _bounds(MAX_LOCAL_CLIENTS, max_request_bytes))
 
 
-def gateway_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
+def gateway_config(config: "Config", roles: Mapping[str, Role]) -> zenoh.Config:
     """Return the configuration of the gateway: TLS with client certificates, then the daemon."""
     tls = config.zenoh.tls
     assert tls is not None

@@ -10,8 +10,8 @@ from motord.api.published_message import PublishedMessage
 from motord.api.queue_messages import QueueView
 from motord.api.tracking_messages import TrackingView
 from motord.api.trip_messages import TripReport, TripView
-from motord.config.motor import SensorHighpass
-from motord.sequencing.settings import Compensation
+from motord.schema import Compensation
+from motord.section.sensor_highpass import SensorHighpass
 
 
 class TickView(PublishedMessage):

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from motord.api.published_message import PublishedMessage
-from motord.config.base import Finite, Positive, Section, matching
+from motord.section import Finite, Positive, Section, matching
 from motord.verdict.serial import check_serial
 
 ChannelName = Annotated[str, Field(min_length=1, max_length=64)]

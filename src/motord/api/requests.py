@@ -18,7 +18,7 @@ from motord.api.request_base import Rpc as Rpc
 from motord.api.request_base import RpcRequest as RpcRequest
 from motord.api.request_base import WithToken as WithToken
 from motord.learned import MAX_NODES, MAX_ORDERS
-from motord.sequencing.settings import Compensation
+from motord.schema import Compensation
 from motord.verdict.serial import check_serial
 
 

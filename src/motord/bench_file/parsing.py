@@ -9,8 +9,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from motord.bench_file.questions import BACK_EMF, Question
 from motord.config import ConfigError
-from motord.config.complaints import wrong_things
 from motord.config.text.descriptions import field_of
+from motord.section.complaints import wrong_things
 from motord.untrusted import parse_toml
 
 

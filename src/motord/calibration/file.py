@@ -27,9 +27,9 @@ from motord.calibration.parts import (
     half_widths,
 )
 from motord.config import Finite, MotorConfig, Positive
-from motord.config.complaints import wrong_things
 from motord.findings import Finding
 from motord.learned import LearnedTorque
+from motord.section.complaints import wrong_things
 from motord.uncertainty_budget import Contribution
 from motord.untrusted import parse_json, read_text
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from motord.api import queue_requests
 from motord.api import requests as rpc
@@ -17,9 +17,11 @@ from motord.api.replies import (
     StateReply,
 )
 from motord.api.requests import ReplyT, Rpc
-from motord.calibration import Calibration
 from motord.client.plan_run import PlanPublisher, PlanRun
-from motord.sequencing.settings import Compensation
+from motord.schema import Compensation
+
+if TYPE_CHECKING:
+    from motord.calibration import Calibration
 
 
 class RpcTarget(PlanPublisher, Protocol):
@@ -174,7 +176,7 @@ class Commander:
         return self._daemon.call(queue_requests.QUEUE_PAUSE, token=self.token, now=now)
 
     def install_calibration(
-        self, calibration: Calibration | Path, *, accept: Collection[str] = ()
+        self, calibration: "Calibration | Path", *, accept: Collection[str] = ()
     ) -> InstalledCalibration:
         """Put a calibration in force, now and after a restart; the torque must be zero.
 

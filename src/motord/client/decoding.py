@@ -17,8 +17,8 @@ from motord.api.plan_messages import MeshView, PlanView
 from motord.api.replies import ErrorReply
 from motord.api.requests import ReplyT, Rpc
 from motord.client.error import ClientError
-from motord.config.complaints import wrong_things
 from motord.schema import TICK
+from motord.section.complaints import wrong_things
 from motord.wire.ticks.blocks import BlockCodec
 
 _Item = TypeVar("_Item")

@@ -1,56 +1,22 @@
-"""What every part of a bench file shares: strict sections, bounded numbers, one kind of error."""
+"""What parts of a bench file share besides `motord.section`: further bounds, one kind of error."""
 
-import re
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, Field, GetCoreSchemaHandler
-from pydantic_core import CoreSchema
+from pydantic import AfterValidator, Field
 
-LARGEST, SMALLEST = 1e12, 1e-12
-"""Of any quantity, in its unit: products and quotients of two, and single precision, hold them."""
+from motord.section import Finite as Finite
+from motord.section import NonNegative as NonNegative
+from motord.section import Positive as Positive
+from motord.section import Section as Section
+from motord.section import ZeroOrPositive as ZeroOrPositive
+from motord.section import matching as matching
 
-
-def _not_too_large(value: float) -> float:
-    if abs(value) > LARGEST:
-        raise ValueError(f"no quantity is beyond {LARGEST:g}")
-    return value
-
-
-def _not_too_small(value: float) -> float:
-    if 0 < value < SMALLEST:
-        raise ValueError(f"no quantity that is above 0 is below {SMALLEST:g}")
-    return value
-
-
-Finite = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_not_too_large)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_not_too_large)]
-ZeroOrPositive = Annotated[NonNegative, AfterValidator(_not_too_small)]
-"""0, or what has an inverse."""
-Positive = Annotated[
-    float,
-    Field(gt=0, allow_inf_nan=False),
-    AfterValidator(_not_too_large),
-    AfterValidator(_not_too_small),
-]
-"""Bounds come before validators: those that come after one are not in the JSON schema, from which
-reference and forms are made."""
 CPUS_MAX = 8192
 """The kernel knows no more."""
 BitRate = Annotated[int, Field(gt=0, le=100_000_000)]
 """Bit/s of a line; no interface does more."""
 Mask = Annotated[int, Field(ge=0, lt=2**64)]
 """Bits of a signal, or a value of it: CAN has no signal of more than 64 bits."""
-
-
-def matching(pattern: str, what: str) -> AfterValidator:
-    """Return the validator of text that matches all of `pattern`; another one is not `what`."""
-
-    def check(value: str) -> str:
-        if re.fullmatch(pattern, value) is None:
-            raise ValueError(f"takes {what}")
-        return value
-
-    return AfterValidator(check)
 
 
 PlainName = Annotated[
@@ -82,35 +48,3 @@ PositiveValues = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=
 
 class ConfigError(Exception):
     """A bench file that cannot be used; the message says where, what and what to do."""
-
-
-_SCALARS = ("bool", "float", "int", "str")
-
-
-def _make_scalars_strict(schema: Any) -> None:
-    if isinstance(schema, dict):
-        if schema.get("type") in _SCALARS:
-            schema["strict"] = True
-        for part in schema.values():
-            _make_scalars_strict(part)
-    elif isinstance(schema, list | tuple):
-        for part in schema:
-            _make_scalars_strict(part)
-
-
-class Section(BaseModel, extra="forbid", frozen=True, validate_default=True):
-    """A table of the bench file: immutable, no unknown keys, no value of another type.
-
-    A whole number may stand for a float; else nothing is converted: no text or bool to a number, no
-    float to a whole number, no number to a bool. This holds for every field of every section.
-    """
-
-    @classmethod
-    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return the schema with every scalar strict; lists stay good for tuples, text for paths.
-
-        `strict` in the configuration of the model would refuse those, too.
-        """
-        schema = handler(source)
-        _make_scalars_strict(schema)
-        return schema

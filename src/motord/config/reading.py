@@ -10,10 +10,10 @@ from pydantic import BaseModel, ValidationError
 
 from motord.config.base import ConfigError, Section
 from motord.config.bench import Config
-from motord.config.complaints import Place, complaints, dotted, is_type, message, wrong_things
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
 from motord.config.named_files import as_kept, named_files, packaged, resolve
+from motord.section.complaints import Place, complaints, dotted, is_type, message, wrong_things
 from motord.untrusted import parse_toml, read_text
 
 

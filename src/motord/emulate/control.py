@@ -13,10 +13,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from motord.config import Config
-from motord.config.complaints import wrong_things
 from motord.config.faults import Fault
 from motord.emulate import EmulatorError
 from motord.process.private_folder import PrivateFolderError, base_directory, make_private
+from motord.section.complaints import wrong_things
 from motord.untrusted import parse_json
 
 BYTES_MAX = 65_536

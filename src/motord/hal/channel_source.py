@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from motord.config import ChannelConfig
 from motord.config.base import Section
 from motord.config.channel_sources import OtherSource
-from motord.config.complaints import wrong_things
 from motord.hal.base import DeviceError
+from motord.section.complaints import wrong_things
 
 SettingsT = TypeVar("SettingsT", bound=Section)
 

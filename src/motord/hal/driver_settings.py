@@ -6,8 +6,8 @@ from pydantic import ValidationError
 
 from motord.config import Config
 from motord.config.base import Section
-from motord.config.complaints import wrong_things
 from motord.hal.base import DeviceError
+from motord.section.complaints import wrong_things
 
 SettingsT = TypeVar("SettingsT", bound=Section)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 
 from motord.atomic_write import write_whole
-from motord.config.complaints import wrong_things
 from motord.loop.rt_setup import RealtimeStatus
+from motord.section.complaints import wrong_things
 from motord.shm.histogram import TimeSummary
 
 SIZE_MAX_BYTES = 1 << 20

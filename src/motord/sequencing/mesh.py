@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from motord.config import BrakeConfig, Config, MeshConfig
+from motord.schema import Compensation
 from motord.sequencing.brake_servo import BrakeServo
 from motord.sequencing.capture import take_points
 from motord.sequencing.demand import OperatingPoint
@@ -12,7 +13,7 @@ from motord.sequencing.limits import check_operating_points
 from motord.sequencing.motions import Motion
 from motord.sequencing.operating_point import operating_point, operating_point_s
 from motord.sequencing.plan import Plan
-from motord.sequencing.settings import Compensation, chosen, compensation
+from motord.sequencing.settings import chosen, compensation
 
 Mesh = TypeVar("Mesh", bound=MeshConfig)
 

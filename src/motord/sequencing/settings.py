@@ -1,13 +1,13 @@
 """What an operator sets of a plan, over the bench's own settings, checked before anything moves."""
 
 from collections.abc import Mapping
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from motord.config import Config, Section
-from motord.config.complaints import wrong_setting
-from motord.schema import Compensate
+from motord.schema import Compensate, Compensation
+from motord.section.complaints import wrong_setting
 
 Settings = TypeVar("Settings", bound=Section)
 
@@ -30,8 +30,6 @@ def chosen(
         known = [*section.model_fields, *others]
         raise PlanError(f"{name}: {wrong_setting(error, known)}") from None
 
-
-Compensation = Literal["off", "on", "calibration", "currents", "cogging"]
 
 COMPENSATE: dict[Compensation, Compensate] = {
     "off": Compensate(0),

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from motord.config.base import Finite, Section
-from motord.config.complaints import wrong_setting
 from motord.config.experiments import AnalysisKind, analysis_kinds, plan_kinds
 from motord.config.figures import FigureKind
 from motord.config.reading import read_toml, validate
+from motord.section.complaints import wrong_setting
 from motord.verdict.decision import Tolerance
 
 RISK_PERCENT = 2.5

@@ -7,9 +7,9 @@ import pytest
 
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.config import Config, load
-from motord.config.base import LARGEST
 from motord.control import parameters
 from motord.control.reference import currents_along_q, phase_currents
+from motord.section import LARGEST
 from motord.service.bench.rest_currents import GAIN_MAX, check_rest_currents, rest_currents_A
 from tests.unit.control.test_park import HARMONICS, star
 

@@ -115,7 +115,7 @@ def _checked(plan: dict[str, Any]) -> "QueuedPlan":
     from pydantic import ValidationError
 
     from motord.api.queue_messages import QueuedPlan
-    from motord.config.complaints import wrong_things
+    from motord.section.complaints import wrong_things
 
     try:
         return QueuedPlan.model_validate(plan)

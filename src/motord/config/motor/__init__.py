@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from motord.config.base import Finite, NonNegative, Positive, Section, ZeroOrPositive
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.motor.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
+from motord.section.sensor_highpass import SensorHighpass
 
 PhaseOrder = Literal["abc", "acb"]
 """In which order the phases at the inverter's outputs a, b, c follow each other forwards."""
@@ -130,17 +131,6 @@ def back_emf_waves(
         for h in harmonics:
             waves[:, phase] += h.amplitude_V_s_per_rad * np.sin(h.order * own_rad + h.phase_rad)
     return waves
-
-
-class SensorHighpass:
-    """What has the high-pass of a torque sensor."""
-
-    highpass_time_constant_s: float
-
-    @property
-    def passes_mean(self) -> bool:
-        """False for a sensor, piezoelectric for instance, that cannot measure a steady torque."""
-        return self.highpass_time_constant_s == 0.0
 
 
 class TorqueSensorConfig(SensorHighpass, Section):

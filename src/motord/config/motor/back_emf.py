@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from motord.config.base import ConfigError, Finite, Section
-from motord.config.complaints import complaints, message
+from motord.section.complaints import complaints, message
 from motord.untrusted import parse_json, read_text
 
 

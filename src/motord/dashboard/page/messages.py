@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
 
 from motord.api.requests import MAX_REQUEST_BYTES
-from motord.config.complaints import wrong_things
 from motord.dashboard.frames import FrameError, decode
 from motord.dashboard.history import BUCKETS_MAX, RETENTION_S
 from motord.dashboard.signals import ROW
+from motord.section.complaints import wrong_things
 
 MAX_BYTES = MAX_REQUEST_BYTES + 1024
 """The longest message: a request in its envelope."""

@@ -13,11 +13,12 @@ import numpy as np
 
 from motord.config import Config, MeshConfig
 from motord.config.plans import SensitivityConfig
+from motord.schema import Compensation
 from motord.sequencing import NOTHING_INDUCED, Induced, OperatingPoint, Plan, PlanError
 from motord.sequencing.limits import check_operating_points
 from motord.sequencing.mesh import operating_points, serpentine
 from motord.sequencing.operating_point import operating_point_s
-from motord.sequencing.settings import Compensation, chosen, compensation
+from motord.sequencing.settings import chosen, compensation
 
 NAME = "sensitivity"
 

@@ -12,8 +12,8 @@ from motord.config import Config
 from motord.config.base import Section
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build as build_plan
+from motord.schema import Compensation
 from motord.sequencing import Plan, PlanError
-from motord.sequencing.settings import Compensation
 from motord.service.bench.bench import Bench
 from motord.service.rpc.dispatcher import RpcContext, handles
 from motord.service.rpc.outstanding import Document

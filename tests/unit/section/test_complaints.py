@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from motord.config import ConfigError, load, packaged
 from motord.config.base import Section
-from motord.config.complaints import complaints, wrong_things
 from motord.experiments.plans import build
+from motord.section.complaints import complaints, wrong_things
 from motord.sequencing import PlanError
 
 BENCH = packaged("sim.toml").read_text()
