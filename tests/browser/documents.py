@@ -43,6 +43,7 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
         "links": {
             "errors": 0, "errors_last_s": 0, "ticks_last_s": int(bench.rate_Hz),
             "without_encoder_last_s": 0, "without_inverter_last_s": 0, "bus_off": False,
+            "bridge": stand_in.barred,
         },
         "realtime": {"granted": True, "lines": []},
         "recording": {

@@ -326,6 +326,17 @@ def test_a_trip_says_what_to_do(server, visit: Watched):
     expect(page.locator("#trip")).to_be_hidden()
 
 
+def test_a_bridge_board_that_is_barred_no_more_is_not_shown_as_barred(server, visit: Watched):
+    page = visit(server.urls.viewer)
+    stand_in = server.stand_in
+    press(page, "#tab-health")
+    stand_in.do(lambda: setattr(stand_in, "barred", "end the other host"))
+    shows(page, "#health-figures", "end the other host")
+    stand_in.do(lambda: setattr(stand_in, "barred", ""))
+    expect(page.locator("#health-figures")).not_to_contain_text("Bridge board")
+    shows(page, "#health-figures", "Link errors")
+
+
 def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):
     page = visit(server.urls.operator)
     take_command(page)

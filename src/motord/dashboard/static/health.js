@@ -19,6 +19,8 @@ export class Health {
     this._open = false;
     /** @type {Map<string, any>} its value, by the name of a figure */
     this._rows = new Map();
+    /** @type {Set<string>} the figures of the newest state */
+    this._present = new Set();
     this._chart = new Chart(byId("timing-chart"), { log: true, label: micro }, { log: true, label: thousands }, LINES, () => this._histograms());
     bench.on("timing", (header, floats) => {
       this._timing = header;
@@ -55,6 +57,7 @@ export class Health {
   _show() {
     const { state } = this._bench;
     const { loop, recording } = state;
+    this._present.clear();
     const us = (/** @type {number | null} */ value) => (value === null ? "\u2013" : `${significant(value, 3)} \u00b5s`);
     this._figure("Loop", `${number(loop.rate_Hz, 0)} Hz, ${loop.ticks} ticks`);
     this._figure("Wake-up p50 / p99 / max", `${us(loop.wake_late_us_p50)} / ${us(loop.wake_late_us_p99)} / ${us(loop.wake_late_us_max)}`);
@@ -75,6 +78,7 @@ export class Health {
     const bytes = recording.detail?.bytes;
     this._figure("Recording", recording.recording ? `${recording.path.split("/").pop()}${bytes ? `, ${number(bytes / 1e6, 1)} MB` : ""}` : why || "no", recording.error ? "error" : recording.obstacle ? "warning" : "");
     this._ages();
+    this._removeOld();
   }
 
   /** @param {any} links */
@@ -98,8 +102,9 @@ export class Health {
     this._figure(`Channel ${name}`, words, severity);
   }
 
-  /** A row of the table; made once. @param {string} name @param {string} text @param {string} [severity] */
+  /** A row of the table; made once, and kept while the state has it. @param {string} name @param {string} text @param {string} [severity] */
   _figure(name, text, severity = "") {
+    this._present.add(name);
     let value = this._rows.get(name);
     if (value === undefined) {
       value = element("dd");
@@ -108,6 +113,15 @@ export class Health {
     }
     setText(value, (severity === "warning" ? "\u26a0 " : severity === "error" ? "\u2716 " : "") + text);
     setAttribute(value, "class", severity || null);
+  }
+
+  /** What the state no longer has, a fault that is over, is no figure. */
+  _removeOld() {
+    for (const [name, value] of this._rows) {
+      if (this._present.has(name)) continue;
+      value.parentElement.remove();
+      this._rows.delete(name);
+    }
   }
 
   _ages() {

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from motord.api.descriptions import bridge_action
 from motord.api.messages import Event
 from motord.cli.bench.watch import layout
 from motord.cli.bench.watch.glyphs import ASCII, UNICODE
 from motord.cli.bench.watch.history import MinMaxHistory
 from motord.cli.bench.watch.snapshot import Snapshot
+from motord.schema import BridgeStatus
 from tests.unit.cli.watch.samples import LINKS, NOW_NS, PLAN, TRIP, no_columns, state, ticks
 
 EVENTS = [
@@ -220,6 +222,12 @@ def test_before_the_first_tick_there_are_no_values():
 )
 def test_what_is_wrong_is_on_the_screen(changes, words):
     has(shown(snapshot(state(**changes))), words)
+
+
+def test_what_to_do_about_a_bridge_board_is_not_cut_off():
+    lines = shown(snapshot(state(links={**LINKS, "bridge": bridge_action(BridgeStatus.BARRED)})))
+    said = " ".join(line[13:].strip() for line in lines)
+    assert bridge_action(BridgeStatus.BARRED) in said
 
 
 @pytest.mark.parametrize("size", [(1, 1), (20, 2), (40, 3), (40, 10), (79, 23), (300, 100)])

@@ -250,18 +250,19 @@ def devices(state: BenchState, width: int) -> list[Text]:
     """Return how old each signal is, errors of the links, and health of the slow devices."""
     ages = [Text(f"{name} {1e3 * age_s:.3g}") for name, age_s in state.ages.items()]
     parts: list[Text] = []
+    bridge: list[Text] = []
     if (links := state.links) is not None:
         style = "bold" if links.errors_last_s > 0 else "none"
         parts.append(Text(f"link errors {links.errors}", style))
         parts += [Text("bus off", "bold")] * links.bus_off
-        parts += [Text(links.bridge, "bold")] * bool(links.bridge)
+        bridge = wrapped("bridge", links.bridge, width, "bold")
     for name, device in (("brake", state.brake), ("drive", state.drive)):
         why = f" ({device.error})" if device.error else ""
         if device.health != "none":
             style = "bold" if device.health in ("failing", "stale") else "none"
             parts.append(Text(f"{name} {device.health}{why}", style))
     shown_ages = packed("ages, ms", ages or [Text("-")], width, ", ")
-    return shown_ages + packed("devices", parts or [Text("-")], width)
+    return shown_ages + packed("devices", parts or [Text("-")], width) + bridge
 
 
 def channels(state: BenchState, width: int) -> list[Text]:
