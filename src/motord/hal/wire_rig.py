@@ -21,7 +21,7 @@ class WireRig:
 
     @property
     def refused(self) -> str:
-        """Why the bridge board that answers now is not taken, and what to do; "" if it is."""
+        """Why a bridge board that answered was not taken, and what to do; "" if none did."""
         return str(getattr(self._bridge, "refused", ""))
 
     def open(self) -> None:

@@ -25,6 +25,8 @@ from motord.shm.timing import Timing
 
 SUPERVISOR_GONE_S = 5.0
 """Without a heartbeat for so long, and without torque, the loop ends by itself."""
+REFUSED_S = 1.5
+"""Another board ends the loop after so long in one state: a trip's black box then has its 1 s."""
 _LOOK_EVERY_TICKS = 64
 
 
@@ -50,6 +52,8 @@ class ControlLoop:
     feedback: np.ndarray = field(default_factory=lambda: np.zeros(1, FEEDBACK))
     setpoint: np.ndarray = field(default_factory=lambda: np.zeros(1, SETPOINT))
     command: np.ndarray = field(default_factory=lambda: np.zeros(1, COMMAND))
+    seen_state: int = State.OFF
+    seen_since_ns: int = 0
 
     def kernel(self) -> TickKernel:
         """Return the compiled tick, bound to all of this."""
@@ -78,10 +82,14 @@ class ControlLoop:
 
     def end_reason(self, now_ns: int) -> str:
         """Return why the loop ends by itself, "" while it does not: no torque is applied then."""
-        if int(self.memory["state"][0]) == State.ENABLED:
+        if (state := int(self.memory["state"][0])) != self.seen_state:
+            self.seen_state, self.seen_since_ns = state, now_ns
+        if state == State.ENABLED:
             return ""
         if now_ns - int(self.setpoint["heartbeat_ns"][0]) > SUPERVISOR_GONE_S * 1e9:
             return "the supervisor is gone"
+        if now_ns - self.seen_since_ns < REFUSED_S * 1e9:
+            return ""
         return self.rig.refused if isinstance(self.rig, WireRig) else ""
 
 

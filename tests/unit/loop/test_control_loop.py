@@ -12,8 +12,9 @@ import pytest
 from motord import config
 from motord.control import parameters
 from motord.hal.wire_rig import WireRig
-from motord.loop.control_loop import SUPERVISOR_GONE_S, ControlLoop, StopRequest, run
+from motord.loop.control_loop import REFUSED_S, SUPERVISOR_GONE_S, ControlLoop, StopRequest, run
 from motord.loop.pacer import Pacer
+from motord.recorder.blackbox import AFTER_S
 from motord.schema import Flag, Request, State
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingReader, RingWriter
@@ -152,7 +153,14 @@ def test_loop_ends_when_another_board_answers_and_there_is_no_torque(loop: Loop)
     loop.loop.memory["state"] = State.ENABLED
     assert not loop.loop.end_reason(loop.now_ns)
     loop.loop.memory["state"] = State.TRIPPED
-    assert loop.loop.end_reason(loop.now_ns) == bridge.refused
+    over_ns = loop.now_ns + round(REFUSED_S * 1e9)
+    assert not loop.loop.end_reason(loop.now_ns)
+    assert not loop.loop.end_reason(over_ns - 1)
+    assert loop.loop.end_reason(over_ns) == bridge.refused
+
+
+def test_a_loop_that_another_board_ends_has_published_what_the_black_box_takes() -> None:
+    assert REFUSED_S > AFTER_S
 
 
 def test_work_is_in_the_tick_after_and_in_the_histogram(loop: Loop) -> None:

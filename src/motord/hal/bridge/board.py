@@ -62,7 +62,7 @@ class Bridge:
         self.hello: frames.Hello | None = None
         self.restarts = 0
         self.refused = ""
-        """Why the board that answers now is not taken, and what to do; "" if it is."""
+        """Why a board that answered since `open` was not taken, and what to do; "" if none did."""
         self._config = bridge
         self._counts = config.motor.counts
         self._configuration = frames.Configure(
@@ -205,9 +205,8 @@ class Bridge:
 
     def _identified(self, hello: frames.Hello) -> bool:
         """Return whether it is the board that was opened; of another one nothing counts."""
-        wrong = incompatibility(hello, self._counts, self.hello)
-        self.refused = f"{self._name}: {wrong}; then `motord reset`" if wrong else ""
-        if wrong:
+        if wrong := incompatibility(hello, self._counts, self.hello):
+            self.refused = f"{self._name}: {wrong}; then `motord reset`"
             self._openings = _UNIDENTIFIED
         return not wrong
 

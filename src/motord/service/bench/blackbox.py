@@ -51,8 +51,8 @@ class BlackBoxTrigger:
             "cause": "loop died",
             "reason": why,
             "state": monitor.state.name,
-            "action": "see in the system's log what ended the loop process; `motord reset` starts "
-            "it again, OFF",
+            "action": "the reason says what ended the loop process, if not see the system's log; "
+            "`motord reset` starts it again, OFF",
         }
         t_ns = self._unix_ns()
         path = self._ask(t_ns, None, 0.0, account)
