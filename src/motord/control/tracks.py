@@ -19,9 +19,10 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     """Take in a code read at `t_ns`, after the observer has; True where a track is stuck.
 
     Tracks too fine for the speed and the time between samples are left out. The speed is at least
-    what the counts show twice in a row, less the one that they may be off: as a rotor turns back,
-    the observer's, which lags, is zero while it turns. A jump of a stuck track shows once. Once
-    found, or after a gap in the samples, the watch starts over, and after `start_over`.
+    what the counts show twice in a row in one direction, less the one that they may be off: as a
+    rotor turns back, the observer's, which lags, is zero while it turns. A jump of a stuck track
+    shows once, or back and forth where the count is not steady. Once found, or after a gap in the
+    samples, the watch starts over, and after `start_over`.
     """
     dt_s = (t_ns - m.tracks_ns) * 1e-9
     if dt_s == 0.0:
@@ -32,11 +33,14 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     changed = np.int64(gray) ^ np.int64(m.gray)
     m.gray = gray
     counts_per_rad = p.counts / TWO_PI
-    step = abs(m.encoder_count - m.track_count)
+    half = p.counts // 2
+    step = (m.encoder_count - m.track_count + half) % p.counts - half
     m.track_count = m.encoder_count
-    counts_per_s = (min(step, p.counts - step) - 1) / dt_s
-    shown_per_s = min(counts_per_s, m.track_counts_per_s)
+    counts_per_s = (step - min(max(step, -1), 1)) / dt_s
+    before_per_s = m.track_counts_per_s
     m.track_counts_per_s = counts_per_s
+    onwards = counts_per_s * before_per_s > 0.0
+    shown_per_s = min(abs(counts_per_s), abs(before_per_s)) if onwards else 0.0
     step_counts = max(abs(m.speed_rad_s) * counts_per_rad, shown_per_s) * dt_s
     if not 0.0 < dt_s <= POSITION_AGE_MAX_S:
         changed = np.int64(ALL)

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from motord.config import Config
@@ -9,7 +10,8 @@ from motord.config.rules.false_trips import false_trips
 from motord.config.rules.hidden_faults import hidden_faults
 from motord.config.rules.tracks import stop_max_rad_s2, unseen_track_rad
 from motord.config.timing import ACCELERATION_RAD_S2
-from motord.schema import State
+from motord.control.observer import gray_to_count
+from motord.schema import State, Trip
 from tests.unit.control.bench import Bench, make_config
 
 
@@ -94,6 +96,27 @@ def test_no_track_seems_stuck_as_the_rotor_turns_back(
             bench.speed_rad_s -= ACCELERATION_RAD_S2 / rate_Hz
             bench.run()
         assert bench.tick["state"][0] == State.ENABLED
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("track", [0, 1])
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_stuck_track_shows_where_the_count_is_not_steady(track: int, level: int) -> None:
+    """Its jump comes and goes at the boundary of two counts: the rotor does not turn so fast."""
+    bench, noise = Bench(config_of(1000, 20.0, 4096)), np.random.default_rng(1)
+    bench.speed_rad_s = 0.05
+    bench.run(300)
+    bench.enable()
+    count_at = bench.count_at
+
+    def with_stuck_track(angle_rad: float) -> int:
+        count = count_at(angle_rad + noise.normal(0.0, 0.3) * 2 * math.pi / 4096)
+        return int(gray_to_count((count ^ count >> 1) & ~(1 << track) | level << track))
+
+    bench.count_at = with_stuck_track  # type: ignore[method-assign]
+    assert bench.tick["state"][0] == State.ENABLED
+    bench.run(math.ceil(3 * (2 << track) * 2 * math.pi / 4096 / 0.05e-3))  # patterns
+    assert Trip(int(bench.tick["first_trip"][0])) == Trip.ENCODER_IMPLAUSIBLE
 
 
 def test_usual_benches_may_stop_as_quickly_as_they_like() -> None:
