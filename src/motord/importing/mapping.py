@@ -2,6 +2,7 @@
 
 import codecs
 import difflib
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -121,6 +122,17 @@ class CsvMap(Section):
             return None if name is None else codecs.lookup(name).name
         except (LookupError, ValueError):
             raise ValueError("no encoding of this name; utf-8, latin-1, utf-16 are some") from None
+
+    @field_validator("date_format")
+    @classmethod
+    def _each_part_once(cls, date_format: str | None) -> str | None:
+        try:
+            datetime.strptime("", date_format or "")
+        except re.error:
+            raise ValueError("takes each part of a date once") from None
+        except ValueError:
+            pass  # no date is written so: rows say which
+        return date_format
 
     @model_validator(mode="after")
     def _comma_once(self) -> "CsvMap":

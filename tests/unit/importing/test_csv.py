@@ -276,6 +276,7 @@ def test_dates_are_times(tmp_path: Path) -> None:
         ("%d.%m.%Y %H:%M:%S,%f", ""),
         ("%m/%d/%Y %I:%M:%S.%f %p", ""),
         ("%H:%M:%S.%f", "start = 2007-05-01T00:00:00Z\n"),
+        ("%Y%m%d%H%M%S.%f", ""),
     ],
 )
 def test_dates_may_be_written_in_another_form(tmp_path: Path, date_format: str, start: str) -> None:
@@ -365,6 +366,7 @@ def test_irregular_rows_miss_nothing(tmp_path: Path) -> None:
         (("[columns]", "[constants]\nt_s = 1\n[columns]"), "t_s is both in"),
         (("[columns]", "[constants]\nt_ns = 1\n[columns]"), "cannot be constant"),
         (("[columns]", "[csv]\nencoding = 'utf-99'\n[columns]"), "no encoding of this name"),
+        (("[columns]", "[csv]\ndate_format = '%d.%d'\n[columns]"), "each part of a date once"),
         (("[columns]", "[csv]\ndelimiter = ','\ndecimal = ','\n[columns]"), "both be a comma"),
         (('"Time"', "[1]"), r"map\.toml:4: columns\.t_s"),
     ],

@@ -40,12 +40,12 @@ class CsvSource(RowSource):
         ]
 
     def holds_dates(self, index: int) -> bool:
-        """Return whether a column holds dates rather than numbers."""
+        """Return whether a column holds dates; numbers may be some if `date_format` is given."""
         decimal = self._dialect.decimal
         cells = [row[index] for row in self._dialect.sample if index < len(row)]
         numbers = sum(number(cell, decimal) is not None for cell in cells)
         dates = dates_ns(cells, decimal, self._date_format) != MISSING_NS
-        return int(dates.sum()) > numbers
+        return int(dates.sum()) >= (numbers + 1 if self._date_format is None else max(numbers, 1))
 
     def holds_whole_numbers(self, index: int) -> bool:
         """Return whether a column holds whole numbers."""
