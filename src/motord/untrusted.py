@@ -53,7 +53,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         content: dict[str, Any] = _parsed(tomllib.loads, text)
     except tomllib.TOMLDecodeError as error:
-        place = re.search(r"at line (\d+)", str(error))
+        place = re.search(r"at line (\d+), column \d+\)$", str(error))
         line = text.split("\n")[int(place[1]) - 1].strip() if place else ""
         raise ValueError(f"{error}: {line[:LINE_SHOWN]}" if line else str(error)) from None
     return content

@@ -43,6 +43,11 @@ def test_what_is_handed_over_by_a_pipe_is_read():
     os.close(reading)
 
 
+def test_a_key_that_looks_like_a_place_is_none():
+    with pytest.raises(ValueError, match=r"\(at line 2, column 14\): \['at line 99'\]$"):
+        parse_toml("['at line 99']\n['at line 99']\n")
+
+
 @pytest.mark.parametrize("parse", [parse_json, parse_toml])
 @pytest.mark.parametrize(
     ("text", "why"),
