@@ -106,8 +106,9 @@ class CommandGroup(TyperGroup):
 
         Typer compares with commands that are loaded already, of which a lazy group has none.
         """
-        near = get_close_matches(args[0], self.list_commands(ctx))
-        if near and not ctx.resilient_parsing and self.get_command(ctx, args[0]) is None:
+        names = self.list_commands(ctx)
+        known = args[0] in names or self.get_command(ctx, args[0]) is not None  # an alias
+        if not known and not ctx.resilient_parsing and (near := get_close_matches(args[0], names)):
             ctx.fail(f"No such command {args[0]!r}; did you mean {' or '.join(near)}?")
         return super().resolve_command(ctx, args)
 
