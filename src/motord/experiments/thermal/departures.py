@@ -49,8 +49,13 @@ class Departure:
 
     @property
     def shift_beyond_chance(self) -> np.ndarray:
-        """The shift (p,) of what the departure is beyond its standard error; none by chance."""
-        significant = self.ratio > coverage_factor()
+        """The shift (p,) of what the departure is beyond its standard error; none by chance.
+
+        Nor of a lag below zero, as no sensor is early: after a heat-up without cooling the noise
+        makes such a one.
+        """
+        possible = self.kind != "lag" or self.value > 0
+        significant = possible and self.ratio > coverage_factor()
         return self.shift * (np.sqrt(1 - 1 / self.ratio**2) if significant else 0.0)
 
 

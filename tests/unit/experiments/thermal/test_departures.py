@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from motord.experiments.thermal.command import measure
+from motord.experiments.thermal.constants import constants_of
+from motord.experiments.thermal.departures import departures, with_departures
+from motord.experiments.thermal.estimate import fit
 from motord.experiments.thermal.report import rows, steady_rows
 from motord.experiments.thermal.result import ThermalConstants
 from tests.unit.experiments.thermal.courses import COPPER, NETWORKS, course
@@ -70,6 +73,16 @@ def test_intervals_are_as_narrow_without_a_departure() -> None:
         one = measure(course(2, seed=seed), COPPER).time_constants[0].time_constant_s
         widths.append((one.high - one.low) / one.value)
     assert np.median(widths) < 0.006  # 0.003 by the noise alone
+
+
+def test_a_heat_up_without_cooling_seldom_has_wider_intervals_by_chance() -> None:
+    wider = 0
+    for seed in range(2 * SEEDS):
+        found = fit(course(2, seed=seed, cooling_s=0.0), COPPER)
+        both = (found, with_departures(found, departures(found)))
+        alone, together = (constants_of(one).resistance_K_per_W for one in both)
+        wider += together.high - together.low > 2 * (alone.high - alone.low)
+    assert wider <= 2  # 6 where a lag below zero counted
 
 
 def test_without_noise_the_error_of_the_fit_is_not_known() -> None:
