@@ -80,16 +80,17 @@ def _torque_line(group: Sequence[PointFigures]) -> tuple[float, float] | None:
     """Return zero (Nm) and slope of the mean torque over the commanded one, by least squares.
 
     A zero that drifts moves all set-points alike, a gain each by its own torque. None where the
-    mean is not known, or fewer than two torques were commanded.
+    mean of any that has one is not known (the line of the others is another one), or fewer than two
+    torques were commanded.
     """
-    known = [
-        (one.torque_set_Nm, mean_Nm)
+    points = [
+        (one.torque_set_Nm, one.figures["torque_mean_Nm"])
         for one in group
-        if np.isfinite(mean_Nm := one.figures.get("torque_mean_Nm", np.nan))
+        if "torque_mean_Nm" in one.figures
     ]
-    if len({set_Nm for set_Nm, _ in known}) < 2:
+    if len({set_Nm for set_Nm, _ in points}) < 2 or not np.isfinite(points).all():
         return None
-    set_Nm, mean_Nm = np.array(known).T
+    set_Nm, mean_Nm = np.array(points).T
     gain, zero_Nm = np.polyfit(set_Nm, mean_Nm, 1)
     return float(zero_Nm), float(gain)
 
@@ -118,7 +119,11 @@ def with_steps(trends: Sequence[FigureTrend]) -> list[FigureTrend]:
     steps = [most_likely_step(one.hours, one.values) for one in trends]
     known = drifting([None if one is None else one.p_value for one in steps], FALSE_ALARMS)
     return [
-        replace(one, step=step, slope=slope(one.hours, one.values, step.place))
+        replace(
+            one,
+            step=replace(step, unit=one.unit),
+            slope=slope(one.hours, one.values, step.place),
+        )
         if step is not None and its
         else one
         for one, step, its in zip(trends, steps, known, strict=True)

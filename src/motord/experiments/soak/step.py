@@ -16,7 +16,14 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import stdtr
 
-from motord.experiments.soak.trend import PRIOR, ROUNDING, least_difference, whitened
+from motord.experiments.soak.trend import (
+    PRIOR,
+    ROUNDING,
+    least_difference,
+    line_with_step,
+    rounding_variance,
+    whitened,
+)
 from motord.intervals import coverage_factor
 
 LEAST_SIDE = 3
@@ -33,16 +40,18 @@ FALSE_ALARMS = 0.01
 class Step:
     """A step with half of its 95 % interval, and p-value of none at all.
 
-    place: the first value after it; hours: the middle between that and the one before.
+    place: the first value after it; hours: the middle between that and the one before; unit: that
+    of the values.
     """
 
-    JSON: ClassVar = ("hours", "value", "half_width", "p_value")
+    JSON: ClassVar = ("hours", "value", "unit", "half_width", "p_value")
 
     place: int
     hours: float
     value: float
     half_width: float
     p_value: float
+    unit: str = ""
 
 
 def most_likely_step(t: np.ndarray, y: np.ndarray) -> Step | None:
@@ -60,9 +69,11 @@ def most_likely_step(t: np.ndarray, y: np.ndarray) -> Step | None:
     p_values = 2 * (weights * tails).sum(axis=0)
     best = int(np.argmin(p_values))
     weight, value = weights[:, best], float(weights[:, best] @ values[:, best])
-    stderr = sqrt(weight @ (variances[:, best] + (values[:, best] - value) ** 2))
+    place = int(places[best])
+    rounding = rounding_variance(line_with_step(t - t.mean(), place), y, 2)
+    stderr = sqrt(weight @ (variances[:, best] + (values[:, best] - value) ** 2) + rounding)
     p_value = min(float(p_values[best]) * places.size, 1.0)
-    half_width, place = coverage_factor(n - 3) * stderr * scale, int(places[best])
+    half_width = coverage_factor(n - 3) * stderr * scale
     return Step(place, float(t[place - 1] + t[place]) / 2, value * scale, half_width, p_value)
 
 

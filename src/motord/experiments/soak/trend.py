@@ -69,10 +69,10 @@ def slope(
         return DriftSlope(0.0, 0.0, 0.0, 1.0, 0.0) if counts and n >= LEAST else DriftSlope(0.0)
     if n < LEAST:
         return DriftSlope(plain * scale)
-    model = np.column_stack([np.ones_like(t), t, *([np.arange(n) >= step] if step else [])])
+    model = line_with_step(t, step)
     freedom = n - model.shape[1]
     likelihoods, slopes, variances = _by_correlation(t, model, y)
-    variances += _rounding_variance(y) / float(t @ t)
+    variances += rounding_variance(model, y, 1)
     weights = PRIOR * np.exp(likelihoods - likelihoods.max())
     weights /= weights.sum()
     value = float(weights @ slopes)
@@ -88,13 +88,22 @@ def slope(
 def least_difference(y: np.ndarray) -> float:
     """Return the least difference of any two values (n,), not all equal, of a size of 1 at most."""
     apart = np.diff(np.unique(y))
-    return float(apart[apart > ROUNDING].min())
+    return float(apart[apart > ROUNDING].min(initial=np.ptp(y)))
 
 
-def _rounding_variance(y: np.ndarray) -> float:
-    """Return the variance of a value's rounding error, as if those of all were independent."""
+def rounding_variance(model: np.ndarray, y: np.ndarray, column: int) -> float:
+    """Return the variance that rounding errors of y (n,) make of a column's coefficient.
+
+    model (n, k); of a value it is as if the errors of all were independent.
+    """
     runs = 1 + int(np.count_nonzero(np.abs(np.diff(y)) > ROUNDING))
-    return least_difference(y) ** 2 / 12 * y.size / runs
+    of_value = least_difference(y) ** 2 / 12 * y.size / runs
+    return of_value * float(np.linalg.inv(model.T @ model)[column, column])
+
+
+def line_with_step(t: np.ndarray, step: int | None) -> np.ndarray:
+    """Return the columns of a line over t (n,), and of a step at a place, if there is one."""
+    return np.column_stack([np.ones_like(t), t, *([np.arange(t.size) >= step] if step else [])])
 
 
 def whitened(t: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,8 @@ from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
 from motord.experiments.plans import build
 from motord.experiments.soak.estimate import soak_trends
+from motord.experiments.soak.figure_trends import of_repetitions, repetitions_of
+from motord.experiments.soak.point_figures import PointFigures
 from motord.experiments.soak.result import SoakResult
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.identification import IdentifyError
@@ -166,6 +168,20 @@ def test_a_zero_that_drifts_is_distinguished_from_a_gain(
     actions = {one.name: one.action for one in result.findings}
     how = "same at all set-points" if zero_Nm else "goes with the torque"
     assert how in actions[f"drift of {drifts}"]
+
+
+def test_zero_and_gain_are_not_of_the_other_set_points_where_one_mean_is_not_known() -> None:
+    points = [
+        PointFigures(
+            "a", repetition, place, "", torque_Nm, float(repetition), 0.0,
+            {"torque_mean_Nm": np.nan if (repetition, place) == (2, 2) else torque_Nm**2}, {}, None,
+        )
+        for repetition in range(4)
+        for place, torque_Nm in enumerate((1.0, 2.0, 3.0))
+    ]  # fmt: skip
+    found = {one.name: one for one in of_repetitions(repetitions_of(points), points, {})}
+    np.testing.assert_allclose(found["torque_gain_percent"].values, [400.0] * 3)
+    np.testing.assert_allclose(found["torque_zero_Nm"].values, [-10 / 3] * 3)
 
 
 def test_a_steady_soak_is_said_to_be_steady(tmp_path: Path) -> None:

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from motord.experiments.analysis import encode
 from motord.experiments.soak.figure_trends import with_steps
 from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.soak.step import FALSE_ALARMS, LEAST, most_likely_step
 from motord.experiments.soak.trend import drifting, slope
+from motord.results.figures import figures
 from tests.unit.experiments.soak.test_trend import wandering
 
 HOURS = np.linspace(0.0, 5.0, 50)
@@ -73,6 +75,20 @@ def test_without_a_step_few_soaks_claim_one(n, correlation):
     assert sum(claimed) <= 4  # 1, and 3 standard deviations
 
 
+def test_the_interval_of_a_step_holds_for_readings_in_steps():
+    found = covers = 0
+    for seed in range(100):
+        rng, after = np.random.default_rng(seed), np.arange(HOURS.size) >= 25
+        size, rise = rng.uniform(3.0, 6.0), rng.uniform(-0.2, 0.2)
+        values = 20.0 + rng.uniform() + rise * HOURS + size * after
+        step = most_likely_step(HOURS, np.round(values + 0.05 * rng.normal(size=HOURS.size)))
+        if step is not None and step.p_value < FALSE_ALARMS:
+            found += 1
+            covers += abs(step.value - size) <= step.half_width
+    assert found >= 40
+    assert covers >= 0.94 * found
+
+
 def test_of_few_or_equal_values_no_step_is_stated():
     few = np.arange(LEAST - 1.0)
     assert most_likely_step(few, few**2) is None
@@ -87,6 +103,9 @@ def test_a_soak_says_what_changed_at_once():
         trend(rng.normal(size=HOURS.size)),
     ]
     found = SoakResult("verify", (), tuple(with_steps(trends)))
+    stored = {one.field: one for one in figures({"trends": encode(found.trends)})}
+    step = stored["trends.torque_mean_Nm of point 1.step"]
+    assert (step.unit, step.low < 10.0 < step.high) == ("Nm", True)
     [finding] = found.findings
     assert finding.name == "step of torque_mean_Nm of point 1"
     assert "at once, 2.5 h after the first repetition" in finding.meaning

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from motord.experiments.soak.result import FigureTrend, SoakResult
+from motord.experiments.soak.step import most_likely_step
 from motord.experiments.soak.trend import LEAST, drifting, slope
 
 
@@ -96,6 +97,13 @@ def test_constant_values_have_a_slope_of_unknown_error_and_hide_no_drift_of_othe
     drift = slope(hours, 40.0 * hours + wandering(np.random.default_rng(3), n, 0.3))
     assert drifting([still.p_value, drift.p_value], 0.05) == [False, True]
     assert slope(np.arange(3.0), np.full(3, level)).value == 0.0
+
+
+def test_values_that_creep_by_less_than_their_rounding_have_a_slope():
+    hours = np.arange(10.0)
+    found = slope(hours, 1.0 + 3e-12 * hours / 10)
+    assert found.value == pytest.approx(3e-13, rel=0.01)
+    assert most_likely_step(hours, 1.0 + 3e-12 * hours / 10).p_value > 0.05
 
 
 def test_what_is_not_finite_is_no_drift_and_hides_none():
