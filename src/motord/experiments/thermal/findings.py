@@ -196,27 +196,31 @@ def _misfit(fit: ThermalFit) -> Iterator[Finding]:
 
 def _around(fit: ThermalFit, shown: Sequence[Departure]) -> Iterator[Finding]:
     """Yield what explains the residuals best: another ambient, or another cooling."""
-    best = max((one for one in shown if one.kind != "lag"), key=lambda one: one.ratio)
-    limit = COVERAGE_FACTOR * best.stderr
-    if best.kind == "cooling":
-        percent, limit = 100 * abs(best.value), max(100 * limit, COOLING_PERCENT)
-        if percent > limit:
-            yield Finding(
-                "cooling-changes", percent, limit, "%", "warning",
-                f"without current about this part {'more' if best.value > 0 else 'less'} heat "
-                "flowed off to the ambient than with it, and the network is one for both",
-                "let the rotor turn as fast, and fans run, in both or in neither",
-            )  # fmt: skip
-        return
     rise_K = max(float(np.ptp(one)) for one in fit.fitted_C)
-    limit = max(limit, DRIFT_PERCENT / 100 * rise_K)
-    if abs(best.value) > limit:
-        how = "wandered" if best.degree > 1 else "rose" if best.value > 0 else "fell"
+    least = {"ambient": DRIFT_PERCENT / 100 * rise_K, "cooling": COOLING_PERCENT / 100}
+    limits = [
+        (one, max(COVERAGE_FACTOR * one.stderr, least[one.kind]))
+        for one in shown
+        if one.kind in least
+    ]
+    beyond = [(one, limit) for one, limit in limits if abs(one.value) > limit]
+    if not beyond:
+        return
+    best, limit = max(beyond, key=lambda pair: pair[0].ratio)
+    if best.kind == "cooling":
         yield Finding(
-            "ambient-drifts", abs(best.value), limit, "K", "warning",
-            f"the ambient {how} by about this much meanwhile, and the fit takes it as constant",
-            "measure it and name it as ambient_channel, or keep the room's temperature",
+            "cooling-changes", 100 * abs(best.value), 100 * limit, "%", "warning",
+            f"without current about this part {'more' if best.value > 0 else 'less'} heat "
+            "flowed off to the ambient than with it, and the network is one for both",
+            "let the rotor turn as fast, and fans run, in both or in neither",
         )  # fmt: skip
+        return
+    how = "wandered" if best.degree > 1 else "rose" if best.value > 0 else "fell"
+    yield Finding(
+        "ambient-drifts", abs(best.value), limit, "K", "warning",
+        f"the ambient {how} by about this much meanwhile, and the fit takes it as constant",
+        "measure it and name it as ambient_channel, or keep the room's temperature",
+    )  # fmt: skip
 
 
 def _lags(shown: Sequence[Departure], shortest_s: float) -> Iterator[Finding]:

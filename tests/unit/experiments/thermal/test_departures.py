@@ -7,8 +7,9 @@ import pytest
 
 from motord.experiments.thermal.command import measure
 from motord.experiments.thermal.constants import constants_of
-from motord.experiments.thermal.departures import departures, with_departures
+from motord.experiments.thermal.departures import Departure, departures, with_departures
 from motord.experiments.thermal.estimate import fit
+from motord.experiments.thermal.findings import findings
 from motord.experiments.thermal.report import rows, steady_rows
 from motord.experiments.thermal.result import ThermalConstants
 from tests.unit.experiments.thermal.courses import COPPER, NETWORKS, course
@@ -58,6 +59,16 @@ def test_intervals_hold_what_residuals_show_and_its_cause_is_named(
 def test_a_departure_is_found_each_time(departure: dict[str, Any]) -> None:
     for seed in range(SEEDS):
         assert measure(course(2, seed=seed, **departure), COPPER).findings
+
+
+def test_a_departure_too_small_for_a_finding_hides_no_other() -> None:
+    still = fit(course(2), COPPER)
+    shift = np.zeros(still.parameters.size)
+    cooling = Departure("cooling", 0.009, 0.0001, shift)
+    ambient = Departure("ambient", 1.0, 0.1, shift, degree=1)
+    for shown in ((cooling, ambient), (ambient, cooling)):
+        found = findings(constants_of(still), shown, {}, still.course.readings.values())
+        assert [one.name for one in found] == ["ambient-drifts"]
 
 
 def test_intervals_that_do_not_hold_a_lag_are_said_not_to() -> None:
