@@ -6,14 +6,14 @@ from collections import namedtuple
 from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import IO, Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numba.core import caching
 from numba.extending import intrinsic
 
-from motord.kernel_cache import not_kept, usable_kernel_cache
+from motord.kernel_cache import PACKAGE, claim, not_kept, usable_kernel_cache
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
@@ -29,6 +29,19 @@ class _Locator(_CACHING.CompileResultCacheImpl._locator_classes[0]):  # type: ig
     def ensure_cache_path(self) -> None:
         if not _READ_ONLY:
             super().ensure_cache_path()
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return the folder of a module: of this package its name, wherever it is installed."""
+        folder = Path(py_file).parent
+        if not folder.is_relative_to(PACKAGE):
+            return str(super().get_suitable_cache_subpath(py_file))
+        return ".".join(("motord", *folder.relative_to(PACKAGE).parts))
+
+    def get_source_stamp(self) -> Any:
+        """Return what is another one after an edit; of this package the folder has a digest."""
+        own = Path(self._py_file).is_relative_to(PACKAGE)
+        return _FOLDER.name if own else super().get_source_stamp()
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> "_Locator | None":
@@ -54,10 +67,21 @@ class _Located(_CACHING.CompileResultCacheImpl):  # type: ignore[misc]
 class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
     """Kept machine code of a kernel; a folder that is read-only is only read.
 
-    Raises OSError, which says what to do, where it cannot be kept for another reason.
+    What is not kept yet is compiled by one process, for which others wait: a daemon's processes
+    start at once. Raises OSError, which says what to do, where it cannot be kept.
     """
 
     _impl_class = _Located
+    _claim: IO[bytes] | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        kept = super().load_overload(sig, target_context)
+        if kept is None and not _READ_ONLY:
+            self._claim = claim(Path(self.cache_path) / f"{self._impl.filename_base}.lock")
+            kept = super().load_overload(sig, target_context)
+            if kept is not None:
+                self._release()
+        return kept
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
@@ -65,6 +89,13 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
         except OSError as error:
             if not _READ_ONLY:
                 raise not_kept(error, _FOLDER) from None
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        if self._claim is not None:
+            self._claim.close()
+            self._claim = None
 
 
 def _compiled(function: _Kernel, **options: Any) -> _Kernel:

@@ -6,12 +6,15 @@ after a digest of every kernel source file, so any edit starts a fresh one.
 """
 
 import errno
+import fcntl
 import hashlib
 import itertools
 import os
 import tempfile
+import time
 from importlib.metadata import version
 from pathlib import Path
+from typing import IO
 
 PACKAGE = Path(__file__).parent
 KERNEL_PACKAGES = ("control", "rig", "identification", "experiments/calibration/estimate")
@@ -23,6 +26,10 @@ KERNEL_MODULES = (
     "virtual/faults.py",
 )  # fmt: skip
 """Other modules with kernels, or whose constants kernels have compiled in; a test finds them."""
+
+COMPILING_S = 60.0
+"""No kernel takes so long; a process that holds one longer is stopped, or could not compile it."""
+LOOK_AGAIN_S = 0.02
 
 
 def kernel_cache(package: Path = PACKAGE) -> Path:
@@ -55,6 +62,30 @@ def usable_kernel_cache() -> Path:
         if probed != folder or not any(folder.iterdir()):
             raise not_kept(error, folder) from None
     return folder
+
+
+def claim(path: Path) -> IO[bytes] | None:
+    """Return a file of `path`, locked until it is closed or this process ends.
+
+    Waits for the process that holds it. None after `COMPILING_S`, and where files have no locks: it
+    spares work, and is needed for nothing else.
+    """
+    try:
+        file = path.open("wb")
+    except OSError:
+        return None
+    end_s = time.monotonic() + COMPILING_S
+    while time.monotonic() < end_s:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(LOOK_AGAIN_S)
+        except OSError:
+            break
+        else:
+            return file
+    file.close()
+    return None
 
 
 def not_kept(error: OSError, folder: Path) -> OSError:

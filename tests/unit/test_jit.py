@@ -12,12 +12,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 import motord
+from motord import jit
 from motord.jit import ArgumentBlock, jit_holding_gil, records_at
-from motord.kernel_cache import kernel_cache, kernel_sources
+from motord.kernel_cache import claim, kernel_cache, kernel_sources
 from motord.schema import record_dtype
 
 PAIR = record_dtype([("x", "f8"), ("n", "i4")])
@@ -33,6 +35,12 @@ def add_up(frame: int, count: int) -> float:
     pair = records_at(frame, 1, 1, PAIR)[0]
     pair.x, pair.n = total, count
     return total
+
+
+@jit.jit
+def add_one(value: float) -> float:
+    """Return one more."""
+    return value + 1.0
 
 
 @pytest.mark.kernel
@@ -115,6 +123,54 @@ def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
     lines += ["motord.cli.console.explain_first_run()"]  # as `motord run` begins
     code = "\n".join([*lines, "assert 'numba' not in sys.modules"])
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def can_be_claimed(path: Path) -> bool:
+    file = claim(path)
+    if file is not None:
+        file.close()
+    return file is not None
+
+
+def test_what_another_process_compiled_meanwhile_is_taken(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    here, there = jit.jit(add_one.py_func), jit.jit(add_one.py_func)
+
+    def claimed(path: Path) -> None:
+        """Wait until the other process has compiled it."""
+        monkeypatch.setattr(jit, "claim", claim)
+        assert there(1.0) == 2.0
+
+    monkeypatch.setattr(jit, "claim", claimed)
+    assert here(1.0) == 2.0
+    assert (here.stats.cache_hits.total(), here.stats.cache_misses.total()) == (1, 0)
+    assert (there.stats.cache_hits.total(), there.stats.cache_misses.total()) == (0, 1)
+    assert can_be_claimed(next(tmp_path.rglob("*.lock")))
+
+
+def test_a_kernel_is_one_process_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = tmp_path / "kernel.lock"
+    mine = claim(path)
+    assert mine is not None
+    monkeypatch.setattr("motord.kernel_cache.COMPILING_S", 0.1)
+    assert not can_be_claimed(path)
+    mine.close()
+    assert can_be_claimed(path)
+    assert not can_be_claimed(tmp_path / "nowhere" / "kernel.lock")
+
+
+def test_an_installation_elsewhere_has_the_same_kernels(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    here = records_at._cache.cache_path  # type: ignore[attr-defined]
+    monkeypatch.setattr(jit, "PACKAGE", tmp_path)
+    module = tmp_path / "jit.py"
+    module.touch()
+    place = jit._Locator(records_at.py_func, str(module))  # type: ignore[attr-defined]
+    assert place.get_cache_path() == here
+    assert place.get_source_stamp() == kernel_cache().name
 
 
 def test_a_cache_that_cannot_be_written_to_says_what_to_do(tmp_path: Path) -> None:
