@@ -17,15 +17,18 @@ class CapturesLeftOut:
     """Takes the errors of single captures, each with the label of recording and capture."""
 
     def __init__(self) -> None:
-        self._reasons: dict[str, None] = {}  # each once, also if recordings are read again
+        self._seen: dict[tuple[str, int], None] = {}  # each once, also if recordings are read again
 
     @contextmanager
-    def noted(self, label: str) -> Iterator[None]:
-        """Have an IdentifyError of what is done to one capture leave that one out."""
+    def noted(self, label: str, tick_start: int = 0) -> Iterator[None]:
+        """Have an IdentifyError of what is done to one capture leave that one out.
+
+        tick_start: of the capture, where others may have its label.
+        """
         try:
             yield
         except IdentifyError as error:
-            self._reasons[f"{label}: {str(error).removeprefix(f'{label}: ')}"] = None
+            self._seen[f"{label}: {str(error).removeprefix(f'{label}: ')}", tick_start] = None
 
     @contextmanager
     def explaining(self) -> Iterator[None]:
@@ -33,24 +36,24 @@ class CapturesLeftOut:
         try:
             yield
         except IdentifyError as error:
-            if self._reasons:
+            if self._seen:
                 raise IdentifyError(f"{error}{self.as_text}") from error
             raise
 
     @property
     def as_text(self) -> str:
         """What follows an error: which are left out and why, "" if none is."""
-        reasons = listed(list(self._reasons), REASONS_MAX)
+        reasons = listed(self.reasons, REASONS_MAX)
         return f"; left out: {reasons}" if reasons else ""
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why each is left out."""
-        return tuple(self._reasons)
+        return tuple(reason for reason, _ in self._seen)
 
     def findings(self, runs: Sequence[Run] = ()) -> tuple[Finding, ...]:
         """Return what a result says of them, and of points of the runs without a good take."""
-        return points_left_out(runs, [f"({reason})" for reason in self._reasons])
+        return points_left_out(runs, [f"({reason})" for reason in self.reasons])
 
 
 def prepared(
@@ -61,5 +64,5 @@ def prepared(
     Raises IdentifyError then.
     """
     for point in points:
-        with left_out.noted(point.label) if left_out else nullcontext():
+        with left_out.noted(point.label, point.tick_start) if left_out else nullcontext():
             yield prepare(point, counts)

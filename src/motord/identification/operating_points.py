@@ -41,7 +41,7 @@ class PointData:
     errors that were put on the currents on purpose (sequencing.Induced), so that its ripple is not
     the motor's; empty without. turns_from_start: whole turns count from the first sample, not from
     the encoder's zero. back_emf_factor: back-EMF over that of the motor's reference temperature;
-    nan where it cannot be known. recording: name of its file.
+    nan where it cannot be known. recording: name of its file; tick_start: tick at which it begins.
     """
 
     torque_Nm: float
@@ -52,6 +52,7 @@ class PointData:
     turns_from_start: bool = False
     back_emf_factor: float = 1.0
     recording: str = ""
+    tick_start: int = 0
 
     @property
     def label(self) -> str:
@@ -137,6 +138,7 @@ def split(
             induced=point.get("induced", {}),
             turns_from_start=bool(point.get("turns_from_start", False)),
             recording=recording,
+            tick_start=first,
         )
 
 

@@ -8,6 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
+from motord.experiments.captures_left_out import CapturesLeftOut, prepared
+from motord.identification.operating_points import REQUIRED, split
 from motord.recording.reader import open_run
 from tests.support.wrong_signals import change_recording
 from tests.unit.experiments.conftest import Recorded
@@ -43,3 +45,28 @@ def test_a_point_with_lost_turns_is_left_out_and_said(
     assert "they cannot be counted" in page.read_text()
     if command == "verify":
         assert len(found["points"]) == points - 1
+
+
+def test_captures_that_are_alike_count_each_and_once() -> None:
+    """As with induced errors, or without and with compensation: two seemed one."""
+    ticks = np.zeros(300, [(name, np.int64) for name in ("tick", "plan_point", *REQUIRED)])
+    ticks["tick"] = np.arange(300)
+    ticks["t_ns"] = 10**6 * ticks["tick"]
+    ticks["plan_point"] = ticks["tick"] // 150
+    points = [
+        {
+            "index": n,
+            "tick_start": 150 * n,
+            "tick_end": 150 * n + 149,
+            "torque_Nm": 2,
+            "speed_Hz": 5,
+        }
+        for n in range(2)
+    ]
+    left_out = CapturesLeftOut()
+    for _ in range(2):  # as where recordings are read again
+        assert not list(prepared(split(ticks, points, "run.mcap"), 4096, left_out))
+    [finding] = left_out.findings()
+    assert finding.value == 2
+    assert "(run.mcap: 2 Nm, 5 Hz: no whole turn" in finding.meaning
+    assert finding.meaning.endswith("(2 times)")

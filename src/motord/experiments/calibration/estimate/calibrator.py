@@ -277,7 +277,7 @@ class Calibrator:
     def _samples(self, point: PointData) -> Samples | None:
         """Return the samples of a point, None if it cannot be used, which is said of the result."""
         samples: Samples | None = None
-        with self._left_out.noted(point.label):
+        with self._left_out.noted(point.label, point.tick_start):
             samples = prepare(point, self._motor.counts)
             require_currents(samples)
         return samples
