@@ -111,7 +111,8 @@ def _read_releases(
             seen.append((label, faults))
             # a segment without oscillation is skipped where a recording marks none
             with nullcontext() if marked else suppress(IdentifyError):
-                releases.append(read(len(releases), good["t_ns"], good["encoder_count"]))
+                index = len(releases) + len(left_out.reasons)
+                releases.append(read(index, good["t_ns"], good["encoder_count"]))
     return seen
 
 

@@ -117,6 +117,20 @@ def test_counts_out_of_range_are_left_out_and_said(
     assert found["inertia_kg_m2"] == pytest.approx(sound["inertia_kg_m2"], rel=1e-4)
 
 
+def test_releases_keep_their_numbers_if_one_is_left_out(swings: Path, tmp_path: Path) -> None:
+    """Others had its number, by which the report names them."""
+
+    def stuck(ticks: np.ndarray) -> np.ndarray:
+        ticks["encoder_count"][ticks["plan_point"] == 1] = 7
+        return ticks
+
+    path = change_recording(swings, tmp_path / "run.mcap", stuck)
+    found = json.loads(invoke(path, "--json")[1])
+    assert [one["index"] for one in found["releases"]] == [0, 2]
+    [left_out] = [one for one in found["findings"] if one["name"] == "points-left-out"]
+    assert "(run.mcap: release 2: a release hardly moves" in left_out["meaning"]
+
+
 def test_a_bench_file_says_what_the_springs_really_are(swings: Path, tmp_path: Path) -> None:
     text = packaged("inertia.toml").read_text()
     stiffer = text.replace("stiffness_N_per_m = 3", "stiffness_N_per_m = 4")
