@@ -102,6 +102,8 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
             rows[what].append((value, ripple.rms_percent, ripple.stderr_percent, expected))
     scale = subject.accuracy.torque_scale
     torque_Nm, speed_Hz = places[0] if places else (DEFAULT_TORQUE_Nm, 0.0)
+    with left_out.explaining():
+        again = _again(runs, subject, applied, model, torque_Nm)
     return Sensitivity(
         subject=subject,
         runs=tuple(run.path.name for run in runs),
@@ -112,7 +114,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
             for what, some in rows.items()
             if len(some) > 1
         ),
-        again=_again(runs, subject, applied, model, torque_Nm),
+        again=again,
         signal_findings=(
             *current_scale(current_ratios, "slopes of current errors are as wrong"),
             *asynchronous_line([ripple for ripple, _ in measured]),
