@@ -104,7 +104,7 @@ def uncounted(t_s: np.ndarray, position: np.ndarray, counts: int) -> tuple[np.nd
     """
     [used] = np.nonzero(~misread(position, counts))
     spacing_s, step = np.diff(t_s[used]), np.diff(position[used]) / counts
-    if spacing_s.size < 2:
+    if spacing_s.size < 2 or _slow(spacing_s, step):
         return np.zeros(0, int), np.zeros(0)
     at = np.arange(spacing_s.size)
     missing = spacing_s > MISSING * np.quantile(spacing_s, SHORT)
@@ -117,6 +117,17 @@ def uncounted(t_s: np.ndarray, position: np.ndarray, counts: int) -> tuple[np.nd
     off = np.abs(expected - step) + SPEED_ERROR * np.abs(expected)
     [doubtful] = np.nonzero(off.max(axis=0) >= 0.5)
     return used[doubtful], np.abs(expected).max(axis=0)[doubtful]
+
+
+def _slow(spacing_s: np.ndarray, step: np.ndarray) -> bool:
+    """Return whether no turn can be in doubt, which spares long recordings the speeds.
+
+    No speed is more than the largest step in SHOWN of the usual time.
+    """
+    largest = max(float(step.max()), -float(step.min()))
+    longest_s = max(float(spacing_s.max()), -float(spacing_s.min()))
+    bound = largest * longest_s
+    return (1 + SPEED_ERROR) * bound < (0.5 - largest) * SHOWN * _usual_s(spacing_s)
 
 
 def _speeds(
