@@ -246,8 +246,9 @@ be 0.64 rad (electrical) off, a fifth of the torque. The two coarsest tracks are
 in effect: with one of them stuck the rotor seems to turn back and forth, without a jump, which is
 an implausible encoder only if it turns back too quickly for `encoder_jump_rad`. Angle and speed are
 the observer's: with a slow one, many counts and many samples a rotor that stops quickly may trip;
-`motord check` says at which deceleration, if below 100 rad/s^2, and where the sensor's high-pass
-shows a reversal as more than `trip_torque_Nm`.
+`motord check` says at which deceleration, if below 100 rad/s^2, where the sensor's high-pass
+shows a reversal as more than `trip_torque_Nm`, and where encoder or loop are too coarse for the
+pole pairs to make the torque that is set.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )

@@ -172,12 +172,16 @@ def _naming_recordings(paths: Sequence[Path], others: Iterable[object]) -> Itera
     from motord.findings import listed
     from motord.identification import IdentifyError
 
-    files = [*paths, *(one for one in others if isinstance(one, Path))]
     try:
         yield
     except (AnalysisError, IdentifyError) as error:
-        if paths and not any(path.name in str(error) for path in files):
-            error.args = (f"{listed([str(path) for path in paths], 3)}: {error}",)
+        text = str(error)
+        if any(isinstance(one, Path) and one.name in text for one in others):
+            raise
+        if len(paths) == 1 and str(paths[0]) not in text:
+            error.args = (f"{paths[0]}: {text.removeprefix(f'{paths[0].name}: ')}",)
+        elif paths and not any(path.name in text for path in paths):
+            error.args = (f"{listed([str(path) for path in paths], 3)}: {text}",)
         raise
 
 

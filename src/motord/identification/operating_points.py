@@ -205,13 +205,14 @@ def _faults(ticks: np.ndarray, turns: int, counts: int) -> tuple[SignalFault, ..
     return (*signal_faults(signals, turns, known), *encoder)
 
 
-def require_currents(samples: Samples) -> None:
-    """Raise IdentifyError if the currents were not recorded."""
+def require_currents(samples: Samples) -> Samples:
+    """Return samples whose currents were recorded. Raises IdentifyError for others."""
     if not np.isfinite(samples.i_A).all():
         raise IdentifyError(
             f"{samples.label}: {', '.join(CURRENTS)} were not recorded: without currents "
             "gains and offsets cannot be identified; verify and cogging do without"
         )
+    return samples
 
 
 def _commands(ticks: np.ndarray, good: np.ndarray | slice) -> np.ndarray | None:

@@ -223,7 +223,7 @@ def test_commands(tmp_path):
                 (b"{", "not JSON"),
                 (b"\xff", "not JSON"),
                 (b"[" * 60_000, "not JSON"),
-                (b"[]", "Input should be a valid dictionary or instance of Fault"),
+                (b"[]", "Input should be a valid dictionary or instance of Fault, got []"),
                 (b'{"kind": 3}', "kind: Input should be a valid string, got 3"),
                 (b'{"kind": "can_drop", "x": 1}', "x: is not known"),
             ):

@@ -210,7 +210,7 @@ def test_status_that_cannot_be_written_is_said(
 ) -> None:
     absent = RunDir("absent", tmp_path)
     assert process.LoopProcess(bench.config_path, absent).run() == 1
-    assert "loop.json: No such file" in capsys.readouterr().err
+    assert "loop.json: there is no folder" in capsys.readouterr().err
 
 
 def test_interrupt_and_hangup_are_left_to_the_supervisor(bench: LoopBench) -> None:

@@ -25,7 +25,12 @@ from scipy.integrate import cumulative_trapezoid
 from motord.config import TorqueSensorConfig
 from motord.identification import IdentifyError
 from motord.identification.encoder_ticks import countable_ticks
-from motord.identification.signal_condition import SignalFault, require_change
+from motord.identification.signal_condition import (
+    SignalFault,
+    in_range,
+    out_of_range,
+    require_change,
+)
 from motord.identification.turning import unwrap_counts
 from motord.schema import joined
 
@@ -86,6 +91,7 @@ def read_step(
     """Return what one step tells. Raises IdentifyError naming it, by its number as a default."""
     name = name or f"step {index + 1}"
     _, begin = _since_step(ticks, name)
+    at_rest = in_range(ticks["encoder_count"][:begin].astype(np.int64), counts, name)
     turning, faults = countable_ticks(ticks[begin:], counts, name)
     ticks = joined([ticks[:begin], turning])
     t_s, begin = _since_step(ticks, name)
@@ -122,7 +128,7 @@ def read_step(
         fitted_s=t_s[sliding],
         fitted_rad=fitted_rad,
         label=name,
-        faults=faults,
+        faults=(*out_of_range(at_rest), *faults),
     )
 
 

@@ -129,8 +129,7 @@ class Calibrator:
         return calibrator
 
     def add(self, point: PointData) -> None:
-        """Take an operating point, or leave it out if it cannot be used, is too short, or its
-        magnets' temperature is asked for and not known."""
+        """Take a point that can be used, is long enough, and of known temperature if asked for."""
         samples = self._samples(point)
         if samples is None:
             return
@@ -165,7 +164,7 @@ class Calibrator:
 
     def joint(self) -> CalibrationResult:
         """Return the result of the joint estimator. Raises IdentifyError."""
-        check_points(self._points, self._unknown)
+        check_points(self._points, self._unknown, self._left_out.reasons)
         back_emf = ReferredBackEmf.of(self._motor, self._factors)
         orders = self._sampled_orders()
         first, regression = self._fitted(self._points, self._basis, len(orders))
@@ -222,7 +221,7 @@ class Calibrator:
         departures of the bench are not looked for.
         """
         with self._left_out.explaining():
-            check_points(self._points, self._unknown)
+            check_points(self._points, self._unknown, self._left_out.reasons)
         fitted = self._fitted(self._points, self._basis, len(self._sampled_orders()))
         return half_widths.of_fit(*fitted, self._motor, torques_Nm)
 
@@ -276,11 +275,10 @@ class Calibrator:
 
     def _samples(self, point: PointData) -> Samples | None:
         """Return the samples of a point, None if it cannot be used, which is said of the result."""
-        samples: Samples | None = None
+        usable: list[Samples] = []
         with self._left_out.noted(point.label, point.tick_start):
-            samples = prepare(point, self._motor.counts)
-            require_currents(samples)
-        return samples
+            usable.append(require_currents(prepare(point, self._motor.counts)))
+        return usable[0] if usable else None
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""

@@ -62,12 +62,17 @@ ONE_DIRECTION = (
 )
 
 
-def check_points(points: Sequence[TurnProducts], unknown: Sequence[str] = ()) -> None:
+def check_points(
+    points: Sequence[TurnProducts], unknown: Sequence[str] = (), left_out: Sequence[str] = ()
+) -> None:
     """Raise IdentifyError if the points cannot separate alpha, beta and cogging.
 
-    unknown: points left out as the temperature of their magnets is not known.
+    unknown: points left out as the temperature of their magnets is not known; left_out: why others
+    cannot be used.
     """
     try:
+        if left_out and not points:
+            raise IdentifyError("no operating point can be used")
         _check_separable(points)
     except IdentifyError as error:
         if not unknown:
