@@ -1,5 +1,6 @@
 """What the network leaves out: named by its cause, and in the intervals of the constants."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,12 @@ from motord.experiments.thermal.result import ThermalConstants
 from tests.unit.experiments.thermal.courses import COPPER, NETWORKS, course
 
 SEEDS = 12
+
+
+@cache
+def measured(nodes: int, seed: int, **departure: float) -> ThermalConstants:
+    """Return the constants from a recording of so many nodes, with copper windings."""
+    return measure(course(nodes, seed=seed, **departure), COPPER)
 
 
 def held(found: ThermalConstants, nodes: int) -> list[bool]:
@@ -48,7 +55,7 @@ def held(found: ThermalConstants, nodes: int) -> list[bool]:
 def test_intervals_hold_what_residuals_show_and_its_cause_is_named(
     nodes: int, departure: dict[str, Any], expected: set[str]
 ) -> None:
-    results = [measure(course(nodes, seed=seed, **departure), COPPER) for seed in range(SEEDS)]
+    results = [measured(nodes, seed, **departure) for seed in range(SEEDS)]
     covered = np.array([held(found, nodes) for found in results])
     assert covered.mean() >= 0.9
     names = [{one.name for one in found.findings} - {"not-steady"} for found in results]
@@ -58,7 +65,7 @@ def test_intervals_hold_what_residuals_show_and_its_cause_is_named(
 @pytest.mark.parametrize("departure", [{"drift_K": 1.0}, {"cooling": 1.05}, {"lag_s": 5.0}])
 def test_a_departure_is_found_each_time(departure: dict[str, Any]) -> None:
     for seed in range(SEEDS):
-        assert measure(course(2, seed=seed, **departure), COPPER).findings
+        assert measured(2, seed, **departure).findings
 
 
 def test_a_departure_too_small_for_a_finding_hides_no_other() -> None:
@@ -73,7 +80,7 @@ def test_a_departure_too_small_for_a_finding_hides_no_other() -> None:
 
 def test_intervals_that_do_not_hold_a_lag_are_said_not_to() -> None:
     for seed in range(SEEDS):
-        found = measure(course(2, seed=seed, lag_s=5.0), COPPER)
+        found = measured(2, seed, lag_s=5.0)
         severities = {one.severity for one in found.findings if one.name == "sensor-lag"}
         assert severities == {"serious"}
 
@@ -81,7 +88,7 @@ def test_intervals_that_do_not_hold_a_lag_are_said_not_to() -> None:
 def test_intervals_are_as_narrow_without_a_departure() -> None:
     widths = []
     for seed in range(SEEDS):
-        one = measure(course(2, seed=seed), COPPER).time_constants[0].time_constant_s
+        one = measured(2, seed).time_constants[0].time_constant_s
         widths.append((one.high - one.low) / one.value)
     assert np.median(widths) < 0.006  # 0.003 by the noise alone
 
