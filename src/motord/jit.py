@@ -76,7 +76,7 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         kept = super().load_overload(sig, target_context)
-        if kept is None and not _READ_ONLY:
+        if kept is None and self._claim is None and not _READ_ONLY:  # else compiling it failed
             self._claim = claim(Path(self.cache_path) / f"{self._impl.filename_base}.lock")
             kept = super().load_overload(sig, target_context)
             if kept is not None:

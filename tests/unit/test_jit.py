@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import numba
 import numpy as np
@@ -148,6 +149,25 @@ def test_what_another_process_compiled_meanwhile_is_taken(
     assert (here.stats.cache_hits.total(), here.stats.cache_misses.total()) == (1, 0)
     assert (there.stats.cache_hits.total(), there.stats.cache_misses.total()) == (0, 1)
     assert can_be_claimed(next(tmp_path.rglob("*.lock")))
+
+
+def test_a_kernel_that_could_not_be_compiled_waits_not_for_itself(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    claimed: list[Path] = []
+
+    def counted(path: Path) -> IO[bytes] | None:
+        claimed.append(path)
+        return claim(path)
+
+    monkeypatch.setattr(jit, "claim", counted)
+    kernel = jit.jit(add_one.py_func)
+    with pytest.raises(numba.TypingError):
+        kernel("text")  # type: ignore[arg-type]
+    assert kernel(1.0) == 2.0
+    assert len(claimed) == 1
+    assert can_be_claimed(claimed[0])
 
 
 def test_a_kernel_is_one_process_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
