@@ -1,6 +1,7 @@
 """The compiler of the numerical kernels: numba, with a cache that knows all their sources."""
 
 import ctypes
+import hashlib
 import os
 from collections import namedtuple
 from collections.abc import Callable
@@ -38,10 +39,12 @@ class _Locator(_CACHING.CompileResultCacheImpl._locator_classes[0]):  # type: ig
             return str(super().get_suitable_cache_subpath(py_file))
         return ".".join(("motord", *folder.relative_to(PACKAGE).parts))
 
-    def get_source_stamp(self) -> Any:
-        """Return what is another one after an edit; of this package the folder has a digest."""
-        own = Path(self._py_file).is_relative_to(PACKAGE)
-        return _FOLDER.name if own else super().get_source_stamp()
+    def get_source_stamp(self) -> bytes:
+        """Return a digest of the module: one edited after the folder was named is another one.
+
+        Older releases of numba take its time and size, which each installation has of its own.
+        """
+        return hashlib.sha256(Path(self._py_file).read_bytes()).digest()
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> "_Locator | None":

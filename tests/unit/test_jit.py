@@ -137,7 +137,8 @@ def test_what_another_process_compiled_meanwhile_is_taken(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    here, there = jit.jit(add_one.py_func), jit.jit(add_one.py_func)
+    function = add_one.py_func  # type: ignore[attr-defined]
+    here, there = jit.jit(function), jit.jit(function)
 
     def claimed(path: Path) -> None:
         """Wait until the other process has compiled it."""
@@ -162,9 +163,9 @@ def test_a_kernel_that_could_not_be_compiled_waits_not_for_itself(
         return claim(path)
 
     monkeypatch.setattr(jit, "claim", counted)
-    kernel = jit.jit(add_one.py_func)
+    kernel = jit.jit(add_one.py_func)  # type: ignore[attr-defined]
     with pytest.raises(numba.TypingError):
-        kernel("text")  # type: ignore[arg-type]
+        kernel("text")
     assert kernel(1.0) == 2.0
     assert len(claimed) == 1
     assert can_be_claimed(claimed[0])
@@ -185,12 +186,26 @@ def test_an_installation_elsewhere_has_the_same_kernels(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     here = records_at._cache.cache_path  # type: ignore[attr-defined]
+    stamp = records_at._cache._impl.locator.get_source_stamp()  # type: ignore[attr-defined]
     monkeypatch.setattr(jit, "PACKAGE", tmp_path)
     module = tmp_path / "jit.py"
-    module.touch()
+    shutil.copyfile(jit.__file__, module)
     place = jit._Locator(records_at.py_func, str(module))  # type: ignore[attr-defined]
     assert place.get_cache_path() == here
-    assert place.get_source_stamp() == kernel_cache().name
+    assert place.get_source_stamp() == stamp
+
+
+def test_a_module_that_was_edited_after_the_folder_was_named_has_other_kernels(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A process that loads it late would keep machine code of the edit for those without it."""
+    monkeypatch.setattr(jit, "PACKAGE", tmp_path)
+    module = tmp_path / "edited.py"
+    module.write_text("GAIN = 1.0\n")
+    place = jit._Locator(add_one.py_func, str(module))  # type: ignore[attr-defined]
+    before = place.get_source_stamp()
+    module.write_text("GAIN = 1.5\n")
+    assert place.get_source_stamp() != before
 
 
 def test_a_cache_that_cannot_be_written_to_says_what_to_do(tmp_path: Path) -> None:
