@@ -82,8 +82,8 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
         if kept is None and self._claim is None and not _READ_ONLY:  # else compiling it failed
             self._claim = claim(Path(self.cache_path) / f"{self._impl.filename_base}.lock")
             kept = super().load_overload(sig, target_context)
-            if kept is not None:
-                self._release()
+        if kept is not None:
+            self._release()
         return kept
 
     def save_overload(self, sig: Any, data: Any) -> None:
