@@ -76,11 +76,15 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
 
     _impl_class = _Located
     _claim: IO[bytes] | None = None
+    _waits = True
+    """Until one was waited for in vain: it may be stopped, with those that call it claimed, too."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         kept = super().load_overload(sig, target_context)
-        if kept is None and self._claim is None and not _READ_ONLY:  # else compiling it failed
+        claimed = self._claim is not None  # as compiling it for other arguments failed
+        if kept is None and not claimed and not _READ_ONLY and self._waits:
             self._claim = claim(Path(self.cache_path) / f"{self._impl.filename_base}.lock")
+            _KernelCache._waits = self._claim is not None
             kept = super().load_overload(sig, target_context)
         if kept is not None:
             self._release()

@@ -140,6 +140,8 @@ def test_what_another_process_compiled_meanwhile_is_taken(
     function = add_one.py_func  # type: ignore[attr-defined]
     here, there = jit.jit(function), jit.jit(function)
 
+    monkeypatch.setattr(jit._KernelCache, "_waits", True)
+
     def claimed(path: Path) -> None:
         """Wait until the other process has compiled it."""
         monkeypatch.setattr(jit, "claim", claim)
@@ -156,6 +158,7 @@ def test_a_kernel_that_could_not_be_compiled_waits_not_for_itself(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit._KernelCache, "_waits", True)
     claimed: list[Path] = []
 
     def counted(path: Path) -> IO[bytes] | None:
@@ -169,6 +172,24 @@ def test_a_kernel_that_could_not_be_compiled_waits_not_for_itself(
     assert kernel(1.0) == 2.0
     assert len(claimed) == 1
     assert can_be_claimed(claimed[0])
+
+
+def test_who_waited_in_vain_waits_for_no_other_kernel(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Whoever is stopped holds a kernel and all that call it: each would cost a minute."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit._KernelCache, "_waits", True)
+    in_vain: list[Path] = []
+    monkeypatch.setattr(jit, "claim", in_vain.append)
+    inner = jit.jit(add_one.py_func)  # type: ignore[attr-defined]
+
+    @jit.jit
+    def outer(value: float) -> float:
+        return float(inner(value)) + 1.0
+
+    assert outer(1.0) == 3.0
+    assert len(in_vain) == 1
 
 
 def test_a_kernel_is_one_process_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
