@@ -25,12 +25,7 @@ from scipy.integrate import cumulative_trapezoid
 from motord.config import TorqueSensorConfig
 from motord.identification import IdentifyError
 from motord.identification.encoder_ticks import countable_ticks
-from motord.identification.signal_condition import (
-    SignalFault,
-    in_range,
-    out_of_range,
-    require_change,
-)
+from motord.identification.signal_condition import SignalFault, out_of_range, require_change
 from motord.identification.turning import unwrap_counts
 from motord.schema import joined
 
@@ -91,7 +86,7 @@ def read_step(
     """Return what one step tells. Raises IdentifyError naming it, by its number as a default."""
     name = name or f"step {index + 1}"
     _, begin = _since_step(ticks, name)
-    at_rest = in_range(ticks["encoder_count"][:begin].astype(np.int64), counts, name)
+    at_rest = ticks["encoder_count"][:begin].astype(np.int64)
     turning, faults = countable_ticks(ticks[begin:], counts, name)
     ticks = joined([ticks[:begin], turning])
     t_s, begin = _since_step(ticks, name)
@@ -128,7 +123,7 @@ def read_step(
         fitted_s=t_s[sliding],
         fitted_rad=fitted_rad,
         label=name,
-        faults=(*out_of_range(at_rest), *faults),
+        faults=(*out_of_range((at_rest >= 0) & (at_rest < counts)), *faults),
     )
 
 
