@@ -335,7 +335,11 @@ def test_something_else_on_the_port(board: Board) -> None:
         (Identity(protocol=1), ["fake (firmware 1.2.3) speaks protocol 1, motord speaks 2"]),
         (Identity(layout=0xABCD), ["0000abcd", f"{frames.LAYOUT_HASH:08x}"]),
         (Identity(counts=1024), ["encoder of 1024 counts", "[motor] counts = 4096"]),
-        (Identity(rates_Hz=[500]), ["cannot sample at 1000 Hz", "set rate_Hz in [bridge]"]),
+        pytest.param(
+            Identity(rates_Hz=[500]),
+            ["cannot sample at 1000 Hz", "set rate_Hz in [bridge]"],
+            marks=pytest.mark.slow,  # it may follow the next Configure: all are waited for
+        ),
     ],
 )
 def test_a_board_that_does_not_fit(board: Board, identity: Identity, expected: list[str]) -> None:
