@@ -87,10 +87,10 @@ class CurrentProducts:
 
 
 def require_change(signals: Mapping[str, np.ndarray], label: str) -> None:
-    """Raise IdentifyError if a signal (n,) has one value all the time; label: of the point."""
+    """Raise CaptureError if a signal (n,) has one value all the time; label: of the point."""
     for name, values in signals.items():
         if values.size > 1 and values.max() == values.min():
-            raise IdentifyError(
+            raise CaptureError(
                 f"{label}: {name} is {values[0]:.4g} from the first sample to the last, while the "
                 "rotor turned: the sensor is dead or not connected, or its converter hangs"
             )

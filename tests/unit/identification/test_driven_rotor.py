@@ -42,3 +42,16 @@ def test_one_point_without_turns_that_can_be_counted_is_left_out_and_said() -> N
     assert "run.mcap: driven at 2 Hz: encoder counts from 0 to" in left_out[-1].reason
     with pytest.raises(IdentifyError, match="correct counts"):
         prepare([wrong], MOTOR, NAMES, WHAT)
+
+
+@pytest.mark.parametrize(("torque_Nm", "why"), [(0.3, "the sensor is dead"), (0.0, "no measured")])
+def test_one_point_with_a_dead_sensor_is_left_out_and_said(torque_Nm: float, why: str) -> None:
+    """It ended the analysis of all the others."""
+    dead = driven()
+    dead.ticks["torque_Nm"] = torque_Nm
+    found, left_out = prepare([driven(), dead], MOTOR, NAMES, WHAT)
+    assert len(found) == 1
+    assert left_out[-1].of == "point 2"
+    assert why in left_out[-1].reason
+    with pytest.raises(IdentifyError, match=why):
+        prepare([dead], MOTOR, NAMES, WHAT)

@@ -103,7 +103,7 @@ def require(ticks: np.ndarray, names: Sequence[str], label: str, what: str) -> N
         raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}: {what}")
     empty = [n for n in names if not np.any(np.isfinite(ticks[n]) & (ticks[n] != 0))]
     if empty:
-        raise IdentifyError(f"{label}: nothing was recorded in {', '.join(empty)}: {what}")
+        raise CaptureError(f"{label}: nothing was recorded in {', '.join(empty)}: {what}")
 
 
 def prepare(
