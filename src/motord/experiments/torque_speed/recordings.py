@@ -47,7 +47,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
         for point, envelope_Nm in _captured(run):
             try:
                 turns = CapturedTurns.of(point, subject.motor)
-                faults.append((f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz", turns.faults))
+                faults.append((point.label, turns.faults))
                 series = _series(readings, turns, point, own)
                 place = (point.torque_Nm, point.speed_Hz)
                 found = operating_power(*place, turns, series, accuracy, pole_pairs)
