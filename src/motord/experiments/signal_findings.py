@@ -6,10 +6,7 @@ from math import copysign
 import numpy as np
 
 from motord.findings import Finding, Severity, listed
-from motord.identification.signal_condition import (
-    CLIPPED_SHARE,
-    SignalFault,
-)
+from motord.identification.signal_condition import CLIPPED_SHARE, SignalFault
 
 NAMES = {
     "torque_Nm": "torque",

@@ -78,7 +78,7 @@ class ControlChart:
 
     @property
     def correlation_limit(self) -> float:
-        """Correlation that of 40 charts of independent values about one exceeds."""
+        """Correlation that about one of 40 charts of independent values exceeds."""
         return coverage_factor() / float(np.sqrt(self.values.size))
 
     @property

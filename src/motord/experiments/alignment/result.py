@@ -28,7 +28,7 @@ class Alignment:
     """What was found, for `[motor]` and `[accuracy]` of the bench file, and how well.
 
     motor, accuracy: of the bench file that it was taken with; bench_file: into which the result
-    was written. of_signals: findings.
+    was written. of_signals: findings of signals, and of sweeps left out.
     offset_rad is known to a whole electrical turn; it is the one nearest to zero. friction_Nm: RMS
     of the residual torque where the rotor rests; friction_rad: how far that takes a single rest
     off, part of which is in the standard error. angle_rad (n,): mechanical, of the rests used;

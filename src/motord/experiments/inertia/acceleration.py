@@ -93,7 +93,7 @@ def accelerate(
     """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
     data: ticks of each step from the rest before it on, with the columns REQUIRED; names: of the
-    steps, by default their numbers. One that tells nothing is left out, unless there is no other.
+    steps, by default their numbers. One that cannot be used is left out, unless there is no other.
     Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
     half of it is what they differ by.
     """

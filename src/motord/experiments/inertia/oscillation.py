@@ -53,7 +53,7 @@ class Oscillation:
     stator: it was in place, and its cogging torque known. budget: of the fitted decays with the
     chosen effective mass; readings: by other methods; improvements: what changes
     of the set-up would bring. disturbed: releases that were left out, as they fit worse.
-    of_signals: findings.
+    of_signals: findings of signals, and of releases that cannot be used.
     """
 
     experiment = "inertia-oscillation"
