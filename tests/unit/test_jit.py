@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numba
 import numpy as np
@@ -38,7 +38,6 @@ def add_up(frame: int, count: int) -> float:
     return total
 
 
-@jit.jit
 def add_one(value: float) -> float:
     """Return one more."""
     return value + 1.0
@@ -126,6 +125,14 @@ def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.fixture
+def new_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder without kernels, for which processes wait."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit._KernelCache, "_waits", True)
+    return tmp_path
+
+
 def can_be_claimed(path: Path) -> bool:
     file = claim(path)
     if file is not None:
@@ -134,13 +141,10 @@ def can_be_claimed(path: Path) -> bool:
 
 
 def test_what_another_process_compiled_meanwhile_is_taken(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, new_cache: Path
 ) -> None:
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    function = add_one.py_func  # type: ignore[attr-defined]
-    here, there = jit.jit(function), jit.jit(function)
-
-    monkeypatch.setattr(jit._KernelCache, "_waits", True)
+    kernel: Any = jit.jit
+    here, there = kernel(add_one), kernel(add_one)
 
     def claimed(path: Path) -> None:
         """Wait until the other process has compiled it."""
@@ -151,14 +155,13 @@ def test_what_another_process_compiled_meanwhile_is_taken(
     assert here(1.0) == 2.0
     assert (here.stats.cache_hits.total(), here.stats.cache_misses.total()) == (1, 0)
     assert (there.stats.cache_hits.total(), there.stats.cache_misses.total()) == (0, 1)
-    assert can_be_claimed(next(tmp_path.rglob("*.lock")))
+    assert can_be_claimed(next(new_cache.rglob("*.lock")))
 
 
+@pytest.mark.usefixtures("new_cache")
 def test_a_kernel_that_could_not_be_compiled_waits_not_for_itself(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(jit._KernelCache, "_waits", True)
     claimed: list[Path] = []
 
     def counted(path: Path) -> IO[bytes] | None:
@@ -166,7 +169,7 @@ def test_a_kernel_that_could_not_be_compiled_waits_not_for_itself(
         return claim(path)
 
     monkeypatch.setattr(jit, "claim", counted)
-    kernel = jit.jit(add_one.py_func)  # type: ignore[attr-defined]
+    kernel: Any = jit.jit(add_one)
     with pytest.raises(numba.TypingError):
         kernel("text")
     assert kernel(1.0) == 2.0
@@ -174,19 +177,16 @@ def test_a_kernel_that_could_not_be_compiled_waits_not_for_itself(
     assert can_be_claimed(claimed[0])
 
 
-def test_who_waited_in_vain_waits_for_no_other_kernel(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("new_cache")
+def test_who_waited_in_vain_waits_for_no_other_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever is stopped holds a kernel and all that call it: each would cost a minute."""
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(jit._KernelCache, "_waits", True)
     in_vain: list[Path] = []
     monkeypatch.setattr(jit, "claim", in_vain.append)
-    inner = jit.jit(add_one.py_func)  # type: ignore[attr-defined]
+    inner = jit.jit(add_one)
 
     @jit.jit
     def outer(value: float) -> float:
-        return float(inner(value)) + 1.0
+        return inner(value) + 1.0
 
     assert outer(1.0) == 3.0
     assert len(in_vain) == 1
@@ -196,8 +196,9 @@ def test_a_kernel_is_one_process_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_
     path = tmp_path / "kernel.lock"
     mine = claim(path)
     assert mine is not None
-    monkeypatch.setattr("motord.kernel_cache.COMPILING_S", 0.1)
-    assert not can_be_claimed(path)
+    with monkeypatch.context() as brief:
+        brief.setattr("motord.kernel_cache.COMPILING_S", 0.1)
+        assert not can_be_claimed(path)
     mine.close()
     assert can_be_claimed(path)
     assert not can_be_claimed(tmp_path / "nowhere" / "kernel.lock")
@@ -206,12 +207,12 @@ def test_a_kernel_is_one_process_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_
 def test_an_installation_elsewhere_has_the_same_kernels(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    here = records_at._cache.cache_path  # type: ignore[attr-defined]
-    stamp = records_at._cache._impl.locator.get_source_stamp()  # type: ignore[attr-defined]
+    kernel: Any = records_at
+    here, stamp = kernel._cache.cache_path, kernel._cache._impl.locator.get_source_stamp()
     monkeypatch.setattr(jit, "PACKAGE", tmp_path)
     module = tmp_path / "jit.py"
     shutil.copyfile(jit.__file__, module)
-    place = jit._Locator(records_at.py_func, str(module))  # type: ignore[attr-defined]
+    place = jit._Locator(kernel.py_func, str(module))
     assert place.get_cache_path() == here
     assert place.get_source_stamp() == stamp
 
@@ -223,7 +224,7 @@ def test_a_module_that_was_edited_after_the_folder_was_named_has_other_kernels(
     monkeypatch.setattr(jit, "PACKAGE", tmp_path)
     module = tmp_path / "edited.py"
     module.write_text("GAIN = 1.0\n")
-    place = jit._Locator(add_one.py_func, str(module))  # type: ignore[attr-defined]
+    place = jit._Locator(add_one, str(module))
     before = place.get_source_stamp()
     module.write_text("GAIN = 1.5\n")
     assert place.get_source_stamp() != before
