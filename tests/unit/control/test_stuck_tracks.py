@@ -101,7 +101,9 @@ def test_no_track_seems_stuck_as_the_rotor_turns_back(
 @pytest.mark.kernel
 @pytest.mark.parametrize("track", [0, 1])
 @pytest.mark.parametrize("level", [0, 1])
-def test_a_stuck_track_shows_where_the_count_is_not_steady(track: int, level: int) -> None:
+def test_a_stuck_track_shows_where_the_count_is_not_steady(
+    monkeypatch: pytest.MonkeyPatch, track: int, level: int
+) -> None:
     """Its jump comes and goes at the boundary of two counts: the rotor does not turn so fast."""
     bench, noise = Bench(config_of(1000, 20.0, 4096)), np.random.default_rng(1)
     bench.speed_rad_s = 0.05
@@ -113,7 +115,7 @@ def test_a_stuck_track_shows_where_the_count_is_not_steady(track: int, level: in
         count = count_at(angle_rad + noise.normal(0.0, 0.3) * 2 * math.pi / 4096)
         return int(gray_to_count((count ^ count >> 1) & ~(1 << track) | level << track))
 
-    bench.count_at = with_stuck_track  # type: ignore[method-assign]
+    monkeypatch.setattr(bench, "count_at", with_stuck_track)
     assert bench.tick["state"][0] == State.ENABLED
     bench.run(math.ceil(3 * (2 << track) * 2 * math.pi / 4096 / 0.05e-3))  # patterns
     assert Trip(int(bench.tick["first_trip"][0])) == Trip.ENCODER_IMPLAUSIBLE
