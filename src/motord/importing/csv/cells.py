@@ -107,7 +107,7 @@ def _whole(cell: str) -> int:
     return value if abs(value) < -int(MISSING_NS) else int(MISSING_NS)
 
 
-def dates_ns(cells: list[str], decimal: str, date_format: str | None = None) -> np.ndarray:
+def dates_ns(cells: list[str], decimal: str, date_format: str | None) -> np.ndarray:
     """Return dates as Unix ns (n,), MISSING_NS for others; UTC if they do not say.
 
     date_format: as for `strptime`; None: ISO form. A time of day counts from midnight.
