@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def number(value: float | None) -> str:
-    """Return a number in three digits, "-" for none; below 1e-9 it is rounding, and none: 0."""
+    """Return a number in three digits, "-" for none, 0 for what is below 1e-9: rounding."""
     return "-" if value is None else f"{0.0 if abs(value) < 1e-9 else value:.3g}"
 
 

@@ -86,7 +86,7 @@ def _print(by: str, one: "Trend") -> None:
     if one.chart.correlated:
         print_line(
             f"  results resemble those before: correlation {one.chart.correlation:.2f}, by chance "
-            f"up to {one.chart.correlation_limit:.2f}; limits are too narrow for what wanders so"
+            f"up to {one.chart.correlation_limit:.2f}; the limits are too narrow for such results"
         )
     marked = [at for at, rules in enumerate(one.violated) if rules]
     if not marked:
