@@ -51,7 +51,7 @@ class Link:
 
 
 def opened() -> tuple[Link, Bridge]:
-    config = make_config()
+    config = make_config(bridge={"heartbeat_timeout_s": 1.0})  # a stalled test opens no line
     link = Link(Board(config, time.monotonic_ns()))
     driver = Bridge(config, "bridge", "", lambda: link)
     driver.open()
