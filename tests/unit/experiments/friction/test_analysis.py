@@ -96,18 +96,23 @@ def test_a_count_out_of_range_is_left_out_and_said(
         assert one["coulomb_Nm"] == pytest.approx(other["coulomb_Nm"], rel=1e-3)
 
 
+def recording(ticks: np.ndarray, points: list[dict[str, Any]]) -> Any:
+    """Return what stands in for a run with these ticks and operating points."""
+    return SimpleNamespace(
+        path=Path("run.mcap"),
+        columns=ticks.dtype.names,
+        operating_points=lambda: points,
+        ticks=lambda *_, **__: ticks,
+    )
+
+
 def test_a_fault_is_of_the_coast_down_of_that_index() -> None:
     """Not of its place among the good ones: the third was blamed for the fourth."""
     ticks = np.zeros(200, [(name, np.int64) for name in (*COLUMNS, "plan_point")])
     ticks["t_ns"], ticks["encoder_count"] = 10**6 * np.arange(200), 40 * np.arange(200) % 4096
     ticks["encoder_count"][50], ticks["plan_point"] = 10**6, 3
     point = {"index": 3, "tick_start": 0, "t_start_ns": 0, "t_end_ns": 10**9}
-    run: Any = SimpleNamespace(
-        path=Path("run.mcap"),
-        columns=ticks.dtype.names,
-        operating_points=lambda: [{**point, "index": 2, "quality": "bad"}, point],
-        ticks=lambda *_, **__: ticks,
-    )
+    run = recording(ticks, [{**point, "index": 2, "quality": "bad"}, point])
     _, [fault], _ = coast_downs([run], load().motor)
     assert "run.mcap: coast-down 4" in fault.meaning
 
@@ -120,13 +125,7 @@ def test_a_coast_down_with_lost_turns_is_left_out_and_said() -> None:
     ticks["plan_point"] = number // 1000
     gap = ticks[(number < 1400) | (number > 1460)]
     points = [{"index": n, "tick_start": n, "t_start_ns": 0, "t_end_ns": 10**10} for n in range(2)]
-    run: Any = SimpleNamespace(
-        path=Path("run.mcap"),
-        columns=ticks.dtype.names,
-        operating_points=lambda: points,
-        ticks=lambda *_, **__: gap,
-    )
-    [_], [], left_out = coast_downs([run], load().motor)
+    [_], [], left_out = coast_downs([recording(gap, points)], load().motor)
     [reason] = left_out.reasons
     assert reason.startswith("run.mcap: coast-down 2: 0.062 s without usable samples")
     [finding] = left_out.findings()
@@ -165,15 +164,8 @@ def test_one_coast_down_that_cannot_be_used_ends_no_analysis(how: str) -> None:
     ticks["plan_point"] = number // 1000
     part = ticks[2000:3000]
     spoiled(part, how)
-    run: Any = SimpleNamespace(
-        path=Path("run.mcap"),
-        columns=ticks.dtype.names,
-        operating_points=lambda: [
-            {"index": n, "tick_start": n, "t_start_ns": 0, "t_end_ns": 10**10} for n in range(6)
-        ],
-        ticks=lambda *_, **__: ticks,
-    )
-    found, faults, left_out = coast_downs([run], load().motor)
+    points = [{"index": n, "tick_start": n, "t_start_ns": 0, "t_end_ns": 10**10} for n in range(6)]
+    found, faults, left_out = coast_downs([recording(ticks, points)], load().motor)
     [reason] = left_out.reasons
     assert (len(found), faults) == (5, ())
     assert reason.startswith(f"run.mcap: coast-down 3: {REASONS[how]}")

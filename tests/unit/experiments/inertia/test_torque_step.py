@@ -68,11 +68,15 @@ def test_a_pause_while_the_rotor_stands_before_the_step_is_no_gap() -> None:
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
 
 
-def test_a_step_with_lost_turns_is_left_out_and_said() -> None:
-    step = made_up(DIRECT)
+def without_half_a_turn(step: np.ndarray) -> np.ndarray:
     turned = np.unwrap(step["encoder_count"], period=4096) / 4096
     begin = float(turned[0] + 0.3 * np.ptp(turned))
-    gap = step[(turned < begin) | (turned > begin + 0.5)]
+    return step[(turned < begin) | (turned > begin + 0.5)]
+
+
+def test_a_step_with_lost_turns_is_left_out_and_said() -> None:
+    step = made_up(DIRECT)
+    gap = without_half_a_turn(step)
     found = accelerate([step, gap, made_up(DIRECT, -1)], 4096, DIRECT, AccelerationConfig())
     assert [one.index for one in found.steps] == [0, 2]
     [left_out] = [one for one in found.findings if one.name == "points-left-out"]
@@ -154,8 +158,6 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
     good = made_up(PIEZO)
     with pytest.raises(IdentifyError, match="no good step"):
         accelerate([], 4096, PIEZO, AccelerationConfig())
-    turned = np.unwrap(good["encoder_count"], period=4096) / 4096
-    begin = float(turned[0] + 0.3 * np.ptp(turned))
     cases = (
         (changed(good, torque_set_Nm=0.0), "no step of torque from rest"),
         (changed(good, encoder_count=0), "did not turn on in one direction"),
@@ -163,7 +165,7 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
         (changed(good, torque_Nm=0.1), r"torque_Nm is 0\.1 from the first sample to the last"),
         (changed(good, t_ns=good["t_ns"] // 10), r"at rest for 0.1 s only"),
         (changed(good, t_ns=good["t_ns"][::-1]), "times do not rise"),
-        (good[(turned < begin) | (turned > begin + 0.5)], "they cannot be counted"),
+        (without_half_a_turn(good), "they cannot be counted"),
     )
     for data, message in cases:
         with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):
