@@ -28,7 +28,8 @@ class CapturesLeftOut:
         try:
             yield
         except IdentifyError as error:
-            self._seen[f"{label}: {str(error).removeprefix(f'{label}: ')}", tick_start] = None
+            reason, set_points = str(error).removeprefix(f"{label}: "), label.rpartition(": ")[2]
+            self._seen[f"{label}: {reason.removeprefix(f'{set_points}: ')}", tick_start] = None
 
     @contextmanager
     def explaining(self) -> Iterator[None]:

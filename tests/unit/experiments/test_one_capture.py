@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
+from motord.identification import IdentifyError
 from motord.identification.operating_points import REQUIRED, split
 from motord.recording.reader import open_run
 from tests.support.wrong_signals import change_recording
@@ -45,6 +46,15 @@ def test_a_point_with_lost_turns_is_left_out_and_said(
     assert "they cannot be counted" in page.read_text()
     if command == "verify":
         assert len(found["points"]) == points - 1
+
+
+def test_a_capture_that_is_left_out_is_named_once() -> None:
+    """Errors name it with its recording or without: "2 Nm, 5 Hz: 2 Nm, 5 Hz: no currents"."""
+    label, left_out = "run.mcap: 2 Nm, 5 Hz", CapturesLeftOut()
+    for named in ("", "2 Nm, 5 Hz: ", f"{label}: "):
+        with left_out.noted(label):
+            raise IdentifyError(f"{named}no currents")
+    assert left_out.reasons == (f"{label}: no currents",)
 
 
 def test_captures_that_are_alike_count_each_and_once() -> None:
