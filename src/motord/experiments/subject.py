@@ -153,7 +153,7 @@ def motor_serial(run: Run) -> str:
     return str(run.motor_metadata.get("serial", ""))
 
 
-def check_plan(run: Run, *needed: str, hint: str = ", which no imported one is of") -> None:
+def check_plan(run: Run, *needed: str, hint: str = "; no imported recording names one") -> None:
     """Raise AnalysisError if a run is not of one of the plans; hint: for one that names none."""
     name = plan_name(run)
     if name not in needed:
