@@ -42,16 +42,23 @@ class BoardCanLink(BoardEnd):
                 yield min(self._clock.monotonic_ns(unix_ns), now_ns), numbered
 
     def send(self, frame: Frame, now_ns: int = 0) -> bool:
-        """Send a frame; False if the bus has no room for all of it."""
+        """Send a frame; False if the bus has no room for any of it.
+
+        Such a frame has no number: it is the board that misses it. The host misses one of which a
+        part found room.
+        """
         pieces = split(pack(frame, self._sequence), self._number, self._piece_bytes)
-        self._count()
-        self._number = (self._number + len(pieces)) % PIECE_NUMBERS
+        number = (self._number + len(pieces)) % PIECE_NUMBERS
         if not self._undisturbed:
             pieces = [sent for one in pieces for sent in self.faults.to_host(now_ns, None, one)]
         refused = self._bus.refused
         for piece in pieces:
             self._transmit(piece)
-        return self._bus.refused == refused
+        if pieces and self._bus.refused - refused == len(pieces):
+            return False
+        self._count()
+        self._number = number
+        return True
 
     def play(self, now_ns: int) -> None:
         """Send late pieces that are due."""

@@ -33,7 +33,7 @@ class BoardEnd(ABC):
 
     @abstractmethod
     def send(self, frame: Frame, now_ns: int = 0) -> bool:
-        """Send a frame; False if there is no room for all of it.
+        """Send a frame; False if there is no room and nothing of it went out.
 
         `now_ns` (monotonic) matters to frames that a fault makes late.
         """

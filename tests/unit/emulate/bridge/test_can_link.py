@@ -1,3 +1,4 @@
+import itertools
 import time
 from pathlib import Path
 
@@ -81,6 +82,29 @@ def test_faults_on_the_wire(ends):
     assert received(host) == ([], 0)
     link.play(20)
     assert [numbered.frame.t_us for numbered in received(host)[0]] == [1]
+
+
+@pytest.mark.parametrize(("refused", "numbers"), [(range(9), [0]), (range(1), [1])])
+def test_a_frame_without_room_is_missed_once_by_the_board_or_the_host(
+    ends, monkeypatch, refused, numbers
+):
+    link, host, size = ends
+    if size == FD_BYTES and len(refused) == 1:
+        numbers = [0]  # it is all of the frame
+    send, count = link._bus._bus.send, itertools.count()
+
+    def full(message, timeout):
+        if next(count) in refused:
+            raise can.CanOperationError("no room")
+        send(message, timeout)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(link._bus._bus, "send", full)
+        missed = not link.send(frames.Sample(1, 1, 1, 0))
+    assert link.send(frames.Sample(2, 2, 2, 0))
+    found, errors = received(host)
+    assert [numbered.sequence for numbered in found] == numbers
+    assert missed + errors == 1
 
 
 def test_greeting_numbers_frames_anew(ends):
