@@ -6,9 +6,14 @@ from typing import Annotated, Generic, TypeVar
 from pydantic import BaseModel, Field
 
 from motord.api.replies import RpcReply
+from motord.section import matching
 
 Token = Annotated[str, Field(min_length=1, max_length=128)]
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]
+Name = Annotated[
+    str,
+    Field(min_length=1, max_length=64),
+    matching(r"[\w.@:/ -]+", "letters, digits, spaces, _, ., @, :, / and -"),
+]
 
 
 class RpcRequest(BaseModel, extra="forbid", strict=True, frozen=True, allow_inf_nan=False):

@@ -19,6 +19,7 @@ from motord.api.request_base import RpcRequest as RpcRequest
 from motord.api.request_base import WithToken as WithToken
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.schema import Compensation
+from motord.section import matching
 from motord.verdict.serial import check_serial
 
 
@@ -145,7 +146,9 @@ class CalibrationAdopt(WithToken):
 class CalibrationShow(RpcRequest):
     """`calibration/show`."""
 
-    id: Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")] = ""
+    id: Annotated[
+        str, Field(max_length=64), matching(r"[0-9a-f]*", "digits and letters from a to f")
+    ] = ""
     """Which; "" is the one in force."""
 
 

@@ -11,6 +11,7 @@ import sys
 import threading
 
 import pytest
+from pydantic import ValidationError
 
 from motord.api.plan_messages import PlanView
 from motord.api.requests import LeaseAcquire
@@ -38,6 +39,11 @@ def test_any_name_of_user_and_host_makes_a_holder_that_the_daemon_takes(monkeypa
     monkeypatch.setattr(socket, "gethostname", lambda: host)
     monkeypatch.setattr(os, "ttyname", lambda descriptor: "/dev/pts/3")
     assert LeaseAcquire(holder=operator()).holder.endswith(f" pts/3 {os.getpid()}")
+
+
+def test_a_holder_that_cannot_be_is_refused_by_what_it_takes():
+    with pytest.raises(ValidationError, match=r"takes letters, digits, spaces, _, \., @"):
+        LeaseAcquire(holder="anna (lab)")
 
 
 def test_without_a_terminal_or_an_entry_of_the_user_there_is_a_holder_too(monkeypatch):
