@@ -17,8 +17,6 @@ BitRate = Annotated[int, Field(gt=0, le=100_000_000)]
 """Bit/s of a line; no interface does more."""
 Mask = Annotated[int, Field(ge=0, lt=2**64)]
 """Bits of a signal, or a value of it: CAN has no signal of more than 64 bits."""
-
-
 PlainName = Annotated[
     str,
     matching(
@@ -27,7 +25,6 @@ PlainName = Annotated[
     ),
 ]
 """A name that is part of keys, of file names, or that of an entry point."""
-
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 

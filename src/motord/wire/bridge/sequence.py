@@ -19,7 +19,7 @@ class SequenceCheck:
 
     @property
     def errors(self) -> int:
-        """Return the frames lost, corrupt or repeated since the start; it never falls."""
+        """Return the frames lost, corrupt or repeated since the start or `reset`."""
         return self._errors + self._corrupt
 
     def corrupt(self) -> None:
