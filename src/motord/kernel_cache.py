@@ -59,7 +59,7 @@ def usable_kernel_cache() -> Path:
         probed.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=probed).close()
     except OSError as error:
-        if probed != folder or not any(folder.iterdir()):
+        if not any(folder.glob("*")):  # it is not there, empty, or of another user alone
             raise not_kept(error, folder) from None
     return folder
 

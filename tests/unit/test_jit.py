@@ -20,7 +20,7 @@ import pytest
 import motord
 from motord import jit
 from motord.jit import ArgumentBlock, jit_holding_gil, records_at
-from motord.kernel_cache import claim, kernel_cache, kernel_sources
+from motord.kernel_cache import claim, kernel_cache, kernel_sources, usable_kernel_cache
 from motord.schema import record_dtype
 
 PAIR = record_dtype([("x", "f8"), ("n", "i4")])
@@ -238,6 +238,20 @@ def test_a_cache_that_cannot_be_written_to_says_what_to_do(tmp_path: Path) -> No
     assert "Traceback" not in done.stderr
     assert "/proc/nowhere/motord/kernels-" in done.stderr
     assert "set MOTORD_CACHE_DIR to a folder that this user may write to" in done.stderr
+
+
+def test_a_cache_that_cannot_be_read_either_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("motord.kernel_cache.kernel_cache", lambda: tmp_path)
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    for name in ("listdir", "scandir"):
+        monkeypatch.setattr(os, name, refuse)
+    with pytest.raises(OSError, match="Permission denied; set MOTORD_CACHE_DIR"):
+        usable_kernel_cache()
 
 
 def test_kernels_are_kept_nowhere_else(tmp_path: Path) -> None:
