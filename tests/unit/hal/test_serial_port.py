@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from motord.config.channel_sources import SerialSource
+from motord.hal.base import DeviceError
 from motord.hal.bridge.serial_port import SerialPort
+from motord.hal.channels.text import TextPort
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 from tests.contract.peers import until
@@ -147,3 +150,9 @@ def test_a_port_whose_plug_is_pulled_is_taken_up_again_when_it_is_back(
     now_s += 10.0
     assert not port.write(b"e\0"), "closed is closed"
     os.close(device_fd)
+
+
+def test_a_missing_port_of_a_channel_is_not_said_to_be_the_boards() -> None:
+    port = TextPort(SerialSource(driver="serial", port="/dev/nothing", pattern=r"(\d+)"))
+    with pytest.raises(DeviceError, match="is the device plugged in, and is port right"):
+        port.open()

@@ -31,8 +31,8 @@ class SerialPort:
     `failures` counts reads and writes that the port refused, `openings` how often it was opened.
     """
 
-    def __init__(self, path: str, baud: int, name: str) -> None:
-        """Open the port; `name` is the device that error messages name. Raises DeviceError."""
+    def __init__(self, path: str, baud: int, name: str, device: str = "board") -> None:
+        """Open the port of a `device`; `name` begins error messages. Raises DeviceError."""
         self.failures = self.openings = 0
         self._torn = False
         self._look_s = 0.0  # when to look for a port that vanished
@@ -42,7 +42,7 @@ class SerialPort:
             self._fd: int | None = self._open()
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             self._serial.close()
-            why = port_obstacle(error, "board", "port")
+            why = port_obstacle(error, device, "port")
             raise DeviceError(f"{name}: cannot open {path}: {why}") from error
 
     def _open(self) -> int:

@@ -29,7 +29,7 @@ class TextPort:
         """Open it, unless it is. Raises DeviceError."""
         if self._port is None:
             path, baud = self._source.port, self._source.baud
-            self._port = SerialPort(path, baud, "serial channel")
+            self._port = SerialPort(path, baud, "serial channel", "device")
             self._rest, self._partial = b"", not self._source.request
 
     def request(self, text: str) -> None:
