@@ -1,13 +1,12 @@
 """The supervisor's end of the gateway process: its reports as events."""
 
-import os
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
 from motord.process.allowance import Allowance
-from motord.recorder.protocol import Message, MessageReader
-from motord.service.host.child_faults import ChildFaults
+from motord.recorder.protocol import Message
+from motord.service.host.child_pipes import ChildPipes
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 
@@ -45,26 +44,16 @@ class GatewayLink:
     def __init__(self, children: Children, events: EventLog) -> None:
         self._children = children
         self._events = events
-        self._faults = ChildFaults(GATEWAY, children, events)
+        self._pipes = ChildPipes(GATEWAY, AccessMessage, children, events)
         self._allowance = Allowance(EVENTS_PER_S, EVENTS_BURST)
         self._left_out = 0
-        self._process: Any = None
-        self._received: MessageReader[AccessMessage] | None = None
 
     def step(self, now_ns: int) -> None:
         """Emit the reports that came since the last call. `now_ns` is monotonic."""
-        if self._received is None:
-            process = self._children.process(GATEWAY)
-            if process is None or process is self._process:
-                return
-            self._process = process
-            os.set_blocking(process.stdout.fileno(), False)
-            self._received = MessageReader(process.stdout.fileno(), AccessMessage)
-        for message in self._received.read(now_ns):
+        self._pipes.opened()
+        for message in self._pipes.messages(now_ns):
             self._emit(message, now_ns)
-        self._faults.step(self._received, now_ns)
-        if self._received.ended:
-            self._close()
+        self._pipes.closed()
 
     def _emit(self, message: AccessMessage, now_ns: int) -> None:
         """Emit a message as an event, or count it if more come than EVENTS_PER_S."""
@@ -80,11 +69,3 @@ class GatewayLink:
         """End the gateway process: no further client gets in."""
         self._children.stop(GATEWAY)
         self.step(now_ns)
-        self._close()
-
-    def _close(self) -> None:
-        if self._process is not None:
-            for pipe in (self._process.stdin, self._process.stdout):
-                if pipe is not None:
-                    pipe.close()
-        self._received = None  # the process is remembered: it may be gone before it is polled
