@@ -16,9 +16,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from motord.config.rules.encoder import speed_resolution_rad_s
+from motord.config.rules.encoder import speed_resolution_rad_s, stop_max_rad_s2
 from motord.config.rules.torque import reversal_shows_Nm
-from motord.config.rules.tracks import stop_max_rad_s2
 from motord.config.timing import ACCELERATION_RAD_S2, POSITION_AGE_MAX_S, SETTLING_LAGS
 from motord.control.interlock_table import EvidenceSource
 from motord.schema import InverterStatus, Request, State, Trip

@@ -22,8 +22,8 @@ from motord.hal.base import DeviceError
 from motord.hal.inverter.dq_currents import DqInverter
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
-from motord.wire.can.canopen import nmt_start
 from motord.wire.can.codec import InverterCodec
+from motord.wire.can.frame_format import nmt_start
 from tests.contract.benches import new_command
 from tests.contract.peers import until
 from tests.contract.shipped_drives import command_along, feedback_of, shipped

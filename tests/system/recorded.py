@@ -14,8 +14,7 @@ from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.recorder.launch import RecorderLink, spawn_piped
-from motord.recorder.protocol import RecorderReport
-from motord.recorder.recording_task import RecordingTask
+from motord.recorder.protocol import RecorderReport, RecordingTask
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir

@@ -11,7 +11,7 @@ from motord.api.queue_messages import QueueView
 from motord.api.tracking_messages import TrackingView
 from motord.api.trip_messages import TripReport, TripView
 from motord.schema import Compensation
-from motord.section.sensor_highpass import SensorHighpass
+from motord.section import SensorHighpass
 
 
 class TickView(PublishedMessage):

@@ -1,15 +1,26 @@
-"""A bench as TOML, with a comment for each key from the models' own descriptions."""
+"""A bench as TOML, new or with a comment for each key from the models' own descriptions."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
-from motord.bench_file.templates import CHECK, KeyComments, Tables, Template
-from motord.config import Config
+from motord.bench_file.content import Answers, Ask, adapt
+from motord.bench_file.templates import (
+    CHECK,
+    TEMPLATES,
+    KeyComments,
+    Tables,
+    Template,
+    known,
+    notes,
+)
+from motord.config import Config, ConfigError
+from motord.config.reading import check_text
 from motord.config.text.descriptions import description, section_of, summary
 from motord.config.text.editing import toml_key, toml_value
 
@@ -123,3 +134,19 @@ def _value(value: Any) -> str:
         inner = "".join(f"    {toml_value(one)},\n" for one in value)
         return f"[\n{inner}]"
     return line
+
+
+def new_bench_file(
+    template: str, inverter: str, answers: Answers, ask: Ask | None, where: Path
+) -> tuple[str, Config]:
+    """Return the text of a new bench file, and the bench that it describes.
+
+    answers: by key, such as `motor.pole_pairs`; ask: asked for what is missing, or None to take
+    the defaults. where: the file's path, which other files are relative to. Raises ConfigError.
+    """
+    if template not in TEMPLATES:
+        raise ConfigError(f"no template {template}; there are {', '.join(TEMPLATES)}")
+    start = TEMPLATES[template]
+    tables, answered = adapt(start, inverter, where, answers, ask)
+    text = commented(tables, start, notes(start, inverter), answered | known(inverter))
+    return text, check_text(where, text)

@@ -36,8 +36,7 @@ def check(
     Nothing is enabled or set.
     """
     from motord.config import load
-    from motord.config.rules.false_trips import false_trips
-    from motord.config.rules.hidden_faults import hidden_faults
+    from motord.config.rules.check_notes import false_trips, hidden_faults
 
     bench = load(config)
     explain_first_run(silent=as_json)

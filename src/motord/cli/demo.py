@@ -9,7 +9,7 @@ from motord.cli.analysis_command import print_text
 from motord.cli.common_options import ResultAsJson
 from motord.cli.console import print_json
 from motord.cli.reproduce import stage_progress
-from motord.cli.viewers.browser import open_page
+from motord.cli.viewers import open_page
 
 if TYPE_CHECKING:
     from motord.report.text import TextTable

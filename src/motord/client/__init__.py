@@ -20,8 +20,7 @@ from motord.client.holder import operator
 from motord.client.lease import Lease
 from motord.client.plan_run import PlanRun
 from motord.client.subscription import DocumentSubscription, Subscription
-from motord.client.tick_losses import TickLosses
-from motord.client.tick_subscription import TickSubscription
+from motord.client.tick_subscription import TickLosses, TickSubscription
 
 __all__ = [
     "DEFAULT_ENDPOINT",

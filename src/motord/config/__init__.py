@@ -18,9 +18,9 @@ from motord.config.devices import BridgeConfig as BridgeConfig
 from motord.config.devices import CanBusConfig as CanBusConfig
 from motord.config.devices import CanConfig as CanConfig
 from motord.config.devices import InverterConfig as InverterConfig
+from motord.config.devices.can_signals import CanopenConfig as CanopenConfig
 from motord.config.devices.can_signals import CanSignalMap as CanSignalMap
 from motord.config.devices.can_signals import DqConfig as DqConfig
-from motord.config.devices.canopen import CanopenConfig as CanopenConfig
 from motord.config.devices.slow_devices import BrakeConfig as BrakeConfig
 from motord.config.devices.slow_devices import DriveConfig as DriveConfig
 from motord.config.devices.slow_devices import ModbusConfig as ModbusConfig

@@ -10,7 +10,7 @@ import numpy as np
 
 from motord.api.descriptions import TRIP_ACTION, TRIP_MEANING
 from motord.api.messages import Event
-from motord.client.tick_losses import LossCounter
+from motord.client.tick_subscription import LossCounter
 from motord.dashboard.bench_link import Item
 from motord.dashboard.frames import encode, encode_document
 from motord.dashboard.history import RETENTION_S, History

@@ -20,12 +20,11 @@ from motord.emulate.bench import EmulatedBench, SensorReading, compile_kernels
 from motord.emulate.bridge.firmware import check_fault, check_faults
 from motord.emulate.bridge.opening import open_link
 from motord.emulate.can import CanPort
-from motord.emulate.clock import HostClock
+from motord.emulate.clock import HostClock, Schedule
 from motord.emulate.control import ControlSocket, control_path
 from motord.emulate.faults import Injector
 from motord.emulate.freshness import Freshness
 from motord.emulate.modbus import ModbusServers
-from motord.emulate.schedule import Schedule
 from motord.emulate.selection import (
     check_drivers,
     inverter_values,

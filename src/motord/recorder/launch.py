@@ -10,8 +10,7 @@ from motord.process.one_thread import ONE_THREAD
 from motord.process.signal_handlers import blocked
 from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
-from motord.recorder.protocol import M, MessageReader, RecorderReport
-from motord.recorder.recording_task import RecordingTask
+from motord.recorder.protocol import M, MessageReader, RecorderReport, RecordingTask
 from motord.recorder.ring_source import Mark
 from motord.recording.json_encoding import to_line
 

@@ -3,8 +3,10 @@
 Whatever else comes out of a child's pipe is counted and left out. Nothing here waits or raises.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
 
@@ -106,3 +108,12 @@ class MessageReader(Generic[M]):
             self._bad += 1
             self.newest_bad = repr(line[:SHOWN_BYTES])
             return None
+
+
+@dataclass(frozen=True)
+class RecordingTask:
+    """A recording: files `stem`-000.mcap and so on, from `first_tick` if the ring still has it."""
+
+    stem: Path
+    metadata: Mapping[str, Any]
+    first_tick: int | None = None

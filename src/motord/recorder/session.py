@@ -5,10 +5,9 @@ from pathlib import Path
 
 from motord.config import RecordingConfig
 from motord.recorder.background import Background
-from motord.recorder.blackbox_writer import BlackBoxWriter
+from motord.recorder.blackbox import BlackBoxWriter
 from motord.recorder.finishing import missing_of
-from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, note_outcome
-from motord.recorder.recording_task import RecordingTask
+from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, RecordingTask, note_outcome
 from motord.recorder.ring_source import Mark, RingPiece, RingSource, last_mark, neighbours
 from motord.recorder.rolling_file import RollingFile, closed_in_order
 from motord.recording import storage

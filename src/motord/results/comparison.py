@@ -10,14 +10,28 @@ Of so many differences some are large by chance: p-values are judged together, b
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import hypot, inf, isinf
+from math import hypot, inf, isinf, pi, remainder
 
 import numpy as np
 from scipy.special import stdtr
 
 from motord.intervals import LEVEL, coverage_factor, standard_uncertainty
 from motord.results.figures import ResultFigure
-from motord.results.phases import unwrapped, without_turns
+
+
+def unwrapped(figures: Sequence[ResultFigure]) -> np.ndarray:
+    """Return the values (n,) of one field; phases within half a turn of the first."""
+    first = figures[0]
+    return np.array(
+        [first.value + without_turns(first, one.value - first.value) for one in figures]
+    )
+
+
+def without_turns(one: ResultFigure, difference: float) -> float:
+    """Return a difference from a figure, of a phase without whole turns."""
+    phase = one.unit == "rad" and "phase" in one.field.rpartition(".")[2]
+    return remainder(difference, 2 * pi) if phase else difference
+
 
 FALSE_ALARMS = 1 - LEVEL
 """Probability that chance alone makes any difference count, where nothing has changed."""

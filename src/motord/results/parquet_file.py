@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from motord.recording.plan_columns import PLAN, PREFIX, as_text
 from motord.results.error import ResultsError, parquet
-from motord.results.row import COLUMNS
-from motord.results.stored_result import StoredResult
+from motord.results.stored_result import COLUMNS, StoredResult
 
 if TYPE_CHECKING:
     import pyarrow as pa

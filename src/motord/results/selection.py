@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from motord.results.error import ResultsError
 from motord.results.query import query
-from motord.results.row import COLUMNS, ResultRow
+from motord.results.stored_result import COLUMNS, ResultRow
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from motord.results.comparison import unwrapped
 from motord.results.control_chart import ControlChart, control_chart
-from motord.results.phases import unwrapped
-from motord.results.row import ResultRow
+from motord.results.stored_result import ResultRow
 
 
 @dataclass(frozen=True)

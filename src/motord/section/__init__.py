@@ -80,3 +80,14 @@ class Section(BaseModel, extra="forbid", frozen=True, validate_default=True):
         schema = handler(source)
         _make_scalars_strict(schema)
         return schema
+
+
+class SensorHighpass:
+    """What has the high-pass of a torque sensor."""
+
+    highpass_time_constant_s: float
+
+    @property
+    def passes_mean(self) -> bool:
+        """False for a sensor, piezoelectric for instance, that cannot measure a steady torque."""
+        return self.highpass_time_constant_s == 0.0

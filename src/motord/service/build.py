@@ -38,8 +38,7 @@ from motord.service.host.systemd import Notifier
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption
 from motord.service.processes import PROCESSES
-from motord.service.publish.named_state import named_state
-from motord.service.publish.publisher import Publisher
+from motord.service.publish.publisher import Publisher, named_state
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.queue.queue_file import QueueFile

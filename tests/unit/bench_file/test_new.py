@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from motord.bench_file.new import new_bench_file
+from motord.bench_file.commented import new_bench_file
 from motord.bench_file.questions import QUESTIONS, Question, get
 from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
 from motord.config import Config, ConfigError, load, packaged
-from motord.config.rules.hidden_faults import hidden_faults
+from motord.config.rules.check_notes import hidden_faults
 from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s
 from motord.config.text.descriptions import field_of
 

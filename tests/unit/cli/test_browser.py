@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from motord.cli import demo as demo_module
-from motord.cli.viewers import browser
-from motord.cli.viewers.browser import open_page
+from motord.cli import viewers
+from motord.cli.viewers import open_page
 
 URL = "file:///tmp/report.html"
 
@@ -26,7 +26,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     pages: list[str] = []
     monkeypatch.setattr(webbrowser, "open", lambda url: pages.append(url) or True)
     at_a_terminal = SimpleNamespace(stdin=Terminal(), stdout=Terminal(), platform="linux")
-    monkeypatch.setattr(browser, "sys", at_a_terminal)
+    monkeypatch.setattr(viewers, "sys", at_a_terminal)
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("CI", raising=False)
     return pages
@@ -39,7 +39,7 @@ def test_at_a_terminal_with_a_display(opened: list[str]) -> None:
 
 @pytest.mark.parametrize("stream", ["stdin", "stdout"])
 def test_not_in_a_pipe(opened: list[str], stream: str) -> None:
-    setattr(browser.sys, stream, io.StringIO())
+    setattr(viewers.sys, stream, io.StringIO())
     assert not open_page(URL)
     assert opened == []
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from motord.api.messages import RecordingView
-from motord.cli.bench import set_report, wording
+from motord.cli.bench import operate, wording
 from tests.support.played_benches import state_of
 
 
@@ -19,10 +19,10 @@ from tests.support.played_benches import state_of
     ],
 )
 def test_a_bench_that_should_be_recorded_and_is_not_is_said(monkeypatch, recording, said):
-    monkeypatch.setattr(set_report, "sensor_text", lambda _state: "1 Nm measured")
+    monkeypatch.setattr(operate, "sensor_text", lambda _state: "1 Nm measured")
     tick = SimpleNamespace(torque_set_Nm=1.0, speed_Hz=0.25)
     state = state_of("a", recording=recording).model_copy(update={"tick": tick})
-    text = set_report._reached(state, 0.0)
+    text = operate._reached(state, 0.0)
     assert text == f"now, OFF: torque 1 Nm commanded, 1 Nm measured; speed 0.25 Hz{said}"
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from motord.client.decoding import decode_ticks
-from motord.client.tick_losses import TickLosses
-from motord.client.tick_subscription import TickSubscription
+from motord.client.tick_subscription import TickLosses, TickSubscription
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import BlockCodec
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from motord.config import Config
-from motord.config.rules.false_trips import false_trips
-from motord.config.rules.hidden_faults import hidden_faults
-from motord.config.rules.tracks import stop_max_rad_s2, unseen_track_rad
+from motord.config.rules.check_notes import false_trips, hidden_faults
+from motord.config.rules.encoder import stop_max_rad_s2, unseen_track_rad
 from motord.config.timing import ACCELERATION_RAD_S2
 from motord.control.observer import gray_to_count
 from motord.schema import State, Trip

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from motord.config import Config
 from motord.config.motor import back_emf_waves
-from motord.config.rules.false_trips import false_trips
+from motord.config.rules.check_notes import false_trips
 from motord.config.rules.torque import (
     dead_sensor_error_Nm,
     found_late_s,

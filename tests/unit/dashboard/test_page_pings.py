@@ -1,6 +1,6 @@
 """Pings: one at a time, and only the newest counts."""
 
-from motord.dashboard.page.pings import PagePings
+from motord.dashboard.page.sending import PagePings
 
 TERMS = {"interval_s": 0.2, "patience_s": 1.0}
 

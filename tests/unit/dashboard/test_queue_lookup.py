@@ -8,8 +8,8 @@ import pytest
 from motord.api.messages import BenchState, Event
 from motord.api.queue_messages import QueueView
 from motord.client import ClientError
-from motord.dashboard.page import queue_lookup
-from motord.dashboard.page.queue_lookup import QueueLookup
+from motord.dashboard.page import pages
+from motord.dashboard.page.pages import QueueLookup
 from tests.unit.dashboard.fake_link import FakeLink
 
 
@@ -71,7 +71,7 @@ def test_a_change_while_the_answer_is_on_its_way_is_asked_for_again():
 
 @pytest.mark.parametrize("items", [[state(length=1)], []])
 def test_a_daemon_that_did_not_say_is_asked_again(items, monkeypatch):
-    monkeypatch.setattr(queue_lookup, "AGAIN_S", 0.0)
+    monkeypatch.setattr(pages, "AGAIN_S", 0.0)
 
     async def run():
         seen = Lookup()

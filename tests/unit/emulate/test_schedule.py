@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.emulate.schedule import Schedule
+from motord.emulate.clock import Schedule
 
 SECOND_NS = 1_000_000_000
 

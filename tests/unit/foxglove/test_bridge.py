@@ -15,7 +15,7 @@ from motord.foxglove import topics
 from motord.foxglove.bridge import ViewerFeed, run
 from motord.foxglove.server import FoxgloveError, FoxgloveServer
 from motord.schema import TICK
-from motord.service.publish.named_state import named_state as recorded_state
+from motord.service.publish.publisher import named_state as recorded_state
 from tests.support.foxglove_client import Viewer
 from tests.unit.foxglove.test_decimation import RATE_HZ, START_NS, ticks
 from tests.unit.service.live_service import live_service

@@ -14,8 +14,7 @@ from motord import config
 from motord.cli.record.commands import app
 from motord.config import RecordingConfig
 from motord.recorder import blackbox
-from motord.recorder.blackbox import AFTER_S, LATE_S, BlackBoxRequest, path_of
-from motord.recorder.blackbox_writer import AT_ONCE
+from motord.recorder.blackbox import AFTER_S, AT_ONCE, LATE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.protocol import OUTCOMES_MAX
 from motord.recorder.session import Session

@@ -17,8 +17,7 @@ from motord.recorder import launch, main
 from motord.recorder.launch import RecorderLink, spawn_piped
 from motord.recorder.main import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.recorder.pipe_lines import LineReader
-from motord.recorder.protocol import MessageReader, RecorderReport
-from motord.recorder.recording_task import RecordingTask
+from motord.recorder.protocol import MessageReader, RecorderReport, RecordingTask
 from motord.recorder.session import Session
 from motord.recording.file_names import part_of
 from motord.recording.reader import open_run

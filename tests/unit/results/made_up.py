@@ -5,9 +5,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from motord.results.figures import ResultFigure
-from motord.results.row import ResultRow
 from motord.results.store import ResultsStore
-from motord.results.stored_result import StoredResult
+from motord.results.stored_result import ResultRow, StoredResult
 
 BEGIN = datetime(2026, 3, 1, 8, tzinfo=UTC)
 

@@ -23,9 +23,8 @@ from motord.results.parquet_file import (
     table_schema,
 )
 from motord.results.query import query
-from motord.results.row import COLUMNS
 from motord.results.store import ResultsStore
-from motord.results.stored_result import StoredResult
+from motord.results.stored_result import COLUMNS, StoredResult
 from tests.unit.results.made_up import BEGIN, figure, fill, result
 
 RELEASED = Path(__file__).parents[2] / "data" / "results-1.parquet"

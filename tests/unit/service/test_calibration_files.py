@@ -10,9 +10,13 @@ from motord.calibration import Harmonic
 from motord.client import connect
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc import calibration_files
-from motord.service.rpc.calibration_details import CURVE_MAX, details
 from motord.service.rpc.calibration_files import CalibrationFiles
-from motord.service.rpc.calibration_reader import read_files, read_files_elsewhere
+from motord.service.rpc.calibration_reader import (
+    CURVE_MAX,
+    details,
+    read_files,
+    read_files_elsewhere,
+)
 from motord.service.rpc.dispatcher import RpcContext
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration, put_in_force

@@ -50,7 +50,7 @@ def off(live):
 @pytest.fixture
 def motord(live, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr("motord.cli.bench.set_report.LATE_S", PATIENCE_S)  # of a busy computer
+    monkeypatch.setattr("motord.cli.bench.operate.LATE_S", PATIENCE_S)  # of a busy computer
 
     def run(*arguments):
         return CliRunner().invoke(app, [*arguments, "--bench", "cli", "--connect", live.listen])

@@ -17,8 +17,8 @@ from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.sequencing import Plan
 from motord.sequencing.observation import Precision
 from motord.service.estimator import process
-from motord.service.estimator.captures import CaptureTicks
 from motord.service.estimator.link import ENDED, ESTIMATOR, EstimatorLink
+from motord.service.estimator.process import CaptureTicks
 from motord.service.estimator.protocol import PrecisionReport
 from motord.service.host import scheduling
 from motord.service.host.children import Children

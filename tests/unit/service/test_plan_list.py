@@ -7,8 +7,7 @@ from motord.attribute_docs import described
 from motord.config import ChannelConfig
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
-from motord.service.rpc.plan_forms import setting_fields
-from motord.service.rpc.plan_list import plan_form
+from motord.service.rpc.plan_list import plan_form, setting_fields
 from tests.unit.service.virtual_service import VirtualService
 
 

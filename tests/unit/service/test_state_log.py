@@ -3,7 +3,7 @@
 import pytest
 
 from motord.schema import State, Trip
-from motord.service.publish.named_state import named_state
+from motord.service.publish.publisher import named_state
 from motord.service.recording.state_log import BURST, Destination, StateLog
 from tests.unit.service.virtual_service import VirtualService
 

@@ -22,7 +22,6 @@ from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
 from motord.service.tracker import process
-from motord.service.tracker.departures import Departures
 from motord.service.tracker.link import (
     ENDED,
     NO_TURNS,
@@ -32,6 +31,7 @@ from motord.service.tracker.link import (
     SHUTTING_DOWN,
     SILENT_NS,
     TRACKER,
+    Departures,
     TrackerLink,
 )
 from motord.service.tracker.protocol import TrackerReport

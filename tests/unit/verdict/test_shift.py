@@ -2,9 +2,8 @@
 
 import pytest
 
-from motord.verdict.earlier import earlier_verdict
 from motord.verdict.serial import NAME_MAX, SerialError, certificate_name
-from motord.verdict.shift import REPEAT_S, Shift
+from motord.verdict.shift import REPEAT_S, Shift, earlier_verdict
 
 
 @pytest.mark.parametrize("line", ["4711", "A-47/11 b", "Größe 3", "1" * NAME_MAX])

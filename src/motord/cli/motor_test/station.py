@@ -124,7 +124,7 @@ class _Station:
             print_line(json.dumps(content))
 
     def _test(self, serial: str) -> None:
-        from motord.verdict.earlier import earlier_verdict
+        from motord.verdict.shift import earlier_verdict
 
         before = self.shift.earlier(serial) or earlier_verdict(
             self._folder, self._tests.motor_type, serial

@@ -14,7 +14,7 @@ from motord.cli.results.trends import Where
 if TYPE_CHECKING:
     from motord.results.comparison import Difference, Key
     from motord.results.figures import ResultFigure
-    from motord.results.row import ResultRow
+    from motord.results.stored_result import ResultRow
 
 
 def compare(

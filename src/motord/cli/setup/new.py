@@ -45,7 +45,7 @@ def _new(
     What is not answered has the example's value, marked CHECK for a real bench. The file is
     checked before it is written.
     """
-    from motord.bench_file.new import new_bench_file
+    from motord.bench_file.commented import new_bench_file
 
     if file.exists() and not force:
         fail(f"{file}: is there already; name another file, or say --force to write over it")
@@ -65,7 +65,7 @@ def _by_questions(
     file: Path, template: str, inverter: str, answers: Mapping[str, str]
 ) -> tuple[str, str, "Config"]:
     """Ask until the answers make a bench; what was said before is the next default."""
-    from motord.bench_file.new import new_bench_file
+    from motord.bench_file.commented import new_bench_file
     from motord.config import ConfigError
 
     template = template or _choose("Which bench", {n: t.summary for n, t in TEMPLATES.items()})

@@ -10,8 +10,7 @@ from motord.cli.bench.overview import All, open_benches
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, print_answer
 from motord.cli.console import fail, remark
-from motord.cli.viewers import NICE
-from motord.cli.viewers.browser import open_page
+from motord.cli.viewers import NICE, open_page
 
 EXTRA = "the page needs more packages: pip install 'motord[dashboard]'"
 PORT = 8447

@@ -10,8 +10,7 @@ import numpy as np
 
 from motord.client.aio.threads import Threads
 from motord.client.subscription import Subscription
-from motord.client.tick_losses import TickLosses
-from motord.client.tick_subscription import TickSubscription
+from motord.client.tick_subscription import TickLosses, TickSubscription
 
 _Item = TypeVar("_Item")
 

@@ -12,8 +12,7 @@ from pydantic import (
 )
 
 from motord.config.base import BitRate, NonNegative, Positive, Section
-from motord.config.devices.can_signals import CanSignalMap, DqConfig
-from motord.config.devices.canopen import CanopenConfig
+from motord.config.devices.can_signals import CanopenConfig, CanSignalMap, DqConfig
 from motord.config.timing import (
     DELAY_MAX_S,
     RATE_MAX_HZ,

@@ -1,11 +1,11 @@
-"""`[inverter.can.signals]` and `[inverter.dq]`: what a drive's messages and axes mean."""
+"""`[inverter.can]` `signals` and `canopen`, `[inverter.dq]`: a drive's messages and axes."""
 
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from motord.config.base import Finite, Mask, Positive, Section
-from motord.config.timing import DELAY_MAX_S
+from motord.config.timing import DELAY_MAX_S, SILENCE_MAX_S
 
 Phases = tuple[str, str, str] | tuple[()]
 
@@ -146,3 +146,19 @@ class DqConfig(Section):
     does; `"latched"`: it makes phase currents of it once, when it arrives."""
     angle_age_s: Annotated[float, Field(ge=0, le=DELAY_MAX_S)] = 0.0
     """How old the angle that the drive uses is when its current flows."""
+
+
+class CanopenConfig(Section):
+    """`[inverter.can.canopen]`: what a CANopen drive is sent besides its command; nothing at first.
+
+    Mapping, mode of operation and what the drive does when heartbeats end are set beforehand.
+    """
+
+    start_node: Annotated[int, Field(ge=0, le=127)] | None = None
+    """Node that NMT starts when the bus is opened; 0: all nodes."""
+    sync: bool = False
+    """SYNC after each command, for PDOs that are in force at SYNC (transmission types 0 to 240)."""
+    heartbeat_node: Annotated[int, Field(ge=1, le=127)] | None = None
+    """Node of motord itself: heartbeats are sent as from this node."""
+    heartbeat_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.05
+    """Period of the heartbeats; each comes with a command, so none comes while there are none."""

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from motord.config.base import Finite, NonNegative, Positive, Section, ZeroOrPositive
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.motor.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
-from motord.section.sensor_highpass import SensorHighpass
+from motord.section import SensorHighpass
 
 PhaseOrder = Literal["abc", "acb"]
 """In which order the phases at the inverter's outputs a, b, c follow each other forwards."""

@@ -14,8 +14,7 @@ from motord.dashboard.frames import encode
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page.lease import PageLease
 from motord.dashboard.page.messages import PageMessage, Pong, RpcCall, ViewWanted, Visible
-from motord.dashboard.page.pings import PagePings
-from motord.dashboard.page.sending import GONE_S, PageGone, Sender, in_time
+from motord.dashboard.page.sending import GONE_S, PageGone, PagePings, Sender, in_time
 from motord.dashboard.trace import View
 from motord.security.access import permits
 from motord.security.roles import Role

@@ -1,4 +1,4 @@
-"""Sending to a page, which may have gone without a word."""
+"""Sending to a page, which may have gone without a word, and whether it answers."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -24,3 +24,36 @@ def in_time(send: Sender) -> Sender:
             raise PageGone from None
 
     return send_in_time
+
+
+class PagePings:
+    """Numbered pings, one at a time: the next follows an answer, or when that is too late."""
+
+    def __init__(self, now_s: float) -> None:
+        self._ping = 0
+        self._sent_s = now_s
+        self._answered = 0
+        self._answered_s = now_s
+
+    def due(self, now_s: float, interval_s: float, patience_s: float) -> int | None:
+        """Return the number of the ping to send now, None if it is not yet time.
+
+        A ping follows `interval_s` after the one before if that was answered, else `patience_s`;
+        an answer that comes later is to an old ping.
+        """
+        wait_s = interval_s if self._answered == self._ping else max(interval_s, patience_s)
+        if self._ping and now_s - self._sent_s < wait_s:
+            return None
+        self._ping, self._sent_s = self._ping + 1, now_s
+        return self._ping
+
+    def answer(self, n: int, now_s: float) -> bool:
+        """Take in an answer; True if it is the first one to the newest ping."""
+        if n != self._ping or n == self._answered:
+            return False
+        self._answered, self._answered_s = n, now_s
+        return True
+
+    def silent_s(self, now_s: float) -> float:
+        """Return how long the page has not answered."""
+        return now_s - self._answered_s

@@ -2,7 +2,7 @@
 
 from motord.config import CanopenConfig
 from motord.hal.can.base import CanBus
-from motord.wire.can.canopen import SYNC, heartbeat, nmt_start
+from motord.wire.can.frame_format import SYNC, heartbeat, nmt_start
 
 
 class CanopenHost:

@@ -1,4 +1,8 @@
-"""A recording as a sequence of checked chunks, with an account of those that are not readable."""
+"""A recording as a sequence of checked chunks, with an account of those that are not readable.
+
+Schemas and channels of an unfinished file are under no checksum. The numbers of motord's topics and
+of their fields are promises, so what is missing there is known.
+"""
 
 import os
 import weakref
@@ -9,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from isal.isal_zlib import crc32
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from motord.recording import topics
@@ -21,9 +26,9 @@ from motord.recording.mcap.chunk_decoder import ChunkError, DecodedChunk, decode
 from motord.recording.mcap.message_array import MessageArray
 from motord.recording.mcap.records import MAGIC
 from motord.recording.mcap.salvage import Salvage
-from motord.recording.mcap.schema_repair import repair_schemas
 from motord.recording.mcap.structure import ChunkEntry, Structure
 from motord.recording.mcap.summary import read_summary
+from motord.recording.topics import Topic
 from motord.wire.ticks.blocks import codec_of
 from motord.wire.ticks.proto_text import read_record
 
@@ -185,3 +190,38 @@ def _open(path: Path) -> int:
         part = part_of(path)
         hint = f"; {part} is there, not closed, and can be read" if part.exists() else ""
         raise RecordError(f"{path}: cannot read it: {error.strerror}{hint}") from error
+
+
+def repair_schemas(structure: Structure) -> None:
+    """Put back what is missing or damaged in a file of motord without an index."""
+    library = structure.library  # empty if the header is not readable
+    by_motord = library == "" or library.startswith("motord")
+    if structure.indexed or not structure.chunks or not by_motord:
+        return
+    for topic in topics.ALL:
+        known = structure.channels.get(topic.number)
+        if library == "" and known is not None:
+            continue
+        if not _usable(structure.schemas.get(topic.number), known, topic):
+            structure.schemas[topic.number] = topic.schema
+        for number, channel in list(structure.channels.items()):
+            if channel.topic == topic.name:
+                del structure.channels[number]
+        structure.channels[topic.number] = topic.channel
+
+
+def _usable(schema: Schema | None, channel: Channel | None, topic: Topic) -> bool:
+    """Return whether a schema that no checksum covers is one that a version of motord wrote."""
+    if schema is None or schema.name != topic.schema.name:
+        return False
+    if topic.record is None or schema.data == topic.schema.data:
+        return True
+    try:
+        found = read_record(schema.data, schema.name)
+        claimed_bytes = int(channel.metadata[topics.MESSAGE_BYTES]) if channel else 0
+    except (ValueError, KeyError):
+        return False
+    pairs = zip(found.fields, topic.record.fields, strict=False)  # fields are only ever appended
+    return claimed_bytes == codec_of(found).size and all(
+        (a.number, a.name, a.kind) == (b.number, b.name, b.kind) for a, b in pairs
+    )

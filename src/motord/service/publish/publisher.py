@@ -1,12 +1,14 @@
-"""What is published when, and the full state of bench and daemon."""
+"""What is published when, and the full state of bench and daemon, also by name for recordings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
+from motord.api.descriptions import trip_names
 from motord.api.messages import BenchState, DeviceView, Event, LeaseView, TorqueSensorView
 from motord.api.plan_messages import MeshView, PlanView
 from motord.service.bench.bench import Bench
@@ -16,7 +18,6 @@ from motord.service.bench.loop_link import LoopLink
 from motord.service.host import scheduling
 from motord.service.host.children import Children
 from motord.service.plans.mesh import window
-from motord.service.publish.named_state import named_state
 from motord.service.publish.telemetry import Telemetry
 from motord.service.recording.control import RecordingControl
 from motord.service.tracker.link import TrackerLink
@@ -170,3 +171,23 @@ def change_key(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, 
 @cache
 def _version() -> str:
     return version("motord")
+
+
+def named_state(bench: Bench, now_ns: int) -> dict[str, Any]:
+    """Return state, trips, set-point, holder of the lease and plan; cheap. Monotonic ns."""
+    setpoint, view = bench.setpoint, bench.plans.view
+    plan = view if view is not None and bench.plans.active else None
+    trips, first = bench.monitor.trip_bits, bench.monitor.first_trip
+    return {
+        "state": bench.state.name,
+        "fault": bench.fault,
+        "trips": trip_names(trips) if trips else [],
+        "first_trip": trip_names(first)[0] if first else "",
+        "holder": bench.commander(now_ns) or "",
+        "plan": plan.plan if plan else "",
+        "plan_state": plan.state if plan else "",
+        "torque_Nm": setpoint.torque_Nm,
+        "speed_Hz": setpoint.speed_Hz or 0.0,
+        "drive_Hz": setpoint.drive_Hz,
+        "compensate": int(setpoint.compensate),
+    }

@@ -18,7 +18,7 @@ import numpy as np
 from motord.api.messages import RecordingView
 from motord.api.plan_messages import PlanView
 from motord.config import ChannelConfig, Config
-from motord.recorder.recording_task import RecordingTask
+from motord.recorder.protocol import RecordingTask
 from motord.recorder.ring_source import Mark
 from motord.recording.file_names import file_name
 from motord.recording.metadata import describe

@@ -13,10 +13,9 @@ from typing import Any
 from motord.api.messages import Event
 from motord.config import ChannelConfig
 from motord.recorder.launch import RecorderLink
-from motord.recorder.protocol import RecorderReport
-from motord.recorder.recording_task import RecordingTask
+from motord.recorder.protocol import RecorderReport, RecordingTask
 from motord.recorder.ring_source import Mark
-from motord.service.host.child_faults import ChildFaults
+from motord.service.host.child_pipes import ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.ended import EndedRecordings

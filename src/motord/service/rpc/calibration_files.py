@@ -11,8 +11,7 @@ from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import CalibrationDetails, CalibrationEntry, CalibrationList
 from motord.service.bench.calibrations import CalibrationStore
-from motord.service.rpc.calibration_details import aged
-from motord.service.rpc.calibration_reader import ReadFiles, read_files_elsewhere
+from motord.service.rpc.calibration_reader import ReadFiles, aged, read_files_elsewhere
 from motord.service.rpc.dispatcher import RpcContext, handles
 
 FILES_MAX = 200

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from motord.config import Config, ConfigError
 from motord.config.bounds import is_below, rounded_up
 from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SILENCE_MAX_S, SLOW_FEEDBACK_MAX_S
-from motord.wire.can.canopen import SYNC, heartbeat, nmt_start
 from motord.wire.can.codec import InverterCodec
+from motord.wire.can.frame_format import SYNC, heartbeat, nmt_start
 
 STEP_MAX = 0.02
 """Of [limits] current_A, between two currents that can be commanded: they are rounded."""

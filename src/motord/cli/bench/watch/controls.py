@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from motord.api.replies import PlanProgress, StateReply
-from motord.cli.bench.set_report import set_text
+from motord.cli.bench.operate import set_text
 from motord.cli.bench.watch.dialogs import (
     NOTE_LENGTH,
     NUMBER_LENGTH,
