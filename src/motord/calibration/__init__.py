@@ -14,7 +14,6 @@ from motord.calibration.parts import DegreesOfFreedom as DegreesOfFreedom
 from motord.calibration.parts import Harmonic as Harmonic
 from motord.calibration.parts import RmsErrors as RmsErrors
 from motord.calibration.parts import RmsPoint as RmsPoint
-from motord.calibration.parts import RmsSummary as RmsSummary
 from motord.calibration.parts import TorqueSpeed as TorqueSpeed
 from motord.calibration.parts import by_magnitude as by_magnitude
 from motord.calibration.parts import half_widths as half_widths

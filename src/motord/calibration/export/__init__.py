@@ -5,7 +5,6 @@ from motord.calibration.export.drive_frame import TorqueConstant as TorqueConsta
 from motord.calibration.export.drive_frame import torque_per_ampere as torque_per_ampere
 from motord.calibration.export.drives import BECKHOFF, C_HEADER, CSV, MOTEUS, ODRIVE
 from motord.calibration.export.exported import DriveFormat
-from motord.calibration.export.exported import Exported as Exported
 from motord.calibration.export.exported import exported as exported
 
 FORMATS: dict[str, DriveFormat] = {
