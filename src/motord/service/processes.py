@@ -11,42 +11,34 @@ from motord.service.tracker.link import TRACKER
 
 PROCESSES = (
     Process(
-        GATEWAY,
-        lambda path, run_dir: run_dir.command("motord.service.gateway.process", path),
-        spawn_piped,
+        GATEWAY, "motord.service.gateway.process", spawn_piped,
         restart="always", while_=lambda config: bool(config.zenoh.remote), stop_timeout_s=2.0,
         loss="until it is back nobody gets in from other machines",
     ),
     Process(
-        RECORDER, lambda path, run_dir: run_dir.command("motord.recorder.main", path), spawn_piped,
+        RECORDER, "motord.recorder.main", spawn_piped,
         restart="always", stop_timeout_s=10.0,
         loss="the next one goes on where its files end, as far as the ring reaches",
     ),
     Process(
-        CHANNELS,
-        lambda path, run_dir: run_dir.command("motord.service.channels.process", path),
-        spawn_piped,
+        CHANNELS, "motord.service.channels.process", spawn_piped,
         restart="always", stop_timeout_s=1.0, backoff_last_s=5.0,
         while_=lambda config: bool(config.channels),
         loss="until it is back no channel is read: one with a trip limit trips after timeout_s",
     ),
     Process(
-        ESTIMATOR,
-        lambda path, run_dir: run_dir.command("motord.service.estimator.process", path),
-        spawn_piped,
+        ESTIMATOR, "motord.service.estimator.process", spawn_piped,
         restart="never", stop_timeout_s=1.0,
         loss="the plan under way goes on and does not end early",
     ),
     Process(
-        TRACKER,
-        lambda path, run_dir: run_dir.command("motord.service.tracker.process", path),
-        spawn_piped,
+        TRACKER, "motord.service.tracker.process", spawn_piped,
         restart="while wanted", stop_timeout_s=1.0, backoff_last_s=60.0,
         while_=lambda config: config.tracking.enabled,
         loss="tracking of the calibration begins anew",
     ),
     Process(
-        LOOP, lambda path, run_dir: run_dir.command("motord.loop.main", path), spawn,
+        LOOP, "motord.loop.main", spawn,
         restart="on reset", stop_timeout_s=3.0,
         loss="inverter and bridge take the current away by their own timeouts",
     ),

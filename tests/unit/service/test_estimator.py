@@ -490,7 +490,7 @@ class Running:
 
     def _start(self, row):
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, PATHS))}
-        command = row.command(CONFIG, self.run_dir)
+        command = self.run_dir.command(row.module, CONFIG)
         made = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
         )

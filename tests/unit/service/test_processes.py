@@ -23,8 +23,12 @@ from motord.shm.run_directory import RunDir
 SECOND_NS = 1_000_000_000
 
 
-def process(name, restart, start, command=("x",)):
-    return Process(name, lambda path, run_dir: command, start, restart, 5.0, loss="a gap")
+def process(name, restart, start):
+    return Process(name, "motord.absent", start, restart, 5.0, loss="a gap")
+
+
+def sleeping(command):
+    return spawn((sys.executable, "-c", "import time; time.sleep(60)"))
 
 
 def children_of(*table):
@@ -154,8 +158,7 @@ def test_one_that_is_killed_is_waited_for_by_nobody_and_no_event(started):
 
 
 def test_one_that_is_killed_leaves_no_zombie():
-    command = (sys.executable, "-c", "import time; time.sleep(60)")
-    children = children_of(process("estimator", "never", spawn, command))
+    children = children_of(process("estimator", "never", sleeping))
     children.start("estimator", 0)
     pid = children.process("estimator").pid
     children.process("estimator").send_signal(signal.SIGSTOP)
@@ -188,8 +191,7 @@ def test_exit_texts(code, expected):
 
 
 def test_real_processes_end_when_they_are_stopped():
-    command = (sys.executable, "-c", "import time; time.sleep(60)")
-    children = children_of(process("recorder", "always", spawn, command))
+    children = children_of(process("recorder", "always", sleeping))
     children.start("recorder", 0)
     assert children.stop("recorder") == "killed by SIGTERM"
     child = spawn((sys.executable, "-c", "raise SystemExit(3)"))
@@ -214,6 +216,6 @@ def test_the_table_has_what_a_bench_needs(listen, names):
     bench = bench.model_copy(update={"zenoh": bench.zenoh.model_copy(update={"listen": listen})})
     assert [row.name for row in PROCESSES if row.while_(bench)] == names
     for row in PROCESSES:
-        command = row.command(Path("bench.toml"), RunDir("sim"))
+        command = RunDir("sim").command(row.module, Path("bench.toml"))
         assert command[:3] == [sys.executable, "-P", "-m"]
         assert "bench.toml" in command

@@ -658,7 +658,7 @@ class Running(Linked):
 
     def _start(self, row):
         paths = os.pathsep.join(map(str, (ROOT / "src", ROOT)))
-        command = row.command(CONFIG, self.run_dir)
+        command = self.run_dir.command(row.module, CONFIG)
         self.started.append(
             subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,

@@ -29,14 +29,14 @@ ON_DEMAND = ("while wanted", "never")
 class Process:
     """A child process, in a line of `service.processes.PROCESSES`.
 
-    `command` makes its command line and `spawn` starts that. `restart`: "always" by itself, with
-    back-off; "while wanted" the same, from its first start until `Children.kill`; "on reset" by an
-    operator; "never": it lasts as long as what it was started for. `while_` says which benches
-    have it, `loss` what its end means, for the event; back-off grows to `backoff_last_s`.
+    `spawn` starts `module` as a program. `restart`: "always" by itself, with back-off; "while
+    wanted" the same, from its first start until `Children.kill`; "on reset" by an operator;
+    "never": it lasts as long as what it was started for. `while_` says which benches have it,
+    `loss` what its end means, for the event; back-off grows to `backoff_last_s`.
     """
 
     name: str
-    command: Callable[[Path, RunDir], Sequence[str]]
+    module: str
     spawn: Callable[[Sequence[str]], "subprocess.Popen[bytes]"]
     restart: Literal["always", "while wanted", "on reset", "never"]
     stop_timeout_s: float
@@ -46,7 +46,7 @@ class Process:
 
     def start(self, config_path: Path, run_dir: RunDir) -> "subprocess.Popen[bytes]":
         """Start it for the bench file at `config_path`. Raises OSError."""
-        return self.spawn(self.command(config_path, run_dir))
+        return self.spawn(run_dir.command(self.module, config_path))
 
 
 def spawn(command: Sequence[str]) -> "subprocess.Popen[bytes]":
