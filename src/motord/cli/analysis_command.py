@@ -17,7 +17,6 @@ from motord.cli.batch_analysis import Rehash, Retry, Scheduler, Workers, analyse
 from motord.cli.common_options import ResultAsJson, bench_file
 from motord.cli.console import (
     CommandGroup,
-    fail,
     group,
     phase_bars,
     print_json,
@@ -196,9 +195,6 @@ def _check_output_files(
     read = [*(given["runs"] or ()), *(given[name] for name in others)]
     read = [one for one in read if isinstance(one, Path)]
     check_output_files(written, read)
-    for option, path in written.items():
-        if path is not None and not path.parent.is_dir():
-            fail(f"{option} {path}: there is no folder {path.parent}; make it")
     unedited = {options[name]: given[name] for name in outputs if name not in analysis.edited}
     check_output_files(unedited, bench_files(given["config"]))
 

@@ -48,8 +48,6 @@ def latency(
     from motord.loop.latency.report import report
 
     check_output_files({"--plot": plot}, bench_files(config))
-    if plot is not None and not plot.absolute().parent.is_dir():
-        fail(f"{plot}: there is no folder {plot.absolute().parent}; make it first")
     limit_s = seconds if seconds is not None else DEFAULT_COMPARE_S if compare else DEFAULT_S
     measured = _measure(MeasurementPlan(_loop(config, rate_Hz), limit_s, compare), silent=as_json)
     found = report(measured)

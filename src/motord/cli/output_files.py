@@ -1,4 +1,4 @@
-"""The files that a command writes: none that it reads, and no file twice."""
+"""The files that a command writes: none that it reads, no file twice, each in a folder."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -6,11 +6,14 @@ from pathlib import Path
 
 import typer
 
+from motord.cli.console import fail
+
 
 def check_output_files(written: Mapping[str, Path | None], read: Iterable[Path | None]) -> None:
     """Refuse, before there is anything to write, what would write over a file of this command.
 
-    written: by option. Devices and pipes take whatever comes. Raises typer.BadParameter.
+    written: by option. Devices and pipes take whatever comes. Raises typer.BadParameter; fails if
+    there is no folder to write to.
     """
     inputs = {_identity(path): path for path in read if path is not None}
     options: dict[object, str] = {}
@@ -28,6 +31,8 @@ def check_output_files(written: Mapping[str, Path | None], read: Iterable[Path |
                 f"{option} {path}: {options[identity]} writes the same file; name another one"
             )
         options[identity] = option
+        if not path.absolute().parent.is_dir():
+            fail(f"{option} {path}: there is no folder {path.absolute().parent}; make it")
 
 
 def bench_files(config: Path | None) -> list[Path]:
