@@ -60,6 +60,7 @@ def export(
     Prints the residual torque ripple with the drive's table, and what of the calibration the drive
     cannot take. Amperes, in moteus, csv and c-header, need the bench file or --torque-constant.
     """
+    from motord.atomic_write import write_whole
     from motord.calibration.export import FORMATS, DriveFrame, exported
 
     if format_ not in FORMATS:
@@ -77,7 +78,7 @@ def export(
     if output is None:
         content["content"] = made.text()
     else:
-        _write(output, made.text())
+        write_whole(output, made.text())
         content["file"] = str(output)
     if as_json:
         print_json(content)
@@ -117,13 +118,3 @@ def _constant(
     calibration.check_motor(motor)
     of_motor = torque_per_ampere(motor.back_emf_table(), motor.pole_pairs)
     return TorqueConstant(calibration.delta_epsilon * of_motor, torque_constant)
-
-
-def _write(path: Path, text: str) -> None:
-    """Write the file at once."""
-    from motord.atomic_write import write_whole
-
-    try:
-        write_whole(path, text)
-    except OSError as error:
-        fail(f"{path}: cannot write it: {error.strerror}")
