@@ -77,7 +77,7 @@ EXPLAINED = frozenset(
         "motord.loop.latency.LatencyError",
         "motord.recording.errors.RecordError",
         "motord.results.error.ResultsError",
-        "motord.security.error.SecurityError",
+        "motord.security.roles.SecurityError",
         "motord.sequencing.settings.PlanError",
         "motord.service.daemon.LoopFailedError",
         "motord.service.daemon.SupervisorFailedError",

@@ -12,8 +12,8 @@ from motord.client.connection import QUERY_S
 from motord.client.diagnosis import why_closed, why_no_endpoint, why_no_socket
 from motord.client.error import ClientError
 from motord.security import identity as identity_folder
-from motord.security.error import SecurityError
 from motord.security.identity import Identity
+from motord.security.roles import SecurityError
 
 NAMESAKES_S = 0.5
 """How long it is waited for further daemons of one name: a daemon that hangs answers to none."""

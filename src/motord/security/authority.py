@@ -17,9 +17,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from motord.security import roles
-from motord.security.error import SecurityError
 from motord.security.identity import ABOUT, CA, CERTIFICATE, KEY
-from motord.security.roles import Role, check_name
+from motord.security.roles import Role, SecurityError, check_name
 
 CA_DAYS = 3650
 CERTIFICATE_DAYS = 730

@@ -8,7 +8,7 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
-from motord.security.error import SecurityError
+from motord.security.roles import SecurityError
 from motord.untrusted import parse_toml, read_bytes, read_text
 
 CA, CERTIFICATE, KEY, ABOUT = "ca.pem", "certificate.pem", "key.pem", "identity.toml"

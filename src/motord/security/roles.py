@@ -7,8 +7,12 @@ from enum import StrEnum
 from pathlib import Path
 
 from motord.atomic_write import write_whole
-from motord.security.error import SecurityError
 from motord.untrusted import parse_toml, read_text
+
+
+class SecurityError(Exception):
+    """A file of access that is missing or wrong; the message says which and what to do."""
+
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,62}")
 """What a certificate may be called: it is a common name, a key of TOML and a name of a folder."""

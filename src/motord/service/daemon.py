@@ -14,7 +14,7 @@ from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
 from motord.process.allocator import shrink_heaps_from_their_end
 from motord.process.signal_handlers import handled
-from motord.security.error import SecurityError
+from motord.security.roles import SecurityError
 from motord.service.bench.calibrations import state_directory
 from motord.service.build import Daemon, build
 from motord.service.gateway import process

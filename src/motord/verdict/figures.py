@@ -1,4 +1,4 @@
-"""Figures with their combined standard uncertainty from the JSON result of an analysis."""
+"""Figures with their combined standard uncertainty from JSON results of analyses; the verdict."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +14,8 @@ from motord.results.figures import (
     stated_quantity,
 )
 from motord.uncertainty_budget import Contribution, totals
-from motord.verdict.decision import Figure
+from motord.verdict.decision import Figure, FigureVerdict, MotorVerdict, decide
+from motord.verdict.motor_type import MotorType
 
 Selection = Mapping[str, str | float]
 """Values of the keys that separate the rows of a figure, such as {"order": 48}."""
@@ -148,3 +149,23 @@ def _combined(kind: FigureKind, name: str, figures: Sequence[Figure]) -> Figure:
     if kind.combine == "mean":
         value, u = sum(values) / n, sum(each) / n
     return Figure(name, kind.unit, value, u, freedom, freedom_known=known)
+
+
+def judge(motor_type: MotorType, results: Mapping[str, Mapping[str, Any]]) -> MotorVerdict:
+    """Return the verdict of a motor; results: JSON results by analysis."""
+    return MotorVerdict(tuple(_decisions(motor_type, results)))
+
+
+def _decisions(
+    motor_type: MotorType, results: Mapping[str, Mapping[str, Any]]
+) -> Iterator[FigureVerdict]:
+    for limit in motor_type.limit:
+        kind, result = limit.kind, results.get(limit.analysis)
+        if result is None:
+            why = f"there is no recording for {limit.analysis}"
+            figures: tuple[Figure, ...] = (Figure(kind.name, kind.unit, None, None, None, why),)
+        else:
+            figures = figures_of(kind, result, limit.at)
+        for figure in figures:
+            named = replace(figure, analysis=limit.analysis)
+            yield decide(named, limit.tolerance, motor_type.risk)

@@ -23,8 +23,7 @@ from motord.recording.recovery import recover
 from motord.recording.writer import RunWriter
 from motord.report.html import Page
 from motord.security import roles
-from motord.security.error import SecurityError
-from motord.security.roles import Role
+from motord.security.roles import Role, SecurityError
 from tests.campaigns.fuzzing.mutate import mutate_bytes, mutate_json, mutate_text, some_bytes
 from tests.unit.importing.tables import MAP
 from tests.unit.recording.runs import START_NS, point_of, tick_block, write_run

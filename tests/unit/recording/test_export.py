@@ -13,7 +13,7 @@ from scipy.io import loadmat
 
 from motord.recording.errors import RecordError
 from motord.recording.export import csv_text, export, matlab, mdf, parquet_file
-from motord.recording.export.csv_lines import csv_lines
+from motord.recording.export.csv_text import csv_lines
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from tests.unit.recording.runs import METADATA, tick_block, truth_block, write_run

@@ -13,8 +13,7 @@ from motord.cli.security import app
 from motord.config import ConfigError, load, packaged
 from motord.security import authority, identity, roles
 from motord.security.access import access_control
-from motord.security.error import SecurityError
-from motord.security.roles import Role
+from motord.security.roles import Role, SecurityError
 
 RUN = CliRunner()
 

@@ -15,8 +15,7 @@ from motord.api.endpoints import client_config, gateway_config
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_closed
 from motord.security import authority, identity
-from motord.security.error import SecurityError
-from motord.security.roles import Role
+from motord.security.roles import Role, SecurityError
 from motord.service.gateway import process
 from motord.service.gateway.audit import AuditLog
 from motord.service.gateway.link import GATEWAY, GatewayLink

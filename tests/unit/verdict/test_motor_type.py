@@ -6,7 +6,7 @@ import pytest
 
 from motord.config import ConfigError
 from motord.config.experiments import analysis_kinds
-from motord.verdict.judgement import judge
+from motord.verdict.figures import judge
 from motord.verdict.motor_type import analysis_of, load_motor_type
 from tests.unit.verdict.made_up import calibration
 

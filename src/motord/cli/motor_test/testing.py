@@ -93,7 +93,7 @@ class MotorTests:
         from motord.client.holder import user_and_host
         from motord.results.stored_result import file_digest
         from motord.verdict.certificate import Certificate
-        from motord.verdict.judgement import judge
+        from motord.verdict.figures import judge
         from motord.verdict.recordings import analyse
 
         def keep(*found: Any) -> None:

@@ -25,7 +25,7 @@ def aligned(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Iterator[s
 
 def as_csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return the rows as CSV with a heading, without the last line's end."""
-    from motord.recording.export.csv_lines import csv_lines
+    from motord.recording.export.csv_text import csv_lines
 
     cells = ([_csv_cell(value) for value in row] for row in rows)
     return csv_lines([columns, *cells]).removesuffix("\n")

@@ -34,7 +34,7 @@ def as_csv(found: EfficiencyMap) -> str:
 
     Columns are those of the JSON, without the budgets, then the plan's and its settings.
     """
-    from motord.recording.export.csv_lines import csv_lines
+    from motord.recording.export.csv_text import csv_lines
 
     rows = [
         {**encode(one), **{name: as_text(value) for name, value in one.plan.items()}}

@@ -27,8 +27,8 @@ from motord.config.zenoh import TlsConfig
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.security import roles as roles_file
-from motord.security.error import SecurityError
 from motord.security.identity import check_files
+from motord.security.roles import SecurityError
 from motord.service.gateway.audit import LEVELS, AuditLog, Throttle
 from motord.service.gateway.link import DATA_MAX, MESSAGE_MAX
 from motord.shm.run_directory import RunDir

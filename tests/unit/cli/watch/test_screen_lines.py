@@ -3,7 +3,7 @@
 import pytest
 from rich.text import Text
 
-from motord.cli.bench.watch.screen_lines import changed_cells
+from motord.cli.bench.watch.app import changed_cells
 
 
 @pytest.mark.parametrize(
