@@ -9,7 +9,6 @@ ring reaches. A plan whose ticks have been in the ring alone for too long is end
 """
 
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from motord.api.plan_messages import PlanView
 from motord.config import ChannelConfig, Config
 from motord.recorder.protocol import RecordingTask
 from motord.recorder.ring_source import Mark
-from motord.recording.file_names import file_name
+from motord.recording.file_names import file_name, stamp
 from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
 from motord.sequencing import Plan
@@ -279,9 +278,9 @@ class RecordingControl:
     ) -> str:
         self._end_timing()
         self._timing.begin(self._unix_ns())
-        config, now = self._config, datetime.fromtimestamp(self._unix_ns() / 1e9, UTC)
-        moment = f"{now:%Y%m%dT%H%M%S}{now.microsecond // 1000:03d}Z"
-        stem = config.recording.directory.absolute() / f"{config.bench.name}-{moment}{suffix}"
+        config = self._config
+        name = f"{config.bench.name}-{stamp(self._unix_ns())}{suffix}"
+        stem = config.recording.directory.absolute() / name
         notes = f"{config.bench.notes}\n{notes}".strip()
         metadata = {**self.about(), "plan": plan, "notes": notes}
         if serial:
