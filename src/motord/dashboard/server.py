@@ -7,11 +7,13 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
@@ -29,6 +31,8 @@ from motord.security.roles import Role
 
 HOST = "127.0.0.1"
 BACKLOG = 64
+HTTP_CONNECTIONS_MAX = 128
+"""Connections that are no pages; browsers make six for each of the pages there can be."""
 UNREAD_MAX = 4_000_000
 """Bytes; more than any message that a page is sent unasked."""
 CLOSE_TIMEOUT_S = 12.0
@@ -107,6 +111,7 @@ def _run(app: Starlette, listener: socket.socket) -> None:
     server = _Server(
         uvicorn.Config(
             app,
+            http=_HttpProtocol,
             ws=_Protocol,
             ws_max_size=MAX_BYTES,
             ws_per_message_deflate=False,
@@ -124,6 +129,26 @@ def _run(app: Starlette, listener: socket.socket) -> None:
 def _is_no_refusal(record: logging.LogRecord) -> bool:
     """Return False for what uvicorn logs as an error when a handshake is refused."""
     return "without completing handshake" not in record.getMessage()
+
+
+class _HttpProtocol(H11Protocol):
+    """Aborts the oldest connection when there are more than HTTP_CONNECTIONS_MAX.
+
+    One without a whole request, or whose answer nobody reads, has no time limit in uvicorn: whoever
+    opens them would take all descriptors, and no page could be opened any more.
+    """
+
+    _numbers = count()
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take a connection, at the cost of the oldest if there are too many."""
+        super().connection_made(transport)
+        self.number = next(self._numbers)
+        others = [other for other in self.connections if isinstance(other, _HttpProtocol)]
+        if len(others) > HTTP_CONNECTIONS_MAX:
+            oldest = min(others, key=lambda other: other.number)
+            self.connections.discard(oldest)
+            oldest.transport.abort()
 
 
 class _Protocol(WebSocketsSansIOProtocol):

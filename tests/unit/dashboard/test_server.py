@@ -12,7 +12,7 @@ import uvicorn
 from uvicorn.server import ServerState
 
 from motord.dashboard import server
-from motord.dashboard.server import HOST, _Protocol
+from motord.dashboard.server import HOST, _HttpProtocol, _Protocol
 from tests.support.patience import PATIENCE_S
 
 HANDSHAKE = "\r\n".join([
@@ -92,3 +92,39 @@ def test_nothing_is_written_to_a_connection_that_is_lost(caplog: pytest.LogCaptu
 
     connected(sends_ten, resets)
     assert [record for record in caplog.records if record.name == "asyncio"] == []
+
+
+def test_connections_without_a_request_take_no_descriptor_from_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """uvicorn waits for ever for the rest of a request: the oldest is aborted for a new one."""
+    monkeypatch.setattr(server, "HTTP_CONNECTIONS_MAX", 3)
+
+    async def answers(
+        scope: Any, receive: Callable[[], Awaitable[Any]], send: Callable[[Any], Awaitable[None]]
+    ) -> None:
+        await send({"type": "http.response.start", "status": 204, "headers": []})
+        await send({"type": "http.response.body"})
+
+    async def serve() -> None:
+        config, state = uvicorn.Config(answers), ServerState()
+        config.load()
+        loop = asyncio.get_running_loop()
+        listening = await loop.create_server(lambda: _HttpProtocol(config, state, {}), HOST)
+        address = listening.sockets[0].getsockname()
+        waiting = []
+        for _ in range(5):
+            waiting.append(await asyncio.open_connection(*address))
+            waiting[-1][1].write(b"GET / HTTP/1.1\r\nHost: ")
+        async with asyncio.timeout(PATIENCE_S):
+            for reader, _ in waiting[:2]:
+                with suppress(ConnectionResetError):
+                    assert await reader.read() == b""
+            waiting[-1][1].write(b"x\r\n\r\n")
+            assert b" 204 " in await waiting[-1][0].readline()
+        assert len(state.connections) == 3
+        for _, writer in waiting:
+            writer.close()
+        listening.close()
+
+    asyncio.run(serve())
