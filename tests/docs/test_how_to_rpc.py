@@ -27,7 +27,7 @@ from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.rpc.operation import ManualOperation
 
 bench = Bench(config.load(), None, {}, EventLog(lambda: 42), None)
-dispatcher = Dispatcher(bench, ManualOperation(bench, lambda: None))
+dispatcher = Dispatcher(bench, ManualOperation(bench, lambda: None, lambda: None))
 
 def ask(**fields):
     replies = []

@@ -171,7 +171,7 @@ STOP = Rpc("stop", StopNow, replies.StateReply, "Zero current at once, and OFF; 
 NOTE = Rpc("note", Note, replies.NoteReply, "Put a remark with its time into events and recording.")
 RESET = Rpc(
     "reset", WithToken, replies.StateReply,
-    "Leave TRIPPED if no cause is left; start a loop that has ended.",
+    "Leave TRIPPED if no cause is left; start the loop anew if it has ended or hangs.",
 )  # fmt: skip
 SET = Rpc(
     "set", SetpointChange, replies.SetpointReply,

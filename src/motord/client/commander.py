@@ -51,7 +51,7 @@ class Commander:
         return self._daemon.call(rpc.DISABLE, token=self.token)
 
     def reset(self) -> StateReply:
-        """Leave a trip whose cause is gone; start a loop that has ended."""
+        """Leave a trip whose cause is gone; start the loop anew if it has ended or hangs."""
         return self._daemon.call(rpc.RESET, token=self.token)
 
     def set(

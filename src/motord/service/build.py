@@ -174,7 +174,9 @@ def build_rpc(
 ) -> tuple[Dispatcher, dict[str, Offloaded]]:
     """Return what carries requests out, and which of them are prepared in other threads."""
     queued = QueueOperation(bench, plans, resumption, queue)
-    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()), recording.file)
+    operation = ManualOperation(
+        bench, lambda: loop.start(time.monotonic_ns()), loop.kill, recording.file
+    )
     kept, available = CalibrationFiles(store), AvailablePlans(bench)
     longest = max_request_bytes(bench.config.motor.counts)
     services = operation, available, plans, queued, installation, adoption, kept

@@ -7,7 +7,8 @@ import time
 import pytest
 
 from motord.hal.base import DeviceError, DeviceReading
-from motord.service.bench.slow_devices import DeviceThreads, Order, SlowDevice
+from motord.service.bench.slow_devices import DeviceHealth, DeviceThreads, Order, SlowDevice
+from motord.service.host.events import EventLog
 
 MS = 1_000_000
 
@@ -65,6 +66,16 @@ def test_health_goes_from_ok_to_failing_to_stale_and_back():
     wire.answers = True
     device.exchange(lambda: 2_000_000_000)
     assert device.view(2_000_000_000).health == "ok"
+
+
+def test_why_there_is_no_power_stays_the_same_while_a_device_is_silent():
+    """It is in the state, which is published and recorded when it changes."""
+    device = slow(Wire())
+    device.begin(0)
+    device.order(0.0, 30_000_000_000)
+    health = DeviceHealth({"brake": device}, 150.0, EventLog(lambda: 0))
+    faults = {health.look(round(s * 1e9), drive_turns=False)[0] for s in (1.01, 1.02, 77.0)}
+    assert faults == {"brake has not answered for 1 s: its driver does not return"}
 
 
 def test_a_device_that_never_answered_goes_stale_too():

@@ -193,7 +193,7 @@ def test_a_set_that_cannot_enable_in_time_leaves_nothing_behind(service):
     token = service.acquire()
     service.loop.running = False
     said = refused(service, "refused", "set", token=token, enable=True, torque_Nm=2.0, brake=1.0)
-    assert said.startswith("not enabled")
+    assert said.startswith("the loop publishes no ticks")
     service.loop.running = True
     service.run_s(1.0, token)
     assert service.bench.state is not State.ENABLED
@@ -353,8 +353,23 @@ def test_enable_is_refused_while_something_stands_against_it():
 
 def test_an_enable_that_never_comes_is_answered_in_time(service):
     token = service.acquire()
-    service.loop.running = False
+    write = service.loop.write
+
+    def without_request(setpoint):
+        write(setpoint)
+        service.loop.setpoint["request_seq"] = 0
+
+    service.loop.write = without_request
     assert "still OFF" in refused(service, "timeout", "enable", token=token)
+
+
+def test_an_enable_that_a_silent_loop_has_not_carried_out_is_taken_back(service):
+    token = service.acquire()
+    service.loop.running = False
+    assert "no ticks" in refused(service, "refused", "enable", token=token)
+    service.loop.running = True
+    service.run_s(1.0, token)
+    assert service.bench.state is not State.ENABLED
 
 
 def test_a_dead_loop_is_a_fault_until_reset_starts_it_again(service):
@@ -399,6 +414,25 @@ def test_a_silent_loop_is_a_fault(service):
     assert service.bench.setpoint.torque_Nm == 0.0
     service.loop.running = True
     service.step(3)
+    assert service.bench.fault == ""
+
+
+def test_reset_ends_a_silent_loop_and_starts_another(service):
+    token = service.enabled()
+    service.loop.running = False
+    service.run_s(1.2, token)
+    for name, values in (("enable", {}), ("set", {"torque_Nm": 1.0})):
+        said = refused(service, "refused", name, token=token, **values)
+        assert said == "the loop publishes no ticks; `motord reset` ends it and starts it again"
+    resetting = service.begin("reset", token=token)
+    service.step()
+    assert (service.kills, service.restarts, resetting.outcome) == (1, 0, None)
+    service.bench.loop_down("the loop ended: killed by SIGKILL")
+    service.loop.virtual._memory["state"] = State.OFF
+    service.loop.running = True
+    service.step()
+    assert service.restarts == 1
+    assert resetting.outcome == {"state": "OFF"}
     assert service.bench.fault == ""
 
 

@@ -172,9 +172,11 @@ class VirtualService:
         self.bench = Bench(self.config, self.loop, devices or {}, self.events, self.resumption)
         if not safe:
             self.bench.fault_stop = fail
-        self.restarts = 0
+        self.restarts = self.kills = 0
         self.recording_file = ""
-        self.operation = ManualOperation(self.bench, self._restart, lambda: self.recording_file)
+        self.operation = ManualOperation(
+            self.bench, self._restart, self._kill, lambda: self.recording_file
+        )
         self.calibration_file = None
         self.plans = PlanControl(
             self.bench, self.resumption, calibration=lambda: self.calibration_file
@@ -195,6 +197,9 @@ class VirtualService:
     def _restart(self):
         self.restarts += 1
         self.bench.loop_up()
+
+    def _kill(self):
+        self.kills += 1
 
     def step(self, steps=1, lost=0):
         """Let `steps` times 10 ms pass; the disk takes none of it."""

@@ -79,7 +79,8 @@ class Bench:
         """Why no torque may be set now, or nothing."""
         self.drive_fault = ""
         """Why the external drive may not turn now, or nothing."""
-        self._stalled = False
+        self.loop_stalled = False
+        """True if the loop runs and publishes no ticks."""
         self._stepped_ns = 0
         self._tick_age_ns = round(config.setpoint_valid_s * 1e9)
 
@@ -107,7 +108,7 @@ class Bench:
         """What is wrong with the bench, or nothing."""
         if self.loop_fault:
             return self.loop_fault
-        return "the loop publishes no ticks" if self._stalled else self.device_fault
+        return "the loop publishes no ticks" if self.loop_stalled else self.device_fault
 
     def has(self, name: str) -> bool:
         """Return whether there is a brake or a drive to set, on a wire or in the simulated rig."""
@@ -182,7 +183,7 @@ class Bench:
         self.monitor.forget()
         self._watcher, self._pending = TickWatcher(), []
         self._torque_error = TorqueError(self.config)
-        self._state, self._stalled = State.OFF, False
+        self._state, self.loop_stalled = State.OFF, False
 
     def _expire_lease(self, now_ns: int) -> None:
         """End the lease so early that no torque is left when it runs out.
@@ -223,11 +224,11 @@ class Bench:
         if self.loop_fault or self.monitor.last is None:
             return
         stalled = now_ns - self.monitor.read_ns > STALLED_NS
-        if stalled and not self._stalled:
+        if stalled and not self.loop_stalled:
             why = f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
             self.events.emit("fault", why)
             self._end_plan(why)
-        self._stalled = stalled
+        self.loop_stalled = stalled
 
     def _check_suspended(self, now_ns: int) -> None:
         """Stop the drive if the supervisor did not run for long; the device is safe by then."""

@@ -1,5 +1,6 @@
 """The loop process as the supervisor sees it: started, ready, publishing ticks, ended."""
 
+import signal
 from contextlib import suppress
 from typing import Any, Literal
 
@@ -36,6 +37,10 @@ class LoopLink:
             self._run_dir.loop_status.unlink(missing_ok=True)
         self._children.start(LOOP, now_ns)
         self.phase = "starting"
+
+    def kill(self) -> None:
+        """End a loop that hangs; inverter and bridge have taken the current away by then."""
+        self._children.signal(LOOP, signal.SIGKILL)
 
     def follow(self) -> bool:
         """Attach to a loop that has become ready; return True if it has.

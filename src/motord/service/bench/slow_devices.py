@@ -57,6 +57,7 @@ class SlowDevice:
         self._order = Order(0.0, 0)
         self._device = device
         self._poll_ns = round(poll_s * 1e9)
+        self.stale_after_s = stale_after_s
         self._stale_ns = round(stale_after_s * 1e9)
         self._order_ns = round(setpoint_valid_s * 1e9)
         self._hold_ns = round(hold_s * 1e9)
@@ -164,7 +165,7 @@ class DeviceHealth:
             view = device.view(now_ns)
             self._report(name, view, now_ns)
             if view.health == "stale":
-                stale = f"{name} has not answered for {view.age_s} s: {view.error}"
+                stale = f"{name} has not answered for {device.stale_after_s:g} s: {view.error}"
                 if name == "brake" or drive_turns:
                     fault = fault or stale
                 else:

@@ -38,12 +38,13 @@ LOOP_START_S = 30.0
 class ManualOperation:
     """What an operator does.
 
-    `restart_loop` starts the loop process if it does not run; `recording` returns the file that is
-    being recorded, "" for none.
+    `restart_loop` starts the loop process if it does not run, `kill_loop` ends it at once;
+    `recording` returns the file that is being recorded, "" for none.
     """
 
     bench: Bench
     restart_loop: Callable[[], None]
+    kill_loop: Callable[[], None]
     recording: Callable[[], str] = str
 
     @handles(rpc.NOTE)
@@ -99,8 +100,7 @@ class ManualOperation:
         bench.setpoint.request(Request.ENABLE)
 
         def enabled() -> StateReply | None:
-            loop_up(bench)
-            no_trip(bench)
+            self._can_still_be_enabled()
             return self._state() if bench.state is State.ENABLED else None
 
         return Wait(enabled, self._enable_s, self._not_enabled)
@@ -135,14 +135,13 @@ class ManualOperation:
 
     @handles(rpc.RESET, no_plan)
     def reset(self, request: rpc.WithToken, context: RpcContext) -> Wait[StateReply]:
-        """Leave TRIPPED if no cause is left; start a loop that has ended."""
+        """Leave TRIPPED if no cause is left; start the loop anew if it has ended or hangs."""
         bench = self.bench
         bench.events.emit("request", f"reset, from {context.holder}")
-        if bench.loop_fault:
-            if not bench.loop_starting:
-                bench.loop_starts()
-                self.restart_loop()
-            return Wait(self._loop_started, LOOP_START_S, lambda: bench.loop_fault)
+        if bench.loop_stalled:
+            self.kill_loop()
+        if bench.loop_stalled or bench.loop_fault:
+            return Wait(self._new_loop(), LOOP_START_S, lambda: bench.fault)
         if bench.state is State.TRIPPED:
             bench.setpoint.request(Request.RESET)
         return Wait(
@@ -169,12 +168,7 @@ class ManualOperation:
 
     def _enabled_and_set(self) -> SetpointReply | None:
         bench = self.bench
-        try:
-            loop_up(bench)
-            no_trip(bench)
-        except RpcError:
-            bench.manual.rest()
-            raise
+        self._can_still_be_enabled()
         if bench.manual.waits_for_enabled:
             return None
         if bench.state is not State.ENABLED:
@@ -182,13 +176,34 @@ class ManualOperation:
             raise RpcError("refused", "not enabled: something came between, see `motord events`")
         return self._setpoint()
 
-    def _loop_started(self) -> StateReply | None:
+    def _can_still_be_enabled(self) -> None:
+        """Raise RpcError, with nothing left of what was asked, if the loop is gone or tripped."""
+        try:
+            loop_up(self.bench)
+            no_trip(self.bench)
+        except RpcError:
+            self.bench.manual.rest()
+            self.bench.disable()  # a loop that goes on would carry out what it was asked before
+            raise
+
+    def _new_loop(self) -> Callable[[], StateReply | None]:
+        """Return what starts a loop once there is none, unless one starts, and waits for it."""
         bench = self.bench
-        if bench.loop_starting:
-            return None
-        if bench.loop_fault:
-            raise RpcError("failed", bench.loop_fault)
-        return self._state()
+        started = bench.loop_starting
+
+        def new_loop() -> StateReply | None:
+            nonlocal started
+            if not started and bench.loop_fault:
+                started = True
+                bench.loop_starts()
+                self.restart_loop()
+            if not started or bench.loop_starting:
+                return None
+            if bench.loop_fault:
+                raise RpcError("failed", bench.loop_fault)
+            return self._state()
+
+        return new_loop
 
     def _not_enabled(self) -> str:
         self.bench.disable()

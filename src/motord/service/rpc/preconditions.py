@@ -15,6 +15,8 @@ def loop_up(bench: Bench) -> None:
         raise RpcError("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
     if bench.loop_fault:
         raise RpcError("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
+    if bench.loop_stalled:
+        raise RpcError("refused", f"{bench.fault}; `motord reset` ends it and starts it again")
 
 
 def no_plan(bench: Bench) -> None:
