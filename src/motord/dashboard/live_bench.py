@@ -25,7 +25,6 @@ TURNS_S, TIMING_S = 0.3, 0.5
 """Time between two messages of turns, and of timing."""
 TABLE_MAX = 1000
 """Longer tables of the bench file are not sent to pages."""
-_NS_PER_S = 1e9
 
 Publish = Callable[[str, bytes], None]
 """Takes a message of a kind for every page."""
@@ -57,7 +56,6 @@ class LiveBench:
         self.turns = TurnAverager()
         self.timing = TimingHistograms()
         self._turns_sent, self._turns_s, self._timing_s = 0, 0.0, 0.0
-        self._ages_s: dict[str, float] = {}
 
     def hello(self, role: str) -> bytes:
         """Return the first message to a page."""
@@ -120,12 +118,6 @@ class LiveBench:
             self.turns.add(run.ticks)
             expected = self.history.end
         self.timing.add(block)
-        newest = block[-1]
-        self._ages_s = {
-            "encoder_s": float(newest["sample_age_ns"]) / _NS_PER_S,
-            "currents_s": float(newest["i_age_ns"]) / _NS_PER_S,
-            "ticks_s": max(0.0, (time.time_ns() - int(newest["t_ns"])) / _NS_PER_S),
-        }
 
     def _publish_turns(self, now_s: float) -> None:
         if self.turns.completed == self._turns_sent or now_s - self._turns_s < TURNS_S:
@@ -154,7 +146,6 @@ class LiveBench:
             "edges_us": [round(edge, 3) for edge in EDGES_us.tolist()],
             "missed": losses.missed_ticks,
             "lost": losses.lost_ticks,
-            "ages": self._ages_s,
         }
         self._set("timing", encode(header, self.timing.counts()))
 

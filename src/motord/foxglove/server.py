@@ -1,5 +1,6 @@
 """The WebSocket server of the Foxglove SDK with motord's topics. Nothing of it blocks."""
 
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -7,10 +8,13 @@ from foxglove import Channel, Context, Parameter, Schema, StatusLevel, start_ser
 from foxglove.websocket import Capability, Client, ServerListener, WebSocketServer
 
 from motord.foxglove.topics import SERVED
+from motord.process.allowance import Allowance
 
 HOST = "127.0.0.1"
 DISCONNECTED = "disconnected"
 READ_ONLY = "read-only"
+REFUSED_PER_S, REFUSED_AT_ONCE = 5.0, 20.0
+"""How often all viewers are notified of a refused change, on average and at once."""
 
 
 class FoxgloveError(Exception):
@@ -18,11 +22,19 @@ class FoxgloveError(Exception):
 
 
 class ReadOnlyParameters(ServerListener):
-    """Parameters that viewers see and cannot change."""
+    """Parameters that viewers see and cannot change.
 
-    def __init__(self, refused: Callable[[], None]) -> None:
+    What is refused, with `refused`, the SDK passes on to all viewers, and disconnects those with
+    1,024 such messages waiting: a viewer that asks for ever more gets no answer.
+    """
+
+    def __init__(
+        self, refused: Callable[[], None], clock_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
         self.values: dict[str, Any] = {}
         self._refused = refused
+        self._clock_ns = clock_ns
+        self._allowance = Allowance(REFUSED_PER_S, REFUSED_AT_ONCE)
 
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None
@@ -34,6 +46,8 @@ class ReadOnlyParameters(ServerListener):
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
         """Return the parameters as they are: nothing is changed."""
+        if not self._allowance.spend(1, self._clock_ns()):
+            return []
         self._refused()
         return self.parameters([one.name for one in parameters])
 

@@ -149,11 +149,15 @@ class BlackBox:
 
 
 def make_room(path: Path, keep: int) -> None:
-    """Remove the oldest boxes in the folder of `path`: with it there are `keep`. Raises OSError."""
+    """Remove the oldest boxes in the folder of `path`: with it there are `keep`. Raises OSError.
+
+    One that is stamped later than `path` is older, too: the computer's clock was set back since.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     bench = path.name.rpartition("-")[0]
     pattern = re.compile(rf"{re.escape(bench)}-{STAMP}\.mcap({re.escape(PART)})?")
-    boxes = sorted(p for p in path.parent.iterdir() if pattern.fullmatch(p.name))
+    found = (p for p in path.parent.iterdir() if pattern.fullmatch(p.name))
+    boxes = sorted(found, key=lambda box: (box.name < path.name, box.name))
     for old in boxes[: max(len(boxes) - keep + 1, 0)]:
         old.unlink(missing_ok=True)
 

@@ -183,6 +183,15 @@ def test_only_the_newest_boxes_of_a_bench_are_kept(tmp_path):
     assert names == {*others, *(bench.path(number).name for number in (3, 4, 5))}
 
 
+def test_boxes_are_kept_after_the_clock_was_set_back(tmp_path):
+    bench = Bench(tmp_path, blackbox_keep=3)
+    bench.loop(150)
+    for number in (7, 8, 9, 1, 2):
+        assert bench.outcome(bench.ask(149, after=0, number=number)) == ""
+    names = {path.name for path in bench.folder.iterdir()}
+    assert names == {bench.path(number).name for number in (9, 1, 2)}
+
+
 def test_asked_again_it_is_written_once_and_over_what_a_killed_recorder_left(bench):
     bench.loop(150)
     bench.folder.mkdir()
