@@ -409,7 +409,9 @@ def test_what_the_disk_does_not_hold_is_not_added_and_not_begun(tmp_path):
     days.queue.mkdir()
     (days.queue / "in the way").touch()
     error = refused(service, "queue/add", token=token, plans=[GOOD])
-    assert (error.code, "nothing was added" in error.message) == ("failed", True)
+    assert error.code == "failed"
+    assert error.message.startswith("nothing was added: ")
+    assert service.events.recent()[-1].message == error.message
     service.queue.file.settle()
     service.step()
     assert service.bench.queue.length == 1

@@ -161,8 +161,10 @@ class QueueOperation:
                     runner.pause(runner.file.error)  # it has not begun, nor will it
                 still = {item.id for item in runner.queue.items} & set(added)
                 runner.change(runner.queue.without(still))
-            undone = "; nothing was added" if added else ", but only until the daemon ends"
-            raise RpcError("failed", f"{what}{undone}: {runner.file.error}")
+                undone = f"nothing was added: {runner.file.error}"
+                self.bench.events.emit("queue", undone)
+                raise RpcError("failed", undone)
+            raise RpcError("failed", f"{what}, but only until the daemon ends: {runner.file.error}")
 
         return Wait(written, DISK_S, lambda: f"{what}, but not on the disk in {DISK_S:g} s")
 
