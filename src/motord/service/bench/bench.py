@@ -226,7 +226,8 @@ class Bench:
         stalled = now_ns - self.monitor.read_ns > STALLED_NS
         if stalled and not self.loop_stalled:
             why = f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
-            self.events.emit("fault", why)
+            then = "; if that lasts, `motord reset` ends it and starts it again"
+            self.events.emit("fault", f"{why}{then}")
             self._end_plan(why)
         self.loop_stalled = stalled
 
