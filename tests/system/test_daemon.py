@@ -164,6 +164,21 @@ def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(running):
         check_ticks(run.ticks(("tick", "missed", "flags")))
 
 
+def test_a_stopped_loop_is_ended_and_comes_back_off_after_reset(running):
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        stopped = client.state().processes["loop"].pid
+        subprocess.run(["kill", "-STOP", str(stopped)], check=True)
+        wait_for(client, lambda s: s.fault, "the fault")
+        with pytest.raises(ClientError, match="publishes no ticks; `motord reset`"):
+            client.rpc("set", token=lease.token, torque_Nm=1.0)
+        assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
+        state = wait_for(client, lambda s: s.tick is not None, "ticks")
+        assert (state.state, state.fault) == ("OFF", "")
+        assert state.processes["loop"].pid != stopped
+    assert running.end() == 0
+
+
 def test_a_bench_is_run_once_at_a_time_and_again_after_kill_9(running, tmp_path):
     second = Program(tmp_path, "run", "-c", tmp_path / "system.toml", ready=False)
     assert second.wait() == 1
