@@ -18,7 +18,7 @@ of freedom, also where it is no more than turns explain: of few speeds it may be
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import NamedTuple
 
@@ -51,6 +51,8 @@ class Average:
     mean_stderr (m, 2): those of the mean of the phases; freedom (m, 2): their degrees of freedom;
     phase_freedom (m, 3): of the amplitudes of the phases. between (m,): variance of the line across
     between speeds, tau^2, phase_scatter (m,): what of the scatter the turns explain, 1 at most.
+    apart (n, m): line of the phases' mean at each speed less that of all, in parts of it,
+    apart_variance (n, m): by the turns; share (n, m): of each speed in the mean.
     """
 
     line: np.ndarray
@@ -61,6 +63,28 @@ class Average:
     phase_freedom: np.ndarray
     between: np.ndarray
     phase_scatter: np.ndarray
+    apart: np.ndarray
+    apart_variance: np.ndarray
+    share: np.ndarray
+
+    def with_error(self, part: np.ndarray) -> "Average":
+        """Return it with a further standard error (m,) of all amplitudes, in parts of them.
+
+        It is known, unlike the scatter that it is added to.
+        """
+        more = (part[:, None] * np.abs(self.line)) ** 2
+        variance = self.stderr**2 + more
+        common = self.mean_stderr[:, 0] ** 2 + more.mean(axis=1)
+        mean_stderr, freedom = self.mean_stderr.copy(), self.freedom.copy()
+        freedom[:, 0] *= (common / self.mean_stderr[:, 0] ** 2) ** 2
+        mean_stderr[:, 0] = np.sqrt(common)
+        return replace(
+            self,
+            stderr=np.sqrt(variance),
+            mean_stderr=mean_stderr,
+            freedom=freedom,
+            phase_freedom=self.phase_freedom * (variance / self.stderr**2) ** 2,
+        )
 
 
 def distinct_speeds(velocity_rad_s: np.ndarray) -> np.ndarray:
@@ -127,7 +151,9 @@ def average(
     variances, freedom = (np.stack(each, axis=1) for each in zip(*sums, strict=True))
     amplitude, phase_freedom = _sum(own_parts, shared[0], seen[0], float(free[0]))
     errors = np.sqrt(amplitude), np.sqrt(turns + more + shared[1]), np.sqrt(variances)
-    return Average(mean, *errors, freedom, phase_freedom, between[1], explained[1])
+    size = np.maximum(np.abs(mean).mean(axis=1), LEAST_VARIANCE)
+    of_speed = common / size, np.maximum(within / size**2, LEAST_VARIANCE), share.mean(axis=2)
+    return Average(mean, *errors, freedom, phase_freedom, between[1], explained[1], *of_speed)
 
 
 def delay_with_scatter(

@@ -22,8 +22,11 @@ from motord.experiments.back_emf.between_speeds import (
     counted_speeds,
     delay_with_scatter,
 )
+from motord.experiments.back_emf.encoder_error import EncoderError, encoder_errors
+from motord.experiments.back_emf.encoder_error import lost as lost_by_encoder
 from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.back_emf.trends import Captures, CaptureTrend, beyond_chance
 from motord.experiments.back_emf.voltages import (
     COUNTS_PER_ORDER,
     VOLTAGES,
@@ -107,12 +110,14 @@ def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
         delay = fit_delay(joined(recorded), order)
     samples = [voltage_samples(one, delay[0] if delay else 0.0) for one in driven]
     fits = [fit_phases(one, order) for one in samples]
-    others = _others(samples, fits, order, driven, motor)
-    if others:
+    lines = _residual_lines(samples, fits, driven, motor)
+    fundamental = np.array([fit.solution[0] - 1j * fit.solution[1] for fit in fits[0]])
+    encoder = encoder_errors(fundamental, lines, motor.pole_pairs)
+    if others := _others(lines, fundamental, order):
         order = np.array(sorted({*order.tolist(), *others}))
         fits = [fit_phases(one, order) for one in samples]
     back_emf = ReferredBackEmf.of(motor, (one.back_emf_factor for one in driven))
-    result = _result(fits, order, delay, driven, motor)
+    result = _result(fits, order, delay, encoder, driven, motor)
     result = replace(result, left_out=left_out, referred=back_emf)
     return replace(result, findings=findings(result, driven))
 
@@ -145,21 +150,27 @@ def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:
     return motor.pole_pairs * np.arange(1, harmonics + 1)
 
 
-def _others(
+def _residual_lines(
     samples: list[VoltageSamples],
     fits: list[list[ClusterFit]],
-    order: np.ndarray,
     driven: list[Driven],
     motor: MotorConfig,
-) -> list[int]:
-    """Return orders that are no multiple of the pole pairs and stand out of the noise."""
+) -> np.ndarray:
+    """Return what the electrical orders leave at the orders 1 to n of the phases (3, n)."""
     every = joined(samples)
     residual = [np.concatenate([fit[phase].residual for fit in fits]) for phase in range(3)]
-    sizes = spectra(np.array(residual) / every.speed_rad_s, every.angle_rad, driven, motor)
-    highest = sizes.shape[1]
+    return spectra(np.array(residual) / every.speed_rad_s, every.angle_rad, driven, motor)
+
+
+def _others(lines: np.ndarray, fundamental: np.ndarray, order: np.ndarray) -> list[int]:
+    """Return orders that are no multiple of the pole pairs and stand out of the noise.
+
+    lines (3, n): what `order` leaves; fundamental (3,): its lines.
+    """
+    highest = lines.shape[1]
     ratio = np.zeros(highest)
-    for phase, size in enumerate(sizes):
-        least = OTHER_SHARE / OTHER_STANDS_OUT * np.hypot(*fits[0][phase].solution[:2])
+    for size, first in zip(np.abs(lines), np.abs(fundamental), strict=True):
+        least = OTHER_SHARE / OTHER_STANDS_OUT * first
         ratio = np.maximum(ratio, size / max(float(np.median(size)) / 1.177, least))
     ratio[order[order <= highest] - 1] = 0.0
     best = np.argsort(-ratio)[:MOST_OTHERS] + 1
@@ -183,15 +194,19 @@ def _result(
     fits: list[list[ClusterFit]],
     order: np.ndarray,
     turns_delay: tuple[float, float] | None,
+    encoder: tuple[EncoderError, ...],
     driven: list[Driven],
     motor: MotorConfig,
 ) -> MeasuredBackEmf:
-    encoder = np.array([_encoder_variance(one, order, motor.pole_pairs) for one in driven])
+    cells = np.array([_encoder_variance(one, order, motor.pole_pairs) for one in driven])
     turns = tuple(len(one.turns) for one in driven)
     free = max(sum(turns) - len(turns), 1)
     with_age = turns_delay is not None
     speed = counted_speeds(_velocity_rad_s(driven), age_fitted=with_age)
-    mean = average(fits, encoder, free, speed=speed, age_fitted=with_age)
+    mean = average(fits, cells, free, speed=speed, age_fitted=with_age)
+    shown = _trends(mean, order, driven, motor)
+    lost = lost_by_encoder(encoder, order)
+    mean = mean.with_error(np.hypot(lost, beyond_chance(shown, order.size)))
     fundamental = int(np.flatnonzero(order == motor.pole_pairs)[0])
     of_turns = Delay(*turns_delay, free) if turns_delay else None
     delay = _delay(of_turns, mean, fundamental, driven, motor) if of_turns else None
@@ -217,7 +232,24 @@ def _result(
         noise_V=np.mean([[fit.noise for fit in point] for point in fits], axis=0),
         speeds_Hz=tuple(one.speed_Hz for one in driven),
         turns=turns,
+        encoder=encoder,
+        trends=shown,
     )
+
+
+def _trends(
+    mean: Average, order: np.ndarray, driven: list[Driven], motor: MotorConfig
+) -> tuple[CaptureTrend, ...]:
+    """Return what the electrical orders differ by with time and frequency."""
+    size, error = np.abs(mean.line).mean(axis=1), mean.mean_stderr[:, 0]
+    shows = (order % motor.pole_pairs == 0) & (size > STANDS_OUT * error)
+    time_s = np.array([float(one.ticks["t_ns"].mean()) for one in driven]) * 1e-9
+    apart = np.where(shows, mean.apart, np.nan)
+    captures = Captures(
+        order, apart.real, apart.imag / order, mean.apart_variance, mean.share, time_s,
+        _velocity_rad_s(driven),
+    )  # fmt: skip
+    return tuple(captures.trends())
 
 
 def _velocity_rad_s(driven: list[Driven]) -> np.ndarray:

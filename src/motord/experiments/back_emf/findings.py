@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.config import SEQUENCE
 from motord.experiments.back_emf.between_speeds import distinct_speeds
+from motord.experiments.back_emf.encoder_error import lost
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_rotor import left_out_finding
 from motord.experiments.signal_findings import signal_findings
@@ -40,6 +41,8 @@ def findings(found: MeasuredBackEmf, driven: Sequence[Driven]) -> tuple[Finding,
         *_age(found, driven),
         *_few_turns(found),
         *_orders(found),
+        *_encoder(found),
+        *_trends(found),
         *_motion(driven),
         *left_out_finding(found.left_out, used_s),
         *signal_findings((one.label, one.faults) for one in driven),
@@ -147,6 +150,66 @@ def _orders(found: MeasuredBackEmf) -> Iterator[Finding]:
             "an eccentric rotor or encoder",
             "next to the fundamental's order: check that the encoder is concentric",
         )  # fmt: skip
+
+
+def _encoder(found: MeasuredBackEmf) -> Iterator[Finding]:
+    """Yield a finding for an angle that is off once or twice a turn; named as `calibrate` does."""
+    for one in found.encoder:
+        if not one.significant:
+            continue
+        percent = 100 * lost([one], found.order[found.electrical][:1])
+        yield Finding(
+            f"encoder-error-order-{one.order}", float(np.degrees(one.error_rad)),
+            float(np.degrees(one.limit_rad)), "deg", "warning",
+            f"the fundamental has sidebands at {one.order} from its order, as of "
+            f"an encoder that is {'oval or misaligned' if one.order > 1 else 'eccentric'}: it is "
+            f"{float(percent[0]):.2g} % larger than stated, higher orders by more; the intervals "
+            "hold that. The table is that of the angle that this encoder reads",
+            "centre and align the encoder's disc on its shaft and measure again",
+        )  # fmt: skip
+
+
+TRENDS = {
+    "time": (
+        "amplitude-drifts",
+        "change with the time: magnets that warm (0.1 to 0.2 % for each kelvin), or the gain of "
+        "the voltage channels; stated is the mean, and the intervals reach to the beginning",
+        "name a magnet_channel, or warm the motor up before; take the speeds once more in the "
+        "other sequence",
+    ),
+    "frequency": (
+        "amplitude-of-frequency",
+        "fall with the square of the frequency: a low-pass of the voltages; stated is the mean "
+        "over the speeds, and the intervals reach to what is there without a filter",
+        "take the filter out of the voltage channels, or drive slower",
+    ),
+}
+"""Name, meaning and action of the finding of each kind of trend."""
+
+
+def _trends(found: MeasuredBackEmf) -> Iterator[Finding]:
+    """Yield a finding for the trend that explains best what amplitudes differ by."""
+    significant = [one for one in found.trends if one.significant]
+    for one in significant:
+        if one.kind == "clock":
+            drift_us = 1e6 * abs(one.slope)
+            yield Finding(
+                "clocks-drift", drift_us, drift_us * one.limit / abs(one.ratio), "us", "serious",
+                "the age of the voltages changed by this much from the first to the last speed: "
+                "the clocks of inverter and encoder run apart; the age is their mean, and phases "
+                "are off by more than their intervals",
+                "synchronise the clocks, or take the time of each sample from one of them",
+            )  # fmt: skip
+    shown = [one for one in significant if one.kind != "clock"]
+    if not shown:
+        return
+    best = max(shown, key=lambda one: abs(one.ratio))
+    part = abs(float(best.part[found.electrical[0]]))
+    name, meaning, action = TRENDS[best.kind]
+    yield Finding(
+        name, 100 * part, 100 * part * best.limit / abs(best.ratio), "% of the fundamental",
+        "warning", f"the amplitudes of the speeds {meaning}", action,
+    )  # fmt: skip
 
 
 def _motion(driven: Sequence[Driven]) -> Iterator[Finding]:

@@ -7,6 +7,8 @@ import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
 from motord.experiments.back_emf.between_speeds import Delay, correlated_freedom
+from motord.experiments.back_emf.encoder_error import EncoderError
+from motord.experiments.back_emf.trends import CaptureTrend
 from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
@@ -51,6 +53,7 @@ class MeasuredBackEmf:
     delay_s: by how much the voltages are older than the recording says, None where the speeds are
     too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each
     segment.
+    encoder: its errors once and twice a turn, trends: of the amplitudes, both in their stderr.
     left_out: what of the points was not used; referred: where k was referred to one temperature of
     the magnets; findings: what is questionable.
     """
@@ -76,6 +79,8 @@ class MeasuredBackEmf:
     noise_V: np.ndarray
     speeds_Hz: tuple[float, ...]
     turns: tuple[int, ...]
+    encoder: tuple[EncoderError, ...] = ()
+    trends: tuple[CaptureTrend, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     referred: ReferredBackEmf | None = None
     findings: tuple[Finding, ...] = ()

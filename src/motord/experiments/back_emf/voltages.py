@@ -90,8 +90,8 @@ def check_pole_pairs(samples: VoltageSamples, driven: list[Driven], motor: Motor
 def spectra(
     values: Iterable[np.ndarray], angle_rad: np.ndarray, driven: list[Driven], motor: MotorConfig
 ) -> np.ndarray:
-    """Return the size of lines (m, h) of orders 1 to h of m columns of values (n,) at angles."""
+    """Return the lines (m, h) of orders 1 to h of m columns of values (n,) at angles."""
     fewest = min(one.samples_per_turn for one in driven)
     highest = resolved_order(fewest, motor.counts, OTHER_ORDERS, counts_per_order=COUNTS_PER_ORDER)
     cell = np.rint(angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64) % motor.counts
-    return np.abs([lines_at(cell, one, motor.counts, highest)[1:] for one in values])
+    return np.array([lines_at(cell, one, motor.counts, highest)[1:] for one in values])

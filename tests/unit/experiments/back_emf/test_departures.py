@@ -1,0 +1,110 @@
+"""Back-EMF on benches that depart: intervals hold the truth, and findings name the departure."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motord.experiments.back_emf.encoder_error import LEAST_LOST, encoder_errors, lost
+from motord.experiments.back_emf.estimate import measure
+from motord.experiments.back_emf.trends import Captures
+from tests.campaigns.driven_departures import (
+    DEPARTURES,
+    MOTOR,
+    captured,
+    errors_over_half_widths,
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "speeds"),
+    [
+        ("encoder 0.3 deg once a turn", slice(2, 4)),
+        ("encoder 0.3 deg twice a turn", slice(2, 4)),
+        ("magnets 0.5 % weaker at the end", slice(6)),
+        ("low-pass 1 ms of the voltages", slice(6)),
+    ],
+)
+def test_a_departure_is_named_and_in_the_interval_of_the_amplitudes(
+    name: str, speeds: slice
+) -> None:
+    bench, finding = DEPARTURES[name]
+    found = measure(captured(replace(bench, speeds_Hz=bench.speeds_Hz[speeds]), 3), MOTOR)
+    assert np.abs(errors_over_half_widths(found)[:, 0]).max() < 1.0
+    assert finding in {one.name for one in found.findings}
+
+
+def test_clocks_that_run_apart_are_named() -> None:
+    bench, finding = DEPARTURES["clocks 50 ppm apart"]
+    found = measure(captured(bench, 3), MOTOR)
+    [one] = [one for one in found.findings if one.name == finding]
+    assert one.severity == "serious"
+    assert one.value == pytest.approx(50e-6 * 77e6, rel=0.1)  # 77 s between middles of captures
+
+
+def sidebands(x: float, sign: int, order: int = 1) -> np.ndarray:
+    """Return a spectrum of three phases whose fundamental of order 8 has sidebands of x / 2."""
+    rng = np.random.default_rng(1)
+    lines = 1e-6 * (rng.standard_normal((3, 64)) + 1j * rng.standard_normal((3, 64)))
+    lines[:, 8 + order - 1] = -x / 2 * np.exp(0.7j) * (8 + order) / 8
+    lines[:, 8 - order - 1] = sign * x / 2 * np.exp(-0.7j) * (8 - order) / 8
+    return lines
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_sidebands_of_opposite_signs_are_the_encoder_s(order: int) -> None:
+    once = encoder_errors(np.ones(3, complex), sidebands(0.04, 1, order), 8)
+    assert [one.significant for one in once] == [order == 1, order == 2]
+    assert once[order - 1].error_rad == pytest.approx(0.04 / 8, rel=1e-3)
+    assert lost(once, np.array([8, 24])) == pytest.approx([0.04**2 / 4, 0.12**2 / 4], rel=0.01)
+    unequal_magnets = encoder_errors(np.ones(3, complex), sidebands(0.04, -1, order), 8)
+    assert not any(one.significant for one in unequal_magnets)
+    assert lost(unequal_magnets, np.array([8])) == 0.0
+
+
+def test_what_takes_nothing_off_is_no_error_of_the_encoder() -> None:
+    limit = 2 * np.sqrt(LEAST_LOST)
+    for x, there in ((0.95 * limit, False), (1.05 * limit, True)):
+        found = encoder_errors(np.ones(3, complex), sidebands(x, 1), 8)
+        assert found[0].significant == there
+    assert encoder_errors(np.ones(3, complex), sidebands(0.04, 1), 2) == ()
+
+
+def captures(
+    rng: np.random.Generator, common: float, *, more: np.ndarray | float = 0.0
+) -> Captures:
+    """Return six captures of two orders: noise of 1e-4 and 1e-3, and one that orders share."""
+    velocity_rad_s = 2 * np.pi * np.array([0.53, 0.87, 1.37, -1.37, -0.87, -0.53])
+    stderr = np.tile([1e-4, 1e-3], (6, 1))
+    noise = stderr * rng.standard_normal((6, 2)) + common * rng.standard_normal((6, 1))
+    return Captures(
+        np.array([8, 24]), noise + more, noise / [8, 24], stderr**2, np.full((6, 2), 1 / 6),
+        np.arange(6.0), velocity_rad_s,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("common", [0.0, 1e-3])
+def test_trends_by_chance_are_as_rare_as_stated(common: float) -> None:
+    rng, trials = np.random.default_rng(8), 400
+    found = [list(captures(rng, common).trends()) for _ in range(trials)]
+    for place in range(3):
+        kind = [one[place] for one in found]
+        assert np.mean([one.widens for one in kind]) < 0.05 + 0.025
+        assert sum(one.significant for one in kind) <= 3
+
+
+def test_a_trend_is_what_the_mean_is_off_by() -> None:
+    rng = np.random.default_rng(3)
+    fallen = -0.01 * np.arange(6.0)[:, None] / 5
+    frequency, time, clock = captures(rng, 0.0, more=fallen).trends()
+    assert time.significant
+    assert time.part == pytest.approx(0.005, rel=0.05)
+    assert not frequency.widens
+    assert not clock.widens
+    risen = {one.kind: one for one in captures(rng, 0.0, more=-fallen).trends()}
+    assert risen["time"].part == pytest.approx(-0.005, rel=0.05)
+    omega = 2 * np.pi * np.array([0.53, 0.87, 1.37, 1.37, 0.87, 0.53])[:, None] * [8, 24]
+    for tau_s, possible in ((1e-3, 1.0), (1e-3, -1.0)):
+        shown = next(captures(rng, 0.0, more=-possible * (omega * tau_s) ** 2 / 2).trends())
+        assert shown.significant == (possible > 0)
+        assert shown.slope == pytest.approx(possible * tau_s**2, rel=0.1)
