@@ -1,4 +1,9 @@
-"""Steps of torque together: the mean of both directions, how well it repeats, and its budget."""
+"""Steps of torque together: the mean of both directions, how well it repeats, and its budget.
+
+Where steps scatter beyond their noise, the torque that the sensor sees is not all that acts: an
+error of the regressor, which makes the inertia too large. By how much at most is what direct and
+reverse regression differ by (Frisch 1934), a source of uncertainty then.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -74,13 +79,15 @@ class BothWays:
     """Mean of both directions, of as many as there are, each weighted alike.
 
     stderr_kg_m2: from how steps of one direction differ, with so many degrees of freedom; of one
-    step alone, and of steps that are all alike, from their noise, freedom None.
+    step alone, and of steps that are all alike, from their noise, freedom None. attenuation: part
+    by which steps that scatter beyond their noise may bias the mean; 0 for others.
     """
 
     inertia_kg_m2: float
     stderr_kg_m2: float
     freedom: float | None
     findings: tuple[Finding, ...]
+    attenuation: float = 0.0
 
 
 def accelerate(
@@ -120,6 +127,8 @@ def accelerate(
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))
     sources.append(repetition)
+    if both.attenuation:
+        sources.append(TorqueSource("torque that does not act on the rotor", both.attenuation))
     relative = sqrt(sum(s.uncertainty**2 for s in sources))
     ratio = float(np.median([step.impulse_ratio for step in steps]))
     return Acceleration(
@@ -176,12 +185,14 @@ def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
         scatter = sqrt(sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom)
     if scatter == 0:
         return BothWays(mean, noise * reduced, None, tuple(_few(values.size)))
-    findings = [*_few(values.size), *_scatter(scatter, noise, freedom)]
+    disturbed = tuple(_scatter(scatter, noise, freedom))
+    findings = [*_few(values.size), *disturbed]
     if len(groups) == 2:
         apart = sqrt(sum(1 / group.size for group in groups)) * scatter
         limit = t_quantile(1 - RARE / 2, freedom) * apart
         findings += _directions(means[0] - means[1], limit)
-    return BothWays(mean, scatter * reduced, float(freedom), tuple(findings))
+    attenuation = float(np.mean([one.attenuation for one in steps])) if disturbed else 0.0
+    return BothWays(mean, scatter * reduced, float(freedom), tuple(findings), attenuation)
 
 
 def _few(steps: int) -> Iterator[Finding]:

@@ -53,8 +53,9 @@ class TorqueStep:
     stderr_kg_m2: from the noise of torque and encoder. delay_s: age of the torque.
     commanded_kg_m2: the same fit with the commanded torque for the measured one; plain_kg_m2: eq.
     (2.1), from commanded torque, time and angle, damping neglected. impulse_ratio: of the measured
-    torque to the commanded one. t_s, angle_rad, torque_Nm (n,)
-    since the beginning of the step; fitted_rad (m,) at fitted_s. faults: of its encoder.
+    torque to the commanded one. attenuation: part by which errors of the torque may make the
+    inertia too large, or those of the angle too small. t_s, angle_rad, torque_Nm (n,) since the
+    beginning of the step; fitted_rad (m,) at fitted_s. faults: of its encoder.
     """
 
     JSON = (
@@ -71,6 +72,7 @@ class TorqueStep:
     friction_Nm: float
     delay_s: float
     impulse_ratio: float
+    attenuation: float
     t_s: np.ndarray
     angle_rad: np.ndarray
     torque_Nm: np.ndarray
@@ -117,6 +119,7 @@ def read_step(
         friction_Nm=float(-p[4] / p[2] * np.sign(angle_rad[-1])),
         delay_s=float(-p[5] / p[2]),
         impulse_ratio=float(_integral(measured_Nm, t_s)[stop] / _integral(commanded_Nm, t_s)[stop]),
+        attenuation=_attenuation(p[2], weights[sliding], angle_rad[sliding] - fitted_rad),
         t_s=t_s,
         angle_rad=angle_rad,
         torque_Nm=measured_Nm,
@@ -186,6 +189,17 @@ def _fit(
     weights = np.zeros_like(t_s)
     weights[sliding] = np.linalg.pinv(columns / scale)[2] / scale[2]
     return p / scale, weights, (columns / scale) @ p
+
+
+def _attenuation(slope: float, weights: np.ndarray, residual_rad: np.ndarray) -> float:
+    """Return the part by which the inertia of direct and reverse regression differ (Frisch 1934).
+
+    1 less the squared partial correlation of angle and torque, twice integrated; what the other
+    columns leave of the latter has a norm of 1 / |weights|. All of the residual may be an error of
+    the torque, a regressor, or of the angle.
+    """
+    left = float(residual_rad @ residual_rad)
+    return left / (slope**2 / float(weights @ weights) + left)
 
 
 def _white_noise(rest_Nm: np.ndarray) -> float:

@@ -64,6 +64,14 @@ def steps(rotor: Rotor, count: int, rng: np.random.Generator) -> list[np.ndarray
     ]
 
 
+def misaligned(ticks: np.ndarray, order: int, amplitude_Nm: float, phase_rad: float) -> np.ndarray:
+    """Return a step whose sensor sees a torque of a coupling that the rotor does not."""
+    changed, turned = ticks.copy(), order * np.unwrap(ticks["encoder_count"] * 2 * np.pi / 4096)
+    wave = np.sin(turned + phase_rad)
+    changed["torque_Nm"] += amplitude_Nm * (wave - wave[0])
+    return changed
+
+
 def _cogging(rotor: Rotor, angle_rad: np.ndarray) -> np.ndarray:
     waves = (a * np.sin(order * angle_rad + phase) for order, a, phase in rotor.cogging)
     return np.asarray(sum(waves))

@@ -8,7 +8,7 @@ from motord.experiments.inertia.acceleration import accelerate
 from motord.experiments.inertia.torque_step import REQUIRED, read_step
 from motord.identification import IdentifyError
 from tests.unit.experiments.inertia.inertia_runs import pushes
-from tests.unit.experiments.inertia.step_simulator import Rotor, steps
+from tests.unit.experiments.inertia.step_simulator import Rotor, misaligned, steps
 
 J, VISCOUS, COULOMB = 0.0105, 0.004, 0.03
 DIRECT = TorqueSensorConfig()
@@ -134,6 +134,26 @@ def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
         ticks["torque_Nm"] *= 1 + 0.05 * (n // 2 % 3)
     found = accelerate(loose, 4096, PIEZO, AccelerationConfig())
     assert "steps-scatter" in {one.name for one in found.findings}
+
+
+def test_what_steps_that_scatter_bias_the_mean_by_is_in_the_interval() -> None:
+    """A coupling that is misaligned: 20 mNm twice a turn on the sensor alone."""
+    data, sets = steps(Rotor(), 80, np.random.default_rng(9)), []
+    phase_rad = np.random.default_rng(5).uniform(0, 2 * np.pi, 8)
+    for n in range(8):
+        chosen = data[10 * n : 10 * n + 10]
+        sets.append(
+            accelerate(
+                [misaligned(one, 2, 0.02, phase_rad[n]) for one in chosen], 4096, PIEZO, EXACT
+            )
+        )
+    held = [one.interval_95_kg_m2[0] < J < one.interval_95_kg_m2[1] for one in sets]
+    assert all(held)
+    for one in sets:
+        assert "steps-scatter" in {finding.name for finding in one.findings}
+        [part] = [each.uncertainty for each in one.budget if "not act" in each.source]
+        assert 0.01 < part < 0.06
+    assert 1.02 < np.mean([one.inertia_kg_m2 for one in sets]) / J < 1.05  # the bias is there
 
 
 @pytest.mark.parametrize(
