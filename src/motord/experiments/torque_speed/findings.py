@@ -131,9 +131,11 @@ class _Excess:
 
 DRIFTING = _Excess(
     "losses-drift", "warning",
-    "the losses change within the capture: motor and inverter are not at a steady temperature, the "
+    "the losses change within the capture: motor and inverter are not at a steady temperature, or "
+    "the torque sensor's zero or gain drifts, of which half may not be in the intervals; the "
     "figures are those of the means",
-    "raise settle_s, or run the motor warm before the plan",
+    "raise settle_s, or run the motor warm before the plan; read the torque at rest before and "
+    "after",
 )  # fmt: skip
 SLOW = _Excess(
     "slow-readings", "note",
@@ -150,12 +152,18 @@ RIPPLING = _Excess(
 
 
 def _drifts(points: Sequence[OperatingPower]) -> Iterator[tuple[float, float, OperatingPower]]:
-    """Yield drifts of the losses that chance does not make, and what they may be."""
+    """Yield drifts of the losses that chance does not make, and what they may be.
+
+    That is a part of the losses, or half of their interval if that is less: as large a drift of the
+    torque sensor's zero is not in it. Then a drift counts that no point of all has by chance.
+    """
     for one in points:
-        drift_W = abs(one.loss_drift_W)
-        factor = t_quantile(CONFIDENCE_LEVEL, freedom_of_blocks(one.blocks))
+        drift_W, most_W = abs(one.loss_drift_W), DRIFT_PART * abs(one.loss.value or 0.0)
+        by_chance = (1 - CONFIDENCE_LEVEL) / (1 if drift_W > most_W else len(points))
+        factor = t_quantile(1 - by_chance, freedom_of_blocks(one.blocks))
         if drift_W > factor * one.loss_drift_stderr_W:
-            yield drift_W, DRIFT_PART * abs(one.loss.value or 0.0), one
+            half_width_W = (one.loss.high or 0.0) - (one.loss.value or 0.0)
+            yield drift_W, min(most_W, half_width_W), one
 
 
 def _electrical_stderr_W(one: OperatingPower) -> float:

@@ -393,5 +393,11 @@ def test_findings_say_what_intervals_do_not_hold() -> None:
         drift_W = 0.1 * (good.loss.value or 0.0)
         moved = {"loss_drift_W": drift_W, "loss_drift_stderr_W": drift_W / stderrs, "blocks": 40}
         assert [one.name for one in findings([replace(good, **moved)], subject)] == names
+    half_W = (good.loss.high or 0.0) - (good.loss.value or 0.0)
+    for part, names in ((0.9, []), (1.1, ["losses-drift"])):  # as large as the interval
+        moved = {"loss_drift_W": part * half_W, "loss_drift_stderr_W": 0.01 * half_W, "blocks": 40}
+        assert [one.name for one in findings([replace(good, **moved)], subject)] == names
+        moved["loss_drift_stderr_W"] = part * half_W / 5.5  # as one of many points has by chance
+        assert not findings([replace(good, **moved), *[good] * 31], subject)
     slow = replace(good, sampling_W=0.9 * (good.electrical.stderr or 0.0))
     assert [one.name for one in findings([slow], subject)] == ["slow-readings"]
