@@ -32,7 +32,6 @@ from motord.experiments.subject import (
 )
 from motord.identification import IdentifyError
 from motord.identification.encoder_ticks import countable_ticks
-from motord.identification.resample import rising
 from motord.identification.signal_condition import SignalFault, in_range
 from motord.intervals import plus_minus
 from motord.recording.reader import Run
@@ -107,7 +106,7 @@ def _read_releases(
     for number, ticks in enumerate(captures, start=1):
         label = f"{run.path.name}: release {number}"
         with left_out.noted(label):
-            good, faults = countable_ticks(rows_of(ticks, rising(ticks["t_ns"])), counts, label)
+            good, faults = countable_ticks(ticks, counts, label)
             seen.append((label, faults))
             # a segment without oscillation is skipped where a recording marks none
             with nullcontext() if marked else suppress(IdentifyError):

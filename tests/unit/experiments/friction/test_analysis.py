@@ -139,16 +139,29 @@ def spoiled(ticks: np.ndarray, how: str) -> None:
     if how == "other counts":
         ticks["encoder_count"][:half] = 65535
     elif how == "times":
-        ticks["t_ns"][half] = ticks["t_ns"][half + 1]
+        ticks["t_ns"][half] = ticks["t_ns"][half - 2]
     elif how == "short":
         ticks["encoder_count"] = ticks["encoder_count"][0]
     else:
         ticks["torque_set_Nm"][half] = 0.1
 
 
+def test_ticks_that_repeat_a_sample_leave_no_coast_down_out() -> None:
+    """The clocks of loop and board alone make one every half minute."""
+    ticks = np.zeros(2000, [(name, np.int64) for name in (*COLUMNS, "plan_point")])
+    number = np.arange(2000)
+    ticks["t_ns"], ticks["encoder_count"] = 10**6 * number, 40 * number % 4096
+    ticks["plan_point"] = number // 1000
+    ticks[700], ticks[1300] = ticks[699], ticks[1299]
+    points = [{"index": n, "tick_start": n, "t_start_ns": 0, "t_end_ns": 10**10} for n in range(2)]
+    found, faults, left_out = coast_downs([recording(ticks, points)], load().motor)
+    assert ([one.t_s.size for one in found], faults) == ([999, 999], ())
+    assert not left_out.reasons
+
+
 REASONS = {
     "other counts": "encoder counts from",
-    "times": "times do not rise",
+    "times": "times go back",
     "short": "the rotor coasted for 0 turns only",
     "torque": "a torque was commanded",
 }

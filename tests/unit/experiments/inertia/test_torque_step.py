@@ -184,7 +184,7 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
         (changed(good, torque_Nm=-good["torque_Nm"]), "its sign"),
         (changed(good, torque_Nm=0.1), r"torque_Nm is 0\.1 from the first sample to the last"),
         (changed(good, t_ns=good["t_ns"] // 10), r"at rest for 0.1 s only"),
-        (changed(good, t_ns=good["t_ns"][::-1]), "times do not rise"),
+        (changed(good, t_ns=good["t_ns"][::-1]), "times go back"),
         (without_half_a_turn(good), "they cannot be counted"),
     )
     for data, message in cases:
@@ -192,17 +192,25 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
             read_step(0, data, 4096, PIEZO)
 
 
+def test_ticks_that_repeat_a_sample_change_nothing() -> None:
+    step = made_up(PIEZO)
+    repeated = np.repeat(step, 1 + (np.arange(step.size) % 100 == 50))
+    assert repeated.size > step.size
+    found, again = (read_step(0, ticks, 4096, PIEZO) for ticks in (step, repeated))
+    assert (again.inertia_kg_m2, again.faults) == (found.inertia_kg_m2, found.faults)
+
+
 def test_a_step_that_cannot_be_used_is_left_out_by_the_name_of_its_recording() -> None:
     """Whatever its error is: it ended the analysis of all the others."""
     step, other = made_up(DIRECT), made_up(DIRECT, -1)
     late = step.copy()
-    late["t_ns"][-10] = late["t_ns"][-11]
+    late["t_ns"][-10] = late["t_ns"][-12]
     wrong = changed(step, encoder_count=65535)
     names = [f"run.mcap: step {n}" for n in (1, 2, 3, 4)]
     found = accelerate([step, late, wrong, other], 4096, DIRECT, AccelerationConfig(), names)
     assert [one.label for one in found.steps] == [names[0], names[3]]
     [left_out] = [one for one in found.findings if one.name == "points-left-out"]
-    assert "(run.mcap: step 2: times do not rise); (run.mcap: step 3: encoder c" in left_out.meaning
+    assert "(run.mcap: step 2: times go back); (run.mcap: step 3: encoder c" in left_out.meaning
     with pytest.raises(IdentifyError, match=r"no step can be used; left out: run\.mcap: step 2: t"):
         accelerate([late], 4096, DIRECT, AccelerationConfig(), names[1:2])
 
