@@ -11,7 +11,8 @@ TRIP_ACTION: dict[Trip, str] = {
     "its sensor or a short, an oscillation of all to the current controller; lower "
     "limits.current_A if the command itself came close",
     Trip.OVER_SPEED: "check that the brake answers and holds; lower the torque or raise the brake "
-    "before the torque",
+    "before the torque; a rotor that runs away at any torque is not aligned: `motord plan start "
+    "align`",
     Trip.OVER_TORQUE: "look for a blow or a stop in the torque; check the sensor's gain and "
     "mounting; lower limits.torque_Nm if the command itself came close",
     Trip.I2T: "let the motor cool; lower the torque or rest between operating points; correct "

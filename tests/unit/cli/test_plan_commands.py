@@ -3,11 +3,14 @@
 from types import SimpleNamespace
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
+from motord.api.plan_messages import PlanView
 from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
 from motord.api.queue_requests import QueueContent
 from motord.cli import app
+from motord.cli.plan import commands
 from motord.cli.plan.commands import _then
 from motord.cli.plan.queue import _added, _text
 
@@ -32,6 +35,30 @@ def test_the_next_command_names_the_calibration_where_it_needs_it(plan: str, exp
     assert _then(client, view) == expected
     view.recorded = False
     assert _then(client, view) == ""
+
+
+@pytest.mark.parametrize(
+    ("state", "ended", "said"),
+    [
+        ("TRIPPED", "failed", "align failed: it tripped; look; then `motord reset`"),
+        ("READY", "failed", "align failed: it tripped"),
+        ("TRIPPED", "aborted", "align aborted: it tripped"),
+    ],
+)
+def test_a_plan_that_a_trip_ended_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+    state: str,
+    ended: str,
+    said: str,
+) -> None:
+    bench = SimpleNamespace(state=state, trip=SimpleNamespace(action="look"), calibration=None)
+    view = PlanView(plan="align", state=ended, message="it tripped", points=2, points_done=0)
+    monkeypatch.setattr(commands, "follow", lambda *_, **__: view)
+    client, commander = SimpleNamespace(state=lambda: bench), SimpleNamespace(abort_plan=None)
+    with pytest.raises(typer.Exit):
+        commands._follow_to_end(client, None, commander, False)
+    assert capsys.readouterr().err == f"motord: {said}\n"
 
 
 @pytest.mark.parametrize("option", ["--wait-limit-s", "--retries"])

@@ -89,6 +89,12 @@ def test_without_a_file_it_is_the_simulated_bench() -> None:
         ("[limits]", '[inverter]\ndriver = "can"\n[limits]', 16, "[inverter.can]"),
         ("[limits]", '[bridge]\ndriver = "serial"\n[limits]', 16, "needs port"),
         ("[limits]", '[brake]\ndriver = "modbus"\n[limits]', 16, "needs a table"),
+        (
+            "[limits]",
+            "[torque_sensor]\ngain_Nm_per_V = -1.2\n[limits]",
+            17,
+            "exchange the amplifier's inputs, then align again, got -1.2",
+        ),
         ("[limits]", "[limits]\nbus_V_min = 40.0", 16, "bus_V_max must be above"),
         (
             "[limits]",

@@ -136,7 +136,7 @@ def _trip(state: "BenchState") -> list[tuple[str, str]]:
     if state.trip is None:
         return rows
     rows += [("", value) for value in wording.trip_values(state)]
-    rows.append(("suggested", f"{state.trip.action}; then `motord reset`"))
+    rows.append(("suggested", wording.suggestion(state)))
     if state.trip.blackbox:
         rows.append(("black box", state.trip.blackbox))
     return rows

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 def number(value: float | None) -> str:
-    """Return a number in three digits, "-" for none, 0 for what is below 1e-9: rounding."""
-    return "-" if value is None else f"{0.0 if abs(value) < 1e-9 else value:.3g}"
+    """Return a number in three digits, "-" for none, 0 for what is below 1e-6: rounding."""
+    return "-" if value is None else f"{0.0 if abs(value) < 1e-6 else value:.3g}"
 
 
 def clock(t_ns: int) -> str:
@@ -46,6 +46,13 @@ def trip_values(state: "BenchState") -> list[str]:
         f"{what}: {number(value.value)}, limit {number(value.limit)}"
         for what, value in values.items()
     ]
+
+
+def suggestion(state: "BenchState") -> str:
+    """Return what to do about a trip, "" without one."""
+    if state.state != "TRIPPED" or state.trip is None:
+        return ""
+    return f"{state.trip.action}; then `motord reset`"
 
 
 def calibration(state: "BenchState") -> str:

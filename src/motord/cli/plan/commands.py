@@ -104,7 +104,8 @@ def _follow_to_end(client: "Client", run: "PlanRun", commander: "Commander", as_
     end = f"{view.plan}: {view.points_done} of {view.points} points{recording}"
     print_answer(view.model_dump(mode="json"), end + _then(client, view), as_json)
     if view.state != "done":
-        fail(f"{view.plan} {view.state}: {view.message}")
+        suggested = wording.suggestion(client.state()) if view.state == "failed" else ""
+        fail("; ".join(filter(None, (f"{view.plan} {view.state}: {view.message}", suggested))))
 
 
 def _forecast(

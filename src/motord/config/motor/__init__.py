@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section, ZeroOrPositive
 from motord.config.motor.accuracy import AccuracyConfig
@@ -144,6 +144,16 @@ class TorqueSensorConfig(SensorHighpass, Section):
     """Damping ratio of that resonance."""
     gain_Nm_per_V: Positive = 1.0
     """Gain of sensor and amplifier; for the other sign exchange the amplifier's inputs."""
+
+    @field_validator("gain_Nm_per_V", mode="before")
+    @classmethod
+    def _not_reversed(cls, value: object) -> object:
+        if isinstance(value, float | int) and value < 0:
+            raise ValueError(
+                "must be positive: of a sensor mounted the other way round exchange the "
+                "amplifier's inputs, then align again"
+            )
+        return value
 
 
 class MotorFile(Section):
