@@ -45,6 +45,16 @@ def test_info_of_a_whole_run(run):
     assert "torque_Nm" in facts["columns"]
 
 
+def test_info_of_several_runs_goes_on_after_one_that_cannot_be_read(run, unfinished, tmp_path):
+    nothing = tmp_path / "nothing.mcap"
+    result = CliRunner().invoke(app, ["info", str(run), str(nothing), str(unfinished)])
+    assert (result.exit_code, result.stdout.count("ticks:  ")) == (1, 2)
+    assert result.stdout.index(str(run)) < result.stdout.index(str(unfinished))
+    assert f"{nothing}: " in result.stderr
+    facts = json.loads(call("info", run, unfinished, "--json"))
+    assert [one["file"] for one in facts] == [str(run), str(unfinished)]
+
+
 def test_info_of_a_calibration_run(tmp_path):
     plan = {"name": "calibrate", "settings": {}}
     metadata = {**METADATA, "motor": {"name": "AFPM-7", "serial": "47"}, "plan": plan}

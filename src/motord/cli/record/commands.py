@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, group, print_result, remark
+from motord.cli.console import fail_with, group, print_result, remark
 from motord.cli.record.importing import import_recording
 
 app = group("Look into recordings, export them, import others.")
@@ -18,9 +18,14 @@ RunFile = Annotated[
 ]
 
 
+RunFiles = Annotated[
+    list[Path], typer.Argument(metavar="RUN...", help="Recordings: .mcap, .mcap.part.")
+]
+
+
 @app.command()
 def info(
-    run: RunFile,
+    runs: RunFiles,
     check: Annotated[
         bool,
         typer.Option(
@@ -30,14 +35,30 @@ def info(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Report what a recording holds, and what is missing of it."""
+    """Report what a recording holds, and what is missing of it.
+
+    Of several recordings --json prints a list; one that cannot be read does not keep the others
+    from being reported.
+    """
+    from motord.recording.errors import RecordError
     from motord.recording.info import describe
     from motord.recording.reader import open_run
 
-    facts = describe(open_run(run), check=check)
-    print_result(facts, "\n".join(_lines(facts)), as_json)
-    if check and facts["damage"]:
-        fail(f"{run}: is damaged; `motord record recover` writes a clean one of what is whole")
+    known, errors = [], []
+    for run in runs:
+        try:
+            facts = describe(open_run(run), check=check)
+        except RecordError as error:
+            errors.append(f"{error}")
+            continue
+        known.append(facts)
+        if check and facts["damage"]:
+            advice = "`motord record recover` writes a clean one of what is whole"
+            errors.append(f"{run}: is damaged; {advice}")
+    if known or len(runs) > 1:
+        text = "\n\n".join("\n".join(_lines(facts)) for facts in known)
+        print_result(known if len(runs) > 1 else known[0], text, as_json)
+    fail_with(errors)
 
 
 @app.command()
