@@ -43,7 +43,7 @@ def _wire_kinds(wire: str, device: str) -> dict[str, FaultKind]:
 
 KINDS: dict[str, FaultKind] = {
     "inverter_fault": FaultKind("the drive reports a fault and switches off", 0.2),
-    "inverter_off": FaultKind("the power stage goes off without a word", 0.2),
+    "inverter_off": FaultKind("the power stage goes off and reports no fault", 0.2),
     "current_stuck": FaultKind("the reading of a current sensor sticks", 0.5, {"phase": "a"}),
     "current_noise": FaultKind(
         "the reading of a current sensor is noisy", 0.5, {"phase": "a", "noise_A": 25.0}

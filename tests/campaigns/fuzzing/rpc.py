@@ -216,7 +216,7 @@ class Rpc:
 
     def _refused(self, refusal: RpcError) -> None:
         assert refusal.code in CODES, f"unknown code {refusal.code}"
-        assert refusal.message, "a refusal without a word"
+        assert refusal.message, "a refusal without a message"
         assert "Traceback" not in refusal.message
 
 

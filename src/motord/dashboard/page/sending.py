@@ -1,4 +1,4 @@
-"""Sending to a page, which may have gone without a word, and whether it answers."""
+"""Sending to a page, which may be closed already, and whether it answers."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
