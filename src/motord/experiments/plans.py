@@ -5,6 +5,7 @@ from typing import Any
 
 from motord.config import Config
 from motord.config.experiments import broken_experiments, plan_kinds
+from motord.section.complaints import suggestion
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.limits import check_torque_changes
 
@@ -13,7 +14,7 @@ def build(name: str, config: Config, settings: Mapping[str, Any] | None = None) 
     """Return plan `name` with `settings` over the bench's own. Raises PlanError."""
     kinds = plan_kinds()
     if name not in kinds:
-        known = f"no plan '{name}'; there are: {', '.join(kinds)}"
+        known = f"no plan '{name}'; there are: {', '.join(kinds)}{suggestion(name, kinds)}"
         raise PlanError("; ".join([known, *broken_experiments()]))
     plan: Plan = kinds[name].maker()(config, settings or {})
     try:

@@ -1,7 +1,8 @@
 """What pydantic finds wrong: each mistake once, with the keys as they are written."""
 
 import reprlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 from pydantic import ValidationError
@@ -66,9 +67,17 @@ def wrong_things(error: ValidationError) -> Iterator[str]:
 
 def wrong_setting(error: ValidationError, known: Sequence[str]) -> str:
     """Return what is wrong with a setting; which there are, if it is none of them."""
-    unknown = complaints(error)[0]["type"] == "extra_forbidden"
-    which = f"; settings are: {', '.join(known)}" if unknown else ""
+    first = complaints(error)[0]
+    which = ""
+    if first["type"] == "extra_forbidden":
+        which = f"; settings are: {', '.join(known)}{suggestion(str(first['loc'][-1]), known)}"
     return f"setting {next(wrong_things(error))}{which}"
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return which of the known names may be meant, as the end of a message; "" if none is near."""
+    near = get_close_matches(name, known, 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def _left_empty(item: ErrorDetails) -> bool:

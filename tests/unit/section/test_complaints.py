@@ -102,3 +102,12 @@ def test_a_setting_is_named_with_its_value(settings, wrong):
 def test_settings_are_listed_for_one_that_is_none_of_them():
     with pytest.raises(PlanError, match=r"setting torque: is not known; settings are: torques_Nm,"):
         build("calibrate", load(), {"torque": 1})
+
+
+def test_the_nearest_setting_or_plan_is_suggested():
+    with pytest.raises(PlanError, match=r"settings are: .*; did you mean torques_Nm\?$"):
+        build("calibrate", load(), {"torque_Nm": 1})
+    with pytest.raises(PlanError, match=r"there are: .*; did you mean calibrate\?$"):
+        build("calibrat", load())
+    with pytest.raises(PlanError, match=r"settings are: .*, compensate$"):
+        build("calibrate", load(), {"xyz": 1})

@@ -167,10 +167,13 @@ class Alignment:
         off, limit = self.zero_error_points, self.zero_error_limit_points
         if off is None or abs(off) > limit:
             half_turn = self.motor.counts / self.motor.pole_pairs / 2
+            file = self.bench_file
+            written = file and f"{file.name} has it now: start the daemon anew"
             yield Finding(
                 "bench-file-differs", half_turn if off is None else abs(off), limit,
                 "encoder points", "serious", self.agreement,
-                "write what was found into the bench file: motord analyse align --write FILE",
+                written
+                or "write what was found into the bench file: motord analyse align --write FILE",
             )  # fmt: skip
 
     def _of_data(self) -> Iterator[Finding]:

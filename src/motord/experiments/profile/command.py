@@ -31,9 +31,10 @@ def estimate(
 def _text(found: ProfileTracking, _: Recordings) -> Iterator[str | TextTable]:
     from motord.experiments.profile.report import HEADER, cycle_rows, mean_rows
 
-    tolerances = f"within {found.speed_tolerance_Hz:g} Hz, {found.torque_tolerance_Nm:g} Nm"
-    yield TextTable(f"errors of speed and torque; {tolerances}; energy", HEADER, cycle_rows(found))
-    yield TextTable("means over the cycles, 95 % intervals", ("", ""), mean_rows(found), (0,))
+    band = f"+-{found.speed_tolerance_Hz:g} Hz, +-{found.torque_tolerance_Nm:g} Nm"
+    yield TextTable(f"errors of speed and torque, band {band}", HEADER, cycle_rows(found))
+    means = ("mean over the cycles", "95 % interval")
+    yield TextTable("energy and means", means, mean_rows(found), (0,))
     for note in found.notes:
         yield f"- {note}"
 

@@ -50,7 +50,10 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
     return page
 
 
-HEADER = ("cycle", "Hz RMS", "Hz max", "in %", "Nm RMS", "Nm max", "in %", "J", "J asked")
+HEADER = (
+    "cycle", "speed error RMS (Hz)", "max (Hz)", "in band (%)", "torque error RMS (Nm)",
+    "max (Nm)", "in band (%)", "energy (J)", "asked (J)",
+)  # fmt: skip
 """Of the table of cycles: errors of speed and torque, share of the time in tolerance, energy."""
 
 

@@ -67,6 +67,8 @@ def test_what_is_found_is_written_into_the_bench_file(bench: Path, tmp_path: Pat
     assert "encoder_direction = -1" in done.output
     assert "the bench file has it otherwise" in done.output
     assert f"wrote {path}" in done.output
+    assert "bench.toml has it now: start the daemon anew" in done.output
+    assert "write what was found" not in done.output
     result = json.loads((tmp_path / "r.json").read_text())
     assert result["schema"] == "motord.align/1"
     assert result["torque_sensor"]["shows_direction"] is True
