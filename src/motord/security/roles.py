@@ -45,7 +45,9 @@ def read(path: Path) -> dict[str, Role]:
     try:
         content = parse_toml(read_text(path))
     except OSError as error:
-        raise SecurityError(f"{path}: cannot read the roles: {error.strerror}") from None
+        missing = isinstance(error, FileNotFoundError)
+        advice = f"; `motord security init {path.parent}` makes an authority" if missing else ""
+        raise SecurityError(f"{path}: cannot read the roles: {error.strerror}{advice}") from None
     except ValueError as error:
         raise SecurityError(f"{path}: not valid TOML: {error}") from None
     table = content.get("roles")

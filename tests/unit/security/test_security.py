@@ -100,7 +100,9 @@ def test_wrong_roles_are_named(tmp_path, text, expected):
     path.write_text(text)
     with pytest.raises(SecurityError, match=expected):
         roles.read(path)
-    with pytest.raises(SecurityError, match="cannot read the roles"):
+    with pytest.raises(
+        SecurityError, match=f"cannot read the roles.*`motord security init {tmp_path}`"
+    ):
         roles.read(tmp_path / "none.toml")
 
 
