@@ -37,6 +37,7 @@ table{border-collapse:collapse;margin:1rem 0;font-size:.92rem;break-inside:avoid
 th,td{padding:.3rem .9rem .3rem 0;text-align:left;border-bottom:1px solid var(--grid);
  vertical-align:top}
 th{font-weight:600}
+table:not(.numbers) td:last-child{overflow-wrap:anywhere}
 .numbers td:not(:first-child),.numbers th:not(:first-child){text-align:right;
  font-variant-numeric:tabular-nums;padding-left:.9rem;padding-right:0}
 .cards{display:flex;flex-wrap:wrap;gap:1rem;margin:1.25rem 0}

@@ -148,7 +148,8 @@ def over_plane(cycles: Sequence[Cycle]) -> Figure:
         for line in (axes.axhline, axes.axvline):
             line(0, color=SOFT, linewidth=0.8, zorder=0)
         axes.set(xlabel="speed (turns/s)", ylabel="torque (Nm)")
-        picture.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+        drawn = axes.get_legend_handles_labels()
+        picture.legend(*drawn, loc="outside upper left", ncols=2, markerscale=4.0)
         return picture
 
 

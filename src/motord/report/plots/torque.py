@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +14,8 @@ COLOURS = {"before": BEFORE, "after": AFTER}
 
 FLOOR_Nm = 1e-5
 """Lower end of the spectrum."""
+MOST_NUMBERS = 16
+"""So many orders of three digits have room below the spectrum."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,9 @@ def _spectrum(axes: Axes, ripples: dict[str, TorqueCurve], marked_orders: Sequen
             )  # fmt: skip
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
     axes.set(yscale="log", xlim=(0, highest + 1), ylim=(FLOOR_Nm, None))
-    axes.set_xticks([order for order in marked_orders if order <= highest])
+    marked = [order for order in marked_orders if order <= highest]
+    every = ceil(len(marked) / MOST_NUMBERS) or 1
+    axes.set_xticks(marked[every - 1 :: every])
     axes.grid(visible=False, axis="x")
     axes.set(xlabel="order (per turn)", ylabel="amplitude (Nm)")
     axes.set_title("Spectrum over the orders of a turn")
