@@ -189,6 +189,16 @@ def test_two_motors_are_compared(folder):
     assert found["differences"][1]["p_value"] is None
 
 
+def test_differences_have_two_digits_of_their_uncertainty(folder):
+    store = fill(folder / "store", 0.800123456)
+    store.add(result(1, serial="B", figures=[figure(0.812345678)]))
+    cells = motord("results compare A-1 B").stdout.splitlines()[2].split()
+    assert cells[2:6] == ["0.8001", "0.8123", "0.0122", "0.0028"]
+    assert len(cells[6].replace("0.", "").lstrip("0").split("e")[0].replace(".", "")) <= 3
+    found = json.loads(motord("results compare A-1 B --json").stdout)
+    assert found["differences"][0]["a"]["value"] == 0.800123456
+
+
 def test_means_of_several_results_say_what_is_taken_as_common(folder):
     """Two of a side, which agree, differ by 2.5 of the uncertainties that they would average to."""
     store = fill(folder / "store", [0.8, 0.8])

@@ -1,6 +1,7 @@
 """`motord results compare`: two recordings, motors or versions."""
 
 from collections.abc import Iterable
+from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -67,12 +68,9 @@ def _print(found: "list[Difference]", every: bool) -> None:
     known = [one for one in found if one.half_width is not None]
     columns = ("experiment", "field", "unit", "A", "B", "B - A", "+- (95 %)", "p", "")
     rows = [
-        (
-            one.experiment, one.field, one.unit, one.a.value, one.b.value, one.difference,
-            one.half_width, one.p_value, "changed" if one.changed else "",
-        )
+        (one.experiment, one.field, one.unit, *_rounded(one), "changed" if one.changed else "")
         for one in (found if every else known)
-    ]  # fmt: skip
+    ]
     for line in aligned(columns, rows):
         print_line(line)
     if any(max(one.a.results, one.b.results) > 1 for one in known):
@@ -86,6 +84,18 @@ def _print(found: "list[Difference]", every: bool) -> None:
         f"{changed} of {len(known)} differences are more than the uncertainties explain (5 % for "
         f"all of them together)" + (f"; {more} figures state no uncertainty" if more else "")
     )
+
+
+def _rounded(one: "Difference") -> tuple[float | None, ...]:
+    """Return A, B, B - A and half its interval, with two digits of the latter; p with three."""
+    figures = (one.a.value, one.b.value, one.difference)
+    if one.half_width is None or one.p_value is None:
+        return *figures, one.half_width, one.p_value
+    p_value = float(f"{one.p_value:.3g}")
+    if not isfinite(one.half_width) or one.half_width <= 0:
+        return *figures, one.half_width, p_value
+    decimals = 1 - floor(log10(one.half_width))
+    return *(round(x, decimals) for x in (*figures, one.half_width)), p_value
 
 
 def _as_json(one: "Difference") -> dict[str, object]:
