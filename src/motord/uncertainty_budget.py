@@ -51,6 +51,8 @@ class Contribution(BaseModel, extra="forbid", frozen=True):
         if self.limit is None:
             return ""
         assumed = ", assumed" if self.basis == "assumed" else ""
+        if self.unit == "s" and 0 < self.limit < 1e-3:
+            return f"{1e6 * self.limit:g} us{assumed}"
         return f"{self.limit:g} {self.unit}{assumed}"
 
 

@@ -35,7 +35,7 @@ def emulate(
         typer.Option("--json", help="Lines of JSON: when ready, each fault, at the end."),
     ] = False,
 ) -> None:
-    """Be the devices of a bench on the wire: inverter, bridge, brake and external drive."""
+    """Emulate the devices of a bench on the wire: inverter, bridge, brake and external drive."""
     with collector_paused():
         from motord.config import load
         from motord.config.faults import load_timeline

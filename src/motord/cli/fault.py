@@ -25,7 +25,7 @@ def inject(
     at_s: Annotated[float, typer.Option("--at-s", min=0, help="How long from now.")] = 0.0,
     as_json: AsJson = False,
 ) -> None:
-    """Let a fault happen to the running emulator of a bench."""
+    """Inject a fault into the running emulator of a bench."""
     from motord.config import load
     from motord.config.faults import Fault
     from motord.emulate.control import inject as send

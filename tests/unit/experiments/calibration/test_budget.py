@@ -111,6 +111,19 @@ def test_what_the_bench_file_states_is_said_to_be_stated(
     assert crosstalk.limit_text == "0 %"
 
 
+@pytest.mark.parametrize(
+    ("limit_s", "said"),
+    [(20e-6, "20 us, assumed"), (1e-3, "0.001 s, assumed"), (0.0, "0 s, assumed")],
+)
+def test_a_short_time_is_stated_in_microseconds(limit_s: float, said: str) -> None:
+    none = (0.0, 0.0, 0.0)
+    delay = Contribution(
+        source="delay of the torque", type="B", basis="assumed", limit=limit_s, unit="s",
+        alpha=none, beta_A=none, delta_epsilon=0.0, cogging_Nm=0.0,
+    )  # fmt: skip
+    assert delay.limit_text == said
+
+
 @pytest.mark.parametrize("age_s", [20e-6, 40e-6, 60e-6])
 def test_a_torque_a_little_older_than_the_angle_is_in_the_combined_uncertainty(
     age_s: float,
