@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
@@ -14,7 +15,7 @@ from motord.experiments.subject import Recordings
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.intervals import two_digits
 from motord.report.html import Page
-from motord.report.style import AFTER, BEFORE, INK, SERIOUS, SOFT, figure
+from motord.report.style import AFTER, BEFORE, INK, PAPER, SERIOUS, SOFT, figure
 
 HEADER = ("set-points", "mechanical (W)", "electrical (W)", "losses (W)", "efficiency (%)")
 
@@ -168,7 +169,8 @@ def _points(axes: Axes, points: Sequence[OperatingPower]) -> None:
         axes.annotate(
             "" if value is None else f"{value:.1f}",
             (one.speed_mean_Hz, one.torque_mean_Nm),
-            xytext=(0, 4), textcoords="offset points", ha="center", fontsize=8.0, color="black",
+            xytext=(0, 4), textcoords="offset points", ha="center", fontsize=8.0, color=INK,
+            path_effects=[withStroke(linewidth=2.5, foreground=PAPER)],
         )  # fmt: skip
 
 
@@ -199,7 +201,7 @@ def losses(points: Sequence[OperatingPower]) -> Figure:
     with figure(3.6) as picture:
         axes = picture.subplots()
         speeds_Hz = sorted({one.speed_Hz for one in points})
-        shades = np.linspace(0.35, 1.0, len(speeds_Hz))
+        shades = np.linspace(0.55, 1.0, len(speeds_Hz))
         for speed_Hz, shade in zip(speeds_Hz, shades, strict=True):
             for mode, colour in COLOURS.items():
                 line = sorted(

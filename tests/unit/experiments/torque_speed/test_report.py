@@ -1,0 +1,25 @@
+"""Pictures of the efficiency map: what stands in them can be read on a light and a dark page."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from motord.experiments.torque_speed.report import _points
+from motord.report.style import INK, PAPER
+
+
+def test_figures_of_the_points_follow_the_page_with_a_halo_over_the_contours() -> None:
+    """They were black in a dark page."""
+    axes = Figure().subplots()
+    point = SimpleNamespace(
+        efficiency=SimpleNamespace(value=60.1), speed_mean_Hz=2.0, torque_mean_Nm=1.0
+    )
+    _points(axes, cast("Any", [point]))
+    [figure] = axes.texts
+    [halo] = figure.get_path_effects()
+    assert (figure.get_text(), to_hex(figure.get_color())) == ("60.1", INK)
+    assert isinstance(halo, withStroke)
+    assert vars(halo)["_gc"]["foreground"] == PAPER
