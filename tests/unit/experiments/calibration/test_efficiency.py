@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 from motord.calibration import CramerRao
 from motord.calibration.cramer_rao import WHITE_NOISE
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate import efficiency, white_noise
+from motord.experiments.calibration.estimate import efficiency
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.least_squares import scatter
 from motord.experiments.calibration.estimate.result import CalibrationResult
@@ -131,7 +131,7 @@ def test_noise_taken_from_what_the_model_leaves_hides_its_colour(
         return float(np.sqrt((np.abs(apart) ** 2).mean() * 1400 * 6.5 / 12))
 
     honest = bound_of(calibrated("independent", 1, coloured_Nm=0.15))
-    monkeypatch.setattr(white_noise, "floor_Nm", of_all_orders)
+    monkeypatch.setattr(efficiency, "floor_Nm", of_all_orders)
     broken = bound_of(calibrated.__wrapped__("independent", 1, 0.0, 0.15))
     assert broken.white_noise_Nm > 1.3 * honest.white_noise_Nm
     assert broken.efficiency > 1.5 * honest.efficiency
