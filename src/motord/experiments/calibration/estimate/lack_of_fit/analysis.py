@@ -27,12 +27,12 @@ from motord.experiments.calibration.estimate.lack_of_fit.effects import (
     model_columns,
     point_models,
 )
-from motord.experiments.calibration.estimate.lack_of_fit.kirchhoff_rows import kirchhoff_rows
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     EffectSensitivity,
     ResidualRows,
 )
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit
+from motord.experiments.calibration.estimate.least_squares.kirchhoff import kirchhoff_rows
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     DELAY,

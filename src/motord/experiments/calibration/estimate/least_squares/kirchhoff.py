@@ -1,4 +1,7 @@
-"""Kirchhoff's law of a star: the ratios of the gains that currents alone give, and the torque's."""
+"""Kirchhoff's law of a star: the ratios of the gains that currents alone give, and the torque's.
+
+And the law of each operating point as rows of unit variance, as the fit weighs it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +13,9 @@ from motord.experiments.calibration.estimate.least_squares.joint import JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
+    COMMANDS_AND_ONE,
     Regression,
+    columns_of_law,
 )
 from motord.experiments.calibration.estimate.turn_products import accumulate
 from motord.identification import IdentifyError
@@ -122,3 +127,48 @@ def with_zero_sequence(
         f"these do not settle (alpha {gains}): check wiring, back-EMF and encoder offset, or "
         "record the currents of all three phases"
     )
+
+
+@dataclass(frozen=True)
+class KirchhoffRows:
+    """roots (points, 4, 4): rows for changes of what i*_a, i*_b, i*_c and 1 count for; (0, 4, 4)
+    where there is no law. residual (4 points,): of it.
+
+    Gains and offsets half as large fulfil the law as well: it shows of v = (alpha, sum of beta) the
+    direction alone. So a change d of v counts less its part along v,
+    d - v (alpha' d) / (alpha' alpha); otherwise a departure that makes the law 0 = 0 would explain
+    whatever is left of it.
+    """
+
+    roots: np.ndarray
+    residual: np.ndarray
+
+    def columns(self, parameters: int) -> np.ndarray:
+        """Return the rows (4 points, parameters) of the model."""
+        return np.asarray((self.roots @ columns_of_law(parameters)).reshape(-1, parameters))
+
+    def rows(self, law: np.ndarray) -> np.ndarray:
+        """Return the rows (4 points, terms) of an effect, see `Effect.law` (points, terms, 4)."""
+        if not len(self.roots):
+            return np.zeros((0, law.shape[1]))
+        rows = np.einsum("pij,ptj->pit", self.roots, law)
+        return np.asarray(rows.reshape(-1, law.shape[1]))
+
+
+def kirchhoff_rows(regression: Regression, theta: np.ndarray) -> KirchhoffRows:
+    """Return the rows, with the commands as instruments, weighed by the residual of the law."""
+    weight = regression.sums(theta[ALPHA]).kirchhoff_weight(theta)
+    if not (regression.kirchhoff and weight > 0):
+        return KirchhoffRows(np.zeros((0, 4, 4)), np.zeros(0))
+    roots = []
+    for point in regression.points:
+        sums = point.currents.sum(axis=0)
+        zx = sums[COMMANDS_AND_ONE, :4]
+        zz = sums[COMMANDS_AND_ONE[:, None], COMMANDS_AND_ONE]
+        information = weight * zx.T @ np.linalg.pinv(zz, rcond=1e-9, hermitian=True) @ zx
+        values, vectors = np.linalg.eigh((information + information.T) / 2)
+        roots.append(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+    whole = np.append(theta[ALPHA], theta[BETA].sum())
+    gain = np.append(theta[ALPHA], 0.0)
+    direction = np.eye(4) - np.outer(whole, gain) / (gain @ gain)
+    return KirchhoffRows(np.array(roots) @ direction, -(np.array(roots) @ whole).ravel())

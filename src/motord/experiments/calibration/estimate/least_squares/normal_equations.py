@@ -24,7 +24,8 @@ DELAY_SHARE = 0.25
 ZOH_SHARE = 0.25
 """Share of the squared sampling period that the currents' steps may act as (a prior)."""
 
-_COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
+COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
+"""Places of the instruments of Kirchhoff's law in `TurnProducts.currents`."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +147,7 @@ class Regression:
         x = self._choose(CURRENT, RATE, unit_s * gains, zoh_s2)
         z = self._choose(self.basis.command, self.basis.command_rate, unit_s * gains, zoh_s2)
         currents = np.concatenate([point.currents for point in self.points]) * self.kirchhoff
-        place = np.zeros((4, x.shape[1]))
-        place[:3, ALPHA] = np.eye(3)
-        place[3, BETA] = 1
+        place = columns_of_law(x.shape[1])
         mx = m[:, :-1, :-1] @ x
         return TurnSums(
             xx=x.T @ mx,
@@ -158,8 +157,8 @@ class Regression:
             zz=z.T @ m[:, :-1, :-1] @ z,
             zy=m[:, -1, :-1] @ z,
             kirchhoff_xx=place.T @ currents[:, :4, :4] @ place,
-            kirchhoff_zx=currents[:, _COMMANDS_AND_ONE, :4] @ place,
-            kirchhoff_zz=currents[:, _COMMANDS_AND_ONE[:, None], _COMMANDS_AND_ONE],
+            kirchhoff_zx=currents[:, COMMANDS_AND_ONE, :4] @ place,
+            kirchhoff_zz=currents[:, COMMANDS_AND_ONE[:, None], COMMANDS_AND_ONE],
             samples=np.concatenate([point.samples for point in self.points]),
             point=np.repeat(range(len(self.points)), [p.samples.size for p in self.points]),
             delay_unit_s=unit_s,
@@ -186,6 +185,14 @@ class Regression:
         matrix[ZOH_CORRECTION, ZOH] = zoh_s2
         matrix[FIRST_WAVE : FIRST_WAVE + waves, FIRST_COGGING:] = np.eye(waves)
         return matrix
+
+
+def columns_of_law(parameters: int) -> np.ndarray:
+    """Return the columns (4, parameters) of Kirchhoff's law: alpha_p of i*_p, and beta_p of 1."""
+    columns = np.zeros((4, parameters))
+    columns[:3, ALPHA] = np.eye(3)
+    columns[3, BETA] = 1
+    return columns
 
 
 def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarray:
