@@ -8,7 +8,6 @@ import pytest
 
 from motord.config import load
 from motord.experiments.calibration.estimate.calibrator import Calibrator
-from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.experiments.calibration.estimate.live import LiveCalibration
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
@@ -58,7 +57,7 @@ def test_it_ends_when_the_targets_are_reached_and_they_are(
     plan, points, ticks, seconds = good
     assert 4 <= len(points) < len(plan.points)
     assert seconds < plan.seconds
-    found = of_result(calibrated(list(split(ticks, points))))
+    found = calibrated(list(split(ticks, points))).target_half_widths
     assert found.keys() >= TARGETS.keys()
     for name, target in TARGETS.items():
         assert found[name] <= 1.3 * target

@@ -9,15 +9,16 @@ import pytest
 from motord.calibration import Harmonic
 from motord.config import packaged
 from motord.experiments.calibration.estimate.calibrator import Calibrator
-from motord.experiments.calibration.estimate.more_orders.problem import Weighted
-from motord.experiments.calibration.estimate.more_orders.result import (
+from motord.experiments.calibration.estimate.order_search import (
+    Search,
+    levels,
+    search,
     significant,
     unconfirmed,
     undecided,
     with_added_orders,
 )
-from motord.experiments.calibration.estimate.more_orders.search import Search, levels, search
-from motord.experiments.calibration.estimate.more_orders.trial import tried
+from motord.experiments.calibration.estimate.order_trial import Weighted, tried
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, lines_of
 from motord.experiments.plans import build

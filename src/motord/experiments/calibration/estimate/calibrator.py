@@ -6,7 +6,6 @@ from functools import partial
 from math import isnan
 
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import (
     MIN_TURNS,
@@ -31,13 +30,16 @@ from motord.experiments.calibration.estimate.least_squares.kirchhoff import (
     with_zero_sequence,
 )
 from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
-from motord.experiments.calibration.estimate.more_orders.problem import Weighted
-from motord.experiments.calibration.estimate.more_orders.result import (
+from motord.experiments.calibration.estimate.order_search import (
+    FIRST_ORDER,
+    Search,
     in_a_row,
+    search,
     unconfirmed,
     with_added_orders,
 )
-from motord.experiments.calibration.estimate.more_orders.search import FIRST_ORDER, Search, search
+from motord.experiments.calibration.estimate.order_trial import Weighted
+from motord.experiments.calibration.estimate.predicted_ripple import half_widths_of
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
@@ -176,9 +178,8 @@ class Calibrator:
         fitted, regression, found = self._with_added(first, regression, found)
         if found.added:
             residual = FitResidual.of(regression, fitted, self._motor)
-        agreement = None
-        if regression.kirchhoff:
-            agreement = kirchhoff_agreement(regression, rated_A, fitted)
+        has_law = regression.kirchhoff
+        agreement = kirchhoff_agreement(regression, rated_A, fitted) if has_law else None
         notes = [] if agreement is None else [agreement.to_text()]
         notes += data_notes(
             self._points,
@@ -223,7 +224,7 @@ class Calibrator:
         with self._left_out.explaining():
             check_points(self._points, self._unknown, self._left_out.reasons)
         fitted = self._fitted(self._points, self._basis, len(self._sampled_orders()))
-        return half_widths.of_fit(*fitted, self._motor, torques_Nm)
+        return half_widths_of(*fitted, self._motor, torques_Nm)
 
     def _with_added(
         self, fitted: JointFit, regression: Regression, found: Search

@@ -9,7 +9,6 @@ from numpy.lib.recfunctions import repack_fields
 
 from motord.config import Config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
-from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
 from motord.recording.captures import COLUMNS
@@ -71,7 +70,7 @@ class LiveCalibration:
         result = self._calibrator.result("joint")
         serious = [one.name for one in result.findings if one.severity == "serious"]
         obstacle = f"findings: {', '.join(serious)}" if serious else ""
-        precision = Precision(self._captures, _wider(found, of_result(result)), obstacle)
+        precision = Precision(self._captures, _wider(found, result.target_half_widths), obstacle)
         if not precision.reaches(self._targets):
             self._unconfirmed = precision
         return precision

@@ -19,14 +19,23 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit, Solution
+from motord.experiments.calibration.estimate.least_squares.joint_result import (
+    cogging_harmonics,
+    result_of,
+)
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
     FIRST_COGGING,
+    Regression,
 )
 from motord.identification.least_loss import currents_per_Nm
 from motord.identification.variance_components import VarianceComponents
-from motord.intervals import LEVEL, f_quantile
+from motord.intervals import LEVEL, coverage_factor, f_quantile
+
+MARGIN = 1.25
+"""Factor on half-widths by white noise. Stopping where an estimated error is small picks those that
+are too small; white noise makes hardly an accident, so what it alone makes decides as well."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +65,26 @@ class PredictedRipple:
         return cls(float(np.sqrt(mean)), float(np.sqrt(factor * mean)))
 
 
-def predicted_ripple(
-    fitted: JointFit, orders: Sequence[int], motor: MotorConfig, torques_Nm: Sequence[float]
-) -> PredictedRipple:
-    """Return the ripple by the errors of a fit at set-points; orders: of its cogging."""
+def half_widths_of(
+    fitted: JointFit, regression: Regression, motor: MotorConfig, torques_Nm: Sequence[float]
+) -> dict[str, float]:
+    """Return a fit's half-widths for targets: no departure of the bench is looked for.
+
+    ripple_percent: what errors of the calibration will leave at set-points torques_Nm, with a
+    probability of 95 %.
+    """
+    harmonics = cogging_harmonics(fitted, regression)
+    stated = result_of(fitted, harmonics, [], [], motor.counts).target_half_widths
+    white = MARGIN * coverage_factor() * np.sqrt(np.diag(fitted.by_white_noise))
+    least = {
+        "alpha_percent": float(100 * (white[ALPHA] / fitted.solution.alpha).max()),
+        "beta_A": float(white[BETA].max()),
+    }
+    found = {name: max(value, least.get(name, 0.0)) for name, value in stated.items()}
+    orders = regression.basis.orders[: regression.orders]
     form = ripple_form(fitted.solution, orders, motor, torques_Nm)
-    return PredictedRipple.of(fitted.errors, form)
+    ripple = PredictedRipple.of(fitted.errors, form)
+    return {**found, "ripple_percent": ripple.upper_percent}
 
 
 def ripple_form(

@@ -124,6 +124,24 @@ class CalibrationResult(Estimate):
     budget: tuple[Contribution, ...] = ()
     cramer_rao: CramerRao | None = None
 
+    @property
+    def target_half_widths(self) -> dict[str, float]:
+        """Half-widths that targets are compared with: of the worst gain, offset and cogging order.
+
+        alpha_percent of the gain, beta_A, cogging_percent of the cogging torque's amplitude; if the
+        result has it, ripple_percent.
+        """
+        alpha, beta_A = self.alpha_half_width, self.beta_half_width_A
+        assert alpha is not None
+        assert beta_A is not None
+        ripple = self.cramer_rao.ripple_upper_percent if self.cramer_rao else None
+        return {
+            "alpha_percent": float(100 * (alpha / self.alpha).max()),
+            "beta_A": float(beta_A.max()),
+            **_cogging_percent(self.harmonics),
+            **({} if ripple is None else {"ripple_percent": ripple}),
+        }
+
     def to_calibration(
         self, motor: MotorConfig, created: datetime, runs: Sequence[str]
     ) -> Calibration:
@@ -157,6 +175,17 @@ def _half_widths(
     stderr: np.ndarray | None, freedom: tuple[float, float, float] | None
 ) -> np.ndarray | None:
     return None if stderr is None else np.array(half_widths(stderr.tolist(), freedom))
+
+
+def _cogging_percent(harmonics: Sequence[Harmonic]) -> dict[str, float]:
+    """Return the largest half-width; nothing where there is no cogging torque to compare with."""
+    amplitude_Nm = np.array([wave.amplitude_Nm for wave in harmonics])
+    half_width_Nm = np.array([wave.half_width_Nm for wave in harmonics])
+    across_Nm = amplitude_Nm * np.array([wave.phase_half_width_rad for wave in harmonics])
+    whole_Nm = float(np.linalg.norm(amplitude_Nm))
+    if whole_Nm == 0.0:
+        return {}
+    return {"cogging_percent": 100 * float(np.hypot(half_width_Nm, across_Nm).max()) / whole_Nm}
 
 
 def triple(values: np.ndarray) -> tuple[float, float, float]:
