@@ -15,7 +15,6 @@ from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_rotor import driven_points, left_out_lines
 from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
 from motord.report.text import TextTable
 
 
@@ -41,15 +40,7 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
         f"cogging torque, {motor.slots} slots, {motor.poles} poles: "
         f"main order {measured.main_order}",
         ("order", "amplitude (mNm)", "phase (rad)", "allowed"),
-        [
-            (
-                str(h.order),
-                plus_minus(1e3 * h.amplitude_Nm, 1e3 * h.half_width_Nm),
-                plus_minus(h.phase_rad, h.phase_half_width_rad) if h.significant else "",
-                "yes" if h.allowed else "no",
-            )
-            for h in measured.harmonics
-        ],
+        [(*h.cells, "yes" if h.allowed else "no") for h in measured.harmonics],
     )
     for result in measured.speed_results:
         speed = result.measured

@@ -13,7 +13,7 @@ from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.orders import periods_per_slot_pitch
 from motord.identification.rotor.left_out import LeftOut
-from motord.intervals import coverage_factor
+from motord.intervals import coverage_factor, plus_minus
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,13 @@ class MeanHarmonic(TorqueHarmonic):
     half_width_Nm: float
     phase_half_width_rad: float
     allowed: bool
+
+    @property
+    def cells(self) -> tuple[str, str, str]:
+        """Order, amplitude (mNm) and phase (rad) as text."""
+        phase = plus_minus(self.phase_rad, self.phase_half_width_rad) if self.significant else ""
+        amplitude = plus_minus(1e3 * self.amplitude_Nm, 1e3 * self.half_width_Nm)
+        return str(self.order), amplitude, phase
 
 
 @dataclass(frozen=True)
