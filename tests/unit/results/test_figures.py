@@ -11,8 +11,7 @@ from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import encode
 from motord.experiments.back_emf.result import ElectricalHarmonic
 from motord.experiments.check_calibration.result import Change
-from motord.experiments.cogging.directions import DirectionDifference
-from motord.experiments.cogging.result import MeanHarmonic
+from motord.experiments.cogging.result import DirectionDifference, MeanHarmonic
 from motord.experiments.friction.result import DirectionalFriction, Stribeck, Windage
 from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.error_budget import Share

@@ -19,7 +19,7 @@ from motord.experiments.cogging.at_speed import STANDS_OUT, SpeedCogging
 from motord.intervals import f_quantile, t_quantile
 
 RARE = 0.001
-"""Probability of a finding by chance alone."""
+"""Probability of a finding, or of any order that differs between the directions, by chance."""
 
 MOST_LOST = 0.9
 """Part of an order that is lost, up to which the loss is computed."""

@@ -14,15 +14,14 @@ from motord.experiments.cogging.at_speed import (
     at_speed,
     standing_out,
 )
-from motord.experiments.cogging.directions import directions
-from motord.experiments.cogging.eccentricity import eccentricity
+from motord.experiments.cogging.eccentricity import RARE, eccentricity
 from motord.experiments.cogging.findings import findings
-from motord.experiments.cogging.result import Comparison, MeasuredCogging
+from motord.experiments.cogging.result import Comparison, DirectionDifference, MeasuredCogging
 from motord.experiments.signal_findings import signal_findings
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
 from motord.identification.rotor.driven_rotor import prepare
-from motord.intervals import SERIOUS_BIAS, coverage_factor
+from motord.intervals import SERIOUS_BIAS, coverage_factor, f_quantile
 
 SEEN = 5.0
 """Amplitude, in standard errors, from which a harmonic is compared by magnitude and phase."""
@@ -64,7 +63,7 @@ def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCoggi
         stderr_Nm=stderr_Nm[kept],
         allowed=allowed[kept],
         speeds=tuple(found),
-        directions=directions(order[kept], [way[:, kept] for way in ways], turns),
+        directions=_directions(order[kept], [way[:, kept] for way in ways], turns),
     )
 
 
@@ -125,6 +124,32 @@ def _both_ways(ways: Sequence[np.ndarray], *, jerky: bool) -> tuple[np.ndarray, 
         apart = np.where(seen.all(axis=0), np.abs(lines[0] - lines[1]), 0) / np.sqrt(24)
         error = np.maximum(error, apart)
     return mean, error
+
+
+def _directions(
+    order: np.ndarray, ways: Sequence[np.ndarray], turns: Sequence[int]
+) -> tuple[DirectionDifference, ...]:
+    """Return what the orders (n,) that both directions have differ by: friction and hysteresis.
+
+    ways: mean and standard error (2, n) forwards and backwards; turns: of each.
+    """
+    (there, there_Nm), (back, back_Nm) = ways
+    freedom = max(sum(turns) - 2, 1)
+    stderr_Nm = np.hypot(there_Nm.real, back_Nm.real)
+    both = np.flatnonzero(np.isfinite(there) & np.isfinite(back))
+    factor = float(np.sqrt(2 * f_quantile(1 - RARE / max(both.size, 1), 2, freedom)))
+    return tuple(
+        DirectionDifference(
+            order=int(order[n]),
+            forward_Nm=float(abs(there[n])),
+            backward_Nm=float(abs(back[n])),
+            phase_rad=float(np.angle(there[n] * back[n].conj())),
+            difference_Nm=float(abs(there[n] - back[n])),
+            stderr_Nm=float(stderr_Nm[n]),
+            limit_Nm=factor * float(stderr_Nm[n]),
+        )
+        for n in both
+    )
 
 
 def compare(measured: MeasuredCogging, calibration: Calibration) -> Comparison:

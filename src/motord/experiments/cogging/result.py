@@ -7,7 +7,6 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.experiments.cogging.at_speed import SpeedCogging
-from motord.experiments.cogging.directions import DirectionDifference
 from motord.experiments.cogging.eccentricity import Eccentricity
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
@@ -92,6 +91,32 @@ class SpeedResult:
     def worst_error_percent(self) -> float:
         """Largest difference from the mean, % of its peak."""
         return float(np.abs(self.error_percent).max())
+
+
+@dataclass(frozen=True)
+class DirectionDifference:
+    """An order forwards less the same order backwards.
+
+    Half of it turns its sign with the direction: ripple of the friction, or hysteresis. stderr_Nm
+    per component; limit_Nm: what chance alone gives; phase_rad: phase forwards less backwards.
+    """
+
+    JSON: ClassVar[tuple[str, ...]] = (
+        "order", "forward_Nm", "backward_Nm", "phase_rad", "difference_Nm", "stderr_Nm", "limit_Nm",
+    )  # fmt: skip
+
+    order: int
+    forward_Nm: float
+    backward_Nm: float
+    phase_rad: float
+    difference_Nm: float
+    stderr_Nm: float
+    limit_Nm: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is beyond what chance gives."""
+        return self.difference_Nm > self.limit_Nm
 
 
 @dataclass(frozen=True)
