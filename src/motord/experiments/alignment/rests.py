@@ -5,10 +5,9 @@ from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.lib.recfunctions import structured_to_unstructured
 
 from motord.identification import IdentifyError
-from motord.identification.operating_points import COMMANDS, CURRENTS
+from motord.identification.operating_points import COMMANDS, CURRENTS, stacked
 from motord.identification.turning import unwrap_counts
 from motord.schema import joined
 
@@ -73,8 +72,8 @@ def vectors(currents_A: np.ndarray) -> np.ndarray:
 
 
 def _rests(ticks: np.ndarray, number: int, counts: int, pole_pairs: int) -> Rests:
-    command_A = structured_to_unstructured(ticks[list(COMMANDS)], float)
-    sensed_A = structured_to_unstructured(ticks[list(CURRENTS)], float)
+    command_A = stacked(ticks, COMMANDS)
+    sensed_A = stacked(ticks, CURRENTS)
     encoder_rad = unwrapped_rad(ticks["encoder_count"], counts)
     halves = [_later_half(ticks["t_ns"], part) for part in _stops(ticks["t_ns"], command_A)]
     commands_A = _means(command_A, halves)

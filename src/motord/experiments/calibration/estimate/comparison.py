@@ -10,7 +10,7 @@ from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Estimate
 from motord.experiments.subject import Subject
 from motord.findings import Finding
-from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
+from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
 from motord.identification.orders import COUNTS_PER_COGGING_ORDER, allowed_orders
 from motord.recording.reader import Run, bounds_of
 
@@ -87,13 +87,9 @@ def _points(run: Run) -> Iterable[tuple[np.ndarray, ...]]:
         _, a, b = np.intersect1d(ticks["t_ns"], truth["t_ns"], return_indices=True)
         if a.size:
             yield (
-                _columns(ticks[a], CURRENTS),
-                _columns(ticks[a], COMMANDS),
-                _columns(truth[b], TRUE_CURRENTS),
+                stacked(ticks[a], CURRENTS),
+                stacked(ticks[a], COMMANDS),
+                stacked(truth[b], TRUE_CURRENTS),
                 truth["angle_rad"][b],
                 truth["torque_cog_Nm"][b].astype(float),
             )
-
-
-def _columns(block: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    return np.column_stack([block[name].astype(float) for name in names])

@@ -19,6 +19,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.departures import (
     Evidence,
     ExplainedFit,
     explain,
+    rms_Nm,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.effects import (
     PointModel,
@@ -113,8 +114,7 @@ class FitResidual:
     def of(cls, regression: Regression, fitted: JointFit, motor: MotorConfig) -> "FitResidual":
         """Return the residual of a fit."""
         theta = fitted.solution.theta
-        groups_Nm, noise_Nm = _residual_lines(regression, theta)
-        residual_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
+        groups_Nm, residual_Nm, noise_Nm = _residual_lines(regression, theta)
         models = point_models(regression, theta, residual_Nm.shape[1])
         own = model_columns(models, regression, theta[ALPHA])
         law = kirchhoff_rows(regression, theta)
@@ -202,24 +202,24 @@ def _sensitivities(
 
 def misfit(regression: Regression, fitted: JointFit) -> float:
     """Return the RMS of the residual lines of a fit, in their standard errors: 1 for noise."""
-    groups_Nm, noise_Nm = _residual_lines(regression, fitted.solution.theta)
-    residual_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
+    _, residual_Nm, noise_Nm = _residual_lines(regression, fitted.solution.theta)
     return float(np.sqrt(np.mean(np.abs(residual_Nm / noise_Nm) ** 2)))
 
 
 def _residual_lines(
     regression: Regression, theta: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray]:
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """Return the residual lines (groups, orders) of each point at parameters theta (p,).
 
-    And the noise (points, orders) of their means over the groups of turns.
+    And their means over the groups of turns (points, orders), with the noise of these.
     """
     spectra = [point.spectrum for point in regression.points]
     highest = min(spectrum.highest for spectrum in spectra)
     coefficients = regression.coefficients(theta)
     lines = [spectrum.residual(coefficients)[:, :highest] for spectrum in spectra]
     noise_Nm = smooth_noise(np.array([_variance_of_mean(groups) for groups in lines]))
-    return lines, np.maximum(noise_Nm, 1e-12 * max(float(noise_Nm.max()), 1e-300))
+    means_Nm = np.array([groups.mean(axis=0) for groups in lines])
+    return lines, means_Nm, np.maximum(noise_Nm, 1e-12 * max(float(noise_Nm.max()), 1e-300))
 
 
 def _variance_of_mean(groups: np.ndarray) -> np.ndarray:
@@ -262,15 +262,10 @@ def residual_orders(
     return tuple(
         ResidualOrder(
             order=int(column) + 1,
-            rms_Nm=_rms(residual_Nm[:, column]),
-            noise_Nm=_rms(noise_Nm[:, column]),
+            rms_Nm=float(rms_Nm(residual_Nm[:, column])),
+            noise_Nm=float(rms_Nm(noise_Nm[:, column])),
             power=POWERS[power[column]],
             p_value=float(p_value[column]),
         )
         for column in np.flatnonzero(p_value < FALSE_SHARE / orders)
     )
-
-
-def _rms(lines_Nm: np.ndarray) -> float:
-    """Return the RMS torque of lines (points,) over the points."""
-    return float(np.sqrt((np.abs(lines_Nm) ** 2).mean() / 2))

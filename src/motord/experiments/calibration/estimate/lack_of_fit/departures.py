@@ -99,8 +99,8 @@ class Evidence:
         return weighed.with_columns(np.column_stack([self.columns(weighed, n) for n in chosen]))
 
 
-def _rms(lines_Nm: np.ndarray) -> np.ndarray:
-    """Return the RMS torque of lines (points, orders) over the points."""
+def rms_Nm(lines_Nm: np.ndarray) -> np.ndarray:
+    """Return the RMS torque (...) of lines (points, ...) over the points."""
     return np.asarray(np.sqrt((np.abs(lines_Nm) ** 2).mean(axis=0) / 2))
 
 
@@ -182,7 +182,7 @@ def _cause(evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: n
         order=effect.order,
         size=size,
         sigmas=shown.sigmas,
-        rms_Nm=float(_rms(np.einsum("pth,t->ph", effect.lines, size)).max()),
+        rms_Nm=float(rms_Nm(np.einsum("pth,t->ph", effect.lines, size)).max()),
         shifts=np.array(moved) @ subspace.T,
         alike=tuple(sorted({evidence.effects[n].name for n in alike})),
     )

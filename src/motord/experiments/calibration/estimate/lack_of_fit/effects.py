@@ -97,7 +97,7 @@ def point_models(regression: Regression, theta: np.ndarray, orders: int) -> list
     """Return the model at each point with parameters theta (p,)."""
     basis = regression.basis
     tables = np.column_stack([basis.back_emf, basis.cogging[:, : 2 * regression.orders]])
-    slopes = np.column_stack([_slope(column) for column in tables.T])
+    slopes = derivative_over_time(tables, np.ones(len(tables)))  # over the angle, at 1 rad/s
     models = []
     for point in regression.points:
         command_A = point.spectrum.command_A
@@ -118,12 +118,6 @@ def point_models(regression: Regression, theta: np.ndarray, orders: int) -> list
             )
         )
     return models
-
-
-def _slope(table: np.ndarray) -> np.ndarray:
-    """Return the derivative over the angle of a table over the turn (counts,)."""
-    lines = np.fft.rfft(table)
-    return np.asarray(np.fft.irfft(1j * np.arange(lines.size) * lines, table.size))
 
 
 COGGING = "cogging"
