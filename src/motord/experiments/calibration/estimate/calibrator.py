@@ -15,16 +15,16 @@ from motord.experiments.calibration.estimate.checks import (
     data_notes,
 )
 from motord.experiments.calibration.estimate.efficiency import cramer_rao
+from motord.experiments.calibration.estimate.joint_result import (
+    cogging_harmonics,
+    result_of,
+    with_lack_of_fit,
+    with_observability,
+)
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, misfit
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
-from motord.experiments.calibration.estimate.lack_of_fit.widened import with_lack_of_fit
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit, fit
-from motord.experiments.calibration.estimate.least_squares.joint_result import (
-    cogging_harmonics,
-    result_of,
-    with_observability,
-)
 from motord.experiments.calibration.estimate.least_squares.kirchhoff import (
     kirchhoff_agreement,
     with_zero_sequence,

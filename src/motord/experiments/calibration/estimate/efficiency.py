@@ -211,7 +211,7 @@ def _of_findings(
     agreement: Kirchhoff | None,
     form: np.ndarray,
 ) -> np.ndarray:
-    """Return what findings add to the covariance (p + 1, p + 1), see `lack_of_fit.widened`."""
+    """Return what findings add to the covariance (p + 1, p + 1), see `joint_result`."""
     added = (result.dispersion**2 - 1) * fitted.errors.covariance
     for cause in left.causes:
         shifts = cause.shifts @ fitted.derivative.T

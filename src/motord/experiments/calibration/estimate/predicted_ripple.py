@@ -18,11 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import MotorConfig
+from motord.experiments.calibration.estimate.joint_result import cogging_harmonics, result_of
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit, Solution
-from motord.experiments.calibration.estimate.least_squares.joint_result import (
-    cogging_harmonics,
-    result_of,
-)
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
