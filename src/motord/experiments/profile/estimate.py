@@ -9,7 +9,7 @@ plus the cogging torque. Complementary, with another H against the drift:
 The energy is the integral of T over the encoder's angle: the estimated speed lacks fast ripple.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Any
@@ -24,6 +24,7 @@ from motord.experiments.profile.result import (
     Cycle,
     CycleSeries,
     ProfileTracking,
+    Spans,
     TorqueMoments,
     TrackingError,
 )
@@ -248,24 +249,15 @@ def _series(signals: _Signals) -> CycleSeries:
     edges = np.unique(np.linspace(0, signals.t_s.size, SPANS + 1).astype(int))[:-1]
     counts = np.diff(np.append(edges, signals.t_s.size))
 
-    def means(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-        return [np.add.reduceat(one, edges) / counts for one in values]
+    def means(values: np.ndarray) -> np.ndarray:
+        return np.asarray(np.add.reduceat(values, edges) / counts)
 
-    t_s, speed_wanted, speed, torque_wanted, torque = means(
-        [
-            *(signals.t_s, signals.speed_wanted_Hz, signals.speed_Hz),
-            *(signals.torque_wanted_Nm, signals.torque_Nm),
-        ]
-    )
-    low, high = np.minimum.reduceat, np.maximum.reduceat
+    def spans(wanted: np.ndarray, measured: np.ndarray) -> Spans:
+        low, high = (limit.reduceat(measured, edges) for limit in (np.minimum, np.maximum))
+        return Spans(means(wanted), means(measured), low, high)
+
     return CycleSeries(
-        t_s,
-        speed_wanted,
-        speed,
-        low(signals.speed_Hz, edges),
-        high(signals.speed_Hz, edges),
-        torque_wanted,
-        torque,
-        low(signals.torque_Nm, edges),
-        high(signals.torque_Nm, edges),
+        means(signals.t_s),
+        spans(signals.speed_wanted_Hz, signals.speed_Hz),
+        spans(signals.torque_wanted_Nm, signals.torque_Nm),
     )

@@ -55,21 +55,30 @@ class TorqueMoments:
 
 
 @dataclass(frozen=True)
-class CycleSeries:
-    """Means over short spans of a cycle, for pictures; n spans.
+class Spans:
+    """Means over n short spans of what was asked for and of what was measured (n,), in its unit.
 
-    wanted and measured (n,) of each; low and high (n,): range of the measured within the span.
+    low, high (n,): range of the measured within the span.
     """
 
+    wanted: np.ndarray
+    measured: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def error(self) -> np.ndarray:
+        """Measured less asked for (n,)."""
+        return np.asarray(self.measured - self.wanted)
+
+
+@dataclass(frozen=True)
+class CycleSeries:
+    """Means over short spans of a cycle, for pictures; t_s (n,): of the spans."""
+
     t_s: np.ndarray
-    speed_wanted_Hz: np.ndarray
-    speed_Hz: np.ndarray
-    speed_low_Hz: np.ndarray
-    speed_high_Hz: np.ndarray
-    torque_wanted_Nm: np.ndarray
-    torque_Nm: np.ndarray
-    torque_low_Nm: np.ndarray
-    torque_high_Nm: np.ndarray
+    speed_Hz: Spans
+    torque_Nm: Spans
 
 
 @dataclass(frozen=True)
