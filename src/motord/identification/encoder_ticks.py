@@ -4,12 +4,7 @@ import numpy as np
 
 from motord.identification import CaptureError
 from motord.identification.resample import rising
-from motord.identification.signal_condition import (
-    SignalFault,
-    misread,
-    misread_counts,
-    out_of_range,
-)
+from motord.identification.signal_condition import SignalFault
 from motord.identification.turning import countable
 from motord.schema import rows_of
 
@@ -23,10 +18,8 @@ def countable_ticks(
     """
     ticks = sampled_ticks(ticks, label)
     t_s = (ticks["t_ns"].astype(np.int64) - ticks["t_ns"][:1].astype(np.int64)) * 1e-9
-    good = countable(t_s, ticks["encoder_count"].astype(np.int64), counts, label)
-    faults, count = out_of_range(good), ticks["encoder_count"][good].astype(np.int64)
-    good[good] = ~misread(count, counts)
-    return rows_of(ticks, good), (*faults, *misread_counts(count, counts))
+    good, faults = countable(t_s, ticks["encoder_count"].astype(np.int64), counts, label)
+    return rows_of(ticks, good), faults
 
 
 def sampled_ticks(ticks: np.ndarray, label: str) -> np.ndarray:

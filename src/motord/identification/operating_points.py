@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from motord.identification import IdentifyError
+from motord.identification import CaptureError, IdentifyError
 from motord.identification.harmonics import lines_at
 from motord.identification.orders import resolved_order
 from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.signal_condition import (
     SignalFault,
-    encoder_faults,
-    out_of_range,
     require_change,
     signal_faults,
+    stuck_lines,
 )
 from motord.identification.turning import continuous_turns, countable
 from motord.schema import rows_of
@@ -27,6 +26,11 @@ REQUIRED = ("t_ns", "encoder_count", *CURRENTS, "torque_Nm")
 
 MAX_CURRENT_ORDER = 200
 """Highest order per turn that commanded currents are expected to have."""
+
+
+def _label(recording: str, torque_Nm: float, speed_Hz: float) -> str:
+    return f"{recording}: " * bool(recording) + f"{torque_Nm:g} Nm, {speed_Hz:g} Hz"
+
 
 GOOD = "ok"
 """Quality of an operating point that was taken as it should be."""
@@ -57,8 +61,7 @@ class PointData:
     @property
     def label(self) -> str:
         """Recording, if it is known, and set-points as text."""
-        at = f"{self.torque_Nm:g} Nm, {self.speed_Hz:g} Hz"
-        return f"{self.recording}: {at}" if self.recording else at
+        return _label(self.recording, self.torque_Nm, self.speed_Hz)
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,8 @@ class Samples:
     t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
     command_A (n, 3): commands where they were recorded (commanded), else the sensed currents;
     turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
-    all currents are nan. faults: signals that are not right; samples out of range are left out.
+    all currents are nan. faults: signals that are not right; counts that are not are left out.
+    recording: name of its file.
     """
 
     torque_set_Nm: float
@@ -83,11 +87,12 @@ class Samples:
     commanded: bool = True
     back_emf_factor: float = 1.0
     faults: tuple[SignalFault, ...] = ()
+    recording: str = ""
 
     @property
     def label(self) -> str:
-        """Set-points as text."""
-        return f"{self.torque_set_Nm:g} Nm, {self.speed_set_Hz:g} Hz"
+        """Recording, if it is known, and set-points as text."""
+        return _label(self.recording, self.torque_set_Nm, self.speed_set_Hz)
 
     @cached_property
     def period_s(self) -> float:
@@ -170,8 +175,7 @@ def prepare(point: PointData, counts: int) -> Samples:
     else:
         i_A[:] = np.nan
     count = ticks["encoder_count"][good].astype(np.int64)
-    readable = countable(t_s[good], count, counts, label)
-    good[good] = readable
+    good[good], faults = countable(t_s[good], count, counts, label)
     if good.all():
         good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
@@ -191,7 +195,8 @@ def prepare(point: PointData, counts: int) -> Samples:
         turns=turns,
         commanded=command_A is not None,
         back_emf_factor=point.back_emf_factor,
-        faults=(*_faults(rows_of(ticks, good), len(turns), counts), *out_of_range(readable)),
+        faults=(*_faults(rows_of(ticks, good), len(turns), counts), *faults),
+        recording=point.recording,
     )
 
 
@@ -201,8 +206,18 @@ def _faults(ticks: np.ndarray, turns: int, counts: int) -> tuple[SignalFault, ..
     names = ticks.dtype.names or ()
     known = {one: ticks[name] for one, name in commands.items() if name in names}
     signals = {name: ticks[name] for name in ("torque_Nm", *known)}
-    encoder = encoder_faults(ticks["encoder_count"].astype(np.int64), counts)
+    encoder = stuck_lines(ticks["encoder_count"].astype(np.int64), counts)
     return (*signal_faults(signals, turns, known), *encoder)
+
+
+def require_turns(samples: Samples, least: int) -> Samples:
+    """Return samples of so many whole turns. Raises CaptureError for fewer."""
+    if len(samples.turns) < least:
+        raise CaptureError(
+            f"{samples.label}: {len(samples.turns)} of the {least} whole turns that it needs; "
+            "take more turns"
+        )
+    return samples
 
 
 def require_currents(samples: Samples) -> Samples:

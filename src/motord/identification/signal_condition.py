@@ -101,7 +101,7 @@ def require_sound(
 ) -> None:
     """Raise IdentifyError also if a signal (n,) is clipped or frozen, or count (n,) not right."""
     require_change(signals, label)
-    for one in (*signal_faults(signals, turns, {}), *encoder_faults(count, counts)):
+    for one in (*signal_faults(signals, turns, {}), *stuck_lines(count, counts)):
         raise IdentifyError(
             f"{label}: {one.signal} is {one.kind} in {one.share:.2%} of the samples"
         )
@@ -152,18 +152,19 @@ def out_of_range(good: np.ndarray) -> tuple[SignalFault, ...]:
     )
 
 
-def encoder_faults(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
-    """Return what is wrong with encoder counts (n,) of whole turns."""
-    return (*stuck_lines(count, counts), *misread_counts(count, counts))
+def sound_counts(
+    count: np.ndarray, counts: int, label: str
+) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
+    """Return which counts (n,) are in range and not misread (n,), and the faults of the others.
 
-
-def misread_counts(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
-    """Return an encoder of whose counts (n,) single samples are misread."""
-    number = int(misread(count, counts).sum())
-    return tuple(
-        SignalFault("encoder_count", "misread", number / count.size)
-        for _ in range(number >= MISREAD_MIN)
-    )
+    Raises CountsOutOfRange.
+    """
+    good = in_range(count, counts, label)
+    faults, off = out_of_range(good), misread(count[good], counts)
+    if off.sum() >= MISREAD_MIN:
+        faults += (SignalFault("encoder_count", "misread", float(off.mean())),)
+    good[good] = ~off
+    return good, faults
 
 
 def misread(count: np.ndarray, counts: int) -> np.ndarray:

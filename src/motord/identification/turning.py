@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from motord.identification import CaptureError, IdentifyError
-from motord.identification.signal_condition import in_range, misread
+from motord.identification.signal_condition import SignalFault, misread, sound_counts
 
 STEADY = 0.1
 """Part by which the durations of the turns of one segment may differ from their median."""
@@ -76,13 +76,15 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
     return position
 
 
-def countable(t_s: np.ndarray, count: np.ndarray, counts: int, label: str) -> np.ndarray:
-    """Return which samples (n,) have a count in range, if the turns between these can be counted.
+def countable(
+    t_s: np.ndarray, count: np.ndarray, counts: int, label: str
+) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
+    """Return which samples (n,) have a sound count, if turns between these can be counted; faults.
 
     t_s (n,): rising; count (n,): of the encoder. Raises CountsOutOfRange, or LostTurns if the
     shorter way round may be another than the rotor's somewhere.
     """
-    good = in_range(count, counts, label)
+    good, faults = sound_counts(count, counts, label)
     t_s, position = t_s[good], unwrap_counts(count[good], counts)
     doubtful, turned = uncounted(t_s, position, counts)
     if doubtful.size:
@@ -92,7 +94,7 @@ def countable(t_s: np.ndarray, count: np.ndarray, counts: int, label: str) -> np
             f"{label}: {apart_s:.3g} s without usable samples, in which the rotor made about "
             f"{turned[worst]:.2g} turns: they cannot be counted; record it again"
         )
-    return good
+    return good, faults
 
 
 def uncounted(t_s: np.ndarray, position: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:

@@ -39,7 +39,7 @@ from motord.experiments.subject import (
 )
 from motord.identification import CaptureError
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
-from motord.identification.signal_condition import in_range, out_of_range, require_change
+from motord.identification.signal_condition import require_change, sound_counts
 from motord.identification.turning import countable, unwrap_counts
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
@@ -167,14 +167,14 @@ def _signals(
     name = f"cycle {int(point['index']) + 1}"
     count = ticks["encoder_count"].astype(np.int64)
     label = f"{run.path.name}: {name}"
-    readable = in_range(count, subject.motor.counts, label)
+    readable, of_encoder = sound_counts(count, subject.motor.counts, label)
     ticks = rows_of(ticks, readable)
     captured = ticks["plan_point"] == int(point["index"])
     torque_Nm, passed_Nm, currents_Nm = torques(ticks, subject, calibration)[:, captured]
     ticks = rows_of(ticks, captured)
     require_change({"torque_Nm": ticks["torque_Nm"]}, label)
     checked = CycleSignals.of(name, ticks, passed_Nm, currents_Nm, subject.motor)
-    checked = replace(checked, faults=(*checked.faults, *out_of_range(readable)))
+    checked = replace(checked, faults=(*checked.faults, *of_encoder))
     if not ticks.size:
         return _Signals(*(np.empty(0),) * 6), checked
     at_s, count = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9, ticks["encoder_count"].astype(np.int64)

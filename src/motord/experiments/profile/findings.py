@@ -18,8 +18,8 @@ from motord.identification.operating_points import COMMANDS, CURRENTS, stacked
 from motord.identification.signal_condition import (
     CurrentProducts,
     SignalFault,
-    encoder_faults,
     signal_faults,
+    stuck_lines,
 )
 from motord.identification.turning import unwrap_counts
 
@@ -75,7 +75,7 @@ class CycleSignals:
         return cls(
             label,
             ticks.size,
-            (*faults, *encoder_faults(count, motor.counts)),
+            (*faults, *stuck_lines(count, motor.counts)),
             CurrentProducts.of(sensed_A, commanded_A),
             *_products(ticks["torque_Nm"].astype(float), passed_Nm),
             *(_products(currents_Nm, ticks["torque_set_Nm"].astype(float)) if used else (0.0, 0.0)),

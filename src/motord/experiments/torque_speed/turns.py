@@ -9,11 +9,7 @@ from motord.config import MotorConfig
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData
 from motord.identification.resample import rising
-from motord.identification.signal_condition import (
-    SignalFault,
-    out_of_range,
-    require_sound,
-)
+from motord.identification.signal_condition import SignalFault, require_sound
 from motord.identification.turning import continuous_turns, countable, unwrap_counts
 from motord.schema import rows_of
 
@@ -52,7 +48,7 @@ class CapturedTurns:
         ticks = rows_of(point.ticks, good)
         t_s = (ticks["t_ns"].astype(np.int64) - ticks["t_ns"][:1].astype(np.int64)) * 1e-9
         count = ticks["encoder_count"].astype(np.int64)
-        readable = countable(t_s, count, motor.counts, label)
+        readable, faults = countable(t_s, count, motor.counts, label)
         ticks, count = rows_of(ticks, readable), count[readable]
         turns = continuous_turns(count, motor.counts, label, from_start=point.turns_from_start)
         t0_ns = int(ticks["t_ns"][0])
@@ -63,7 +59,7 @@ class CapturedTurns:
         require_sound({"torque_Nm": torque_Nm}, count, motor.counts, len(turns), label)
         edges = np.array([turns[0][0], *(end for _, end in turns)])
         edges = edges[edges < t_s.size]  # the last turn may end with the capture
-        return cls(t0_ns, t_s, angle_rad, torque_Nm, edges, out_of_range(readable))
+        return cls(t0_ns, t_s, angle_rad, torque_Nm, edges, faults)
 
     @cached_property
     def tick_s(self) -> float:

@@ -104,7 +104,7 @@ class TurnWindows:
         try:
             count = ticks["encoder_count"].astype(int)
             t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
-            ticks = rows_of(ticks, countable(t_s, count, self._counts, "window"))
+            ticks = rows_of(ticks, countable(t_s, count, self._counts, "window")[0])
             turns = continuous_turns(ticks["encoder_count"].astype(int), self._counts, "window")
         except NoWholeTurn:
             pass

@@ -21,11 +21,10 @@ from motord.identification.rotor.left_out import (
 from motord.identification.rotor.motion import Motion
 from motord.identification.signal_condition import (
     SignalFault,
-    encoder_faults,
-    in_range,
-    out_of_range,
     require_change,
     signal_faults,
+    sound_counts,
+    stuck_lines,
 )
 from motord.identification.turning import (
     TURN_MORE,
@@ -144,8 +143,7 @@ def _prepare(
     good = rising(point.ticks["t_ns"])
     for name in names:
         good &= np.isfinite(point.ticks[name])
-    readable = _readable(point.ticks, good, motor.counts, label)
-    good[good] = readable
+    good[good], of_encoder = _readable(point.ticks, good, motor.counts, label)
     ticks = rows_of(point.ticks, good)
     all_s = (point.ticks["t_ns"] - point.ticks["t_ns"][:1]) * 1e-9
     t_s = all_s[good]
@@ -159,8 +157,8 @@ def _prepare(
     require_change(signals, label)
     faults = signal_faults(signals, sum(map(len, groups)), {})
     if grid:
-        faults += encoder_faults(ticks["encoder_count"].astype(np.int64), motor.counts)
-    faults += out_of_range(readable)
+        faults += stuck_lines(ticks["encoder_count"].astype(np.int64), motor.counts)
+    faults += of_encoder
     driven = [
         replace(_segment(point, group, ticks, t_s, position_rad, grid, motor, gaps), faults=faults)
         for group in groups
@@ -203,16 +201,18 @@ def _reasons(
     return reasons
 
 
-def _readable(ticks: np.ndarray, good: np.ndarray, counts: int, label: str) -> np.ndarray:
-    """Return which of the good samples have a count in range; all where it never moves: no angle.
+def _readable(
+    ticks: np.ndarray, good: np.ndarray, counts: int, label: str
+) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
+    """Return which of the good samples have a sound count; all where it never moves: no angle.
 
-    Raises CountsOutOfRange.
+    And the faults of the others. Raises CountsOutOfRange.
     """
     if "encoder_count" in (ticks.dtype.names or ()):
         count = ticks["encoder_count"][good].astype(np.int64)
         if np.unique(count).size > 1:
-            return in_range(count, counts, label)
-    return np.ones(int(good.sum()), bool)
+            return sound_counts(count, counts, label)
+    return np.ones(int(good.sum()), bool), ()
 
 
 def _segment(
