@@ -22,6 +22,7 @@ from motord.reproduce.cad_difference import DIFFERENCE, explanations
 from motord.rig.truth import load as load_truth
 from tests.campaigns import seeds
 from tests.unit.experiments.inertia.inertia_runs import (
+    named,
     nominal_setup,
     pushes,
     read,
@@ -93,7 +94,7 @@ def sets_of_rigs() -> list[Acceleration]:
     config = load()
     settings = config.plans.inertia_acceleration.model_copy(update=EXACT)
     return [
-        accelerate(pushes(seed, STEPS), 4096, config.torque_sensor, settings)
+        accelerate(named(pushes(seed, STEPS)), 4096, config.torque_sensor, settings)
         for seed in seeds.several(RIGS, published=101)
     ]
 
@@ -104,7 +105,7 @@ def sets_of_rotors() -> list[Acceleration]:
     data = steps(Rotor(), STEPS * ROTORS, np.random.default_rng(seeds.first(1)))
     settings = AccelerationConfig().model_copy(update=EXACT)
     return [
-        accelerate(data[first : first + STEPS], 4096, sensor, settings)
+        accelerate(named(data[first : first + STEPS]), 4096, sensor, settings)
         for first in range(0, len(data), STEPS)
     ]
 
@@ -122,7 +123,7 @@ def sets_of_misaligned_rotors() -> list[Acceleration]:
     for first in range(0, len(data), STEPS):
         phase_rad = rng.uniform(0, 2 * np.pi)
         seen = [misaligned(one, 2, 0.02, phase_rad) for one in data[first : first + STEPS]]
-        found.append(accelerate(seen, 4096, sensor, settings))
+        found.append(accelerate(named(seen), 4096, sensor, settings))
     return found
 
 

@@ -34,7 +34,7 @@ from motord.wire.can import dbc
 from tests.contract.benches import dq_config
 from tests.contract.peers import SIGNALS, can_config
 from tests.unit.control.bench import Bench, make_config
-from tests.unit.experiments.inertia.inertia_runs import pushes
+from tests.unit.experiments.inertia.inertia_runs import named, pushes
 from tests.unit.experiments.inertia.test_plan import Bar, released, watch
 from tests.unit.sequencing.test_driven import Driven
 
@@ -296,7 +296,7 @@ def test_tolerances_of_the_torque_sensor(key: str, source: str) -> None:
 
     def uncertainty(tolerance: float) -> float:
         settings = AccelerationConfig(**{key: tolerance})
-        found = accelerate(data, 4096, config.torque_sensor, settings)
+        found = accelerate(named(data), 4096, config.torque_sensor, settings)
         return next(each.uncertainty for each in found.budget if each.source == source)
 
     assert uncertainty(0.2) > 10 * uncertainty(0.001)

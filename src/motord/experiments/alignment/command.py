@@ -24,6 +24,7 @@ from motord.experiments.subject import (
     check_plan,
 )
 from motord.identification.encoder_ticks import countable_ticks
+from motord.identification.signal_condition import require_change
 from motord.recording.reader import Run
 
 PLAN = "align"
@@ -38,16 +39,17 @@ def found_alignment(runs: Sequence[Run], subject: Subject) -> Alignment:
         for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1):
             label = f"{run.path.name}: sweep {number}"
             with left_out.noted(label):
-                good, of_signals = countable_ticks(ticks, subject.motor.counts, label)
+                good, of_encoder = countable_ticks(ticks, subject.motor.counts, label)
+                require_change({"encoder_count": good["encoder_count"]}, label)
                 sweeps.append(good)
-                faults.append((label, of_signals))
+                faults.append((label, of_encoder))
     if not (sweeps or left_out.reasons):
         names = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{names}: the plan was ended before a sweep was over: start it anew")
     with left_out.explaining():
         found = align(sweeps, subject.motor)
     findings = (*signal_findings(faults), *left_out.findings())
-    return replace(found, accuracy=subject.accuracy, of_signals=findings)
+    return replace(found, accuracy=subject.accuracy, more_findings=findings)
 
 
 def estimate(

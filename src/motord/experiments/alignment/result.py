@@ -28,7 +28,7 @@ class Alignment:
     """What was found, for `[motor]` and `[accuracy]` of the bench file, and how well.
 
     motor, accuracy: of the bench file that it was taken with; bench_file: into which the result
-    was written. of_signals: findings of signals, and of sweeps left out.
+    was written. more_findings: findings of signals, and of sweeps left out.
     offset_rad is known to a whole electrical turn; it is the one nearest to zero. friction_Nm: RMS
     of the residual torque where the rotor rests; friction_rad: how far that takes a single rest
     off, part of which is in the standard error. angle_rad (n,): mechanical, of the rests used;
@@ -62,7 +62,7 @@ class Alignment:
     degrees_of_freedom: int
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
     bench_file: Path | None = None
-    of_signals: tuple[Finding, ...] = ()
+    more_findings: tuple[Finding, ...] = ()
 
     @property
     def direction_seen(self) -> bool:
@@ -161,7 +161,7 @@ class Alignment:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the bench file has otherwise, and what is questionable about the result."""
-        return (*self._of_bench_file(), *self._of_data(), *self.of_signals)
+        return (*self._of_bench_file(), *self._of_data(), *self.more_findings)
 
     def _of_bench_file(self) -> Iterator[Finding]:
         off, limit = self.zero_error_points, self.zero_error_limit_points

@@ -52,8 +52,6 @@ class CoastDown:
         if t_ns.size < LEAST_SAMPLES:
             raise IdentifyError(f"{name}: {t_ns.size} samples only")
         t_s = (t_ns.astype(np.int64) - int(t_ns[0])) * 1e-9
-        if (np.diff(t_s) <= 0).any():
-            raise IdentifyError(f"{name}: times do not rise")
         unwrapped_rad = np.unwrap(angle_rad.astype(float))
         direction = 1 if unwrapped_rad[-1] >= unwrapped_rad[0] else -1
         q_rad = direction * (unwrapped_rad - unwrapped_rad[0])

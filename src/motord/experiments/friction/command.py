@@ -114,10 +114,10 @@ def estimate(
         check_plan(run, NAME)
     motor = recordings.subject.motor
     known = inertia_of(inertia, plan_settings(recordings, NAME, FrictionConfig), motor.name)
-    coasts, faults, left_out = coast_downs(recordings.runs, motor)
+    coasts, of_signals, left_out = coast_downs(recordings.runs, motor)
     with left_out.explaining():
         found = measure(coasts, motor, known)
-    return replace(found, findings=(*found.findings, *faults, *left_out.findings()))
+    return replace(found, findings=(*found.findings, *of_signals, *left_out.findings()))
 
 
 def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:

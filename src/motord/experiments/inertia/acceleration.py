@@ -5,9 +5,8 @@ error of the regressor, which makes the inertia too large. By how much at most i
 reverse regression differ by (Frisch 1934), a source of uncertainty then.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 from math import sqrt
 
 import numpy as np
@@ -91,30 +90,26 @@ class BothWays:
 
 
 def accelerate(
-    data: Sequence[np.ndarray],
+    data: Mapping[str, np.ndarray],
     counts: int,
     sensor: TorqueSensorConfig,
     settings: AccelerationConfig,
-    names: Sequence[str] = (),
 ) -> Acceleration:
     """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
-    data: ticks of each step from the rest before it on, with the columns REQUIRED; names: of the
-    steps, by default their numbers. One that cannot be used is left out, unless there is no other.
-    Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
-    half of it is what they differ by.
+    data: ticks of each step from the rest before it on, by its name, with the columns REQUIRED. One
+    that cannot be used is left out, unless there is no other. Steps forwards and back are averaged
+    apart first: what drifts has the same sign in both, and half of it is what they differ by.
     """
     if not data:
         raise IdentifyError("no good step in there")
-    read: dict[int, TorqueStep] = {}
+    steps: list[TorqueStep] = []
     left_out = CapturesLeftOut()
-    for n, (ticks, name) in enumerate(zip_longest(data, names)):
-        name = name or f"step {n + 1}"
+    for n, (name, ticks) in enumerate(data.items()):
         with left_out.noted(name):
-            read[n] = read_step(n, ticks, counts, sensor, name)
-    if not read:
+            steps.append(read_step(n, ticks, counts, sensor, name))
+    if not steps:
         raise IdentifyError(f"no step can be used{left_out.as_text}")
-    steps = tuple(read.values())
     both = _both_ways(steps)
     value = both.inertia_kg_m2
     repetition = TorqueSource("repetition", both.stderr_kg_m2 / value)
@@ -122,7 +117,7 @@ def accelerate(
     if sensor.highpass_time_constant_s > 0:
         longer = _longer_highpass(sensor, settings.highpass_tolerance)
         changed = _both_ways(
-            [read_step(n, data[n], counts, longer, one.label) for n, one in read.items()]
+            [read_step(one.index, data[one.label], counts, longer, one.label) for one in steps]
         )
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))
@@ -132,7 +127,7 @@ def accelerate(
     relative = sqrt(sum(s.uncertainty**2 for s in sources))
     ratio = float(np.median([step.impulse_ratio for step in steps]))
     return Acceleration(
-        steps=steps,
+        steps=tuple(steps),
         inertia_kg_m2=value,
         uncertainty_kg_m2=value * relative,
         freedom=both.freedom and both.freedom * (relative / repetition.uncertainty) ** 4,

@@ -89,7 +89,7 @@ def oscillation(
         faults += _read_releases(run, counts, read, releases, left_out)
     with left_out.explaining():
         found = combine(releases, setup, waves)
-    return replace(found, of_signals=(*signal_findings(faults), *left_out.findings()))
+    return replace(found, more_findings=(*signal_findings(faults), *left_out.findings()))
 
 
 def _read_releases(
@@ -129,12 +129,12 @@ def acceleration(
     """Return the inertia from steps of torque. Raises IdentifyError, AnalysisError."""
     settings = settings or recorded_settings(runs[0], AccelerationConfig)
     counts = subject.motor.counts
-    steps, names = [], []
-    for run in runs:
-        for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1):
-            steps.append(ticks)
-            names.append(f"{run.path.name}: step {number}")
-    return accelerate(steps, counts, subject.sensor, settings, names)
+    steps = {
+        f"{run.path.name}: step {number}": ticks
+        for run in runs
+        for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1)
+    }
+    return accelerate(steps, counts, subject.sensor, settings)
 
 
 def estimate(

@@ -53,7 +53,7 @@ class Oscillation:
     stator: it was in place, and its cogging torque known. budget: of the fitted decays with the
     chosen effective mass; readings: by other methods; improvements: what changes
     of the set-up would bring. disturbed: releases that were left out, as they fit worse.
-    of_signals: findings of signals, and of releases that cannot be used.
+    more_findings: findings of signals, and of releases that cannot be used.
     """
 
     experiment = "inertia-oscillation"
@@ -76,7 +76,7 @@ class Oscillation:
     curves: Curves
     improvements: tuple[Improvement, ...]
     disturbed: tuple[Release, ...] = ()
-    of_signals: tuple[Finding, ...] = ()
+    more_findings: tuple[Finding, ...] = ()
 
     @property
     def inertia_kg_m2(self) -> float:
@@ -106,7 +106,7 @@ class Oscillation:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is questionable about the oscillations."""
-        return (*_few(len(self.releases)), *_left_out(self), *self.of_signals)
+        return (*_few(len(self.releases)), *_left_out(self), *self.more_findings)
 
     @property
     def damping_ratio(self) -> float:

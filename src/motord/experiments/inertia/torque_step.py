@@ -78,15 +78,14 @@ class TorqueStep:
     torque_Nm: np.ndarray
     fitted_s: np.ndarray
     fitted_rad: np.ndarray
-    label: str = ""
+    label: str
     faults: tuple[SignalFault, ...] = ()
 
 
 def read_step(
-    index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig, name: str = ""
+    index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig, name: str
 ) -> TorqueStep:
-    """Return what one step tells. Raises IdentifyError naming it, by its number as a default."""
-    name = name or f"step {index + 1}"
+    """Return what one step tells. Raises IdentifyError naming it."""
     ticks = sampled_ticks(ticks, name)
     _, begin = _since_step(ticks, name)
     at_rest = ticks["encoder_count"][:begin].astype(np.int64)

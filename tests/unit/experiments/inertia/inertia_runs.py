@@ -1,5 +1,6 @@
 """Releases and steps of torque on simulated benches, each taken once."""
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -58,3 +59,8 @@ def read(number: int, ticks: np.ndarray, cogging_Nm: np.ndarray | None = None) -
 def pushes(seed: int, repeats: int) -> tuple[np.ndarray, ...]:
     """Return the ticks of steps of torque of the packaged bench."""
     return tuple(taken(load(), "inertia-acceleration", seed, repeats=repeats))
+
+
+def named(steps: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """Return ticks of steps by their names."""
+    return {f"step {number}": ticks for number, ticks in enumerate(steps, start=1)}

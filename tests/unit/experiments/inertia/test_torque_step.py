@@ -7,7 +7,7 @@ from motord.config import AccelerationConfig, TorqueSensorConfig, load
 from motord.experiments.inertia.acceleration import accelerate
 from motord.experiments.inertia.torque_step import REQUIRED, read_step
 from motord.identification import IdentifyError
-from tests.unit.experiments.inertia.inertia_runs import pushes
+from tests.unit.experiments.inertia.inertia_runs import named, pushes
 from tests.unit.experiments.inertia.step_simulator import Rotor, misaligned, steps
 
 J, VISCOUS, COULOMB = 0.0105, 0.004, 0.03
@@ -50,7 +50,7 @@ def changed(ticks: np.ndarray, **columns: np.ndarray | float) -> np.ndarray:
 @pytest.mark.parametrize("sensor", [DIRECT, PIEZO])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign: int) -> None:
-    found = read_step(0, made_up(sensor, sign), 4096, sensor)
+    found = read_step(0, made_up(sensor, sign), 4096, sensor, "step")
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
     assert found.commanded_kg_m2 == pytest.approx(J, rel=2e-3)
     assert found.viscous_Nm_s_per_rad == pytest.approx(VISCOUS, abs=1.5e-3)
@@ -64,7 +64,7 @@ def test_a_pause_while_the_rotor_stands_before_the_step_is_no_gap() -> None:
     ticks = made_up(DIRECT)
     ticks["encoder_count"][499:700:200] += 1
     ticks["t_ns"][500:] += 60 * 10**9
-    found = read_step(0, ticks, 4096, DIRECT)
+    found = read_step(0, ticks, 4096, DIRECT, "step")
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
 
 
@@ -77,7 +77,7 @@ def without_half_a_turn(step: np.ndarray) -> np.ndarray:
 def test_a_step_with_lost_turns_is_left_out_and_said() -> None:
     step = made_up(DIRECT)
     gap = without_half_a_turn(step)
-    found = accelerate([step, gap, made_up(DIRECT, -1)], 4096, DIRECT, AccelerationConfig())
+    found = accelerate(named([step, gap, made_up(DIRECT, -1)]), 4096, DIRECT, AccelerationConfig())
     assert [one.index for one in found.steps] == [0, 2]
     [left_out] = [one for one in found.findings if one.name == "points-left-out"]
     assert "step 2: " in left_out.meaning
@@ -85,13 +85,15 @@ def test_a_step_with_lost_turns_is_left_out_and_said() -> None:
 
 
 def test_what_drifts_before_the_step_is_taken_off() -> None:
-    settled = read_step(0, made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
+    settled = read_step(0, made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO, "step")
     assert settled.inertia_kg_m2 == pytest.approx(J, rel=5e-3)
 
 
 def test_the_simulated_rig_within_what_is_stated() -> None:
     config = load()
-    found = accelerate(pushes(4, 6), 4096, config.torque_sensor, config.plans.inertia_acceleration)
+    found = accelerate(
+        named(pushes(4, 6)), 4096, config.torque_sensor, config.plans.inertia_acceleration
+    )
     assert found.inertia_kg_m2 == pytest.approx(0.0105, abs=2.5 * found.uncertainty_kg_m2)
     assert 0.003 < found.uncertainty_kg_m2 / 0.0105 < 0.02
     assert found.budget[0].source == "gain of the torque sensor"
@@ -100,7 +102,7 @@ def test_the_simulated_rig_within_what_is_stated() -> None:
 
 
 def test_one_step_alone_has_its_own_error() -> None:
-    found = accelerate([made_up(DIRECT)], 4096, DIRECT, AccelerationConfig())
+    found = accelerate(named([made_up(DIRECT)]), 4096, DIRECT, AccelerationConfig())
     assert {s.source for s in found.budget} == {"gain of the torque sensor", "repetition"}
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
     assert found.freedom is None
@@ -111,12 +113,14 @@ def test_steps_are_within_their_intervals_and_without_bias() -> None:
     """A part of tests/campaigns/inertia.py: noise that is integrated twice is not white."""
     rotor = Rotor()
     data = steps(rotor, 200, np.random.default_rng(1))
-    read = [read_step(n, ticks, rotor.counts, PIEZO) for n, ticks in enumerate(data)]
+    read = [read_step(n, ticks, rotor.counts, PIEZO, "step") for n, ticks in enumerate(data)]
     inertia = np.array([step.inertia_kg_m2 for step in read])
     stderr = np.array([step.stderr_kg_m2 for step in read])
     assert 0.90 <= np.mean(np.abs(inertia - J) < 1.96 * stderr) <= 0.99
     assert abs(inertia.mean() - J) < 3 * inertia.std() / np.sqrt(200)
-    sets = [accelerate(data[n : n + 10], rotor.counts, PIEZO, EXACT) for n in range(0, 200, 10)]
+    sets = [
+        accelerate(named(data[n : n + 10]), rotor.counts, PIEZO, EXACT) for n in range(0, 200, 10)
+    ]
     held = [s.interval_95_kg_m2[0] < J < s.interval_95_kg_m2[1] for s in sets]
     assert np.mean(held) >= 0.85  # of 20 sets
     assert sum(len(s.findings) for s in sets) <= 1
@@ -127,12 +131,12 @@ def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
     weak = [ticks.copy() for ticks in data]
     for ticks in weak[1::2]:
         ticks["torque_Nm"] *= 0.9
-    found = accelerate(weak, 4096, PIEZO, AccelerationConfig())
+    found = accelerate(named(weak), 4096, PIEZO, AccelerationConfig())
     assert "directions-differ" in {one.name for one in found.findings}
     loose = [ticks.copy() for ticks in data]
     for n, ticks in enumerate(loose):
         ticks["torque_Nm"] *= 1 + 0.05 * (n // 2 % 3)
-    found = accelerate(loose, 4096, PIEZO, AccelerationConfig())
+    found = accelerate(named(loose), 4096, PIEZO, AccelerationConfig())
     assert "steps-scatter" in {one.name for one in found.findings}
 
 
@@ -144,7 +148,7 @@ def test_what_steps_that_scatter_bias_the_mean_by_is_in_the_interval() -> None:
         chosen = data[10 * n : 10 * n + 10]
         sets.append(
             accelerate(
-                [misaligned(one, 2, 0.02, phase_rad[n]) for one in chosen], 4096, PIEZO, EXACT
+                named([misaligned(one, 2, 0.02, phase_rad[n]) for one in chosen]), 4096, PIEZO, EXACT
             )
         )
     held = [one.interval_95_kg_m2[0] < J < one.interval_95_kg_m2[1] for one in sets]
@@ -164,20 +168,20 @@ def test_a_torque_that_is_not_the_one_that_acted_is_a_finding(
     part: float, late_ticks: int, name: str
 ) -> None:
     data = steps(Rotor(), 6, np.random.default_rng(3))
-    assert accelerate(data, 4096, PIEZO, AccelerationConfig()).findings == ()
+    assert accelerate(named(data), 4096, PIEZO, AccelerationConfig()).findings == ()
     changed = [ticks.copy() for ticks in data]
     for ticks in changed:
         ticks["torque_Nm"] = part * np.roll(ticks["torque_Nm"], late_ticks)
-    found = accelerate(changed, 4096, PIEZO, AccelerationConfig())
-    named = {one.name: one for one in found.findings}
-    assert named[name].severity == "serious"
-    assert ("torque-scale" in named) == (part != 1.0)
+    found = accelerate(named(changed), 4096, PIEZO, AccelerationConfig())
+    seen = {one.name: one for one in found.findings}
+    assert seen[name].severity == "serious"
+    assert ("torque-scale" in seen) == (part != 1.0)
 
 
 def test_what_does_not_determine_the_inertia_is_refused() -> None:
     good = made_up(PIEZO)
     with pytest.raises(IdentifyError, match="no good step"):
-        accelerate([], 4096, PIEZO, AccelerationConfig())
+        accelerate({}, 4096, PIEZO, AccelerationConfig())
     cases = (
         (changed(good, torque_set_Nm=0.0), "no step of torque from rest"),
         (changed(good, encoder_count=0), "did not turn on in one direction"),
@@ -189,14 +193,14 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
     )
     for data, message in cases:
         with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):
-            read_step(0, data, 4096, PIEZO)
+            read_step(0, data, 4096, PIEZO, "step 1")
 
 
 def test_ticks_that_repeat_a_sample_change_nothing() -> None:
     step = made_up(PIEZO)
     repeated = np.repeat(step, 1 + (np.arange(step.size) % 100 == 50))
     assert repeated.size > step.size
-    found, again = (read_step(0, ticks, 4096, PIEZO) for ticks in (step, repeated))
+    found, again = (read_step(0, ticks, 4096, PIEZO, "step") for ticks in (step, repeated))
     assert (again.inertia_kg_m2, again.faults) == (found.inertia_kg_m2, found.faults)
 
 
@@ -206,19 +210,19 @@ def test_a_step_that_cannot_be_used_is_left_out_by_the_name_of_its_recording() -
     late = step.copy()
     late["t_ns"][-10] = late["t_ns"][-12]
     wrong = changed(step, encoder_count=65535)
-    names = [f"run.mcap: step {n}" for n in (1, 2, 3, 4)]
-    found = accelerate([step, late, wrong, other], 4096, DIRECT, AccelerationConfig(), names)
-    assert [one.label for one in found.steps] == [names[0], names[3]]
+    data = {f"run.mcap: {name}": one for name, one in named([step, late, wrong, other]).items()}
+    found = accelerate(data, 4096, DIRECT, AccelerationConfig())
+    assert [one.label for one in found.steps] == ["run.mcap: step 1", "run.mcap: step 4"]
     [left_out] = [one for one in found.findings if one.name == "points-left-out"]
     assert "(run.mcap: step 2: times go back); (run.mcap: step 3: encoder c" in left_out.meaning
     with pytest.raises(IdentifyError, match=r"no step can be used; left out: run\.mcap: step 2: t"):
-        accelerate([late], 4096, DIRECT, AccelerationConfig(), names[1:2])
+        accelerate({"run.mcap: step 2": late}, 4096, DIRECT, AccelerationConfig())
 
 
 def test_steps_that_are_all_alike_are_as_uncertain_as_their_noise() -> None:
     """Their scatter is 0, which was divided by."""
     step = made_up(DIRECT)
-    found = accelerate([step, step.copy()], 4096, DIRECT, AccelerationConfig())
-    alone = accelerate([step], 4096, DIRECT, AccelerationConfig())
+    found = accelerate(named([step, step.copy()]), 4096, DIRECT, AccelerationConfig())
+    alone = accelerate(named([step]), 4096, DIRECT, AccelerationConfig())
     assert found.freedom is None
     assert found.uncertainty_kg_m2 == pytest.approx(alone.uncertainty_kg_m2, rel=0.5)
