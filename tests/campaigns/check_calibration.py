@@ -18,6 +18,7 @@ from motord.calibration import CalibratedMotor, Calibration, Harmonic
 from motord.config import Config, load
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import cogging_table
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.check_calibration.estimate import check
 from motord.experiments.check_calibration.result import CalibrationCheck
 from motord.experiments.plans import build
@@ -146,7 +147,7 @@ def checked(
     taken = run_plan(bench, build("check-calibration", config), lambda t, _: blocks.append(t))
     ticks = np.concatenate(blocks)
     enabled_s = float(np.argmax(ticks["state"] == State.ENABLED)) / config.loop.rate_Hz
-    found = check(split(ticks, taken), Subject.of_config(config), calibration, 0.2)
+    found = check(split(ticks, taken), Subject.of_config(config), calibration, 0.2, EveryCapture())
     return found, bench.t_s - enabled_s
 
 

@@ -1,7 +1,7 @@
 """Captures that cannot be used: an analysis goes on without them, and says which and why."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 from motord.experiments.recording_checks import points_left_out
 from motord.findings import Finding, listed
@@ -28,8 +28,10 @@ class CapturesLeftOut:
         try:
             yield
         except IdentifyError as error:
-            reason, set_points = str(error).removeprefix(f"{label}: "), label.rpartition(": ")[2]
-            self._seen[f"{label}: {reason.removeprefix(f'{set_points}: ')}", tick_start] = None
+            reason = str(error).removeprefix(f"{label}: ")
+            name, _, rest = reason.partition(": ")
+            named = rest and label.endswith(name)
+            self._seen[f"{label}: {rest if named else reason}", tick_start] = None
 
     @contextmanager
     def explaining(self) -> Iterator[None]:
@@ -57,13 +59,22 @@ class CapturesLeftOut:
         return points_left_out(runs, [f"({reason})" for reason in self.reasons])
 
 
-def prepared(
-    points: Iterable[PointData], counts: int, left_out: CapturesLeftOut | None
-) -> Iterator[Samples]:
-    """Yield the samples of the points that can be used, of all if none may be left out.
+class EveryCapture(CapturesLeftOut):
+    """Leaves none out: the error of a capture ends what is made of simulated recordings."""
 
-    Raises IdentifyError then.
-    """
+    @contextmanager
+    def noted(self, label: str, tick_start: int = 0) -> Iterator[None]:
+        """Let an IdentifyError pass."""
+        yield
+
+
+def prepared(
+    points: Iterable[PointData],
+    counts: int,
+    left_out: CapturesLeftOut,
+    check: Callable[[Samples], Samples] = lambda samples: samples,
+) -> Iterator[Samples]:
+    """Yield the samples of the points that can be used; check: raises IdentifyError for others."""
     for point in points:
-        with left_out.noted(point.label, point.tick_start) if left_out else nullcontext():
-            yield prepare(point, counts)
+        with left_out.noted(point.label, point.tick_start):
+            yield check(prepare(point, counts))

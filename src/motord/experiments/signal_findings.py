@@ -6,6 +6,8 @@ from math import copysign
 import numpy as np
 
 from motord.findings import Finding, Severity, listed
+from motord.identification import CaptureError
+from motord.identification.operating_points import Samples
 from motord.identification.signal_condition import CLIPPED_SHARE, SignalFault
 
 NAMES = {
@@ -41,7 +43,8 @@ KINDS: Mapping[str, tuple[str, float, str, str, Severity]] = {
     ),
     "misread": (
         "% of the samples", 0.0,
-        "jumps for single samples, so that angle and turns are wrong there",
+        "jumps for single samples, which are left out: where several jump at once, angle and turns "
+        "are wrong",
         SHIELD, "serious",
     ),
     "out-of-range": (
@@ -120,6 +123,15 @@ def signal_findings(seen: Iterable[tuple[str, Sequence[SignalFault]]]) -> tuple[
             percents = found.setdefault((one.signal, one.kind), {})
             percents[label] = max(percents.get(label, 0.0), 100 * one.share)
     return tuple(_finding(*key, percents) for key, percents in found.items())
+
+
+def require_reliable(samples: Samples) -> Samples:
+    """Return samples without a serious fault of a signal. Raises CaptureError for others."""
+    for one in samples.faults:
+        _, _, meaning, action, severity = KINDS[one.kind]
+        if severity == "serious":
+            raise CaptureError(f"{samples.label}: {one.signal} {meaning}; {action}")
+    return samples
 
 
 def _finding(signal: str, kind: str, percents: Mapping[str, float]) -> Finding:

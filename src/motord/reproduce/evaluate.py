@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.calibration import TorqueSpeed
 from motord.config import Config
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.ripple.estimate import middle_point, ripples
 from motord.experiments.subject import Subject
 from motord.identification.point_ripple import PointRipple, rms_error_percent
@@ -37,7 +38,7 @@ class Ripple:
 def evaluate(config: Config, path: Path) -> Ripple:
     """Return the ripple of the simulated run at `path`."""
     run, motor = open_run(path), config.motor
-    measured = tuple(ripples([run], Subject.of_config(config)))
+    measured = tuple(ripples([run], Subject.of_config(config), EveryCapture()))
     true_percent: Errors = {}
     turns: dict[TorqueSpeed, np.ndarray] = {}
     for true in true_torque(run):

@@ -10,6 +10,7 @@ import numpy as np
 
 from motord.calibration import Calibration, TorqueSpeed
 from motord.config import Config
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.ilc.analysis import LearnPass, finish, learn, zero_order_hold
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.plans import build
@@ -81,7 +82,7 @@ def learn_virtual(
             ticks += piece.ticks.size
             progress((number - 1 + len(errors) / len(plan.points)) / passes)
         now = datetime.now(UTC)
-        taken = learn(points, subject, calibration, [name], now, learning)
+        taken = learn(points, subject, calibration, [name], now, learning, EveryCapture())
         done.append(finish(taken, now) if number == passes else taken)
         truth.append(errors)
         calibration = done[-1].calibration

@@ -16,6 +16,7 @@ from motord.calibration import Calibration
 from motord.config import packaged
 from motord.experiments.back_emf import command as back_emf
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.cogging import command as cogging
 from motord.experiments.cogging.estimate import compare
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
@@ -187,7 +188,7 @@ def _verify(
     """Take one half of the stage, from `first` on."""
     part = recorder.part(VERIFICATION, first, first + 0.25)
     run = recorder.take(bench, "verify", part, calibration)
-    found = tuple(explained(run.runs, bench.subject, calibration))
+    found = tuple(explained(run.runs, bench.subject, calibration, EveryCapture()))
     recorder.progress(VERIFICATION, first + 0.5)
     return found
 

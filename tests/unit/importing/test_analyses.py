@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import MotorConfig, TorqueSensorConfig, load
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.plans import build
 from motord.experiments.ripple.estimate import ripples
 from motord.experiments.subject import Subject
@@ -91,7 +92,9 @@ def test_a_run_of_the_simulated_rig_in_german(tmp_path: Path) -> None:
     assert result.beta_A == pytest.approx(np.array(truth.beta_A), abs=0.03)
     for mine, theirs in zip(result.harmonics, original.harmonics, strict=True):
         assert mine.amplitude_Nm == pytest.approx(theirs.amplitude_Nm, abs=2e-3)
-    before = {(r.torque_Nm, r.speed_Hz): r.rms_percent for r in ripples([run], subject)}
+    before = {
+        (r.torque_Nm, r.speed_Hz): r.rms_percent for r in ripples([run], subject, EveryCapture())
+    }
     for ripple in original.ripples:
         assert before[ripple.torque_Nm, ripple.speed_Hz] == pytest.approx(
             ripple.rms_percent, abs=0.05

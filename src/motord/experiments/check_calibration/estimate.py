@@ -14,10 +14,10 @@ from math import hypot
 import numpy as np
 
 from motord.calibration import Calibration
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.check_calibration.quantities import Quantity, quantities
 from motord.experiments.check_calibration.result import FALSE_ALARMS, CalibrationCheck, Change
 from motord.experiments.check_calibration.shift import ParameterShift, parameter_shift
-from motord.experiments.recording_checks import points_left_out
 from motord.experiments.subject import Recordings, Subject, check_applied
 from motord.identification.operating_points import PointData
 from motord.intervals import t_quantile
@@ -38,20 +38,26 @@ def check_runs(
         check_applied(run, calibration.id)
     subject = recordings.subject
     points = (point for run in recordings.runs for point in captures(run))
-    found = check(points, subject, calibration, needed_percent)
-    left_out = points_left_out(recordings.runs)
-    return replace(found, more_findings=(*found.more_findings, *left_out))
+    left_out = CapturesLeftOut()
+    found = check(points, subject, calibration, needed_percent, left_out)
+    more = (*found.more_findings, *left_out.findings(recordings.runs))
+    return replace(found, more_findings=more)
 
 
 def check(
-    points: Iterable[PointData], subject: Subject, calibration: Calibration, needed_percent: float
+    points: Iterable[PointData],
+    subject: Subject,
+    calibration: Calibration,
+    needed_percent: float,
+    left_out: CapturesLeftOut,
 ) -> CalibrationCheck:
     """Return the test of a calibration by operating points. Raises CalibrationError, IdentifyError.
 
-    needed_percent: RMS ripple at rated torque, in percent of it, that no change may add unseen.
+    needed_percent: RMS ripple at rated torque, in percent of it, that no change may add unseen;
+    left_out: takes the points that cannot be used.
     """
     calibration.check_motor(subject.motor, recorded=True)
-    found = parameter_shift(points, calibration, subject.motor, subject.sensor)
+    found = parameter_shift(points, calibration, subject.motor, subject.sensor, left_out)
     stated = list(quantities(calibration, found, subject.motor))
     seen = [one for one in stated if is_seen(one, found)]
     unseen = [one for one in stated if not is_seen(one, found)]
@@ -70,7 +76,7 @@ def check(
         ),
         ripple_unseen=any(one.ripple > 0 for one in unseen)
         or any(one.amplitude_Nm > 0 for one in not_sampled),
-        more_findings=found.faults,
+        more_findings=found.findings,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from motord.calibration import CalibrationError, load
 from motord.config import Config
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.check_calibration.estimate import check
 from motord.experiments.check_calibration.result import NEEDED_PERCENT
 from motord.experiments.subject import Subject
@@ -49,9 +50,13 @@ class LiveCheck:
         return self._verdict() if self._captures == self._wanted else Precision(self._captures)
 
     def _verdict(self) -> Precision:
+        left_out = CapturesLeftOut()
+        known = self._subject, self._calibration, NEEDED_PERCENT
         try:
-            found = check(self._points, self._subject, self._calibration, NEEDED_PERCENT)
+            found = check(self._points, *known, left_out)
         except (CalibrationError, IdentifyError) as error:
             return Precision(self._captures, obstacle=f"not evaluated: {error}")
         drift = found.sentence if found.verdict == "drifted" else ""
-        return Precision(self._captures, obstacle=drift, remark=found.sentence)
+        return Precision(
+            self._captures, obstacle=drift, remark=f"{found.sentence}{left_out.as_text}"
+        )

@@ -28,11 +28,16 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
 from motord.experiments.calibration.estimate.turn_products import accumulate
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
 from motord.experiments.check_calibration.line_fit import LineFit
-from motord.experiments.signal_findings import signal_findings
+from motord.experiments.signal_findings import require_reliable, signal_findings
 from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
-from motord.identification.operating_points import PointData, Samples, require_currents
+from motord.identification.operating_points import (
+    PointData,
+    Samples,
+    require_currents,
+    require_turns,
+)
 from motord.identification.orders import resolved_cogging_order
 from motord.identification.torque_sensor import without_highpass
 from motord.identification.variance_components import VarianceComponents
@@ -86,7 +91,7 @@ class ParameterShift:
 
     seen (p, p): projection on what the turns show; misfit: see `LineFit`. orders: of the cogging
     torque, in the succession of theta; turns: whole ones, of each point. law: what Kirchhoff's law
-    says of the gains in a star; None where it says nothing. faults: of the signals.
+    says of the gains in a star; None where it says nothing. findings: of signals.
     """
 
     theta: np.ndarray
@@ -97,7 +102,7 @@ class ParameterShift:
     orders: tuple[int, ...]
     turns: tuple[int, ...]
     law: LawShift | None = None
-    faults: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def along(self, direction: np.ndarray) -> tuple[float, float, float] | None:
         """Return the change along a direction (p,), its standard error and degrees of freedom.
@@ -119,14 +124,11 @@ def parameter_shift(
     calibration: Calibration,
     motor: MotorConfig,
     sensor: TorqueSensorConfig,
+    left_out: CapturesLeftOut,
 ) -> ParameterShift:
     """Return by how much the calibration would have to move. Raises IdentifyError."""
-    left_out = CapturesLeftOut()
-    recorded = list(prepared(points, motor.counts, left_out))
-    faults = signal_findings((one.label, one.faults) for one in recorded)
-    for fault in faults:
-        if fault.severity == "serious":
-            raise IdentifyError(f"nothing can be said: {fault.meaning}; {fault.action}")
+    with left_out.explaining():
+        recorded = _recorded(points, motor.counts, left_out)
     has_law = motor.connection == "star" and not any(map(is_missing, recorded))
     samples = [without_sensor(one, calibration, motor, sensor) for one in recorded]
     with left_out.explaining():
@@ -150,7 +152,7 @@ def parameter_shift(
         misfit=fit.misfit,
         orders=basis.orders,
         turns=tuple(len(one.turns) for one in samples),
-        faults=(*faults, *left_out.findings()),
+        findings=signal_findings((one.label, one.faults) for one in recorded),
         law=law_shift(regression, gain) if has_law else None,
     )
 
@@ -184,16 +186,34 @@ def without_sensor(
     return replace(samples, torque_Nm=torque_Nm)
 
 
+def _recorded(points: Iterable[PointData], counts: int, left_out: CapturesLeftOut) -> list[Samples]:
+    """Return the samples of the points that can be used.
+
+    Raises IdentifyError where none can of a torque, or with a current scaled: it separates what the
+    others show together alone, as the common gain and the cogging torque that is made up for.
+    """
+    found: dict[tuple[float, str], list[Samples]] = {}
+    for point in points:
+        alike = found.setdefault((point.torque_Nm, str(point.induced)), [])
+        alike += prepared([point], counts, left_out, _usable)
+    for (torque_Nm, _), alike in found.items():
+        if not alike and any(found.values()):
+            raise IdentifyError(
+                f"without the point at {torque_Nm:g} Nm the others do not separate gains from "
+                "cogging torque; repeat the check"
+            )
+    return [samples for alike in found.values() for samples in alike]
+
+
+def _usable(samples: Samples) -> Samples:
+    """Return samples that a check can use. Raises IdentifyError for others."""
+    return require_turns(require_reliable(require_currents(samples)), MIN_TURNS)
+
+
 def _check_turns(samples: Sequence[Samples]) -> None:
     """Raise IdentifyError where the turns are too few."""
     if not samples:
         raise IdentifyError("there is no good operating point in the recording; repeat the check")
-    for one in samples:
-        if len(one.turns) < MIN_TURNS:
-            raise IdentifyError(
-                f"{one.label}: {len(one.turns)} whole turn, at least {MIN_TURNS} are needed; "
-                "repeat the check with turns = 3 or more"
-            )
     turns = sum(len(one.turns) for one in samples)
     if turns < MIN_ALL_TURNS:
         raise IdentifyError(

@@ -9,6 +9,8 @@ import numpy as np
 
 from motord.calibration import Calibration, TorqueSpeed
 from motord.config.devices import InverterConfig
+from motord.experiments.captures_left_out import CapturesLeftOut, prepared
+from motord.experiments.ilc.aliased_ripple import ZeroOrderHold
 from motord.experiments.ilc.estimate import (
     Learning,
     PassResidual,
@@ -20,12 +22,12 @@ from motord.experiments.ilc.estimate import (
     unlearned,
 )
 from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
-from motord.experiments.ilc.seen import SeenRipple, ZeroOrderHold, seen_points
+from motord.experiments.ilc.seen import LEAST_TURNS, SeenRipple, seen_points
 from motord.experiments.ripple_findings import asynchronous_line
-from motord.experiments.signal_findings import signal_findings
+from motord.experiments.signal_findings import require_reliable, signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied
 from motord.findings import Finding, listed
-from motord.identification.operating_points import PointData, Samples, prepare
+from motord.identification.operating_points import PointData, Samples, require_turns
 from motord.identification.point_ripple import PointRipple
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
@@ -46,7 +48,8 @@ class LearnPass:
 
     calibration: with the corrections to apply from now on. unreached: what the torque shows and is
     not corrected; reach: how far that goes at each speed, as text. limit_Nm: that no correction
-    exceeds. ripples: of the points, with the lines that are not locked to the rotor.
+    exceeds. ripples: of the points, with the lines that are not locked to the rotor. left_out:
+    findings of points that cannot be used.
     """
 
     calibration: Calibration
@@ -55,6 +58,7 @@ class LearnPass:
     reach: tuple[str, ...] = ()
     limit_Nm: float = np.inf
     ripples: tuple[PointRipple, ...] = ()
+    left_out: tuple[Finding, ...] = ()
 
     @property
     def learned(self) -> LearnedTorque:
@@ -67,7 +71,8 @@ class LearnPass:
         """Of the calibration: where data depart from its model; and what corrections rest on."""
         lines = asynchronous_line(self.ripples, CONSEQUENCE)
         faults = signal_findings((one.label, one.faults) for one in self.ripples)
-        return (*(self.calibration.findings or ()), *self.limited(), *lines, *faults)
+        own = *self.limited(), *lines, *faults, *self.left_out
+        return (*(self.calibration.findings or ()), *own)
 
     def limited(self) -> Iterator[Finding]:
         """Yield a finding where a correction is at its limit, and is not what the torque needs."""
@@ -145,15 +150,16 @@ def learn_from_runs(
     """Return what to apply after the pass that `runs` hold, taken with `calibration` applied.
 
     Without `hold` in `learning`, the runs state it. Raises AnalysisError for runs that were
-    taken with another calibration, IdentifyError for points that tell too little.
+    taken with another calibration, or of which no point can be used.
     """
     for run in runs:
         check_applied(run, calibration.id)
     if learning.hold is None and runs:
         learning = replace(learning, hold=recorded_hold(runs[0]))
     points = (point for run in runs for point in captures(run))
-    names = [run.path.name for run in runs]
-    return learn(points, subject, calibration, names, created, learning)
+    names, left_out = [run.path.name for run in runs], CapturesLeftOut()
+    done = learn(points, subject, calibration, names, created, learning, left_out)
+    return replace(done, left_out=left_out.findings(runs))
 
 
 def learn(
@@ -163,16 +169,18 @@ def learn(
     runs: Sequence[str],
     created: datetime,
     learning: Learning,
+    left_out: CapturesLeftOut,
 ) -> LearnPass:
     """Return what to apply after a pass with `calibration` applied; errors as above.
 
     The first pass chooses the mesh; later ones must be over the same. Each adds the orders that its
-    torque shows.
+    torque shows. left_out: takes points that cannot be used, of which nothing is learned.
     """
-    motor, seen = subject.motor, _seen(points, subject, calibration, learning)
+    motor, places = subject.motor, set[TorqueSpeed]()
+    seen = _seen(_compensated(points, places), subject, calibration, learning, left_out)
     known = calibration.learned.orders if calibration.learned else ()
     orders = to_learn(seen, motor.pole_pairs, known)
-    before = calibration.learned or _empty(seen, orders, learning)
+    before = calibration.learned or _empty(places, orders, learning)
     residuals = tuple(pass_residual(each, orders, motor.rated_torque_Nm) for each in seen)
     widened = _over_orders(before, orders, seen, motor.rated_torque_Nm)
     learned = LearnedTorque(
@@ -194,16 +202,38 @@ def learn(
 
 
 def _seen(
-    points: Iterable[PointData], subject: Subject, calibration: Calibration, learning: Learning
+    points: Iterable[PointData],
+    subject: Subject,
+    calibration: Calibration,
+    learning: Learning,
+    left_out: CapturesLeftOut,
 ) -> list[SeenRipple]:
     """Return the ripple of the points with `calibration` applied. Raises AnalysisError for none."""
     calibration.check_motor(subject.motor, recorded=True)
     gain, hold = np.array(calibration.alpha) * calibration.delta_epsilon, learning.hold
-    prepared = (_prepared(point, subject) for point in points)
-    seen = seen_points(prepared, subject.motor, subject.sensor, gain, hold, learning.highest_order)
+    samples = prepared(points, subject.motor.counts, left_out, _usable)
+    seen = seen_points(samples, subject.motor, subject.sensor, gain, hold, learning.highest_order)
     if not seen:
-        raise AnalysisError("nothing to learn from: no good operating point in there")
+        raise AnalysisError(
+            f"nothing is learned: no operating point in there can be used{left_out.as_text}"
+        )
     return seen
+
+
+def _compensated(points: Iterable[PointData], places: set[TorqueSpeed]) -> Iterator[PointData]:
+    """Yield the points, and add their places. Raises AnalysisError if one is not compensated."""
+    for point in points:
+        if point.compensate != COMPENSATE["on"]:
+            raise AnalysisError(
+                f"{point.label} was not taken with everything applied (compensate = on): use a "
+                "run of the plan `learn`"
+            )
+        places.add((point.torque_Nm, point.speed_Hz))
+        yield point
+
+
+def _usable(samples: Samples) -> Samples:
+    return require_turns(require_reliable(samples), LEAST_TURNS)
 
 
 def _over_orders(
@@ -262,25 +292,11 @@ def _each(
     return calibration.with_learned(learned.model_copy(update={"points": points}), created)
 
 
-def _prepared(point: PointData, subject: Subject) -> Samples:
-    if point.compensate != COMPENSATE["on"]:
-        raise AnalysisError(
-            f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz was not taken with everything applied "
-            "(compensate = on): use a run of the plan `learn`"
-        )
-    samples = prepare(point, subject.motor.counts)
-    for one in signal_findings([(samples.label, samples.faults)]):
-        if one.severity == "serious":
-            raise AnalysisError(f"nothing is learned: {one.meaning}; {one.action}")
-    return samples
-
-
 def _empty(
-    seen: Sequence[SeenRipple], orders: tuple[int, ...], learning: Learning
+    places: Iterable[TorqueSpeed], orders: tuple[int, ...], learning: Learning
 ) -> LearnedTorque:
     """Return nothing learned over the mesh of the points."""
-    torques_Nm = tuple(sorted({each.torque_Nm for each in seen}))
-    speeds_Hz = tuple(sorted({each.speed_Hz for each in seen}))
+    torques_Nm, speeds_Hz = (tuple(sorted(set(one))) for one in zip(*places, strict=True))
     if max(len(torques_Nm), len(speeds_Hz)) > MAX_NODES:
         raise AnalysisError(
             f"{len(torques_Nm)} torques and {len(speeds_Hz)} speeds, at most {MAX_NODES} of each"

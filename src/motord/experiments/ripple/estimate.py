@@ -107,9 +107,7 @@ class MeshRipple:
         return replace(ripple, stderr_percent=stderr_percent)
 
 
-def ripples(
-    runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut | None = None
-) -> list[PointRipple]:
+def ripples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -> list[PointRipple]:
     """Return the measured ripple of each good point of the runs that can be used."""
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
     found = [
@@ -123,7 +121,7 @@ def explained(
     runs: Iterable[Run],
     subject: Subject,
     calibration: Calibration,
-    left_out: CapturesLeftOut | None = None,
+    left_out: CapturesLeftOut,
 ) -> list[Explained]:
     """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
@@ -136,9 +134,7 @@ def explained(
     return [replace(one, measured=point) for (one, _), point in zip(found, measured, strict=True)]
 
 
-def _samples(
-    runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut | None
-) -> Iterator[Samples]:
+def _samples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -> Iterator[Samples]:
     points = (point for run in runs for point in captures(run) if not point.induced)
     return prepared(points, subject.motor.counts, left_out)
 

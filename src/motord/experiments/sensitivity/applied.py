@@ -74,6 +74,8 @@ class AppliedCompensation:
                 "the currents of this run were not compensated for gains, offsets and cogging "
                 "torque: install a calibration before the plan"
             )
+        for name in ("angle_predicted_rad", "torque_set_Nm", "cogging_comp_Nm", *COMMANDS):
+            good &= np.isfinite(ticks[name])
         t = rows_of(ticks, good)
         position = t["angle_predicted_rad"].astype(float) * (self._counts / (2 * np.pi))
         whole = np.floor(position).astype(np.int64)

@@ -1,6 +1,7 @@
 """What errors of a calibration cost in ripple: theory, and the `sensitivity` plan's recordings."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from motord.identification.operating_points import (
     CURRENTS,
     PointData,
     Samples,
+    require_turns,
     stacked,
 )
 from motord.identification.point_ripple import PointRipple, point_ripple
@@ -94,8 +96,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     left_out = CapturesLeftOut()
     measured = measured_ripples(runs, subject, left_out)
     for ripple, induced in measured:
-        if ripple.stderr_percent is None:
-            raise IdentifyError(f"{ripple.label}: one whole turn; take at least 2 turns")
+        assert ripple.stderr_percent is not None
         wrong = induced.gain, induced.offset_A, induced.cogging
         expected = float(model.rms_percent(ripple.torque_Nm, *wrong))
         for what, value in _single(induced).items():
@@ -104,6 +105,8 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     torque_Nm, speed_Hz = places[0] if places else (DEFAULT_TORQUE_Nm, 0.0)
     with left_out.explaining():
         again = _again(runs, subject, applied, model, torque_Nm)
+        if not measured and again is None:
+            raise IdentifyError("no operating point can be used")
     return Sensitivity(
         subject=subject,
         runs=tuple(run.path.name for run in runs),
@@ -125,7 +128,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
 
 
 def measured_ripples(
-    runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut | None = None
+    runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut
 ) -> list[tuple[PointRipple, Induced]]:
     """Return the ripple of each point with a single error, or none, with what was induced.
 
@@ -144,11 +147,15 @@ def measured_ripples(
 
 
 def _prepared(
-    runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut | None = None
+    runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut
 ) -> Iterator[tuple[Samples, Induced]]:
     for point, induced in _points(runs):
-        for samples in prepared([point], subject.motor.counts, left_out):
+        for samples in prepared([point], subject.motor.counts, left_out, _enough):
             yield samples, induced
+
+
+_enough = partial(require_turns, least=2)
+"""Noise is known by how turns differ."""
 
 
 def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:

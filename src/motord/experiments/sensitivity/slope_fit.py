@@ -5,7 +5,7 @@ off; points of which it is a good part belong to neither line.
 """
 
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -86,14 +86,24 @@ class Series:
 
     @property
     def floor_percent(self) -> float:
-        """Return the RMS error nearest to the ideal: the residual without any induced error."""
-        return float(self.measured_percent[int(np.argmin(np.abs(self.value - self.ideal)))])
+        """Return the RMS error without any induced error, see `floor_percent`."""
+        off = self.value - self.ideal
+        return floor_percent(off, self.measured_percent, self.theory_percent)
 
     @property
     def worst_difference_percent(self) -> float:
         """Return the largest difference from the theory with the floor added in quadrature."""
         expected = np.hypot(self.theory_percent, self.floor_percent)
         return float(np.abs(self.measured_percent - expected).max())
+
+
+def floor_percent(off: np.ndarray, measured: np.ndarray, theory: np.ndarray) -> float:
+    """Return the RMS error without any induced error, of points (n,) by how far `off` they are.
+
+    Of the nearest to the ideal, less its theory in quadrature: it may not be at the ideal itself.
+    """
+    nearest = int(np.argmin(np.abs(off)))
+    return sqrt(max(float(measured[nearest] ** 2 - theory[nearest] ** 2), 0.0))
 
 
 def series(
@@ -115,7 +125,7 @@ def series(
     x, y, error, theory = (
         column[order] for column in (value, measured_percent, stderr_percent, theory_percent)
     )
-    floor = float(y[int(np.argmin(np.abs(x - ideal)))])
+    floor = floor_percent(x - ideal, y, theory)
     clear = theory > CLEAR_OF_FLOOR * floor
     branches = tuple(
         _line(x - ideal, y, error, theory, clear & side, scale) for side in (x < ideal, x > ideal)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from motord.experiments.recording_checks import points_left_out
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.soak.figure_trends import (
     of_points,
     of_repetitions,
@@ -16,6 +16,7 @@ from motord.experiments.soak.result import SoakResult
 from motord.experiments.soak.settings import NAME
 from motord.experiments.soak.trend import drifting
 from motord.experiments.subject import AnalysisError, Recordings, check_plan
+from motord.identification import IdentifyError
 from motord.intervals import LEVEL
 from motord.recording.reader import Run
 
@@ -34,12 +35,15 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     runs, subject = recordings.runs, recordings.subject
     plan = _plan_of(runs)
     taken: dict[tuple[int, int], PointFigures] = {}
+    left_out = CapturesLeftOut()
     for run in sorted(runs, key=_began_ns):
-        for one in points_of(run, subject):
+        for one in points_of(run, subject, left_out):
             taken[one.repetition, one.place] = one
     if not taken:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: no good operating point in there")
+    if all(one.left_out for one in taken.values()):
+        raise IdentifyError(f"no capture can be used{left_out.as_text}")
     points = with_stated(list(taken.values()))
     units = {name: one.unit for run in runs for name, one in run.channels().items()}
     repetitions = repetitions_of(points)
@@ -55,20 +59,9 @@ def soak_trends(recordings: Recordings) -> SoakResult:
     questionable = (
         *ripple_findings(ripples),
         *changed_behind_noise(ripples),
-        *points_left_out(runs, _without_ripple(points)),
+        *left_out.findings(runs),
     )
     return SoakResult(plan, tuple(repetitions.values()), judged, questionable)
-
-
-def _without_ripple(points: Sequence[PointFigures]) -> list[str]:
-    """Return which captures have no ripple, as their turns cannot be counted, and why.
-
-    Raises CaptureError if no capture has any: the encoder may be another one.
-    """
-    found = [(one, error) for one in points if (error := one.unusable)]
-    if found and all(one.ripple is None for one in points):
-        raise found[0][1]
-    return [f"({error}: no ripple)" for _, error in found]
 
 
 def _plan_of(runs: Sequence[Run]) -> str:

@@ -7,14 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.ripple_findings import is_hidden
-from motord.experiments.soak.point_ripples import noise_rms_Nm, point_ripples, without_orders
+from motord.experiments.soak.point_ripples import (
+    capture_label,
+    noise_rms_Nm,
+    point_ripples,
+    set_point_label,
+    without_orders,
+)
 from motord.experiments.soak.settings import NAME
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import CaptureError
 from motord.identification.operating_points import good_points
 from motord.identification.point_ripple import PointRipple
 from motord.identification.signal_condition import require_change
+from motord.identification.turning import NoWholeTurn
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
 
@@ -27,7 +35,8 @@ class PointFigures:
 
     figures: by name with its unit; not finite where they are not known in this repetition, without
     those that are stated of the set-point in none;
-    ripple: without its orders, None where there is no whole turn, or its turns cannot be counted.
+    ripple: without its orders, None where there is none. left_out: the capture cannot be used, and
+    no figure of its torque is known.
     """
 
     run: str
@@ -40,7 +49,7 @@ class PointFigures:
     figures: Mapping[str, float]
     channels: Mapping[str, float]
     ripple: PointRipple | None
-    unusable: CaptureError | None = None
+    left_out: bool = False
 
 
 def with_stated(points: Sequence[PointFigures]) -> list[PointFigures]:
@@ -62,7 +71,7 @@ def with_stated(points: Sequence[PointFigures]) -> list[PointFigures]:
     ]
 
 
-def points_of(run: Run, subject: Subject) -> Iterator[PointFigures]:
+def points_of(run: Run, subject: Subject, left_out: CapturesLeftOut) -> Iterator[PointFigures]:
     """Yield the good points of a recording with their figures. Raises AnalysisError."""
     if missing := [name for name in COLUMNS if name not in run.columns]:
         raise AnalysisError(
@@ -72,51 +81,63 @@ def points_of(run: Run, subject: Subject) -> Iterator[PointFigures]:
     channels = {name: run.channel(name) for name in run.channels()}
     for _, group in groupby(good_points(numbered), key=lambda point: int(point["repetition"])):
         points = list(group)
-        ripples, unusable = point_ripples(run, points, subject)
+        ripples = point_ripples(run, points, subject)
         for point in points:
             ticks = run.ticks(COLUMNS, **bounds_of(point))
             ticks = rows_of(ticks, ticks["plan_point"] == int(point["index"]))
             if ticks.size:
-                index = int(point["index"])
-                ripple = ripples.get(index)
-                found = _point(
-                    run, point, ticks, _figures(ticks, subject, ripple), channels, ripple
+                yield _point(
+                    run, point, ticks, subject, channels, ripples.get(int(point["index"])), left_out
                 )
-                yield replace(found, unusable=unusable.get(index))
 
 
 def _point(
     run: Run,
     point: Mapping[str, Any],
     ticks: np.ndarray,
-    figures: Mapping[str, float],
+    subject: Subject,
     channels: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    ripple: PointRipple | None,
+    found: PointRipple | CaptureError | None,
+    left_out: CapturesLeftOut,
 ) -> PointFigures:
-    place = int(point["inner_index"])
-    label = f"point {place + 1}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz"
-    at = f"{run.path}: repetition {int(point['repetition'])}, {label}"
-    require_change({"torque_Nm": ticks["torque_Nm"]}, at)
     span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
+    mean_Nm, label = np.nan, capture_label(run, point)
+    with left_out.noted(label):
+        if not isinstance(found, CaptureError) or isinstance(found, NoWholeTurn):
+            mean_Nm = _mean_torque_Nm(ticks, label)
+        if isinstance(found, CaptureError):
+            raise found
+    ripple = found if isinstance(found, PointRipple) else None
     return PointFigures(
         run=run.path.name,
         repetition=int(point["repetition"]),
-        place=place,
-        label=label,
+        place=int(point["inner_index"]),
+        label=set_point_label(point),
         torque_set_Nm=float(point["torque_Nm"]),
         t_ns=sum(span_ns) / 2,
         missed=float(int(ticks["missed"][-1]) - int(ticks["missed"][0])),
-        figures=figures,
+        figures=_figures(ticks, subject, ripple, mean_Nm),
         channels={name: _mean_within(*one, *span_ns) for name, one in channels.items()},
         ripple=None if ripple is None else without_orders(ripple),
+        left_out=bool(np.isnan(mean_Nm)),
     )
 
 
-def _figures(ticks: np.ndarray, subject: Subject, ripple: PointRipple | None) -> dict[str, float]:
+def _mean_torque_Nm(ticks: np.ndarray, label: str) -> float:
+    """Return the mean torque of a capture over its angle. Raises CaptureError without any."""
+    known = rows_of(ticks, np.isfinite(ticks["torque_Nm"]))
+    if not known.size:
+        raise CaptureError(f"{label}: no torque_Nm was recorded")
+    require_change({"torque_Nm": known["torque_Nm"]}, label)
+    weights = np.abs(known["speed_rad_s"].astype(float))
+    torque_Nm = known["torque_Nm"].astype(float)
+    return float(np.average(torque_Nm, weights=weights if weights.any() else None))
+
+
+def _figures(
+    ticks: np.ndarray, subject: Subject, ripple: PointRipple | None, mean_Nm: float
+) -> dict[str, float]:
     """Return the figures of a capture's ticks; nan where there is none."""
-    torque_Nm = ticks["torque_Nm"].astype(float)
-    weights = np.abs(ticks["speed_rad_s"].astype(float))
-    mean_Nm = float(np.average(torque_Nm, weights=weights if weights.any() else None))
     in_percent = 100 / subject.motor.rated_torque_Nm
     return {
         "rms_error_percent": np.nan if ripple is None else ripple.rms_percent,

@@ -14,26 +14,37 @@ from motord.identification import CaptureError, IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple, point_ripple
-from motord.identification.turning import NoWholeTurn
 from motord.intervals import LEVEL, t_quantile
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of
 
 
+def set_point_label(point: Mapping[str, Any]) -> str:
+    """Return a point of the inner plan as text."""
+    place = int(point["inner_index"]) + 1
+    return f"point {place}, {point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz"
+
+
+def capture_label(run: Run, point: Mapping[str, Any]) -> str:
+    """Return recording, repetition and point as text."""
+    return f"{run.path.name}: repetition {int(point['repetition'])}, {set_point_label(point)}"
+
+
 def point_ripples(
     run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
-) -> tuple[dict[int, PointRipple], dict[int, CaptureError]]:
-    """Return the ripple of good points by index, and why others have none.
+) -> dict[int, PointRipple | CaptureError]:
+    """Return the ripple of good points by index, or why they have none.
 
-    Points without a whole turn have none, nor have those that do not hold their set-points: only
-    plans of points that hold them for a number of turns have `turns` among their settings. Raises
-    IdentifyError, with recording, repetition and point.
+    Points that do not hold their set-points have none, and no reason: only plans of points that
+    hold them for a number of turns have `turns` among their settings. Raises IdentifyError, with
+    recording, repetition and point.
     """
     motor, sensor = subject.motor, subject.sensor
     inner = run.plan_metadata.get("settings", {}).get("inner")
     turns = isinstance(inner, Mapping) and "turns" in inner
     points = [one for one in points if turns and one["speed_Hz"]]
-    index, found, unusable = [], [], {}
+    index, found = [], []
+    unusable: dict[int, PointRipple | CaptureError] = {}
     for number, samples in _samples(run, points, subject):
         if isinstance(samples, CaptureError):
             unusable[number] = samples
@@ -43,27 +54,21 @@ def point_ripples(
         found.append((point_ripple(samples, motor, sensor), lines))
     again = (one for _, one in _samples(run, points, subject) if isinstance(one, Samples))
     ripples = with_asynchronous(found, again, motor, sensor)
-    return dict(zip(index, ripples, strict=True)), unusable
+    return unusable | dict(zip(index, ripples, strict=True))
 
 
 def _samples(
     run: Run, points: Sequence[Mapping[str, Any]], subject: Subject
 ) -> Iterator[tuple[int, Samples | CaptureError]]:
-    """Yield the samples of points by index, or why they cannot be used. Raises IdentifyError.
-
-    Points without a whole turn have none.
-    """
+    """Yield the samples of points by index, or why they cannot be used. Raises IdentifyError."""
     for point in points:
-        at = f"{run.path}: repetition {point['repetition']}, point {int(point['inner_index']) + 1}"
         for data in split(run.ticks(COLUMNS, **bounds_of(point)), [point]):
             try:
                 yield int(point["index"]), prepare(data, subject.motor.counts)
-            except NoWholeTurn:
-                continue
             except CaptureError as error:
-                yield int(point["index"]), CaptureError(f"{at}, {error}")
+                yield int(point["index"]), error
             except IdentifyError as error:
-                raise IdentifyError(f"{at}, {error}") from error
+                raise IdentifyError(f"{capture_label(run, point)}: {error}") from error
 
 
 def noise_rms_Nm(ripple: PointRipple) -> float:

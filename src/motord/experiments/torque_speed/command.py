@@ -56,8 +56,6 @@ def _text(found: EfficiencyMap, _: Recordings) -> Iterator[str | TextTable]:
     for one in found.points:
         if one.efficiency_reason:
             yield f"- {one.label}: no efficiency: {one.efficiency_reason}"
-    for reason in found.left_out:
-        yield f"- left out: {reason}"
 
 
 ANALYSIS = Analysis(

@@ -12,7 +12,7 @@ from math import log
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.recording_checks import points_left_out
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
 from motord.experiments.torque_speed.estimate import operating_power
@@ -40,29 +40,25 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     own = plan_settings(recordings, NAME, TorqueSpeedConfig)
     accuracy, pole_pairs = subject.accuracy, subject.motor.pole_pairs
     points: list[OperatingPower] = []
-    left_out: list[str] = []
+    left_out = CapturesLeftOut()
     faults: list[tuple[str, tuple[SignalFault, ...]]] = []
     for run in runs:
         readings, plan = _readings(run, own), plan_columns(run.metadata)
         for point, envelope_Nm in _captured(run):
-            try:
+            with left_out.noted(point.label, point.tick_start):
                 turns = CapturedTurns.of(point, subject.motor)
                 faults.append((point.label, turns.faults))
                 series = _series(readings, turns, point, own)
                 place = (point.torque_Nm, point.speed_Hz)
                 found = operating_power(*place, turns, series, accuracy, pole_pairs)
-            except IdentifyError as error:
-                reason = str(error).removeprefix(f"{point.label}: ")
-                left_out.append(f"{point.label}: {reason}")
-            else:
                 points.append(replace(found, envelope_Nm=envelope_Nm, plan=plan))
     if not points:
         files = ", ".join(str(run.path) for run in runs)
-        raise AnalysisError(f"{files}: {'; '.join(left_out[:3]) or 'no good operating point'}")
+        raise AnalysisError(f"{files}: no good operating point{left_out.as_text}")
     source = own.bus_current_channel or own.power_channel
-    of_signals = (*points_left_out(runs), *signal_findings(faults))
-    all_findings = (*findings(points, subject), *of_signals)
-    return EfficiencyMap(tuple(points), source, tuple(left_out), all_findings)
+    of_captures = (*signal_findings(faults), *left_out.findings(runs))
+    all_findings = (*findings(points, subject), *of_captures)
+    return EfficiencyMap(tuple(points), source, left_out.reasons, all_findings)
 
 
 def _check_mean(sensor: TorqueSensorConfig) -> None:

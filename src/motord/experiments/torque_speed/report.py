@@ -65,7 +65,6 @@ def report(found: EfficiencyMap, recordings: Recordings) -> Page:
     page.points(
         [reason for one, reason in zip(found.points, reasons, strict=True) if one.efficiency_reason]
     )
-    page.points([f"left out: {reason}" for reason in found.left_out])
     _fill_budget(page, found)
     return page
 

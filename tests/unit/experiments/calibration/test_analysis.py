@@ -10,6 +10,7 @@ from motord.config import load, packaged
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.comparison import CalibratedRuns, recorded_truth
 from motord.experiments.calibration.report import report
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.ripple import report as ripple
 from motord.experiments.ripple.estimate import MeshRipple, ripples
 from motord.experiments.subject import AnalysisError, Recordings, Subject
@@ -83,7 +84,7 @@ def test_from_runs_to_a_page(recorded: Recorded) -> None:
     calibrator = Calibrator.of_runs(recordings.runs[:1], subject)
     joint, other = calibrator.joint(), load_calibration(recorded.calibration)
     assert np.abs(joint.alpha / ALPHA - 1).max() < 5e-3
-    both = replace(joint, ripples=tuple(ripples(recordings.runs, subject)))
+    both = replace(joint, ripples=tuple(ripples(recordings.runs, subject, EveryCapture())))
     before, after = ripple.before_and_after(both.ripples)
     assert set(before) == set(after) == {(t, s) for t in (2.0, 4.0) for s in (0.8, 1.0)}
     assert min(before.values()) > 5
@@ -114,7 +115,7 @@ def test_a_page_without_points(recorded: Recorded) -> None:
 
 def test_a_point_with_one_side_only(recorded: Recorded) -> None:
     recordings = Recordings.open([recorded.on])
-    points = ripples(recordings.runs, recordings.subject)
+    points = ripples(recordings.runs, recordings.subject, EveryCapture())
     assert "Torque at 4 Nm" in ripple.report(MeshRipple(tuple(points)), recordings).html()
     uneven = (*points, replace(points[0], torque_Nm=9.0, compensate=0))
     assert "Torque at" in ripple.report(MeshRipple(uneven), recordings).html()

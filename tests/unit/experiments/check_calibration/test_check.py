@@ -10,6 +10,7 @@ import pytest
 from motord.calibration import Calibration, CalibrationError
 from motord.cli.analysis_command import app as analyse
 from motord.config import Config, load, packaged
+from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.check_calibration.estimate import check
 from motord.experiments.check_calibration.result import CalibrationCheck
 from motord.experiments.plans import build
@@ -53,7 +54,12 @@ class Taken:
         return path
 
     def checked(self, **changes: object) -> CalibrationCheck:
-        given = {"points": self.points, "calibration": self.calibration, "needed_percent": 0.2}
+        given = {
+            "points": self.points,
+            "calibration": self.calibration,
+            "needed_percent": 0.2,
+            "left_out": CapturesLeftOut(),
+        }
         return check(subject=Subject.of_config(self.config), **{**given, **changes})
 
 
@@ -239,9 +245,15 @@ def test_too_few_turns_are_refused(unchanged: Taken) -> None:
         unchanged.checked(points=[])
     with pytest.raises(IdentifyError, match="6 whole turns in all are too few"):
         unchanged.checked(points=unchanged.points[::2])
+
+
+def test_a_point_of_one_turn_is_left_out_and_said(unchanged: Taken) -> None:
+    """It ended the check of all the others."""
     short = replace(unchanged.points[0], ticks=unchanged.points[0].ticks[:1100])
-    with pytest.raises(IdentifyError, match="1 whole turn, at least 2"):
-        unchanged.checked(points=[short, *unchanged.points])
+    left_out = CapturesLeftOut()
+    found = unchanged.checked(points=[short, *unchanged.points], left_out=left_out)
+    assert found.turns == (3, 2, 3)
+    assert "1 of the 2 whole turns that it needs" in left_out.reasons[0]
 
 
 def test_a_calibration_of_another_motor_is_refused(unchanged: Taken) -> None:

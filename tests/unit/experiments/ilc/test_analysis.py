@@ -115,7 +115,9 @@ def test_nothing_is_learned_from_an_encoder_that_is_misread(
     first: tuple[Path, Calibration], tmp_path: Path
 ) -> None:
     path = change_recording(first[0], tmp_path / "run.mcap", CHANGES["encoder misread at times"])
-    with pytest.raises(AnalysisError, match="nothing is learned: encoder_count jumps"):
+    with pytest.raises(
+        AnalysisError, match=r"left out: run\.mcap: 3 Nm, 0\.8 Hz: encoder_count jumps"
+    ):
         learned_from(path, first[1])
 
 
@@ -156,7 +158,7 @@ def test_a_run_without_points_is_refused(first: tuple[Path, Calibration], tmp_pa
     metadata = {**open_run(first[0]).metadata}
     with RunWriter(tmp_path / "empty.mcap", metadata):
         pass
-    with pytest.raises(AnalysisError, match="nothing to learn from"):
+    with pytest.raises(AnalysisError, match="nothing is learned: no operating point"):
         learned_from(tmp_path / "empty.mcap", first[1])
     with RunWriter(tmp_path / "untold.mcap", {**metadata, "config": ""}):
         pass

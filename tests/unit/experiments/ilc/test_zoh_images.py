@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from motord.config import BackEmfHarmonic, MotorConfig, TorqueSensorConfig
-from motord.experiments.ilc.seen import ZeroOrderHold, aliased_ripple
+from motord.experiments.ilc.aliased_ripple import ZeroOrderHold, aliased_ripple
 from motord.identification.operating_points import Samples
 from motord.identification.torque_sensor import response
 

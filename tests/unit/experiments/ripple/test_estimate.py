@@ -9,6 +9,7 @@ import pytest
 from motord.calibration import load as load_calibration
 from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.ripple import estimate
 from motord.experiments.ripple.command import estimate as estimate_verify
 from motord.experiments.ripple_findings import findings
@@ -24,7 +25,9 @@ from tests.unit.experiments.test_cli import run
 
 def explained(recorded: Recorded, path: Path) -> list:
     calibration = load_calibration(recorded.calibration)
-    return estimate.explained([open_run(path)], Subject.of_config(load()), calibration)
+    return estimate.explained(
+        [open_run(path)], Subject.of_config(load()), calibration, EveryCapture()
+    )
 
 
 def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded) -> None:
@@ -90,7 +93,9 @@ def test_a_calibration_of_another_motor_is_refused(recorded: Recorded, tmp_path:
 def test_an_rms_error_that_noise_hides_is_a_finding(
     recorded: Recorded, rms_percent: float, stderr_percent: float | None, hidden: bool
 ) -> None:
-    [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
+    [point, *_] = estimate.ripples(
+        [open_run(recorded.on)], Subject.of_config(load()), EveryCapture()
+    )
     assert findings([point]) == ()
     seen = replace(point, rms_percent=rms_percent, noise_stderr_percent=stderr_percent)
     assert [one.name for one in findings([point, seen])] == ["noise-hides-ripple"] * hidden
@@ -117,7 +122,7 @@ def test_a_torque_of_another_scale_is_a_finding(
             mean_Nm=None if mean_part is None else mean_part * sign * one.torque_Nm,
         )
         for sign in (1, -1)
-        for one in estimate.ripples([run_], subject)
+        for one in estimate.ripples([run_], subject, EveryCapture())
     ]
     assert ["torque-scale" in one.name for one in findings(points)] == [True] * seen
 
@@ -133,9 +138,9 @@ def test_hum_that_is_not_locked_to_the_rotor_is_named_and_in_the_interval(
         return ticks
 
     subject = Subject.of_config(load())
-    clean = estimate.ripples([open_run(recorded.on)], subject)
+    clean = estimate.ripples([open_run(recorded.on)], subject, EveryCapture())
     path = change_recording(recorded.on, tmp_path / "hum.mcap", hum)
-    humming = estimate.ripples([open_run(path)], subject)
+    humming = estimate.ripples([open_run(path)], subject, EveryCapture())
     assert max(one.leakage_percent for one in clean) < 0.02  # what rings in the sensor
     outside = 0
     for before, after in zip(clean, humming, strict=True):
@@ -161,7 +166,9 @@ def test_what_a_line_is_worth(
     recorded: Recorded, leakage_percent: float, bias_percent: float, severity: str
 ) -> None:
     """A bias is 0.3 of the RMS error where the line is as large as the ripple."""
-    [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
+    [point, *_] = estimate.ripples(
+        [open_run(recorded.on)], Subject.of_config(load()), EveryCapture()
+    )
     seen = replace(
         point,
         rms_percent=0.5,
@@ -194,7 +201,9 @@ def test_a_line_is_named_by_what_is_constant(
     recorded: Recorded, at_Hz: Callable[[float], float], speeds_Hz: tuple[float, ...], said: str,
     advised: str,
 ) -> None:  # fmt: skip
-    [point, *_] = estimate.ripples([open_run(recorded.on)], Subject.of_config(load()))
+    [point, *_] = estimate.ripples(
+        [open_run(recorded.on)], Subject.of_config(load()), EveryCapture()
+    )
     points = [
         replace(
             point,
@@ -221,7 +230,7 @@ def test_lines_of_other_points_that_count(
         return ()
 
     monkeypatch.setattr(lines_of_points, "asynchronous_lines", none)
-    estimate.ripples([run_], subject)
+    estimate.ripples([run_], subject, EveryCapture())
     first, fastest = min(torque for torque, _ in speeds_Hz), max(speed for _, speed in speeds_Hz)
     assert len({torque for torque, _ in speeds_Hz}) == len({speed for _, speed in speeds_Hz}) == 2
 
@@ -230,13 +239,13 @@ def test_lines_of_other_points_that_count(
         return (AsynchronousLine(50 * speeds_Hz[first, fastest], 0.03, 0.001),) * shows
 
     monkeypatch.setattr(lines_of_points, "asynchronous_lines", hum)
-    for one in estimate.ripples([run_], subject):
+    for one in estimate.ripples([run_], subject, EveryCapture()):
         assert bool(one.asynchronous_lines) == (one.torque_Nm == first)
 
     def belt(samples: Samples, _: int) -> tuple[AsynchronousLine, ...]:
         return (AsynchronousLine(7.5 * samples.speed_Hz, 0.03, 0.001),)
 
     monkeypatch.setattr(lines_of_points, "asynchronous_lines", belt)
-    for one in estimate.ripples([run_], subject):
+    for one in estimate.ripples([run_], subject, EveryCapture()):
         [line] = one.asynchronous_lines
         assert line.frequency_Hz == pytest.approx(7.5 * one.speed_Hz, rel=0.01)

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from motord.experiments.captures_left_out import EveryCapture
 from motord.experiments.sensitivity import estimate
 from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData
@@ -34,7 +35,7 @@ def test_hum_that_is_order_50_is_known_from_the_points_to_calibrate_from_again(
     found = []
     for hum_Nm in (0.0, HUM_Nm):
         monkeypatch.setattr(estimate, "captures", partial(captures, hum_Nm))
-        found.append(estimate.measured_ripples([None], SUBJECT))
+        found.append(estimate.measured_ripples([None], SUBJECT, EveryCapture()))
     assert [induced.cogging for _, induced in found[1]] == [0.8, 1.2]
     for (before, _), (after, _) in zip(*found, strict=True):
         assert not before.asynchronous_lines

@@ -455,7 +455,7 @@ def test_counts_that_are_out_of_range_leave_out_the_ripple_of_their_capture_alon
 
 
 @pytest.mark.parametrize("turns", [True, False])
-def test_a_dead_sensor_is_refused_with_recording_repetition_and_point(
+def test_a_dead_sensor_leaves_out_the_torque_of_its_capture_alone(
     drifted: Path, tmp_path: Path, turns: bool
 ) -> None:
     def change(ticks: np.ndarray) -> np.ndarray:
@@ -465,6 +465,11 @@ def test_a_dead_sensor_is_refused_with_recording_repetition_and_point(
         return ticks
 
     path = change_recording(drifted, tmp_path / "s.mcap", change)
-    text = r"s\.mcap: repetition 3, point 2, 2 Nm, 1 Hz: torque_Nm is 1 from the first sample"
-    with pytest.raises(IdentifyError, match=text):
-        trends(path)
+    result = soak_trends(Recordings.open([path]))
+    found = {one.name: one.values.size for one in result.trends}
+    assert found["rms_error_percent"] == found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == 11
+    assert found["inverter_temperature_C"] == 12
+    [finding] = [one for one in result.findings if one.name == "points-left-out"]
+    assert finding.value == 1
+    at = "s.mcap: repetition 3, point 2, 2 Nm, 1 Hz"
+    assert f"({at}: torque_Nm is 1 from the first sample" in finding.meaning

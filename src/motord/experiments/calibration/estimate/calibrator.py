@@ -43,7 +43,7 @@ from motord.experiments.calibration.estimate.predicted_ripple import half_widths
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
-from motord.experiments.captures_left_out import CapturesLeftOut
+from motord.experiments.captures_left_out import CapturesLeftOut, prepared
 from motord.experiments.magnet_temperature import ReferredBackEmf, referred
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import PhaseProgress, Subject
@@ -53,7 +53,6 @@ from motord.identification.operating_points import (
     PointData,
     Samples,
     good_points,
-    prepare,
     require_currents,
 )
 from motord.identification.orders import (
@@ -132,9 +131,10 @@ class Calibrator:
 
     def add(self, point: PointData) -> None:
         """Take a point that can be used, is long enough, and of known temperature if asked for."""
-        samples = self._samples(point)
-        if samples is None:
-            return
+        for samples in self._samples([point]):
+            self._add(samples, induced=bool(point.induced))
+
+    def _add(self, samples: Samples, *, induced: bool) -> None:
         if not _usable(samples):
             (self._unknown if isnan(samples.back_emf_factor) else self._short).append(samples.label)
             return
@@ -143,7 +143,7 @@ class Calibrator:
         self._points.append(accumulate(samples, self._basis, self._sensor))
         if self._motor.connection == "star" and is_missing(samples):
             self._bare.append(samples)
-        if point.induced:
+        if induced:
             return
         self._residual.add(samples)
         self._ripples.append(point_ripple(samples, self._motor, self._sensor))
@@ -238,9 +238,7 @@ class Calibrator:
             added = [trial.order for trial in found.added]
             basis = Basis.of(self._motor, (*known, *added))
             phase, points = f"{READING} again for {in_a_row(added)}", []
-            for samples in map(self._samples, self._again()):
-                if samples is None or not _usable(samples):
-                    continue
+            for samples in filter(_usable, self._samples(self._again())):
                 points.append(accumulate(samples, basis, self._sensor))
                 self._progress(phase, len(points) / len(self._points))
             more, bigger = self._fitted(points, basis, len(basis.orders))
@@ -274,12 +272,9 @@ class Calibrator:
         check_fit(fitted, partial(misfit, regression, fitted))
         return fitted, regression
 
-    def _samples(self, point: PointData) -> Samples | None:
-        """Return the samples of a point, None if it cannot be used, which is said of the result."""
-        usable: list[Samples] = []
-        with self._left_out.noted(point.label, point.tick_start):
-            usable.append(require_currents(prepare(point, self._motor.counts)))
-        return usable[0] if usable else None
+    def _samples(self, points: Iterable[PointData]) -> Iterator[Samples]:
+        """Yield the samples of the points that can be used; the result says of the others why."""
+        return prepared(points, self._motor.counts, self._left_out, require_currents)
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""

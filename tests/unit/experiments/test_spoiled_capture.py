@@ -1,0 +1,162 @@
+"""A capture that is spoiled in any way: each analysis of several goes on and says so, or why not.
+
+No figure is beyond its interval by it: it is left out, or only samples of it are.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motord.config.experiments import analysis_kinds, resolve_name
+from motord.experiments.analysis import Analysis
+from motord.experiments.subject import AnalysisError, Recordings
+from motord.identification import IdentifyError
+from motord.identification.disturbances import lines_of_points
+from motord.recording.reader import Run
+from motord.results.figures import figures
+from motord.schema import rows_of
+from tests.support.plan_recordings import PLANS, PlanFiles
+
+COUNTS = 4096
+SPOILED = 1
+"""Place of the capture that is spoiled among the operating points."""
+
+ONE_COURSE = {"thermal"}
+"""Analyses of one course, not of several captures."""
+
+
+NO_INTERVALS = {"learn", "soak"}
+"""Analyses of which a recording of a few points states no interval."""
+
+SPANS_BY_NUMBER = {"cogging", "back-emf"}
+"""Analyses that name spans by the number of their point over all recordings."""
+
+
+def without_part_of_a_turn(own: np.ndarray) -> np.ndarray:
+    """Leave out the samples of 0.6 turns: the shorter way round is the wrong one."""
+    turned = np.abs(np.unwrap(own["encoder_count"].astype(int), period=COUNTS)) / COUNTS
+    turned -= turned.min()
+    begin = turned.max() / 2
+    return rows_of(own, (turned < begin) | (turned > begin + 0.6))
+
+
+def changed(name: str, change: Callable[[np.ndarray], Any], own: np.ndarray) -> np.ndarray:
+    own[name] = change(own[name])
+    return own
+
+
+def misread(count: np.ndarray) -> np.ndarray:
+    count[5:-5:97] ^= 1024
+    return count
+
+
+def unknown_at_times(torque_Nm: np.ndarray) -> np.ndarray:
+    torque_Nm[::50] = np.nan
+    return torque_Nm
+
+
+WAYS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
+    "lost turns": without_part_of_a_turn,
+    "dead torque sensor": partial(changed, "torque_Nm", lambda _: 0.1),
+    "torque not recorded": partial(changed, "torque_Nm", lambda _: np.nan),
+    "torque unknown at times": partial(changed, "torque_Nm", unknown_at_times),
+    "misread counts": partial(changed, "encoder_count", misread),
+    "truncated": lambda own: own[: own.size // 3],
+    "too short": lambda own: own[:7],
+    "standing rotor": partial(changed, "encoder_count", lambda count: count[0]),
+}
+
+ONE_OF_EACH = ("lost turns", "torque not recorded", "misread counts", "too short")
+SLOW = {"calibrate", "friction", "sensitivity"}
+"""Analyses of a second each, tried in one way of each kind."""
+
+
+class SpoiledRun(Run):
+    """A recording with other ticks than its file has."""
+
+    def __init__(self, path: Path, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
+        super().__init__(path)
+        ticks = super().ticks()
+        point = self.operating_points()[SPOILED]
+        own = (ticks["plan_point"] == point["index"]) & (ticks["t_ns"] >= point["t_start_ns"])
+        own &= ticks["t_ns"] <= point["t_end_ns"]
+        [at] = np.nonzero(own)
+        parts = [ticks[: at[0]], spoil(ticks[at]), ticks[at[-1] + 1 :]]
+        self._ticks = np.concatenate(parts)
+
+    def ticks(self, columns: Any = None, **bounds: int) -> np.ndarray:
+        t_ns = self._ticks["t_ns"]
+        first, end = bounds.get("from_ns", t_ns[0]), bounds.get("to_ns", t_ns[-1])
+        chosen = self._ticks[(t_ns >= first) & (t_ns <= end)]
+        return chosen if columns is None else chosen[list(columns)].copy()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an analysis came to: its figures with intervals, by name, and what it says."""
+
+    intervals: Mapping[str, tuple[float, float]]
+    said: str
+
+
+def outcome(name: str, run: Run, options: Mapping[str, Path]) -> Outcome:
+    kind = analysis_kinds()[name]
+    analysis: Analysis[Any] = resolve_name(kind.command)
+    recordings = Recordings((run,))
+    try:
+        content = analysis.to_json(analysis.estimate(recordings, **options), recordings)
+    except (AnalysisError, IdentifyError) as error:
+        return Outcome({}, str(error))
+    found = {one.field: (one.low, one.high) for one in figures(content, kind.leading)}
+    known = {
+        key: one
+        for key, one in found.items()
+        if None not in one and not key.rpartition(".")[2].isdigit()  # a place, not a name
+    }
+    said = (*(one["meaning"] for one in content["findings"]), content.get("left_out", ""))
+    return Outcome(known, str(said))
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory) -> PlanFiles:
+    return PlanFiles(tmp_path_factory.mktemp("plans"))
+
+
+@pytest.fixture(autouse=True)
+def no_search_for_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare the time of looking for lines that are not locked to the rotor: there are none."""
+    monkeypatch.setattr(lines_of_points, "asynchronous_lines", lambda *_: ())
+
+
+def test_every_analysis_of_several_captures_is_tried() -> None:
+    assert {*PLANS} == {*analysis_kinds()} - ONE_COURSE
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [(name, way) for name in PLANS for way in (ONE_OF_EACH if name in SLOW else WAYS)],
+)
+def test_a_spoiled_capture_is_named_and_changes_no_figure(
+    files: PlanFiles, name: str, way: str
+) -> None:
+    path, options = files.recording(name), files.options(name)
+    sound = files.known(name, lambda: outcome(name, Run(path), options))
+    assert sound.intervals or name in NO_INTERVALS
+    found = outcome(name, SpoiledRun(path, WAYS[way]), options)
+    point = Run(path).operating_points()[SPOILED]
+    labels = (
+        f"{point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz", f"point {SPOILED + 1}",
+        f"{name} {SPOILED + 1}", f"{point['index'] + 1}: ",
+    )  # fmt: skip
+    by_file = path.name in found.said or name in SPANS_BY_NUMBER
+    named = by_file and any(label in found.said for label in labels)
+    assert named or found.intervals.keys() == sound.intervals.keys(), found.said
+    for field, (low, high) in found.intervals.items():
+        if field in sound.intervals:
+            assert low <= sound.intervals[field][1], field
+            assert high >= sound.intervals[field][0], field
