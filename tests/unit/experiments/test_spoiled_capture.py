@@ -71,7 +71,7 @@ WAYS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "standing rotor": partial(changed, "encoder_count", lambda count: count[0]),
 }
 
-ONE_OF_EACH = ("lost turns", "torque not recorded", "misread counts", "too short")
+ONE_OF_EACH = ("lost turns", "torque not recorded", "misread counts", "truncated")
 SLOW = {"calibrate", "friction", "sensitivity"}
 """Analyses of a second each, tried in one way of each kind."""
 

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from motord.calibration import Calibration, TorqueSpeed
-from motord.config.devices import InverterConfig
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
-from motord.experiments.ilc.aliased_ripple import ZeroOrderHold
 from motord.experiments.ilc.estimate import (
     Learning,
     PassResidual,
@@ -21,6 +19,7 @@ from motord.experiments.ilc.estimate import (
     settled,
     unlearned,
 )
+from motord.experiments.ilc.hold_timing import recorded_hold
 from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
 from motord.experiments.ilc.seen import LEAST_TURNS, SeenRipple, seen_points
 from motord.experiments.ripple_findings import asynchronous_line
@@ -33,7 +32,6 @@ from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 from motord.sequencing.settings import COMPENSATE
-from motord.untrusted import parse_toml
 
 AT_LIMIT = 0.999
 """Part of its limit from which on a correction is held by it."""
@@ -118,26 +116,6 @@ class LearnPass:
                 for (torque_Nm, speed_Hz), point in self.learned.by_place.items()
             ],
         }
-
-
-def zero_order_hold(inverter: InverterConfig, sample_age_s: float = 0.0) -> ZeroOrderHold:
-    """Return the timing of the currents for samples of that age when the tick begins."""
-    dead_s = sample_age_s + inverter.actuation_delay_s - inverter.lag_s
-    return ZeroOrderHold(dead_s, inverter.lag_s)
-
-
-def recorded_hold(run: Run) -> ZeroOrderHold | None:
-    """Return the timing of the currents in a run; None if its bench file does not say."""
-    try:
-        table = parse_toml(run.metadata["config"])["inverter"]
-        given = {name: table[name] for name in ("actuation_delay_s", "lag_s") if name in table}
-        inverter = InverterConfig.model_validate(given)
-    except (KeyError, TypeError, ValueError):
-        return None
-    if "actuation_delay_s" not in given:
-        return None
-    age_ns = run.ticks(("sample_age_ns",))["sample_age_ns"]
-    return zero_order_hold(inverter, float(np.median(age_ns)) * 1e-9 if age_ns.size else 0.0)
 
 
 def learn_from_runs(

@@ -7,10 +7,11 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.identification import IdentifyError
+from motord.identification.encoder_ticks import countable_ticks
 from motord.identification.operating_points import PointData
 from motord.identification.resample import rising
 from motord.identification.signal_condition import SignalFault, require_sound
-from motord.identification.turning import continuous_turns, countable, unwrap_counts
+from motord.identification.turning import continuous_turns, unwrap_counts
 from motord.schema import rows_of
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm")
@@ -45,11 +46,8 @@ class CapturedTurns:
         if missing := [name for name in REQUIRED if name not in (names or ())]:
             raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
         good = rising(point.ticks["t_ns"]) & np.isfinite(point.ticks["torque_Nm"])
-        ticks = rows_of(point.ticks, good)
-        t_s = (ticks["t_ns"].astype(np.int64) - ticks["t_ns"][:1].astype(np.int64)) * 1e-9
+        ticks, faults = countable_ticks(rows_of(point.ticks, good), motor.counts, label)
         count = ticks["encoder_count"].astype(np.int64)
-        readable, faults = countable(t_s, count, motor.counts, label)
-        ticks, count = rows_of(ticks, readable), count[readable]
         turns = continuous_turns(count, motor.counts, label, from_start=point.turns_from_start)
         t0_ns = int(ticks["t_ns"][0])
         t_s = (ticks["t_ns"].astype(np.int64) - t0_ns) * 1e-9

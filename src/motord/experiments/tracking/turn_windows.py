@@ -12,9 +12,10 @@ from numpy.lib.recfunctions import repack_fields
 
 from motord.calibration import Calibration
 from motord.identification import CaptureError
+from motord.identification.encoder_ticks import countable_ticks
 from motord.identification.operating_points import COMMANDS, REQUIRED
-from motord.identification.turning import NoWholeTurn, continuous_turns, countable, unwrap_counts
-from motord.schema import Flag, State, joined, rows_of
+from motord.identification.turning import NoWholeTurn, continuous_turns, unwrap_counts
+from motord.schema import Flag, State, joined
 
 COLUMNS = [*REQUIRED, *COMMANDS, "i_age_ns", "torque_set_Nm", "speed_rad_s"]
 
@@ -102,9 +103,7 @@ class TurnWindows:
         self._keep()
         turns: tuple[tuple[int, int], ...] = ()
         try:
-            count = ticks["encoder_count"].astype(int)
-            t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
-            ticks = rows_of(ticks, countable(t_s, count, self._counts, "window")[0])
+            ticks, _ = countable_ticks(ticks, self._counts, "window")
             turns = continuous_turns(ticks["encoder_count"].astype(int), self._counts, "window")
         except NoWholeTurn:
             pass

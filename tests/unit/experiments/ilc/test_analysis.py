@@ -15,11 +15,10 @@ from motord.experiments.ilc.analysis import (
     LearnPass,
     finish,
     learn_from_runs,
-    recorded_hold,
     reopen,
-    zero_order_hold,
 )
 from motord.experiments.ilc.estimate import Learning
+from motord.experiments.ilc.hold_timing import recorded_hold, zero_order_hold
 from motord.experiments.ilc.report import report
 from motord.experiments.subject import AnalysisError, Subject
 from motord.recording.captures import true_torque

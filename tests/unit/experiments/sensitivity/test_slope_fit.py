@@ -29,6 +29,15 @@ def test_branches_have_the_slopes_of_the_theory() -> None:
     assert found.worst_difference_percent < 1e-9
 
 
+def test_without_a_point_at_the_ideal_the_floor_is_the_nearest_less_its_theory() -> None:
+    """All the ripple of an error was taken for that without any, and no point was on a line."""
+    value = np.array([0.8, 0.9, 0.98, 1.1, 1.2])
+    theory = 18.0 * np.abs(value - 1)
+    found = series("alpha_a", 1.0, value, np.hypot(theory, 0.2), np.full(5, 1e-3), theory)
+    assert found.floor_percent == pytest.approx(0.2)
+    assert [int(branch.used.sum()) for branch in found.branches] == [2, 2]
+
+
 def test_the_lines_meet_where_the_ripple_is_least() -> None:
     value, rms = measured(0.0, shift=0.01).meeting
     assert value == pytest.approx(1.01, abs=1e-6)
