@@ -148,7 +148,10 @@ def test_what_steps_that_scatter_bias_the_mean_by_is_in_the_interval() -> None:
         chosen = data[10 * n : 10 * n + 10]
         sets.append(
             accelerate(
-                named([misaligned(one, 2, 0.02, phase_rad[n]) for one in chosen]), 4096, PIEZO, EXACT
+                named([misaligned(one, 2, 0.02, phase_rad[n]) for one in chosen]),
+                4096,
+                PIEZO,
+                EXACT,
             )
         )
     held = [one.interval_95_kg_m2[0] < J < one.interval_95_kg_m2[1] for one in sets]
