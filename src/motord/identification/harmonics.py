@@ -59,7 +59,9 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
         return np.asarray(seen(lines) + damping * lines)
 
     def seen(lines: np.ndarray) -> np.ndarray:
-        return np.asarray(np.fft.rfft(weight * np.fft.irfft(lines, grid))[..., : highest + 1])
+        values = np.fft.irfft(lines, grid)
+        values *= weight
+        return np.asarray(np.fft.rfft(values)[..., : highest + 1])
 
     wanted = sums / samples
     lines: np.ndarray = np.zeros_like(wanted)
@@ -95,9 +97,9 @@ def _inner(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def over_one_turn(lines: np.ndarray, points: int) -> np.ndarray:
     """Return values at `points` even angles over a turn, of lines of orders 0 to n < points / 2."""
-    spectrum = np.zeros(points // 2 + 1, complex)
-    spectrum[: lines.size] = lines * points / 2
-    spectrum[0] *= 2
+    spectrum = np.zeros((*lines.shape[:-1], points // 2 + 1), complex)
+    spectrum[..., : lines.shape[-1]] = lines * points / 2
+    spectrum[..., 0] *= 2
     return np.asarray(np.fft.irfft(spectrum, points))
 
 

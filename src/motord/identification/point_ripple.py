@@ -196,9 +196,9 @@ def without_drift(samples: Samples, torque_Nm: np.ndarray) -> np.ndarray:
 
 
 def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: int) -> np.ndarray:
-    """Return the lines of orders 1 to `highest` of even and of odd turns, complex (2, highest).
+    """Return lines of orders 1 to `highest` of even and of odd turns, complex (2, ..., highest).
 
-    steady_Nm: of the samples of whole turns. With one turn only both are the same.
+    steady_Nm (..., n): of the samples of whole turns. With one turn only both are the same.
     """
     count = samples.count[samples.whole]
     first = samples.turns[0][0]
@@ -206,9 +206,9 @@ def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: 
     for begin, end in samples.turns[1::2]:
         odd[begin - first : end - first] = True
     halves = [odd, ~odd] if len(samples.turns) > 1 else [~odd, ~odd]
-    both = [transforms(count[h], steady_Nm[h], counts, highest) for h in halves]
+    both = [transforms(count[h], steady_Nm[..., h], counts, highest) for h in halves]
     visits, sums = map(np.array, zip(*both, strict=True))
-    return lines_of_sums(visits, sums)[:, 1:]
+    return lines_of_sums(visits.reshape(2, *[1] * (sums.ndim - 2), -1), sums)[..., 1:]
 
 
 def highest_order(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> int:

@@ -74,10 +74,10 @@ def from_order(samples: Samples, frequency_Hz: float) -> float:
     return abs(turns - round(turns)) * len(samples.turns)
 
 
-def waves(samples: Samples, frequency_Hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return cosine and sine of a frequency at the samples of whole turns (n,) each."""
+def waves(samples: Samples, frequency_Hz: float) -> np.ndarray:
+    """Return cosine and sine of a frequency at the samples of whole turns (2, n)."""
     phase_rad = 2 * np.pi * frequency_Hz * samples.t_s[samples.whole]
-    return np.cos(phase_rad), np.sin(phase_rad)
+    return np.array([np.cos(phase_rad), np.sin(phase_rad)])
 
 
 class _Fit(NamedTuple):
@@ -109,7 +109,7 @@ def _fitted(
     side = 1.0 if frequency_Hz > order * speed_Hz else -1.0
     for _ in range(ROUNDS):
         pair = waves(samples, frequency_Hz)
-        columns = np.column_stack([_asynchronous(samples, wave, *orders) for wave in pair])
+        columns = np.column_stack([*_asynchronous(samples, pair, *orders)])
         parts_Nm = np.linalg.lstsq(columns, residual_Nm, rcond=None)[0]
         slope = 2 * np.pi * (t_s - middle_s) * (parts_Nm[1] * pair[0] - parts_Nm[0] * pair[1])
         every = np.column_stack([columns, _asynchronous(samples, slope, *orders)])
@@ -126,8 +126,8 @@ def _fitted(
 
 
 def _asynchronous(samples: Samples, values: np.ndarray, highest: int, counts: int) -> np.ndarray:
-    """Return values (n,) of whole turns less their mean and their average over the turns."""
-    values = values - values.mean()
+    """Return values (..., n) of whole turns less their mean and their average over the turns."""
+    values = values - values.mean(axis=-1, keepdims=True)
     lines = even_and_odd(samples, values, counts, highest).mean(axis=0)
-    table = over_one_turn(np.concatenate([[0.0], lines]), counts)
-    return np.asarray(values - table[samples.count[samples.whole]])
+    table = over_one_turn(np.insert(lines, 0, 0.0, axis=-1), counts)
+    return np.asarray(values - table[..., samples.count[samples.whole]])

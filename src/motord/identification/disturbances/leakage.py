@@ -130,8 +130,8 @@ def noise_of_lines(
     seen = response_of_orders(samples, ripple.order, motor, sensor)
     square_Nm2 = np.zeros(seen.size)
     for line in ripple.asynchronous_lines:
-        for wave in waves(samples, line.frequency_Hz):
-            left = (even_and_odd(samples, wave, motor.counts, seen.size) / seen).mean(axis=0)
+        pair = waves(samples, line.frequency_Hz)
+        for left in (even_and_odd(samples, pair, motor.counts, seen.size) / seen).mean(axis=0):
             square_Nm2 += _upper_limit_Nm(line) ** 2 * np.abs(left) ** 2 / 2
     return np.asarray(np.sqrt(square_Nm2))
 
@@ -158,10 +158,8 @@ def _of_square(
     even_odd_Nm (2, m): lines of even and odd turns; seen (m,): the sensor's response, which they
     are divided by.
     """
-    pair = [
-        even_and_odd(samples, wave, motor.counts, seen.size) / seen
-        for wave in waves(samples, line.frequency_Hz)
-    ]
+    both = even_and_odd(samples, waves(samples, line.frequency_Hz), motor.counts, seen.size) / seen
+    pair = both.swapaxes(0, 1)  # of cosine and sine, of even and odd turns
     first = [
         float((wave[0] * even_odd_Nm[1].conj() + wave[1] * even_odd_Nm[0].conj()).real.sum()) / 2
         for wave in pair
