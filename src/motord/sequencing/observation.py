@@ -170,19 +170,19 @@ class TickWatcher:
         self._angle_rad, self._turned_rad = float(angle_rad[-1]), float(turned_rad[-1])
         speed_rad_s = ticks["speed_rad_s"].astype(float)
         self._point_ticks += ticks.size
-        self._point_speed_rad_s += float(speed_rad_s.sum())
-        last = ticks[-1]
+        sum_rad_s = float(speed_rad_s.sum())
+        self._point_speed_rad_s += sum_rad_s
         turn_speed_Hz = self._turn_speed_Hz(turned_rad, speed_rad_s)
         slowest_Hz, fastest_Hz = self._range_of_turn_speeds(turn_speed_Hz)
         return Observation(
-            t_ns=int(last["t_ns"]),
-            tick=int(last["tick"]),
-            state=State(int(last["state"])),
-            trip_bits=int(last["trip_bits"]),
-            speed_Hz=float(speed_rad_s.mean()) / (2 * np.pi),
+            t_ns=int(ticks["t_ns"][-1]),
+            tick=int(ticks["tick"][-1]),
+            state=State(int(ticks["state"][-1])),
+            trip_bits=int(ticks["trip_bits"][-1]),
+            speed_Hz=sum_rad_s / ticks.size / (2 * np.pi),
             turn_speed_Hz=turn_speed_Hz,
-            torque_set_Nm=float(last["torque_set_Nm"]),
-            plan_point=int(last["plan_point"]),
+            torque_set_Nm=float(ticks["torque_set_Nm"][-1]),
+            plan_point=int(ticks["plan_point"][-1]),
             point_first_tick=self._point_first[0],
             point_first_t_ns=self._point_first[1],
             point_turns=(self._turned_rad - self._point_turned_rad) / (2 * np.pi),
@@ -191,11 +191,11 @@ class TickWatcher:
             lowest_rad=float(turned_rad.min()),
             highest_rad=float(turned_rad.max()),
             point_ticks=self._point_ticks,
-            point_missed=int(last["missed"]) - self._point_counts[0],
-            point_link_errors=int(last["link_errors"]) - self._point_counts[1],
+            point_missed=int(ticks["missed"][-1]) - self._point_counts[0],
+            point_link_errors=int(ticks["link_errors"][-1]) - self._point_counts[1],
             point_slowest_Hz=slowest_Hz,
             point_fastest_Hz=fastest_Hz,
-            temperature_C=float(last["temperature_C"]),
+            temperature_C=float(ticks["temperature_C"][-1]),
             point_temperatures_C=self._point_temperatures_C,
             channels=channels,
         )

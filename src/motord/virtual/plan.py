@@ -81,16 +81,18 @@ class InlineEstimation:
 
 
 def _put(setpoint: np.ndarray, before: Demand, demand: Demand) -> None:
-    """Write a demand into the set-point record, as the supervisor does into its mailbox."""
-    s = setpoint[0]
-    s.seq += 1
-    s.torque_Nm, s.speed_rad_s = demand.torque_Nm, 2 * np.pi * demand.speed_Hz
-    s.brake, s.drive_rad_s = demand.brake, demand.drive_rad_s
-    s.plan_point, s.compensate = demand.plan_point, demand.compensate
+    """Write a demand into the set-point record, as the supervisor does into its mailbox.
+
+    Field by field of the array: attributes of a numpy record take ten times as long.
+    """
+    setpoint["seq"] += 1
+    setpoint["torque_Nm"], setpoint["speed_rad_s"] = demand.torque_Nm, 2 * np.pi * demand.speed_Hz
+    setpoint["brake"], setpoint["drive_rad_s"] = demand.brake, demand.drive_rad_s
+    setpoint["plan_point"], setpoint["compensate"] = demand.plan_point, demand.compensate
     induced = demand.induced
-    s.induced_gain[:] = np.subtract(induced.gain, 1.0)
-    s.induced_offset_A[:] = induced.offset_A
-    s.induced_cogging = induced.cogging - 1.0
+    setpoint["induced_gain"] = np.subtract(induced.gain, 1.0)
+    setpoint["induced_offset_A"] = induced.offset_A
+    setpoint["induced_cogging"] = induced.cogging - 1.0
     if demand.enabled != before.enabled:
-        s.request = Request.ENABLE if demand.enabled else Request.DISABLE
-        s.request_seq += 1
+        setpoint["request"] = Request.ENABLE if demand.enabled else Request.DISABLE
+        setpoint["request_seq"] += 1
