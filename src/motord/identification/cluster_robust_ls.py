@@ -102,14 +102,18 @@ class Regressors:
         """Return rows (n, ...) of each turn."""
         return np.split(values, self.first[1:])
 
+    def solved(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the solution (p,) of a fit of values (n,) and its residual (n,)."""
+        solution = self.inverse @ (self.columns.T @ values)
+        return solution, np.asarray(values - self.columns @ solution)
+
     def fit(self, values: np.ndarray) -> ClusterFit:
         """Fit values (n,).
 
         The covariance is that of white noise, or, where it is larger, the one that follows from how
         the turns differ: sum of g g' over turns, g a turn's columns times its residuals.
         """
-        solution = self.inverse @ (self.columns.T @ values)
-        residual = values - self.columns @ solution
+        solution, residual = self.solved(values)
         noise = float(np.sqrt(residual @ residual / max(residual.size - solution.size, 1)))
         homoskedastic = noise**2 * self.inverse
         pairs = zip(self.split(self.columns), self.split(residual), strict=True)

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from motord.config import MotorConfig
 from motord.experiments.friction.coast_down import CoastDown
-from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, partialled_out
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, bases, partialled_out
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import Regressors
 from motord.identification.orders import allowed_orders
@@ -123,38 +124,44 @@ class CoastDownFit:
         from one to the next is no white noise, and other columns would seem to explain it.
         """
         n = self.values.size
-        ratio = self.residual_squares() / self.residual_squares(more)
+        ratio = self._squares / self.residual_squares(more)
         return float(n * np.log(ratio) - 2 * np.log(n))
 
     def residual_squares(self, more: np.ndarray | None = None) -> float:
         """Return the residual sum of squares with own friction, and with more columns (n, m)."""
         columns = self.columns if more is None else np.hstack([self.columns, more])
-        own, more = columns[:, :OWN], columns[:, OWN:]
-        common, values = partialled_out(own, more, self.values, self.first)
-        residual = Regressors.of(common, self.first).fit(values).residual
+        common, values = partialled_out(self._bases, columns[:, OWN:], self.values, self.first)
+        _, residual = Regressors.of(common, self.first).solved(values)
         return float(residual @ residual)
+
+    @cached_property
+    def _squares(self) -> float:
+        return self.residual_squares()
+
+    @cached_property
+    def _bases(self) -> list[np.ndarray]:
+        return bases(self.columns[:, :OWN], self.first)
 
     def with_stribeck(
         self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float = 0.0
     ) -> TwoStepFit:
         """Fit a Stribeck part of w_s `at_rad_s`, too; with `scale` (S/J) w_s is free around it."""
-        columns = self.and_stribeck(speeds_rad_s, at_rad_s, scale)
-        return TwoStepFit.of(columns, self.first, self.values)
+        columns = [self.columns, self.stribeck(speeds_rad_s, at_rad_s, scale)]
+        return TwoStepFit.of(np.hstack(columns), self.first, self.values)
 
-    def and_stribeck(
-        self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
+    def stribeck(
+        self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float = 0.0
     ) -> np.ndarray:
-        """Return the columns and those of a Stribeck part (n, p + 1), with `scale` (n, p + 2)."""
+        """Return the columns of a Stribeck part (n, 1), with `scale` (n, 2)."""
         pairs = zip(self.coasts, speeds_rad_s, strict=True)
         more = [one.projected(one.stribeck(speed, at_rad_s, scale)) for one, speed in pairs]
-        return np.hstack([self.columns, np.concatenate(more)])
+        return np.concatenate(more)
 
     def best_stribeck(self, speeds_rad_s: Sequence[np.ndarray], tried: np.ndarray) -> float:
         """Return the w_s that fits best, near the best of those `tried` (n,), rising."""
 
         def misfit(at_rad_s: float) -> float:
-            columns = self.and_stribeck(speeds_rad_s, at_rad_s, 0.0)
-            return self.residual_squares(columns[:, self.columns.shape[1] :])
+            return self.residual_squares(self.stribeck(speeds_rad_s, at_rad_s))
 
         best = int(np.argmin([misfit(float(at)) for at in tried]))
         bounds = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
@@ -212,5 +219,4 @@ def _apparent_stribeck(group: CoastDownFit) -> float:
     low, high = min(float(s.min()) for s in speeds), max(float(s.max()) for s in speeds)
     tried = stribeck_speeds(max(low, LEAST_STRIBECK * high), high)
     best = group.best_stribeck(speeds, tried)
-    more = group.and_stribeck(speeds, best, 0.0)[:, group.columns.shape[1] :]
-    return best if group.gain_with(more) > 0 else 0.0
+    return best if group.gain_with(group.stribeck(speeds, best)) > 0 else 0.0

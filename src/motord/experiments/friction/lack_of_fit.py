@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.experiments.friction.coast_down_fit import CoastDownFit
-from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, partialled_out
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, bases, partialled_out
 from motord.intervals import t_quantile
 
 LEVEL = 0.002
@@ -72,7 +72,7 @@ def lack_of_fit(
     pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
     columns = group.columns
     if at_rad_s:
-        columns = group.and_stribeck(speeds_rad_s, at_rad_s, scale)
+        columns = np.hstack([columns, group.stribeck(speeds_rad_s, at_rad_s, scale)])
     square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
     own = np.column_stack([columns[:, :OWN], square])
     coefficients, information = _of_each(own, columns[:, OWN:], group.values, group.first)
@@ -100,7 +100,7 @@ def windage_instead(
     """
     pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
     square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
-    stribeck = group.and_stribeck(speeds_rad_s, at_rad_s, scale)[:, group.columns.shape[1] :]
+    stribeck = group.stribeck(speeds_rad_s, at_rad_s, scale)
     by_square, by_stribeck = (
         max(group.residual_squares(more), 1e-300) for more in (square[:, None], stribeck)
     )
@@ -115,7 +115,7 @@ def _of_each(
 
     Each coast-down has coefficients of its own columns; those of the others are common to all.
     """
-    partial, partial_values = partialled_out(own, common, values, first)
+    partial, partial_values = partialled_out(bases(own, first), common, values, first)
     shared = np.linalg.lstsq(partial, partial_values)[0] if common.shape[1] else np.zeros(0)
     found = []
     less_common = np.split(values - common @ shared, first[1:])

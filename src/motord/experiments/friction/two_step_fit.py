@@ -14,6 +14,7 @@ and a on the second fit, is T (a, b), T = (I, M; 0, I); the covariance is the su
 that over the coast-downs: errors may be correlated within one in any way.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,7 @@ class TwoStepFit(ClusterFit):
         """Fit values (n,) by columns (n, p); first (g,): the first row of each coast-down."""
         own, more = columns[:, :OWN], columns[:, OWN:]
         regressors = Regressors.of(own, first)
-        free, free_values = partialled_out(own, more, values, first)
+        free, free_values = partialled_out(bases(own, first), more, values, first)
         common = _cluster_robust(Regressors.of(free, first), free_values)
         friction = _cluster_robust(regressors, values - more @ common.solution)
         sensitivity = np.eye(columns.shape[1])
@@ -74,19 +75,23 @@ class TwoStepFit(ClusterFit):
         return min(satterthwaite(form, singleton, self.residual.size - self.solution.size), most)
 
 
-def partialled_out(
-    own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals of the common columns and of the values, on each coast-down's own columns.
+def bases(own: np.ndarray, first: np.ndarray) -> list[np.ndarray]:
+    """Return orthonormal columns that span each coast-down's own columns.
 
     first (g,): the first row of each coast-down.
     """
-    residuals = []
+    return [np.linalg.qr(x)[0] for x in np.split(own, first[1:])]
+
+
+def partialled_out(
+    own: Sequence[np.ndarray], common: np.ndarray, values: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return residuals of the common columns and of the values, on each coast-down's own columns.
+
+    own: their `bases`.
+    """
     both = np.split(np.column_stack([common, values]), first[1:])
-    for x, y in zip(np.split(own, first[1:]), both, strict=True):
-        q = np.linalg.qr(x)[0]
-        residuals.append(y - q @ (q.T @ y))
-    every = np.concatenate(residuals)
+    every = np.concatenate([y - q @ (q.T @ y) for q, y in zip(own, both, strict=True)])
     return every[:, :-1], every[:, -1]
 
 
