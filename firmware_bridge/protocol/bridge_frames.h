@@ -81,7 +81,8 @@ enum bridge_status {
     BRIDGE_STATUS_TORQUE_INVALID = 1 << 2,  /* saturated, or no ADC reading */
     BRIDGE_STATUS_ENCODER_INVALID = 1 << 3, /* the lines jump as no shaft does */
     BRIDGE_STATUS_FAULT = 1 << 4,           /* the self-test failed */
-    BRIDGE_STATUS_BARRED = 1 << 5           /* a host of another protocol asked: the line stays open */
+    BRIDGE_STATUS_BARRED = 1 << 5,          /* a host of another protocol asked: the line stays open */
+    BRIDGE_STATUS_OTHER_BOARD = 1 << 6      /* the host's own, in its records: a board leaves it 0 */
 };
 
 /* Made of the lists: type codes BRIDGE_Hello ..., structures struct bridge_Hello ..., the union of

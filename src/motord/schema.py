@@ -172,6 +172,7 @@ class BridgeStatus(IntFlag):
     ENCODER_INVALID = 1 << 3  # the encoder lines are not to be trusted
     FAULT = 1 << 4  # the board's self-test failed
     BARRED = 1 << 5  # a host of another protocol asked: the line is open until motord asks anew
+    OTHER_BOARD = 1 << 6  # set by motord: another board answered; none counts until one is alone
 
 
 FAULT_COUNT_SHIFT, FAULT_COUNT_MODULUS = 8, 128

@@ -17,8 +17,8 @@ TRIP_ACTION: dict[Trip, str] = {
     "mounting; lower limits.torque_Nm if the command itself came close",
     Trip.I2T: "let the motor cool; lower the torque or rest between operating points; correct "
     "limits.i2t_current_A only by the motor's data sheet",
-    Trip.ENCODER_STALE: "check cable and power of the bridge; if the loop was late at the same "
-    "time, see `motord check --rt`",
+    Trip.ENCODER_STALE: "check cable and power of the bridge, and that no other board answers for "
+    "it; if the loop was late at the same time, see `motord check --rt`",
     Trip.ENCODER_IMPLAUSIBLE: "look at encoder_gray before the trip: one bit that stands still or "
     "flickers is a broken line; check coupling and screen of the encoder's cable",
     Trip.TORQUE_STALE: "check the torque sensor's amplifier for saturation and its supply; check "
@@ -54,7 +54,8 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.BRAKE_TEMPERATURE: "let the brake's disc cool; rest between operating points",
     Trip.ENABLE_LINE: "the values say why the board opened it: heartbeats lost (its cable, or a "
     "loop that was late: see `motord check --rt`), or barred (end the host of another protocol); "
-    "if neither, it was reset (its supply)",
+    "if neither, it was reset (its supply), or another host with the same identifier asked for an "
+    "open line (a second motord: end it, or change [bridge.can] host_id)",
     Trip.CHANNEL: "the values of the trip name the channel: let it come back within its limits, or "
     "mend its sensor; `motord status` shows every channel, and why one is broken",
 }
@@ -67,6 +68,9 @@ BRIDGE_ACTION: dict[BridgeStatus, str] = {
     BridgeStatus.BARRED: "a host of another protocol asked the bridge board who it is, so it keeps "
     "the enable line open: end that program (an older motord, or one that sends with the host_id "
     "of [bridge.can]); motord asks the board anew by itself, then `motord reset` and enable",
+    BridgeStatus.OTHER_BOARD: "another bridge board answered than the one that was opened, so none "
+    "counts until that one alone answers: remove the other one (behind the port, or with board_id "
+    "of [bridge.can]), then `motord reset` and enable",
 }
 """What keeps the bridge board from closing the enable line, and what to do."""
 

@@ -41,8 +41,8 @@ class Device(Protocol):
         """Stop safely and release the device; may be called twice."""
 
 
-class Rig(Device, Protocol):
-    """All devices of the fast loop, or one of them. Times are Unix ns; records are those of
+class FastDevice(Device, Protocol):
+    """A device that is read and commanded in every tick. Times are Unix ns; records are those of
     `control.types`; status words are in motord's own bits whatever the device's are."""
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
@@ -55,7 +55,29 @@ class Rig(Device, Protocol):
         """Send `command` (shape (1,)); never blocks. A failed send shows in the feedback."""
 
 
-class InverterDriver(Rig, Protocol):
+class DeviceClock(Protocol):
+    """What is known of a device's own clock: its drift against the loop's, its samples' jitter."""
+
+    jitter_ns: float
+
+    @property
+    def drift_ppm(self) -> float:
+        """Return how much faster than the loop's clock it runs."""
+
+
+class Rig(FastDevice, Protocol):
+    """All devices of the fast loop."""
+
+    @property
+    def refused(self) -> str:
+        """Return which device cannot be taken, and what to do, for the loop to end with; or ""."""
+
+    @property
+    def clock(self) -> DeviceClock | None:
+        """Return what is known of the bridge board's clock; None if it has none of its own."""
+
+
+class InverterDriver(FastDevice, Protocol):
     """A drive that takes phase-current references.
 
     `read` fills t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status and adds to
@@ -65,12 +87,13 @@ class InverterDriver(Rig, Protocol):
     """
 
 
-class BridgeDriver(Rig, Protocol):
+class BridgeDriver(FastDevice, Protocol):
     """The board that samples encoder and torque at one instant and holds the enable line.
 
     `read` fills t_ns, encoder_gray, torque_Nm, bridge_status and adds to link_errors. bridge_status
-    has ENABLE_LINE while the line is closed: without it the bench is not enabled, and one that is
-    enabled trips. `write` sends heartbeat and enable-line request; `safe_stop` opens the line.
+    has ENABLE_LINE while the line is closed as it was asked to be: without it the bench is not
+    enabled, and one that is enabled trips. `write` sends heartbeat and enable-line request;
+    `safe_stop` opens the line. A driver may have `refused` and `clock` as `Rig` does.
     """
 
 

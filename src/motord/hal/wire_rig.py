@@ -21,7 +21,7 @@ class WireRig:
 
     @property
     def refused(self) -> str:
-        """Why a bridge board that answered was not taken, and what to do; "" if none did."""
+        """Which other bridge board answers in place of the one opened, and what to do; or ""."""
         return str(getattr(self._bridge, "refused", ""))
 
     def open(self) -> None:

@@ -12,8 +12,6 @@ import numpy as np
 from motord.control.step import new_memory
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.base import Rig
-from motord.hal.bridge.clock import BoardClock
-from motord.hal.wire_rig import WireRig
 from motord.loop.pacer import INT32_MAX, Pacer
 from motord.loop.tick_kernel import NO_WORK, TickKernel, run_tick
 from motord.schema import State
@@ -25,8 +23,6 @@ from motord.shm.timing import Timing
 
 SUPERVISOR_GONE_S = 5.0
 """Without a heartbeat for so long, and without torque, the loop ends by itself."""
-REFUSED_S = 1.5
-"""Another board ends the loop after so long in one state: a trip's black box then has its 1 s."""
 _LOOK_EVERY_TICKS = 64
 
 
@@ -39,7 +35,7 @@ class StopRequest:
 
 @dataclass
 class ControlLoop:
-    """What the loop works with; `timing` holds its histograms, `clock` is the bridge board's."""
+    """What the loop works with; `timing` holds its histograms."""
 
     rig: Rig
     ring: RingWriter
@@ -47,13 +43,10 @@ class ControlLoop:
     tables: TablesReader
     stop: StopRequest
     timing: Timing = field(default_factory=Timing)
-    clock: BoardClock | None = None
     memory: np.ndarray = field(default_factory=new_memory)
     feedback: np.ndarray = field(default_factory=lambda: np.zeros(1, FEEDBACK))
     setpoint: np.ndarray = field(default_factory=lambda: np.zeros(1, SETPOINT))
     command: np.ndarray = field(default_factory=lambda: np.zeros(1, COMMAND))
-    seen_state: int = State.OFF
-    seen_since_ns: int = 0
 
     def kernel(self) -> TickKernel:
         """Return the compiled tick, bound to all of this."""
@@ -77,20 +70,16 @@ class ControlLoop:
 
     def set_board_clock(self) -> None:
         """Publish the error of the bridge board's clock, if it has one."""
-        if self.clock is not None:
-            self.timing.set_board_clock(self.clock.drift_ppm, self.clock.jitter_ns)
+        if (clock := self.rig.clock) is not None:
+            self.timing.set_board_clock(clock.drift_ppm, clock.jitter_ns)
 
     def end_reason(self, now_ns: int) -> str:
         """Return why the loop ends by itself, "" while it does not: no torque is applied then."""
-        if (state := int(self.memory["state"][0])) != self.seen_state:
-            self.seen_state, self.seen_since_ns = state, now_ns
-        if state == State.ENABLED:
+        if int(self.memory["state"][0]) == State.ENABLED:
             return ""
         if now_ns - int(self.setpoint["heartbeat_ns"][0]) > SUPERVISOR_GONE_S * 1e9:
             return "the supervisor is gone"
-        if now_ns - self.seen_since_ns < REFUSED_S * 1e9:
-            return ""
-        return self.rig.refused if isinstance(self.rig, WireRig) else ""
+        return self.rig.refused
 
 
 def run(loop: ControlLoop, pacer: Pacer, ticks: int | None = None) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 from motord import config
 from motord.hal import registry
 from motord.hal.base import DeviceError, Rig
-from motord.hal.wire_rig import WireRig
 from motord.loop import control_loop, rt_setup
 from motord.loop.hybrid_sleep import HybridSleep
 from motord.loop.pacer import Pacer
@@ -73,7 +72,6 @@ class LoopProcess:
         rig = registry.make_rig(bench)
         timing = Timing.create(self._run_dir.timing)
         work = control_loop.ControlLoop(rig, ring, mailbox, tables, self._stop, timing)
-        work.clock = rig.clock if isinstance(rig, WireRig) else None
         period_ns = round(1e9 / bench.loop.rate_Hz)
         pacer = Pacer(period_ns, HybridSleep(period_ns, spin=bench.loop.spin))
         work.warm_up_kernel()

@@ -5,6 +5,7 @@ import time
 import pytest
 
 from motord.emulate.board import Board
+from motord.hal.base import DeviceError
 from motord.hal.bridge.board import Bridge
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
@@ -24,6 +25,7 @@ class Link:
     def __init__(self, board: Board) -> None:
         self.board, self.openings, self.sequence = board, 1, 0
         self.sends = True
+        self.now_ns = time.monotonic_ns()
         self.arrived: list[frames.Numbered] = []
 
     def arrive(self, *sent: frames.Frame) -> None:
@@ -42,6 +44,12 @@ class Link:
     def send(self, frame: frames.Frame, number: int) -> None:
         if self.sends:
             self.arrive(*self.board.receive(time.monotonic_ns(), frames.Numbered(number, frame)))
+
+    def status(self, driver: Bridge) -> int:
+        """Read at `now_ns`; return the status word."""
+        feedback = new_feedback()
+        driver.read(self.now_ns, feedback)
+        return int(feedback["bridge_status"][0])
 
     def wait(self, timeout_s: float) -> None:
         pass
@@ -139,16 +147,121 @@ def test_after_the_hello_of_another_board_nothing_counts_until_that_of_the_one_o
         driver.read(time.time_ns(), feedback)
         assert feedback["encoder_gray"][0] == 0
         link.arrive(frames.Sample(0, 0x123, 0, 0))
-    refused = driver.refused
-    assert refused == (
-        f"bridge: motord-emulate (firmware {ours.firmware_version}) has serial number 9, but the "
+    assert feedback["bridge_status"][0] & BridgeStatus.OTHER_BOARD
+    assert not any(tick(driver, link, enable) for enable in (0, 1, 1))
+
+
+def answers(driver: Bridge, link: Link, serials: list[int], seconds: float) -> list[int]:
+    """Let boards with these serials answer every half second; return the status words."""
+    words = []
+    for _ in range(round(2 * seconds)):
+        link.now_ns += SECOND_NS // 2
+        link.arrive(*(link.board.hello()._replace(serial=serial) for serial in serials))
+        words += [link.status(driver) for _ in range(2)]
+    return words
+
+
+@pytest.fixture
+def virtual(monkeypatch: pytest.MonkeyPatch) -> tuple[Link, Bridge]:
+    """A board that answers nothing by itself, on a clock that stands still; configured."""
+    link, driver = opened()
+    monkeypatch.setattr(time, "monotonic_ns", lambda: link.now_ns)
+    for _ in range(2):
+        link.status(driver)
+        driver.write(new_command())
+    link.sends = link.board.streaming = False
+    return link, driver
+
+
+def test_the_own_board_counts_again_once_the_other_one_is_silent_for_three_requests(
+    virtual: tuple[Link, Bridge],
+) -> None:
+    link, driver = virtual
+    for word in answers(driver, link, [9], 0.5) + answers(driver, link, [1], 1.5):
+        assert word & BridgeStatus.OTHER_BOARD
+    assert driver.restarts == 0
+    assert not answers(driver, link, [1], 0.5)[-1] & BridgeStatus.OTHER_BOARD
+    assert driver.restarts == 1
+    assert not answers(driver, link, [], 10.0)[-1] & BridgeStatus.OTHER_BOARD
+    assert driver.refused == ""
+
+
+@pytest.mark.parametrize("serials", [[1, 9], [9, 1]])
+def test_of_two_boards_that_both_answer_none_counts_and_the_loop_goes_on(
+    virtual: tuple[Link, Bridge], serials: list[int]
+) -> None:
+    """The loop need not end: it is available again as soon as one of them is gone."""
+    link, driver = virtual
+    assert all(word & BridgeStatus.OTHER_BOARD for word in answers(driver, link, serials, 10.0)[2:])
+    assert (driver.restarts, driver.refused) == (serials.index(9), "")
+
+
+def test_where_only_another_board_answers_for_three_seconds_it_is_said_for_the_loop_to_end(
+    virtual: tuple[Link, Bridge],
+) -> None:
+    link, driver = virtual
+    answers(driver, link, [9], 3.0)
+    assert driver.refused == ""
+    answers(driver, link, [9], 0.5)
+    version = link.board.hello().firmware_version
+    assert driver.refused == (
+        f"bridge: motord-emulate (firmware {version}) has serial number 9, but the "
         "board that was opened has 1; connect that one, or leave this one to be taken; "
         "then `motord reset`"
     )
-    assert not any(tick(driver, link, enable) for enable in (0, 1, 1))
-    link.arrive(ours)
-    assert [tick(driver, link, enable) for enable in (0, 0, 1)][-1]
-    assert (driver.refused, driver.restarts) == (refused, 1)  # for the loop to end with
+    answers(driver, link, [], 2.0)
+    assert driver.refused == "", "nobody answers: that board is gone"
+
+
+def test_a_bus_on_which_two_boards_answer_is_not_opened() -> None:
+    config = make_config()
+    link = Link(Board(config, time.monotonic_ns()))
+    link.arrive(link.board.hello()._replace(serial=9))
+    with pytest.raises(DeviceError, match=r"serial number 1, but the board that was opened has 9"):
+        Bridge(config, "bridge", "", lambda: link).open()
+
+
+def test_a_block_with_a_hello_that_comes_again_and_again_is_no_closed_line() -> None:
+    """An adapter that stands still: each Hello makes samples of before look new."""
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    now_ns = time.monotonic_ns()
+    closed = link.board.sample(now_ns, 0x123, 0, False)
+    block = (link.board.hello(), link.board.status(now_ns), closed)
+    assert closed.status & BridgeStatus.ENABLE_LINE
+    link.sends = link.board.streaming = False
+    for _ in range(3):
+        link.arrive(*block)
+        driver.write(new_command(enable=1))
+        feedback = new_feedback()
+        driver.read(time.time_ns(), feedback)
+        assert feedback["encoder_gray"][0] == 0x123
+        assert not feedback["bridge_status"][0] & BridgeStatus.ENABLE_LINE
+
+
+def test_a_line_is_not_closed_on_the_word_of_a_board_that_acknowledges_no_heartbeat() -> None:
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    link.sends = False
+    assert status_after(driver, SECOND_NS // 3) & BridgeStatus.ENABLE_LINE
+    word = status_after(driver, SECOND_NS)
+    assert word & BridgeStatus.HEARTBEAT_LOST
+    assert not word & BridgeStatus.ENABLE_LINE
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["started-anew", "opened-again"])
+def test_nothing_of_the_session_before_is_left(again: bool) -> None:
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    before = driver._session
+    if again:
+        driver.close()
+        driver.open()
+    else:
+        start_anew(link)
+        driver.read(time.time_ns(), new_feedback())
+    assert driver._session is not before
+    assert driver._session.may_close is again
 
 
 def test_a_heartbeat_that_was_acknowledged_once_is_not_again_when_its_number_comes_round() -> None:

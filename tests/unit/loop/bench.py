@@ -61,6 +61,9 @@ class Supervisor:
 class ScriptedRig:
     """A healthy rig at standstill that calls `on_read(reads)` in every tick, and remembers."""
 
+    refused = ""
+    clock = None
+
     def __init__(self, on_read: Callable[[int], None] = lambda _reads: None) -> None:
         self.on_read = on_read
         self.calls: list[str] = []

@@ -3,18 +3,14 @@
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from motord import config
 from motord.control import parameters
-from motord.hal.wire_rig import WireRig
-from motord.loop.control_loop import REFUSED_S, SUPERVISOR_GONE_S, ControlLoop, StopRequest, run
+from motord.loop.control_loop import SUPERVISOR_GONE_S, ControlLoop, StopRequest, run
 from motord.loop.pacer import Pacer
-from motord.recorder.blackbox import AFTER_S
 from motord.schema import Flag, Request, State
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingReader, RingWriter
@@ -143,24 +139,15 @@ def test_loop_stays_while_there_is_torque(loop: Loop) -> None:
     assert loop.loop.end_reason(2**62) == "the supervisor is gone"
 
 
-def test_loop_ends_when_another_board_answers_and_there_is_no_torque(loop: Loop) -> None:
+def test_loop_ends_with_what_the_rig_refuses_when_there_is_no_torque(loop: Loop) -> None:
     """`motord reset` starts it again, which takes the board that answers then."""
-    bridge: Any = SimpleNamespace(refused="")
     loop.run(1)
-    loop.loop.rig = WireRig(bridge, bridge)
     assert not loop.loop.end_reason(loop.now_ns)
-    bridge.refused = "bridge: it has serial number 9"
+    loop.rig.refused = "bridge: it has serial number 9"
     loop.loop.memory["state"] = State.ENABLED
     assert not loop.loop.end_reason(loop.now_ns)
     loop.loop.memory["state"] = State.TRIPPED
-    over_ns = loop.now_ns + round(REFUSED_S * 1e9)
-    assert not loop.loop.end_reason(loop.now_ns)
-    assert not loop.loop.end_reason(over_ns - 1)
-    assert loop.loop.end_reason(over_ns) == bridge.refused
-
-
-def test_a_loop_that_another_board_ends_has_published_what_the_black_box_takes() -> None:
-    assert REFUSED_S > AFTER_S
+    assert loop.loop.end_reason(loop.now_ns) == loop.rig.refused
 
 
 def test_work_is_in_the_tick_after_and_in_the_histogram(loop: Loop) -> None:

@@ -178,6 +178,7 @@ def test_values_that_are_read_off_several_ticks(trip, fields, value, limit):
     [
         (BridgeStatus.HEARTBEAT_LOST, "no heartbeat acknowledged by the bridge board, for s"),
         (BridgeStatus.BARRED, "bridge board barred by a host of another protocol, for s"),
+        (BridgeStatus.OTHER_BOARD, "another bridge board answers, for s"),
     ],
 )
 def test_why_the_bridge_board_opened_the_line(bit, reason):
@@ -188,18 +189,25 @@ def test_why_the_bridge_board_opened_the_line(bit, reason):
     assert list(found)[1:] == [reason]
 
 
-def test_a_bridge_board_that_is_barred_is_an_event_that_says_what_to_do():
+@pytest.mark.parametrize(
+    ("bit", "why"),
+    [
+        (BridgeStatus.BARRED, "a host of another protocol"),
+        (BridgeStatus.OTHER_BOARD, "another bridge board answered"),
+    ],
+)
+def test_a_bridge_board_that_is_barred_or_replaced_is_an_event_that_says_what_to_do(bit, why):
     """And once, not at every tick, however often a stranger asks."""
     ticks, events = np.zeros(3, TICK_DTYPE), EventLog(lambda: 0)
     watch = TickMonitor(load(), events)
     watch.update(ticks, 0, 1)
     assert not events.recent()
-    ticks["bridge_status"][1] = BridgeStatus.BARRED
+    ticks["bridge_status"][1] = bit
     for second in range(1, 100):
         watch.update(ticks, 0, second * 1_000_000_000)
     [event] = events.recent()
     assert event.kind == "bridge"
-    assert "a host of another protocol" in event.message
+    assert why in event.message
     assert "then `motord reset`" in event.message
 
 

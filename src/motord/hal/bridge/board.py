@@ -10,7 +10,8 @@ it may have started anew while the link was down, or have missed so many heartbe
 the next for old ones. So is one that another host has barred: this host's HelloRequest ends that.
 Its Hello says from which number heartbeats go on. Behind a port that was away may be another board:
 nothing that it sends counts until its Hello says that it is the same. Nor does anything after the
-Hello of another one, and `refused` says who answered, for the loop to end with.
+Hello of another one, until the own one alone answers (`bridge.identity`); where only the other one
+does, `refused` says who, for the loop to end with.
 """
 
 from collections.abc import Callable
@@ -21,8 +22,9 @@ import numpy as np
 from motord.config import Config
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import BoardClock, LoopClock
-from motord.hal.bridge.identity import incompatibility, refusal
+from motord.hal.bridge.identity import BoardIdentity, refusal
 from motord.hal.bridge.link import BridgeLink
+from motord.hal.bridge.session import BoardSession
 from motord.hal.countdown import countdown_s
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
@@ -31,21 +33,19 @@ _REPEAT_S = 0.1
 SILENCE_NS = 500_000_000
 """After this time without a sample, or with heartbeats that the board does not receive, it is asked
 who it is, and again each time it is over; not before its samples are stale: it starts anew then."""
+_ENABLE_LINE = int(BridgeStatus.ENABLE_LINE)
 _HEARTBEAT_LOST = int(BridgeStatus.HEARTBEAT_LOST)
+_OTHER_BOARD = int(BridgeStatus.OTHER_BOARD)
 _DEAF = int(BridgeStatus.HEARTBEAT_LOST | BridgeStatus.BARRED)
 """Of a board that heartbeats do not reach, or do not move."""
 _UNIDENTIFIED = -1
 _AHEAD = frames.HEARTBEAT_NUMBERS // 2
-_HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
 _Response = TypeVar("_Response", frames.Hello, frames.Status, frames.Sample)
 
 
 class Bridge:
-    """A `BridgeDriver`; `hello` is what the board said of itself, `restarts` counts its resets.
-
-    `clock` is what is known of the board's clock.
-    """
+    """A `BridgeDriver`; `restarts` counts resets, `clock` is what is known of the board's clock."""
 
     def __init__(
         self, config: Config, name: str, hint: str, open_link: Callable[[], BridgeLink]
@@ -59,44 +59,48 @@ class Bridge:
         self._name = name
         self._hint = hint
         self._open_link = open_link
-        self.hello: frames.Hello | None = None
         self.restarts = 0
-        self.refused = ""
-        """Why a board that answered since `open` was not taken, and what to do; "" if none did."""
         self._config = bridge
         self._counts = config.motor.counts
         self._configuration = frames.Configure(
             config.sample_rate_Hz, round(bridge.heartbeat_timeout_s * 1e6)
         )
-        self._configured = False  # by the newest Status since the board started
-        self._may_close = True  # the command was an open line since the board started
         self._torque_Nm_per_count = config.torque_Nm_per_count
         self._link: BridgeLink | None = None
         self._openings = 0  # of the link, when the board last said who it is
         self._loop_clock = LoopClock()
         self.clock = BoardClock()
         self._number = 0  # of the next frame; its sequence is the rest of it
-        self._sent = [(-1, 0)] * _HEARTBEATS_KEPT  # number and time of each heartbeat
-        self._heartbeats = 0  # received by the board, by its newest Status
         self._lost_by_board = 0
-        self._board_errors = -1  # as last reported, -1 if not since the board started
         self._errors_before: int | None = None  # link errors count from the first read
         self._t_ns = 0
         self._silence_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9))
+        self._identity = BoardIdentity(self._counts, self._silence_ns)
+        self._session = BoardSession(self._configuration, self.clock, may_close=True)
         self._received_ns = 0  # newest sample's arrival, while the board receives heartbeats
         self._requested_ns = 0
         self._acknowledged_ns = 0  # when the newest heartbeat that the board has stated was sent
         self._sample = frames.Sample(0, 0, 0, 0)
 
+    @property
+    def hello(self) -> frames.Hello | None:
+        """What the board that was opened said of itself."""
+        return self._identity.opened
+
+    @property
+    def refused(self) -> str:
+        """Which other board alone has answered for some seconds, and what to do; "" if none."""
+        wrong = self._identity.replaced(self._loop_clock.now_ns())
+        return f"{self._name}: {wrong}; then `motord reset`" if wrong else ""
+
     def open(self) -> None:
         """Open the link, check the board and that it samples. Raises DeviceError."""
-        self._link, self.hello, self.refused = self._open_link(), None, ""
+        self._link = self._open_link()
+        self._identity = BoardIdentity(self._counts, self._silence_ns)
         try:
-            self.hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
-            if wrong := incompatibility(self.hello, self._counts, None):
-                raise self._error(wrong)
-            self._openings = self._link.openings
-            self._number = self.hello.heartbeat_next
+            hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
+            self._begin_session(may_close=True)
+            self._number = hello.heartbeat_next
             self._update_from_status(self._request(self._configuration, frames.Status))
             self._sample = self._request(frames.Start(), frames.Sample)
             self._send(frames.Stop())
@@ -108,11 +112,7 @@ class Bridge:
         self._errors_before = None
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors.
-
-        HEARTBEAT_LOST is set too while the board has acknowledged none of the last SILENCE_NS: one
-        that never had a heartbeat has lost none by its own status, and keeps the line open.
-        """
+        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors."""
         clock = self._loop_clock
         clock.observe(now_ns)
         if self._link is not None:
@@ -122,11 +122,12 @@ class Bridge:
                 self._acknowledged_ns = now_ns
             received = self._link.receive()
             if self._link.openings != self._openings:
-                self._configured = self._may_close = False
+                self._session.configured = False
                 received = [numbered for numbered in received if type(numbered[1]) is frames.Hello]
             if received:
                 stamp_ns = self._link.stamp_ns
-                self._process(received, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
+                arrival_ns = clock.from_system(stamp_ns) if stamp_ns else clock.now_ns()
+                self._process(received, now_ns, arrival_ns)
             if now_ns - max(self._received_ns, self._requested_ns) > self._silence_ns:
                 self._requested_ns = now_ns
                 self._send(frames.HelloRequest(frames.PROTOCOL))
@@ -134,9 +135,22 @@ class Bridge:
         feedback["t_ns"] = self._t_ns
         feedback["encoder_gray"] = sample.encoder_gray
         feedback["torque_Nm"] = sample.torque_counts * self._torque_Nm_per_count
+        session, status = self._session, sample.status
         lost = now_ns - self._acknowledged_ns > self._silence_ns
-        feedback["bridge_status"] = sample.status | (_HEARTBEAT_LOST if lost else 0)
+        if lost or not session.configured or not session.may_close:
+            status = self._unconfirmed(status, lost)
+        feedback["bridge_status"] = status
         feedback["link_errors"] += self._link_errors()
+
+    def _unconfirmed(self, status: int, lost: bool) -> int:
+        """Return a status word without ENABLE_LINE: a board that is asked for an open line, or has
+        acknowledged no heartbeat of the last SILENCE_NS, cannot be who says that it is closed.
+
+        In the second case HEARTBEAT_LOST is set: a board that never had one has lost none by its
+        own status, and keeps the line open.
+        """
+        bits = (_HEARTBEAT_LOST if lost else 0) | (_OTHER_BOARD if self._identity.foreign else 0)
+        return status & ~_ENABLE_LINE | bits
 
     def _link_errors(self) -> int:
         """Return the errors since the first read."""
@@ -151,9 +165,9 @@ class Bridge:
         To a board that started anew nothing is asked for that was commanded before: for it this
         host would be one that knows of the open line, and it would close it again at once.
         """
-        enable = bool(command["enable"][0])
-        self._may_close = self._may_close or not enable
-        self._send_heartbeat(1 if enable and self._configured and self._may_close else 0)
+        enable, session = bool(command["enable"][0]), self._session
+        session.may_close = session.may_close or not enable
+        self._send_heartbeat(1 if enable and session.configured and session.may_close else 0)
 
     def safe_stop(self) -> None:
         """Open the enable line; said twice, in case a frame is lost."""
@@ -169,65 +183,47 @@ class Bridge:
         self._link.close()
         self._link = None
 
-    def _process(self, received: list[frames.Numbered], arrival_ns: int) -> None:
+    def _process(self, received: list[frames.Numbered], now_ns: int, arrival_ns: int) -> None:
         """Process what arrived: the newest sample counts, every heartbeat's echo."""
-        newest = None
+        newest, taken = None, True
         for _, frame in received:
             if type(frame) is frames.Sample:
                 newest = frame
-            elif type(frame) is frames.Status:
+            elif type(frame) is frames.Status and taken:
                 self._update_from_status(frame)
             elif type(frame) is frames.Hello:
-                newest = None
-                if not self._identified(frame):
-                    break
-                self._restart(frame)
-        if newest is not None:
-            if self._configured and not newest.status & _DEAF:
+                newest, taken = None, self._identity.taken(frame, now_ns)
+                if taken:
+                    self._restart(frame)
+                else:
+                    self._openings, self._session.configured = _UNIDENTIFIED, False
+        if newest is not None and taken:
+            if self._session.configured and not newest.status & _DEAF:
                 self._received_ns = arrival_ns
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
     def _update_from_status(self, status: frames.Status) -> None:
-        configured = refusal(status, self._configuration) is None
-        if self._configured and not configured:
-            self._may_close = False
-        self._configured = configured
-        lost = status.errors + status.dropped
-        if self._board_errors >= 0:
-            self._lost_by_board += max(lost - self._board_errors, 0)
-        self._board_errors = lost
-        number, sent_ns = self._sent[status.heartbeat_sequence % _HEARTBEATS_KEPT]
-        if status.heartbeats not in (0, self._heartbeats) and number == status.heartbeat_sequence:
-            self._acknowledged_ns = sent_ns
-            self.clock.heartbeat(status.heartbeat_t_us, sent_ns)
-        self._heartbeats = status.heartbeats
+        self._lost_by_board += self._session.update(status)
+        self._acknowledged_ns = self._session.acknowledged_ns(status) or self._acknowledged_ns
 
-    def _identified(self, hello: frames.Hello) -> bool:
-        """Return whether it is the board that was opened; of another one nothing counts."""
-        if wrong := incompatibility(hello, self._counts, self.hello):
-            self.refused = f"{self._name}: {wrong}; then `motord reset`"
-            self._openings = _UNIDENTIFIED
-        return not wrong
+    def _begin_session(self, *, may_close: bool) -> None:
+        assert self._link is not None
+        self._openings = self._link.openings
+        self._session = BoardSession(self._configuration, self.clock, may_close=may_close)
 
     def _restart(self, hello: frames.Hello) -> None:
         """Configure and start a board that was reset, or cut off, while the loop runs."""
-        assert self._link is not None
-        self._openings = self._link.openings
         self.restarts += 1
         if (hello.heartbeat_next - self._number) % frames.HEARTBEAT_NUMBERS < _AHEAD:
             self._number = hello.heartbeat_next
-        self.clock.reset()
-        self._configured = self._may_close = False
-        self._board_errors = -1
-        self._heartbeats = 0
-        self._sent = [(-1, 0)] * _HEARTBEATS_KEPT
+        self._begin_session(may_close=False)
         self._send(self._configuration)
         self._send(frames.Start())
 
     def _send_heartbeat(self, enable: int) -> None:
         number = self._number % frames.SEQUENCE_MODULUS
-        self._sent[number % _HEARTBEATS_KEPT] = (number, self._loop_clock.now_ns())
+        self._session.sent(number, self._loop_clock.now_ns())
         self._send(frames.Heartbeat.of(self._number, enable=enable == 1))
 
     def _send(self, frame: frames.Frame) -> None:
@@ -240,7 +236,7 @@ class Bridge:
         """Send `request` until a `response` comes that does not refuse it.
 
         A Status may be older than the request: a board that streamed before sends them unasked.
-        Raises DeviceError if none comes.
+        Raises DeviceError if none comes, or the Hello of a board that cannot be used, or a second.
         """
         link = self._link
         assert link is not None
@@ -249,7 +245,9 @@ class Bridge:
             self._send(request)
             for left_s in countdown_s(_REPEAT_S):
                 link.wait(left_s)
-                for _, found in link.receive():
+                received = [frame for _, frame in link.receive()]
+                self._check_identity(received)
+                for found in received:
                     if isinstance(found, response):
                         if isinstance(found, frames.Status):
                             refused = refusal(found, self._configuration)
@@ -265,6 +263,12 @@ class Bridge:
                 else "nothing at all; is the board powered, and is this where it is?"
             )
         )
+
+    def _check_identity(self, received: list[frames.Frame]) -> None:
+        """Raise DeviceError if a Hello is of a board that cannot be used, or of a second one."""
+        for frame in received:
+            if isinstance(frame, frames.Hello) and (wrong := self._identity.wrong(frame)):
+                raise self._error(wrong)
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"{self._name}: {what}")

@@ -50,6 +50,9 @@ class SimRig:
     stays off until a command to be off has come. `[bench] faults` happen from the first read on.
     """
 
+    refused = ""
+    clock = None
+
     def __init__(self, config: Config) -> None:
         self._rig = build(load(config.bench.rig), config.bench.seed)
         self._input, self._output = np.zeros(1, RIG_INPUT), np.zeros(1, RIG_OUTPUT)

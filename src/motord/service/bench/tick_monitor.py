@@ -30,6 +30,9 @@ REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
 """Missed ticks are reported after pauses that grow from the first to the last while there are new
 ones, so that they do not displace the other events."""
 
+_BRIDGE_EVENTS = (BridgeStatus.BARRED, BridgeStatus.OTHER_BOARD)
+"""What ends by itself: so it is an event besides the state, which may be over before it is read."""
+
 OnTrip = Callable[[int, int, Mapping[str, Any]], str]
 """Called with time (Unix ns), tick and report of a trip; returns the path of its black box."""
 
@@ -64,7 +67,7 @@ class TickMonitor:
         self._missed_reported = 0
         self._missed_reported_ns = 0
         self._missed_pause_ns = REPORT_FIRST_NS
-        self._barred_ns = -REPORT_LAST_NS  # when the bridge board was last barred
+        self._bridge_ns = dict.fromkeys(_BRIDGE_EVENTS, -REPORT_LAST_NS)  # when last so
 
     @property
     def state(self) -> State:
@@ -106,7 +109,7 @@ class TickMonitor:
         self.read_ns = now_ns
         self.ticks += len(block)
         self._report_missed(now_ns)
-        self._report_barred(block, now_ns)
+        self._report_bridge(block, now_ns)
 
     def forget(self) -> None:
         """Start anew: the loop was restarted and its counters with it."""
@@ -178,13 +181,15 @@ class TickMonitor:
             new=new, total=missed,
         )  # fmt: skip
 
-    def _report_barred(self, block: np.ndarray, now_ns: int) -> None:
-        """Say that the board was barred, unless it was not long ago: motord ends it within 1 s."""
-        if not (block["bridge_status"] & int(BridgeStatus.BARRED)).any():
-            return
-        since_ns, self._barred_ns = now_ns - self._barred_ns, now_ns
-        if since_ns >= REPORT_LAST_NS:
-            self._events.emit("bridge", BRIDGE_ACTION[BridgeStatus.BARRED])
+    def _report_bridge(self, block: np.ndarray, now_ns: int) -> None:
+        """Say that the board was barred or another one answered, unless it was not long ago."""
+        bits = int(np.bitwise_or.reduce(block["bridge_status"]))
+        for bit in _BRIDGE_EVENTS:
+            if not bits & bit:
+                continue
+            since_ns, self._bridge_ns[bit] = now_ns - self._bridge_ns[bit], now_ns
+            if since_ns >= REPORT_LAST_NS:
+                self._events.emit("bridge", BRIDGE_ACTION[bit])
 
     @property
     def missed(self) -> int:

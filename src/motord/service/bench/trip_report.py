@@ -227,9 +227,9 @@ _OPENED: dict[str, Quantity] = {
     "bridge board barred by a host of another protocol, for s": _bits_set(
         "bridge_status", BridgeStatus.BARRED
     ),
+    "another bridge board answers, for s": _bits_set("bridge_status", BridgeStatus.OTHER_BOARD),
 }
-"""Why the board opened the line, if it says so; ENABLE_LINE has those that hold among its values.
-"""
+"""Why the line is not confirmed closed; ENABLE_LINE has those that hold among its values."""
 
 _UNPOWERED: dict[str, Quantity] = {
     _LINE_OPEN: _bits_clear("bridge_status", BridgeStatus.ENABLE_LINE),
