@@ -222,6 +222,11 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("limits", "torque_error_s = 1.1", "limits.torque_error_s"),
         ("limits", "current_error_A = 17.33", "a drive without any current"),
         ("limits", "torque_error_Nm = 4.8", "make it less than 4.8"),
+        ("bridge", "adc_V_per_count = 1.81", "one count would be a torque error (torque_error_Nm)"),
+        ("bridge", "adc_V_per_count = 1.81", "make it at most 1.8, or lower the gain"),
+        ("bridge", "adc_V_per_count = 5.58e-9", "no number of counts would reach trip_torque_Nm"),
+        ("bridge", "adc_V_per_count = 5.58e-9", "make it at least 5.59e-09, or raise the gain"),
+        ("torque_sensor", "gain_Nm_per_V = 1e12", "gain_Nm_per_V = 1e+12 one count would be"),
     ],
 )
 def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, line, says) -> None:
@@ -238,6 +243,8 @@ def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, lin
         ("limits", "link_errors_per_s = 2000.0"),
         ("loop", "enable_timeout_s = 0.022"),
         ("limits", "current_error_A = 17.32\ntorque_error_Nm = 4.79"),
+        ("bridge", "adc_V_per_count = 1.8"),
+        ("bridge", "adc_V_per_count = 5.59e-9"),
     ],
 )
 def test_the_bound_that_is_named_is_accepted(tmp_path: Path, section: str, lines: str) -> None:

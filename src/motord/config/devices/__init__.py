@@ -222,7 +222,7 @@ class BridgeConfig(DeviceConfig):
     connect_timeout_s: Positive = 2.0
     """The board has to answer within this time of the start."""
     adc_V_per_count: Positive = 10.0 / 32768
-    """Volts per count of the torque sensor's converter."""
+    """Volts per count of the torque sensor's converter; a count may not be a torque error."""
 
     @property
     def place(self) -> str:

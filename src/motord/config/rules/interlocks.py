@@ -8,7 +8,11 @@ from motord.config.rules.encoder import (
     a_sound_encoder_never_jumps,
     the_encoder_shows_the_greatest_speed,
 )
-from motord.config.rules.torque import dead_sensor_error_Nm, no_set_point_is_an_error
+from motord.config.rules.torque import (
+    counts_resolve_the_limits,
+    dead_sensor_error_Nm,
+    no_set_point_is_an_error,
+)
 from motord.config.sections import Sections
 from motord.config.timing import DELAY_MAX_S, INTERVALS_MIN, SILENCE_MAX_S
 
@@ -105,3 +109,4 @@ def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
     yield from errors_last_longer_than_they_may(config)
     yield from no_set_point_is_an_error(config)
     yield from what_is_dead_is_beyond_its_limit(config)
+    yield from counts_resolve_the_limits(config)

@@ -7,6 +7,9 @@ from motord.config.bounds import SettingBound
 from motord.config.sections import LimitsConfig, Sections
 from motord.config.timing import INTERVALS_MIN, RAMP_DOWN_MAX_S, SETTLING_LAGS, TORQUE_SHARE
 
+SAMPLE_COUNTS_MAX = 2**31 - 1
+"""Torque counts that a Sample of the bridge carries at most."""
+
 
 def step_shows_s(config: Sections) -> float:
     """Return for how long a step of the set-point may seem an error.
@@ -55,6 +58,25 @@ def ramp_astray_s(config: Sections) -> float:
 def least_error_s(config: Sections) -> float:
     """Return the least `torque_error_s` at which no set-point is an error."""
     return max(step_shows_s(config), ramp_astray_s(config))
+
+
+def counts_resolve_the_limits(config: Sections) -> Iterator[str]:
+    """A count of the torque is no error by itself, and a Sample can carry the torque that trips.
+
+    More would be to know the converter's bits, which the board does not state: torque beyond its
+    end is not valid (`TORQUE_STALE`), too little of it is not that of the set-point.
+    """
+    gain_Nm_per_V, limits = config.torque_sensor.gain_Nm_per_V, config.limits
+    name, given_V = "[bridge] adc_V_per_count", config.bridge.adc_V_per_count
+    at = f"with [torque_sensor] gain_Nm_per_V = {gain_Nm_per_V:g}"
+    yield from SettingBound(
+        name, given_V, "at most", limits.greatest_torque_error_Nm / gain_Nm_per_V, "too large",
+        f"{at} one count would be a torque error (torque_error_Nm)", "lower the gain",
+    ).refusal()  # fmt: skip
+    yield from SettingBound(
+        name, given_V, "at least", limits.trip_torque_Nm / (SAMPLE_COUNTS_MAX * gain_Nm_per_V),
+        "too small", f"{at} no number of counts would reach trip_torque_Nm", "raise the gain",
+    ).refusal()  # fmt: skip
 
 
 def no_set_point_is_an_error(config: Sections) -> Iterator[str]:
