@@ -96,8 +96,21 @@ def _back(feedback: np.ndarray, last_ns: int) -> np.ndarray | None:
 def test_a_port_serves_one_driver(adapter: tuple[Bench, Drive, SlcanEnd]) -> None:
     bench, _, end = adapter
     config = can_config("slcan", channel=end.port, options={"sleep_after_open": 0.0})
-    with pytest.raises(DeviceError, match="another driver or program has the port open"):
+    with pytest.raises(DeviceError, match="another driver or program has the port open; only"):
         open_bus(config, "second")
     last_ns = read(bench).t_inverter_ns
     until(lambda: read(bench).t_inverter_ns > last_ns)
     assert b"C" not in end.commands, "the first driver's channel stays open"
+
+
+@pytest.mark.parametrize(
+    ("channel", "why"),
+    [
+        ("/dev/nothing", "there is no such port; is the adapter plugged in, and is channel right?"),
+        ("/etc/passwd", "it is no serial port; is channel right?"),
+    ],
+)
+def test_a_port_that_cannot_be_opened_says_what_to_do(channel: str, why: str) -> None:
+    with pytest.raises(DeviceError) as caught:
+        open_bus(can_config("slcan", channel=channel, options={}), "drive")
+    assert str(caught.value) == f"drive: cannot open the bus: {why}"
