@@ -5,7 +5,9 @@ import pytest
 
 from motord.api.errors import RpcError
 from motord.config.faults import Fault
+from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State, Trip
+from motord.service.rpc.operation import LOOP_START_S
 from tests.unit.service.virtual_service import VirtualService
 
 
@@ -403,6 +405,18 @@ def test_a_loop_that_is_starting_is_distinguished_from_one_that_failed(service):
     )
     said = refused(service, "refused", "set", token=token, torque_Nm=1)
     assert said == "the loop ended: no kernel; `motord reset` starts the loop again"
+
+
+def test_a_reset_that_a_loop_outlasts_says_that_it_goes_on_and_what_it_may_wait_for(service):
+    """Of a kernel that another process compiles the loop waits longer than a client of a reply."""
+    token = service.enabled()
+    service.bench.loop_starts()
+    waiting = service.begin("reset", token=token)
+    service.run_s(LOOP_START_S + 0.1, token)
+    assert waiting.outcome.code == "timeout"
+    assert "still starting, and goes on" in waiting.outcome.message
+    assert f"up to {COMPILING_S:g} s" in waiting.outcome.message
+    assert service.bench.loop_starting
 
 
 def test_a_silent_loop_is_a_fault(service):

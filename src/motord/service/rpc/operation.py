@@ -14,8 +14,9 @@ from motord.api.replies import (
     SetpointReply,
     StateReply,
 )
+from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State
-from motord.service.bench.bench import Bench
+from motord.service.bench.bench import LOOP_STARTS, Bench
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
 from motord.service.rpc.preconditions import (
     can_be_enabled,
@@ -31,7 +32,11 @@ from motord.service.rpc.setpoint_validation import validate_setpoint
 TICKS_S = 0.5
 """Within this time the loop has carried out a request that needs no ramp."""
 LOOP_START_S = 30.0
-"""Within this time a loop is up: it may have to compile its kernel and open devices."""
+"""A reset waits so long for a loop that it started; clients wait little longer for any reply."""
+STILL_STARTING = (
+    "it is still starting, and goes on: a kernel that another process compiles is waited for, "
+    f"up to {COMPILING_S:g} s; `motord status` says when it is up"
+)
 
 
 @dataclass
@@ -141,7 +146,7 @@ class ManualOperation:
         if bench.loop_stalled:
             self.kill_loop()
         if bench.loop_stalled or bench.loop_fault:
-            return Wait(self._new_loop(), LOOP_START_S, lambda: bench.fault)
+            return Wait(self._new_loop(), LOOP_START_S, self._no_new_loop)
         if bench.state is State.TRIPPED:
             bench.setpoint.request(Request.RESET)
         return Wait(
@@ -204,6 +209,10 @@ class ManualOperation:
             return self._state()
 
         return new_loop
+
+    def _no_new_loop(self) -> str:
+        bench = self.bench
+        return f"{LOOP_STARTS}: {STILL_STARTING}" if bench.loop_starting else bench.fault
 
     def _not_enabled(self) -> str:
         self.bench.disable()
