@@ -223,7 +223,12 @@ same tick and stays until a reset. A condition that may last a while (debounce) 
 first evidence that it has held for so long, so at every rate within this time and two intervals of
 its evidence; evidence that does not come has interlocks of its own. Speed is known up to @LAG ms
 late under a constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest
-that is allowed). Where the newest position is older than @AGE ms no torque is commanded (flag
+that is allowed); above its limit it bars enabling and reset for 0.1 s more, as an estimate from
+few counts falls below it now and then. A torque that swings is above its limit in either direction
+for less than half a period: a pure oscillation of 100 Hz or more is no `OVER_TORQUE`, however
+large, and where it reaches the end of the sensor's range no `TORQUE_STALE`. A resonance there is
+for the choice of sensor and mount; with less than 5 ms single disturbed samples would trip. Where
+the newest position is older than @AGE ms no torque is commanded (flag
 `POSITION_AGED`). Bench files whose limits, ages, rates and timeouts would not leave every
 interlock its time are refused. Currents are compared with the commands that can have been in force
 when they were measured (`i_age_ns`), and between these while a current settles: wrong ones trip as

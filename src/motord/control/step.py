@@ -133,7 +133,7 @@ def _decide(
     supervisor_late: bool,
     elapsed_s: float,
 ) -> int:
-    """Evaluate interlocks and the supervisor's request, move the state; returns what holds."""
+    """Evaluate interlocks and the supervisor's request, move the state; returns what bars it."""
     request = 0
     if m.started and s.request_seq != m.request_seq:
         request = s.request
@@ -150,13 +150,14 @@ def _decide(
     )
     bits = interlocks.debounced(p, m, conditions, new, f.now_ns)
     interlocks.latch(m, bits)
+    bars = interlocks.bars(m, conditions, bits, f.now_ns)
     commanded_on = m.state == STATE.ENABLED or m.arming != 0
     state, arming, stopping = transition(
         m.state,
         m.arming != 0,
         m.stopping != 0,
         request,
-        bits,
+        bars if m.state == STATE.OFF or m.state == STATE.TRIPPED else bits,
         _powered(m, f),
         m.torque_set_Nm == 0.0,
     )
@@ -169,7 +170,7 @@ def _decide(
         tracks.start_over(m)  # a fault that is gone is no evidence against the encoder of now
     m.arming_s = m.arming_s + elapsed_s if arming else 0.0
     m.state, m.arming, m.stopping = state, arming, stopping
-    return bits
+    return bars
 
 
 @jit

@@ -144,6 +144,7 @@ MEMORY = record_dtype(
         ("missed", "i8"),
         ("arming_s", "f8"),  # time since enabling began
         ("off_by_ns", "i8"),  # when a drive that was commanded to be off surely was
+        ("fast_until_ns", "i8"),  # so long a speed above its limit bars enabling and reset
         ("torque_expected_Nm", "f8"),  # set-point as the torque sensor should show it
         ("torque_asked_Nm", "f8"),  # set-point with the gain that is induced
         ("torque_before_Nm", "f8"),  # the same a tick before

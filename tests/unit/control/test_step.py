@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motord.control.interlocks import FAST_BARS_NS
 from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus, Request, State, Trip
 from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
@@ -316,6 +317,32 @@ def test_below_the_limit_nothing_trips(field: str, value: float) -> None:
     bench.feedback[field] = value
     bench.feedback["i_A"][0] = (34.9, 0.0, -34.9)
     assert bench.run(50).state == State.ENABLED
+
+
+@pytest.mark.parametrize("tripped", [False, True])
+def test_a_speed_that_falls_below_its_limit_for_a_sample_bars_enabling_and_reset(
+    tripped: bool,
+) -> None:
+    """As the estimate from few counts does while the rotor is too fast."""
+    bench = Bench()
+    if tripped:
+        bench.enable()
+    _over_speed(bench)
+    bench.run(60)
+    bench.speed_rad_s = 0.0
+    while abs(bench.memory["speed_rad_s"][0]) > 20.0:
+        bench.run()
+    request, before = Request.ENABLE, State.OFF
+    if tripped:
+        request, before = Request.RESET, State.TRIPPED
+    bench.ask(request)
+    for _ in range(FAST_BARS_NS // bench.period_ns - 2):
+        tick = bench.run()
+        assert tick.state == before
+        assert tick.trip_bits & Trip.OVER_SPEED
+    bench.run(2)
+    bench.ask(request)
+    assert bench.run().state == State.READY
 
 
 def test_short_disturbances_are_debounced() -> None:
