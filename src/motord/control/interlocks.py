@@ -25,9 +25,6 @@ _BRIDGE_FAULT = _BRIDGE.FAULT | _BRIDGE.ENCODER_INVALID
 
 IMPLAUSIBLE_SAMPLES = 3
 LINK_MEMORY_S = 1.0
-FAST_BARS_NS = 100_000_000
-"""For so long after its newest estimate above the limit the speed bars enabling and reset: between
-two counts the estimate of a rotor that is too fast falls below it for a sample or two."""
 
 
 @jit
@@ -137,14 +134,6 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
     m.conditions_held = seen | (m.conditions_held & no_evidence)
     m.causes = causes
     return int(causes)
-
-
-@jit
-def bars(m: np.record, conditions: int, causes: int, now_ns: int) -> int:
-    """Return what keeps OFF from being enabled and a trip from being reset."""
-    if conditions & _TRIP.OVER_SPEED:
-        m.fast_until_ns = now_ns + FAST_BARS_NS
-    return int(causes | (_TRIP.OVER_SPEED if now_ns < m.fast_until_ns else 0))
 
 
 @jit

@@ -13,10 +13,14 @@ from motord.control.plausible import remember_command
 from motord.control.states import STATE, transition
 from motord.control.types import MEMORY
 from motord.jit import constants, jit
-from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus
+from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus, Trip
 
 _FLAG, _COMPENSATE = constants(Flag), constants(Compensate)
 _BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
+_TRIP = constants(Trip)
+FAST_BARS_NS = 100_000_000
+"""For so long after its newest estimate above the limit the speed bars enabling and reset: between
+two counts the estimate of a rotor that is too fast falls below it for a sample or two."""
 _INT32_MAX = 2**31 - 1
 OFF_NS = round(DELAY_MAX_S * 1e9)
 """Within this time of being disabled the drive is off."""
@@ -123,6 +127,14 @@ def _powered(m: np.record, f: np.record) -> bool:
 
 
 @jit
+def _bars(m: np.record, conditions: int, causes: int, now_ns: int) -> int:
+    """Return what keeps OFF from being enabled and a trip from being reset."""
+    if conditions & _TRIP.OVER_SPEED:
+        m.fast_until_ns = now_ns + FAST_BARS_NS
+    return int(causes | (_TRIP.OVER_SPEED if now_ns < m.fast_until_ns else 0))
+
+
+@jit
 def _decide(
     p: np.record,
     m: np.record,
@@ -150,7 +162,7 @@ def _decide(
     )
     bits = interlocks.debounced(p, m, conditions, new, f.now_ns)
     interlocks.latch(m, bits)
-    bars = interlocks.bars(m, conditions, bits, f.now_ns)
+    bars = _bars(m, conditions, bits, f.now_ns)
     commanded_on = m.state == STATE.ENABLED or m.arming != 0
     state, arming, stopping = transition(
         m.state,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.control.interlocks import FAST_BARS_NS
+from motord.control.step import FAST_BARS_NS
 from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus, Request, State, Trip
 from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
