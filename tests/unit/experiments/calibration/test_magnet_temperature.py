@@ -169,7 +169,9 @@ def test_points_without_a_temperature_are_left_out_and_named(recorded: Run) -> N
     assert np.isfinite(found[:2]).all()
     result = Calibrator.of_runs([broken], subject_of(recorded, with_keys=True)).joint()
     [note] = [one for one in result.observable if UNKNOWN in one]
-    assert note.startswith("left out, as the temperature of the magnets is not known: 5 Nm")
+    assert note.startswith(
+        "left out, as the temperature of the magnets is not known: run.mcap: 5 Nm"
+    )
 
 
 def test_a_temperature_that_no_magnet_survives_is_refused(recorded: Run) -> None:
