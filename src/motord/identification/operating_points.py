@@ -13,6 +13,7 @@ from motord.identification.orders import resolved_order
 from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.signal_condition import (
     SignalFault,
+    recorded,
     require_change,
     signal_faults,
     stuck_lines,
@@ -169,7 +170,7 @@ def prepare(point: PointData, counts: int) -> Samples:
     t_s = (t_ns - t_ns[:1]) * 1e-9
     i_A = _currents(ticks, t_s)
     torque_Nm = ticks["torque_Nm"].astype(float)
-    good, sensed = rising(t_ns) & _finite(torque_Nm), _finite(*i_A.T)
+    good, sensed = rising(t_ns) & recorded(torque_Nm, "torque_Nm", label), _finite(*i_A.T)
     if sensed.any():
         good &= sensed
     else:

@@ -86,6 +86,14 @@ class CurrentProducts:
         return np.asarray(np.sign(self.both_A2) * np.sqrt(self.sensed_A2 / commanded))
 
 
+def recorded(values: np.ndarray, name: str, label: str) -> np.ndarray:
+    """Return which samples of a signal (n,) have a number (n,). Raises CaptureError if none has."""
+    known = np.isfinite(values)
+    if values.size and not known.any():
+        raise CaptureError(f"{label}: no {name} was recorded")
+    return known
+
+
 def require_change(signals: Mapping[str, np.ndarray], label: str) -> None:
     """Raise CaptureError if a signal (n,) has one value all the time; label: of the point."""
     for name, values in signals.items():

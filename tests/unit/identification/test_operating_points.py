@@ -116,6 +116,13 @@ def test_refusals_say_what_is_missing() -> None:
         prepare(PointData(1.0, 1.0, ticks[["t_ns", "encoder_count", "i_a_A", "i_b_A", "i_c_A"]]), 9)
 
 
+def test_a_torque_of_which_no_sample_has_a_number_is_said_not_that_the_encoder_is_stuck() -> None:
+    ticks = ticks_of(333 + np.arange(3000) % 1000)
+    ticks["torque_Nm"] = np.nan
+    with pytest.raises(IdentifyError, match=r"^1 Nm, 1 Hz: no torque_Nm was recorded$"):
+        prepare(PointData(1.0, 1.0, ticks), 1000)
+
+
 def test_split_takes_good_points_and_the_last_take() -> None:
     ticks = ticks_of(np.zeros(100, int))
     ticks["plan_point"] = -1

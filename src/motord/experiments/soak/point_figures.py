@@ -21,7 +21,7 @@ from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import CaptureError
 from motord.identification.operating_points import good_points
 from motord.identification.point_ripple import PointRipple
-from motord.identification.signal_condition import require_change
+from motord.identification.signal_condition import recorded, require_change
 from motord.identification.turning import NoWholeTurn
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
@@ -125,9 +125,7 @@ def _point(
 
 def _mean_torque_Nm(ticks: np.ndarray, label: str) -> float:
     """Return the mean torque of a capture over its angle. Raises CaptureError without any."""
-    known = rows_of(ticks, np.isfinite(ticks["torque_Nm"]))
-    if not known.size:
-        raise CaptureError(f"{label}: no torque_Nm was recorded")
+    known = rows_of(ticks, recorded(ticks["torque_Nm"], "torque_Nm", label))
     require_change({"torque_Nm": known["torque_Nm"]}, label)
     weights = np.abs(known["speed_rad_s"].astype(float))
     torque_Nm = known["torque_Nm"].astype(float)

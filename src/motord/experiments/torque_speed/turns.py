@@ -10,7 +10,7 @@ from motord.identification import IdentifyError
 from motord.identification.encoder_ticks import countable_ticks
 from motord.identification.operating_points import PointData
 from motord.identification.resample import rising
-from motord.identification.signal_condition import SignalFault, require_sound
+from motord.identification.signal_condition import SignalFault, recorded, require_sound
 from motord.identification.turning import continuous_turns, unwrap_counts
 from motord.schema import rows_of
 
@@ -45,7 +45,7 @@ class CapturedTurns:
         label, names = point.label, point.ticks.dtype.names
         if missing := [name for name in REQUIRED if name not in (names or ())]:
             raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
-        good = rising(point.ticks["t_ns"]) & np.isfinite(point.ticks["torque_Nm"])
+        good = rising(point.ticks["t_ns"]) & recorded(point.ticks["torque_Nm"], "torque_Nm", label)
         ticks, faults = countable_ticks(rows_of(point.ticks, good), motor.counts, label)
         count = ticks["encoder_count"].astype(np.int64)
         turns = continuous_turns(count, motor.counts, label, from_start=point.turns_from_start)
