@@ -16,10 +16,9 @@ app.command("import")(import_recording)
 RunFile = Annotated[
     Path, typer.Argument(metavar="RUN", help="A recording: .mcap, or .mcap.part if unfinished.")
 ]
-
-
 RunFiles = Annotated[
-    list[Path], typer.Argument(metavar="RUN...", help="Recordings: .mcap, .mcap.part.")
+    list[Path],
+    typer.Argument(metavar="RUN...", help="Recordings: .mcap, or .mcap.part if unfinished."),
 ]
 
 
