@@ -101,11 +101,25 @@ def test_it_is_in_force_and_in_a_file(bench, tmp_path):
 
 
 def test_a_file_that_cannot_be_written_is_said_and_it_is_in_force_all_the_same(bench, tmp_path):
-    said = failed(adopt(bench, "-o", str(tmp_path / "nowhere" / "adopted.json")))
+    folder = tmp_path / "folder.json"
+    folder.mkdir()
+    said = failed(adopt(bench, "-o", str(folder)))
     adopted = bench.tracker.adopts.id
     assert said.startswith(f"motord: {adopted} is in force, kept in ")
-    assert "nowhere/adopted.json: cannot write it" in said
+    assert "folder.json: cannot write it" in said
     assert bench.store.current_id() == adopted
+
+
+def test_a_file_in_a_folder_that_is_not_there_is_refused_before_anything_is_in_force(
+    bench, tmp_path
+):
+    before = bench.store.current_id()
+    said = failed(adopt(bench, "-o", str(tmp_path / "nowhere" / "adopted.json")))
+    assert said == (
+        f"motord: --output {tmp_path}/nowhere/adopted.json: there is no folder {tmp_path}/nowhere; "
+        "make it"
+    )
+    assert bench.store.current_id() == before
 
 
 def test_people_see_what_is_adopted(bench):

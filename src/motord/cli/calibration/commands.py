@@ -12,6 +12,7 @@ from motord.cli.calibration.in_force import CalibrationFile, load_in_force
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result, remark
+from motord.cli.output_files import check_output_files
 
 app = group("Calibration files: show, list, install, export for a drive, adopt what is tracked.")
 app.command()(export)
@@ -229,6 +230,7 @@ def adopt(
     from motord.calibration import CalibrationError, load
     from motord.cli.bench.lease_session import in_command
 
+    check_output_files({"--output": output}, [])
     with connection.connect() as client:
         state = client.state()
         if state.tracking is None:
