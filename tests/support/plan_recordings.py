@@ -42,7 +42,7 @@ PLANS = {
         "check-calibration", {"turns": 5}, compensated=True, option="calibration"
     ),
     "cogging": SmallPlan("cogging", {"speeds_Hz": [0.8, 1.0], "turns": 4, "settle_s": 0.3}),
-    "back-emf": SmallPlan("back-emf", {"speeds_Hz": [0.6, 0.9, 1.2], "turns": 4, "settle_s": 0.3}),
+    "back-emf": SmallPlan("back-emf", {"speeds_Hz": [0.6, 0.9], "turns": 4, "settle_s": 0.3}),
     "torque-speed": SmallPlan(
         "torque-speed",
         {"torques_Nm": [2.0, 3.0], "speeds_Hz": [3.0, 6.0], "turns": 22, "settle_s": 0.3},

@@ -8,8 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from motord.identification import CaptureError, IdentifyError
-from motord.identification.signal_condition import SignalFault, misread, sound_counts
+from motord.identification import CaptureError
+from motord.identification.signal_condition import (
+    SignalFault,
+    misread,
+    require_change,
+    sound_counts,
+)
 
 STEADY = 0.1
 """Part by which the durations of the turns of one segment may differ from their median."""
@@ -163,18 +168,22 @@ def _usual_s(spacing_s: np.ndarray) -> float:
 def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, int]:
     """Return the position (n,), rad, running on over turns, and the number of its grid's points.
 
-    From `encoder_count`, in range; from `angle_rad` where there is no count or it never moves. The
-    grid is the encoder's, 0 for an angle that has none. Raises IdentifyError.
+    From `encoder_count`, in range; from `angle_rad` where there is no count, or none but 0. The
+    grid is the encoder's, 0 for an angle that has none. Raises CaptureError: also for another count
+    that stands, next to which the angle may be an observer's, which smooths what the speed does
+    within a turn.
     """
     names = ticks.dtype.names or ()
     count = ticks["encoder_count"].astype(np.int64) if "encoder_count" in names else None
     if count is not None and count.size and (count != count[0]).any():
         return 2 * np.pi / counts * unwrap_counts(count, counts), counts
+    if count is not None and count.any():
+        require_change({"encoder_count": count}, label)
     if "angle_rad" in names:
         angle_rad = ticks["angle_rad"].astype(float)
         if angle_rad.size and np.isfinite(angle_rad).all() and np.ptp(angle_rad) > 0:
             return np.unwrap(angle_rad), 0
-    raise IdentifyError(
+    raise CaptureError(
         f"{label}: no encoder_count and no angle_rad that moves: the rotor's angle is not known"
     )
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.identification import IdentifyError
+from motord.identification import CaptureError, IdentifyError
 from motord.identification.turning import (
     LostTurns,
     continuous_turns,
@@ -175,8 +175,15 @@ def test_an_angle_alone_will_do() -> None:
         assert found - found[0] == pytest.approx(position_rad - 1.0, abs=1e-5)
 
 
+def test_next_to_a_count_that_stands_an_angle_is_none_of_an_encoder() -> None:
+    ticks = record(100, np.linspace(1.0, 20.0, 500))
+    ticks["encoder_count"] = 7
+    with pytest.raises(CaptureError, match="here: encoder_count is 7 from the first sample to the"):
+        unwrapped(ticks, 100, "here")
+
+
 def test_a_missing_angle_is_reported() -> None:
-    with pytest.raises(IdentifyError, match="here: no encoder_count and no angle_rad that moves"):
+    with pytest.raises(CaptureError, match="here: no encoder_count and no angle_rad that moves"):
         unwrapped(np.zeros(10, [("encoder_count", "i4"), ("angle_rad", "f4")]), 100, "here")
 
 
