@@ -5,7 +5,7 @@ error of the regressor, which makes the inertia too large. By how much at most i
 reverse regression differ by (Frisch 1934), a source of uncertainty then.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -90,23 +90,24 @@ class BothWays:
 
 
 def accelerate(
-    data: Mapping[str, np.ndarray],
+    data: Sequence[tuple[str, np.ndarray]],
     counts: int,
     sensor: TorqueSensorConfig,
     settings: AccelerationConfig,
 ) -> Acceleration:
     """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
-    data: ticks of each step from the rest before it on, by its name, with the columns REQUIRED. One
-    that cannot be used is left out, unless there is no other. Steps forwards and back are averaged
-    apart first: what drifts has the same sign in both, and half of it is what they differ by.
+    data: name of each step, and its ticks from the rest before it on, with the columns REQUIRED.
+    One that cannot be used is left out, unless there is no other. Steps forwards and back are
+    averaged apart first: what drifts has the same sign in both, and half of it is what they differ
+    by.
     """
     if not data:
         raise IdentifyError("no good step in there")
     steps: list[TorqueStep] = []
     left_out = CapturesLeftOut()
-    for n, (name, ticks) in enumerate(data.items()):
-        with left_out.noted(name):
+    for n, (name, ticks) in enumerate(data):
+        with left_out.noted(name, n):
             steps.append(read_step(n, ticks, counts, sensor, name))
     if not steps:
         raise IdentifyError(f"no step can be used{left_out.as_text}")
@@ -117,7 +118,7 @@ def accelerate(
     if sensor.highpass_time_constant_s > 0:
         longer = _longer_highpass(sensor, settings.highpass_tolerance)
         changed = _both_ways(
-            [read_step(one.index, data[one.label], counts, longer, one.label) for one in steps]
+            [read_step(one.index, data[one.index][1], counts, longer, one.label) for one in steps]
         )
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))

@@ -129,11 +129,11 @@ def acceleration(
     """Return the inertia from steps of torque. Raises IdentifyError, AnalysisError."""
     settings = settings or recorded_settings(runs[0], AccelerationConfig)
     counts = subject.motor.counts
-    steps = {
-        f"{run.path.name}: step {number}": ticks
+    steps = [
+        (f"{run.path.name}: step {number}", ticks)
         for run in runs
         for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1)
-    }
+    ]
     return accelerate(steps, counts, subject.sensor, settings)
 
 

@@ -61,6 +61,6 @@ def pushes(seed: int, repeats: int) -> tuple[np.ndarray, ...]:
     return tuple(taken(load(), "inertia-acceleration", seed, repeats=repeats))
 
 
-def named(steps: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """Return ticks of steps by their names."""
-    return {f"step {number}": ticks for number, ticks in enumerate(steps, start=1)}
+def named(steps: Sequence[np.ndarray]) -> list[tuple[str, np.ndarray]]:
+    """Return names of steps with their ticks."""
+    return [(f"step {number}", ticks) for number, ticks in enumerate(steps, start=1)]

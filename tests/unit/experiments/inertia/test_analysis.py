@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from shutil import copy
 
 import numpy as np
 import pytest
@@ -163,6 +164,13 @@ def test_both_on_one_page_with_the_truth(swings: Path, steps: Path, tmp_path: Pa
     assert "off the truth (%)" in text
     assert text.index("by oscillation") < text.index("by acceleration")
     assert (tmp_path / "both.html").stat().st_size < 1_500_000
+
+
+def test_steps_of_recordings_of_one_name_all_count(steps: Path, tmp_path: Path) -> None:
+    """In folders of their own: those of the last were used alone, without a word."""
+    runs = [open_run(steps), open_run(Path(copy(steps, tmp_path)))]
+    found = analysis.acceleration(runs, Subject.of_runs(runs))
+    assert [one.index for one in found.steps] == list(range(8))
 
 
 def test_a_swing_with_the_stator_needs_to_know_its_cogging_torque(

@@ -184,7 +184,7 @@ def test_a_torque_that_is_not_the_one_that_acted_is_a_finding(
 def test_what_does_not_determine_the_inertia_is_refused() -> None:
     good = made_up(PIEZO)
     with pytest.raises(IdentifyError, match="no good step"):
-        accelerate({}, 4096, PIEZO, AccelerationConfig())
+        accelerate([], 4096, PIEZO, AccelerationConfig())
     cases = (
         (changed(good, torque_set_Nm=0.0), "no step of torque from rest"),
         (changed(good, encoder_count=0), "did not turn on in one direction"),
@@ -213,13 +213,13 @@ def test_a_step_that_cannot_be_used_is_left_out_by_the_name_of_its_recording() -
     late = step.copy()
     late["t_ns"][-10] = late["t_ns"][-12]
     wrong = changed(step, encoder_count=65535)
-    data = {f"run.mcap: {name}": one for name, one in named([step, late, wrong, other]).items()}
+    data = [(f"run.mcap: {name}", one) for name, one in named([step, late, wrong, other])]
     found = accelerate(data, 4096, DIRECT, AccelerationConfig())
     assert [one.label for one in found.steps] == ["run.mcap: step 1", "run.mcap: step 4"]
     [left_out] = [one for one in found.findings if one.name == "points-left-out"]
     assert "(run.mcap: step 2: times go back); (run.mcap: step 3: encoder c" in left_out.meaning
     with pytest.raises(IdentifyError, match=r"no step can be used; left out: run\.mcap: step 2: t"):
-        accelerate({"run.mcap: step 2": late}, 4096, DIRECT, AccelerationConfig())
+        accelerate([("run.mcap: step 2", late)], 4096, DIRECT, AccelerationConfig())
 
 
 def test_steps_that_are_all_alike_are_as_uncertain_as_their_noise() -> None:
