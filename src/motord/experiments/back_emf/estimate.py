@@ -204,7 +204,7 @@ def _result(
     with_age = turns_delay is not None
     speed = counted_speeds(_velocity_rad_s(driven), age_fitted=with_age)
     mean = average(fits, cells, free, speed=speed, age_fitted=with_age)
-    shown = _trends(mean, order, driven, motor)
+    kept, shown = _kept(mean, order, motor), _trends(mean, order, driven, motor)
     lost = lost_by_encoder(encoder, order)
     mean = mean.with_error(np.hypot(lost, beyond_chance(shown, order.size)))
     fundamental = int(np.flatnonzero(order == motor.pole_pairs)[0])
@@ -212,10 +212,6 @@ def _result(
     delay = _delay(of_turns, mean, fundamental, driven, motor) if of_turns else None
     speed_rad_s = 2 * np.pi * float(np.mean([one.speed_Hz for one in driven]))
     turned = order * (delay.stderr_s * speed_rad_s if delay else 0.0)
-    electrical = order % motor.pole_pairs == 0
-    limit = np.where(electrical, STANDS_OUT, OTHER_STANDS_OUT)
-    kept = (np.abs(mean.line) > limit[:, None] * mean.stderr).any(axis=1)
-    kept |= order == motor.pole_pairs
     return MeasuredBackEmf(
         motor=motor,
         order=order,
@@ -235,6 +231,17 @@ def _result(
         encoder=encoder,
         trends=shown,
     )
+
+
+def _kept(mean: Average, order: np.ndarray, motor: MotorConfig) -> np.ndarray:
+    """Return which orders (n,) stand out of the noise, and the fundamental.
+
+    What takes a part off them, as an encoder's error does, leaves them in the table.
+    """
+    electrical = order % motor.pole_pairs == 0
+    limit = np.where(electrical, STANDS_OUT, OTHER_STANDS_OUT)
+    stands_out = (np.abs(mean.line) > limit[:, None] * mean.stderr).any(axis=1)
+    return np.asarray(stands_out | (order == motor.pole_pairs))
 
 
 def _trends(

@@ -34,6 +34,13 @@ def test_a_departure_is_named_and_in_the_interval_of_the_amplitudes(
     assert finding in {one.name for one in found.findings}
 
 
+def test_an_order_of_which_an_encoder_takes_a_part_stays_in_the_table() -> None:
+    bench, finding = DEPARTURES["encoder 1 deg once a turn"]
+    found = measure(captured(replace(bench, speeds_Hz=bench.speeds_Hz[2:4]), 3), MOTOR)
+    assert finding in {one.name for one in found.findings}
+    assert {1, 3, 5, 7} <= {one.order for one in found.harmonics if one.in_table}
+
+
 def test_clocks_that_run_apart_are_named() -> None:
     bench, finding = DEPARTURES["clocks 50 ppm apart"]
     found = measure(captured(bench, 3), MOTOR)
