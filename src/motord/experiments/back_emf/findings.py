@@ -9,6 +9,7 @@ from motord.config import SEQUENCE
 from motord.experiments.back_emf.between_speeds import distinct_speeds
 from motord.experiments.back_emf.encoder_error import lost
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.back_emf.trends import beyond_chance
 from motord.experiments.driven_rotor import left_out_finding
 from motord.experiments.signal_findings import signal_findings
 from motord.findings import Finding
@@ -64,7 +65,7 @@ def _phases(found: MeasuredBackEmf) -> Iterator[Finding]:
         return
     back = found.balanced[0]
     apart = float(np.abs(own * turned.conj() - back).max() / np.abs(back))
-    limit = max(UNBALANCED, 4 * float(found.stderr[first].max() / np.abs(back)))
+    limit = max(UNBALANCED, 4 * _stderr_apart(found, first) / float(np.abs(back)))
     if apart > limit:
         yield Finding(
             "phases-differ", 100 * apart, 100 * limit, "% of the fundamental", "warning",
@@ -72,6 +73,14 @@ def _phases(found: MeasuredBackEmf) -> Iterator[Finding]:
             "use the table, not the harmonics; compare the channels on one voltage",
         )  # fmt: skip
     yield from _configured(found, own)
+
+
+def _stderr_apart(found: MeasuredBackEmf, place: int) -> float:
+    """Return the largest standard error of a phase's amplitude, without what all lose alike."""
+    lost_alike = lost(found.encoder, found.order) ** 2
+    lost_alike += beyond_chance(found.trends, found.order.size) ** 2
+    variance = found.stderr[place] ** 2 - lost_alike[place] * np.abs(found.line[place]) ** 2
+    return float(np.sqrt(np.maximum(variance, 0.0)).max())
 
 
 def _configured(found: MeasuredBackEmf, own: np.ndarray) -> Iterator[Finding]:

@@ -41,6 +41,12 @@ def test_an_order_of_which_an_encoder_takes_a_part_stays_in_the_table() -> None:
     assert {1, 3, 5, 7} <= {one.order for one in found.harmonics if one.in_table}
 
 
+def test_a_phase_of_another_gain_is_named_next_to_an_encoder_that_is_off() -> None:
+    bench, finding = DEPARTURES["gain of a phase 0.5 %"]
+    worse = replace(bench, speeds_Hz=bench.speeds_Hz[2:4], encoder={1: np.radians(1.0)})
+    assert finding in {one.name for one in measure(captured(worse, 3), MOTOR).findings}
+
+
 def test_clocks_that_run_apart_are_named() -> None:
     bench, finding = DEPARTURES["clocks 50 ppm apart"]
     found = measure(captured(bench, 3), MOTOR)
