@@ -2,12 +2,14 @@
 
 import os
 import select
+import tempfile
 import threading
 import time
 import tty
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import can
@@ -308,7 +310,8 @@ class Board(Peer):
         self._fd, self._host_fd = os.openpty()
         tty.setraw(self._host_fd)
         os.set_blocking(self._fd, False)
-        self.port = os.ttyname(self._host_fd)
+        self.port = str(Path(tempfile.mkdtemp(prefix="motord-test-")) / "board")
+        Path(self.port).symlink_to(os.ttyname(self._host_fd))
 
     def clock_us(self) -> int:
         return (time.monotonic_ns() // 1000 + self.clock_offset_us) % frames.CLOCK_MODULUS_US
@@ -339,6 +342,10 @@ class Board(Peer):
         self._send(self._account())
 
     def release(self) -> None:
+        """Leave nothing; the port's name first: its terminal's may be another test's next."""
+        with suppress(FileNotFoundError):
+            Path(self.port).unlink()
+            Path(self.port).parent.rmdir()
         for fd in (self._fd, self._host_fd):
             if fd >= 0:
                 os.close(fd)
