@@ -75,6 +75,13 @@ BRIDGE_ACTION: dict[BridgeStatus, str] = {
 """What keeps the bridge board from closing the enable line, and what to do."""
 
 
+LOOP_SILENT = "the loop publishes no ticks"
+LOOP_STUCK = "the loop does not come up"
+"""The faults of a loop whose process hangs, or was stopped: while it runs, and before."""
+HANGING_REMEDY = "`motord reset` ends it and starts it again"
+"""What to do about them."""
+
+
 def bridge_action(status: int) -> str:
     """Return what is wrong with the bridge board by its status word, and what to do; "" if all is
     well."""

@@ -222,7 +222,7 @@ class BenchState(PublishedMessage):
     state: Literal["OFF", "READY", "ENABLED", "TRIPPED"]
     """State of the drive."""
     fault: str
-    """Why the loop does not run; "": it does."""
+    """What is wrong with the loop, or with a brake or drive that is needed; "": nothing."""
     trips: list[TripView]
     """Latched causes; in OFF: what bars enabling."""
     first_trip: str

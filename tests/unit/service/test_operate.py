@@ -7,6 +7,7 @@ from motord.api.errors import RpcError
 from motord.config.faults import Fault
 from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State, Trip
+from motord.service.bench.bench import STARTING_NS
 from motord.service.rpc.operation import LOOP_START_S
 from tests.unit.service.virtual_service import VirtualService
 
@@ -448,6 +449,76 @@ def test_reset_ends_a_silent_loop_and_starts_another(service):
     assert service.restarts == 1
     assert resetting.outcome == {"state": "OFF"}
     assert service.bench.fault == ""
+
+
+def test_a_loop_that_never_publishes_a_tick_is_silent_too(service):
+    token = service.acquire()
+    service.bench.loop_down("the loop ended: killed by SIGKILL")
+    service.loop.running = False
+    service.step()
+    service.bench.loop_up()
+    service.run_s(0.9, token)
+    assert service.bench.fault == ""
+    service.run_s(0.2, token)
+    assert service.bench.fault == "the loop publishes no ticks"
+    service.begin("reset", token=token)
+    assert service.kills == 1
+
+
+def test_a_loop_that_does_not_come_up_can_be_reset(service):
+    """As when a device never returns from being opened."""
+    token = service.enabled()
+    service.loop.running = False
+    service.bench.loop_down("the loop ended: killed by SIGKILL")
+    service.step()
+    service.bench.loop_starts()
+    service.run_s(STARTING_NS / 1e9 - 0.1, token)
+    assert service.bench.loop_starting
+    service.run_s(0.2, token)
+    assert not service.bench.loop_starting
+    said = refused(service, "refused", "enable", token=token)
+    assert said == "the loop does not come up; `motord reset` ends it and starts it again"
+    resetting = service.begin("reset", token=token)
+    service.step(3)
+    assert (service.kills, service.restarts, resetting.outcome) == (1, 0, None)
+    service.bench.loop_down("the loop ended: killed by SIGKILL")
+    service.loop.virtual._memory["state"] = State.OFF
+    service.loop.running = True
+    service.step()
+    assert (service.restarts, resetting.outcome) == (1, {"state": "OFF"})
+
+
+def test_a_loop_that_comes_up_late_is_well(service):
+    service.bench.loop_starts()
+    service.loop.running = False
+    service.run_s(STARTING_NS / 1e9 + 0.1)
+    assert service.bench.loop_stalled
+    service.bench.loop_up()
+    service.loop.running = True
+    service.step(2)
+    assert (service.bench.fault, service.bench.loop_stalled) == ("", False)
+
+
+def test_a_trip_outlives_the_loop_until_a_reset_starts_another(service):
+    token = service.enabled()
+    trip(service, Trip.OVER_SPEED)
+    bench, before = service.bench, service.bench.monitor.trip
+    assert before.first == ["OVER_SPEED"]
+    for why in ("the loop ended: killed by SIGKILL", "it cannot be started"):
+        bench.loop_down(why)
+        service.loop.running = False
+        service.step(3)
+        assert (bench.state, bench.fault, bench.monitor.trip) == (State.TRIPPED, why, before)
+        views, first = bench.monitor.trips()
+        assert ([view.name for view in views], first) == (["OVER_SPEED"], "OVER_SPEED")
+    assert refused(service, "refused", "enable", token=token).startswith("it cannot be started")
+    for name in ("state", "trip_bits", "first_trip"):
+        service.loop.virtual._memory[name] = 0
+    service.loop.running = True
+    assert service.ask("reset", token=token) == {"state": "OFF"}
+    assert (bench.monitor.trip, bench.monitor.trips()) == (None, ([], ""))
+    service.run_s(0.2, token)
+    assert (bench.state, bench.monitor.trip) == (State.OFF, None)
 
 
 def test_reset_of_a_bench_that_is_well_changes_nothing(service):

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT, LOOP_STUCK
 from motord.api.messages import SetpointView
 from motord.api.queue_messages import QueueView
 from motord.config import Config
@@ -32,6 +33,8 @@ UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
 STALLED_NS = 1_000_000_000
 """A loop that publishes nothing for this long is reported, and a plan ends."""
+STARTING_NS = 180_000_000_000
+"""A loop that is not up by then hangs: no kernel takes so long, and no device."""
 LOOP_STARTS = "the loop is not up yet"
 SUSPENDED_NS = 500_000_000
 """A supervisor that did not run for this long stops the external drive."""
@@ -80,8 +83,10 @@ class Bench:
         self.drive_fault = ""
         """Why the external drive may not turn now, or nothing."""
         self.loop_stalled = False
-        """True if the loop runs and publishes no ticks."""
+        """True if the loop's process runs and publishes no ticks, or does not come up."""
         self._stepped_ns = 0
+        self._without_loop_ns = 0  # newest step in which no loop was up
+        self._not_starting_ns: int | None = None  # newest step in which none was starting
         self._tick_age_ns = round(config.setpoint_valid_s * 1e9)
 
     def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
@@ -100,15 +105,16 @@ class Bench:
 
     @property
     def state(self) -> State:
-        """State of the drive; OFF without a loop."""
-        return State.OFF if self.loop_fault else self.monitor.state
+        """State of the drive; OFF without a loop, but TRIPPED until `reset` if it ended so."""
+        state = self.monitor.state
+        return State.OFF if self.loop_fault and state is not State.TRIPPED else state
 
     @property
     def fault(self) -> str:
         """What is wrong with the bench, or nothing."""
         if self.loop_fault:
             return self.loop_fault
-        return "the loop publishes no ticks" if self.loop_stalled else self.device_fault
+        return LOOP_SILENT if self.loop_stalled else self.device_fault
 
     def has(self, name: str) -> bool:
         """Return whether there is a brake or a drive to set, on a wire or in the simulated rig."""
@@ -167,15 +173,16 @@ class Bench:
         self.setpoint.compensate = COMPENSATE["on"]
 
     def loop_starts(self) -> None:
-        """A loop was started and is not up yet."""
+        """A loop was started by a reset and is not up yet."""
         self.loop_fault, self.loop_starting = LOOP_STARTS, True
+        self.monitor.forget_trip()
 
     def loop_up(self) -> None:
         """A loop runs, OFF."""
         self.loop_fault, self.loop_starting = "", False
 
     def loop_down(self, why: str) -> None:
-        """The loop has ended: no set-point remains."""
+        """The loop has ended: no set-point remains, a trip does."""
         self.loop_fault, self.loop_starting = why, False
         self.events.emit("fault", why)
         self.plans.end(why)
@@ -221,15 +228,23 @@ class Bench:
             self.setpoint.drive_Hz = 0.0
 
     def _watch_loop(self, now_ns: int) -> None:
-        if self.loop_fault or self.monitor.last is None:
+        if self.loop_fault:
+            self._watch_start(now_ns)
             return
-        stalled = now_ns - self.monitor.read_ns > STALLED_NS
+        stalled = now_ns - max(self.monitor.read_ns, self._without_loop_ns) > STALLED_NS
         if stalled and not self.loop_stalled:
             why = f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
-            then = "; if that lasts, `motord reset` ends it and starts it again"
-            self.events.emit("fault", f"{why}{then}")
+            self.events.emit("fault", f"{why}; if that lasts, {HANGING_REMEDY}")
             self._end_plan(why)
         self.loop_stalled = stalled
+
+    def _watch_start(self, now_ns: int) -> None:
+        self._without_loop_ns = now_ns
+        if self._not_starting_ns is None or not self.loop_starting:
+            self._not_starting_ns = now_ns
+        elif now_ns - self._not_starting_ns > STARTING_NS:
+            self.loop_fault, self.loop_starting, self.loop_stalled = LOOP_STUCK, False, True
+            self.events.emit("fault", f"{LOOP_STUCK}; {HANGING_REMEDY}")
 
     def _check_suspended(self, now_ns: int) -> None:
         """Stop the drive if the supervisor did not run for long; the device is safe by then."""

@@ -33,6 +33,9 @@ ones, so that they do not displace the other events."""
 _BRIDGE_EVENTS = (BridgeStatus.BARRED, BridgeStatus.OTHER_BOARD)
 """What ends by itself: so it is an event besides the state, which may be over before it is read."""
 
+_LATCHED = ("state", "trip_bits", "first_trip")
+"""Fields of the ticks that are a trip's: it outlives a loop that ends."""
+
 OnTrip = Callable[[int, int, Mapping[str, Any]], str]
 """Called with time (Unix ns), tick and report of a trip; returns the path of its black box."""
 
@@ -61,6 +64,7 @@ class TickMonitor:
         self.induced_offset_A: Sequence[float] = (0.0, 0.0, 0.0)
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self.last: np.void | None = None
+        self._latched: dict[str, int] = {}  # of a loop that ended TRIPPED: fields of its last tick
         self.read_ns = 0  # monotonic, when the newest tick was read
         self.ticks = 0
         self.lost = 0
@@ -71,7 +75,7 @@ class TickMonitor:
 
     @property
     def state(self) -> State:
-        """State of the drive in the newest tick; OFF before the first."""
+        """State of the drive in the newest tick; before the first OFF, or a trip that is left."""
         return State(self._newest("state"))
 
     @property
@@ -112,10 +116,16 @@ class TickMonitor:
         self._report_bridge(block, now_ns)
 
     def forget(self) -> None:
-        """Start anew: the loop was restarted and its counters with it."""
-        self.last = self.trip = None
+        """Start anew: the loop has ended, and its counters with it. Its trip stays latched."""
+        tripped = self.state is State.TRIPPED
+        self._latched = {name: self._newest(name) for name in _LATCHED} if tripped else {}
+        self.last = None
         self._recent.forget()
         self._missed_reported = 0
+
+    def forget_trip(self) -> None:
+        """Forget the trip of a loop that has ended: it was reset."""
+        self._latched, self.trip = {}, None
 
     def _follow_states(self, block: np.ndarray) -> None:
         before = int(self.state)
@@ -197,7 +207,7 @@ class TickMonitor:
         return self._newest("missed")
 
     def _newest(self, name: str) -> int:
-        return int(self.last[name]) if self.last is not None else 0
+        return int(self.last[name]) if self.last is not None else self._latched.get(name, 0)
 
     def trip_summary(self) -> str:
         """Return the causes, what to do, and the path of the black box, in one line."""

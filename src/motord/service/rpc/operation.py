@@ -198,7 +198,7 @@ class ManualOperation:
 
         def new_loop() -> StateReply | None:
             nonlocal started
-            if not started and bench.loop_fault:
+            if not started and bench.loop_fault and not bench.loop_stalled:
                 started = True
                 bench.loop_starts()
                 self.restart_loop()

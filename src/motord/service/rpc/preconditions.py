@@ -1,6 +1,6 @@
 """Preconditions on the bench, for `dispatcher.handles`: each raises RpcError unless it is met."""
 
-from motord.api.descriptions import trip_text
+from motord.api.descriptions import HANGING_REMEDY, trip_text
 from motord.api.errors import Code, RpcError
 from motord.schema import Request, State
 from motord.sequencing import Plan
@@ -13,10 +13,10 @@ def loop_up(bench: Bench) -> None:
     """The loop runs."""
     if bench.loop_starting:
         raise RpcError("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
+    if bench.loop_stalled:
+        raise RpcError("refused", f"{bench.fault}; {HANGING_REMEDY}")
     if bench.loop_fault:
         raise RpcError("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
-    if bench.loop_stalled:
-        raise RpcError("refused", f"{bench.fault}; `motord reset` ends it and starts it again")
 
 
 def no_plan(bench: Bench) -> None:
