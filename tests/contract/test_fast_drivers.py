@@ -37,12 +37,18 @@ def opened(closed: Bench) -> Bench:
     return closed
 
 
+def running(bench: Bench) -> Iterator[Bench]:
+    """Open it; its other ends are closed also if that fails."""
+    try:
+        bench.driver.open()
+        yield bench
+    finally:
+        bench.close()
+
+
 @pytest.fixture
 def wired(wired_bench: Any) -> Iterator[Bench]:
-    bench = wired_bench()
-    bench.driver.open()
-    yield bench
-    bench.close()
+    yield from running(wired_bench())
 
 
 @pytest.fixture
@@ -50,9 +56,7 @@ def refusing(refusing_bench: Any) -> Iterator[Bench]:
     bench = refusing_bench()
     if bench.refuse is None:
         pytest.skip("this Bench has no refuse")
-    bench.driver.open()
-    yield bench
-    bench.close()
+    yield from running(bench)
 
 
 @pytest.fixture
@@ -60,9 +64,7 @@ def bus(bus_bench: Any) -> Iterator[Bench]:
     bench = bus_bench()
     if bench.bus_off is None:
         pytest.skip("this Bench has no bus_off")
-    bench.driver.open()
-    yield bench
-    bench.close()
+    yield from running(bench)
 
 
 def nonsense(number: int) -> np.ndarray:
