@@ -164,6 +164,21 @@ def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(running):
         check_ticks(run.ticks(("tick", "missed", "flags")))
 
 
+def test_a_trip_is_shown_until_reset_though_its_loop_has_ended(running):
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        client.rpc("set", token=lease.token, torque_Nm=3.0, brake=0.0)  # it runs away
+        trip = wait_for(client, lambda s: s.state == "TRIPPED", "a trip").trip
+        subprocess.run(["kill", "-9", str(client.state().processes["loop"].pid)], check=True)
+        state = wait_for(client, lambda s: s.fault, "the fault")
+        assert (state.state, state.first_trip) == ("TRIPPED", "OVER_SPEED")
+        assert (state.trip.t_ns, state.trip.blackbox) == (trip.t_ns, trip.blackbox)
+        assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
+        state = wait_for(client, lambda s: s.tick is not None, "ticks")
+        assert (state.state, state.first_trip, state.trip) == ("OFF", "", None)
+    assert running.end() == 0
+
+
 def test_a_stopped_loop_is_ended_and_comes_back_off_after_reset(running):
     with running.connect() as client, client.lease("anna") as lease:
         client.rpc("enable", token=lease.token)
