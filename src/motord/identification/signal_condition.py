@@ -88,7 +88,7 @@ class CurrentProducts:
 
 def recorded(values: np.ndarray, name: str, label: str) -> np.ndarray:
     """Return which samples of a signal (n,) have a number (n,). Raises CaptureError if none has."""
-    known = np.isfinite(values)
+    known: np.ndarray = np.isfinite(values)
     if values.size and not known.any():
         raise CaptureError(f"{label}: no {name} was recorded")
     return known
