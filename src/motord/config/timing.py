@@ -11,6 +11,9 @@ RATE_MIN_HZ, RATE_MAX_HZ = 100, 20_000
 SILENCE_MAX_S = 1.0
 """No link and no process may be silent for longer without the torque being taken away: the rotor
 would be driven by an outdated command."""
+CONNECT_MAX_S = 60.0
+"""A device answers within this time of the start, or is given up: a loop that waits for longer
+hangs."""
 SLOW_FEEDBACK_MAX_S = 0.5
 """No message of the drive's feedback may stay away for longer, however seldom it is sent."""
 RAMP_DOWN_MAX_S = 1.0

@@ -14,6 +14,7 @@ from pydantic import (
 from motord.config.base import BitRate, NonNegative, Positive, Section
 from motord.config.devices.can_signals import CanopenConfig, CanSignalMap, DqConfig
 from motord.config.timing import (
+    CONNECT_MAX_S,
     DELAY_MAX_S,
     RATE_MAX_HZ,
     RATE_MIN_HZ,
@@ -59,7 +60,7 @@ class CanBusConfig(Section):
 class CanConfig(CanBusConfig):
     """`[inverter.can]`: the bus, and the DBC with its signal map."""
 
-    connect_timeout_s: Positive = 2.0
+    connect_timeout_s: Annotated[float, Field(gt=0, le=CONNECT_MAX_S)] = 2.0
     """Feedback has to come within this time of the start."""
     slow_stale_after_s: Annotated[float, Field(gt=0, le=SLOW_FEEDBACK_MAX_S)] = 0.5
     """A message of feedback without currents (status, bus voltage, temperature) that stays away for
@@ -219,7 +220,7 @@ class BridgeConfig(DeviceConfig):
     """Without a sample for so long it trips."""
     heartbeat_timeout_s: Annotated[float, Field(ge=0.001, le=SILENCE_MAX_S)] = 0.05
     """Without a heartbeat for so long the board opens the enable line."""
-    connect_timeout_s: Positive = 2.0
+    connect_timeout_s: Annotated[float, Field(gt=0, le=CONNECT_MAX_S)] = 2.0
     """The board has to answer within this time of the start."""
     adc_V_per_count: Positive = 10.0 / 32768
     """Volts per count of the torque sensor's converter; a count may not be a torque error."""

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from motord.config.base import BitRate, Finite, NonNegative, Positive, Section
 from motord.config.devices import DeviceConfig
-from motord.config.timing import SLOW_SILENCE_MAX_S
+from motord.config.timing import CONNECT_MAX_S, SLOW_SILENCE_MAX_S
 
 RegisterKind = Literal["u16", "i16", "u32", "i32"]
 """How a number lies in registers: unsigned or two's complement, one register or two."""
@@ -60,7 +60,7 @@ class ModbusConfig(ModbusLinkConfig):
     watchdog_s: NonNegative = 0.0
     """As set in the device: it drops its set-point to zero after so long without one. 0: never,
     which a drive must not have."""
-    connect_timeout_s: Positive = 2.0
+    connect_timeout_s: Annotated[float, Field(gt=0, le=CONNECT_MAX_S)] = 2.0
     """The device has to answer within this time of the start."""
     word_order: Literal["big", "little"] = "big"
     """Which half of a 32-bit number comes first."""

@@ -12,6 +12,8 @@ from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT, LOOP_STUCK
 from motord.api.messages import SetpointView
 from motord.api.queue_messages import QueueView
 from motord.config import Config
+from motord.config.timing import CONNECT_MAX_S
+from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State, joined
 from motord.sequencing import TickWatcher
 from motord.sequencing.settings import COMPENSATE
@@ -33,8 +35,8 @@ UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
 STALLED_NS = 1_000_000_000
 """A loop that publishes nothing for this long is reported, and a plan ends."""
-STARTING_NS = 180_000_000_000
-"""A loop that is not up by then hangs: no kernel takes so long, and no device."""
+STARTING_NS = round((COMPILING_S + 2 * CONNECT_MAX_S) * 1e9)
+"""A loop that is not up by then hangs: it waits no longer for its kernel, inverter and board."""
 LOOP_STARTS = "the loop is not up yet"
 SUSPENDED_NS = 500_000_000
 """A supervisor that did not run for this long stops the external drive."""
