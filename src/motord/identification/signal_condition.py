@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from motord.identification import CaptureError, IdentifyError
+from motord.identification.encoder.misread_counts import MISREAD_MIN, far_from, misread
 
 CLIPPED_SHARE = 0.005
 """Of the samples that are at one end of the signal, from which on it may be clipped."""
@@ -28,10 +29,8 @@ COMMANDED_SHARE = 0.1
 """RMS of a phase's command, in parts of the largest, that shows the scale of its current."""
 SAMPLES_A_COUNT = 0.25
 """Samples, for each count of the encoder, from which on each of its lines changes."""
-MISREAD_MIN = 3
-"""Samples that are off by themselves from which on an encoder is misread, not disturbed once."""
-MISREAD_STEPS, MISREAD_COUNTS = 3.0, 8
-"""A sample is off that is so many usual steps, and counts, away from both of its neighbours."""
+MISREAD_SHARE = 0.05
+"""Of the samples that are misread at most: of more the ones left are not all sound."""
 OUT_OF_RANGE_SHARE = 0.01
 """Of the samples that are disturbed at most: with more, it is another encoder or none."""
 FROZEN_TURN = 0.125
@@ -41,6 +40,10 @@ FROZEN_RUNS = 20.0
 
 class CountsOutOfRange(CaptureError):
     """Encoder counts are below 0, or not below the motor's counts a turn, and not by chance."""
+
+
+class MisreadCounts(CaptureError):
+    """Encoder counts are misread in more samples than can be left out."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,7 @@ def in_range(count: np.ndarray, counts: int, label: str) -> np.ndarray:
     inside = count[good]
     step = (inside[1:] - inside[:-1] + counts // 2) % counts - counts // 2
     usual = np.median(step) if step.size else 0
-    near = np.abs(np.diff(count) - usual) <= (_far(np.abs(step - usual)) if step.size else 0)
+    near = np.abs(np.diff(count) - usual) <= (far_from(np.abs(step - usual)) if step.size else 0)
     edges = np.flatnonzero(near & (good[1:] != good[:-1]))
     onwards = np.unique(edges + good[edges])  # a sample that is next to two counts in range
     if onwards.size > 1 or good.size - good.sum() > max(OUT_OF_RANGE_SHARE * good.size, 1):
@@ -165,39 +168,19 @@ def sound_counts(
 ) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
     """Return which counts (n,) are in range and not misread (n,), and the faults of the others.
 
-    Raises CountsOutOfRange.
+    Raises CountsOutOfRange, MisreadCounts.
     """
     good = in_range(count, counts, label)
     faults, off = out_of_range(good), misread(count[good], counts)
     if off.sum() >= MISREAD_MIN:
+        if off.mean() > MISREAD_SHARE:
+            raise MisreadCounts(
+                f"{label}: the encoder is misread in {off.mean():.1%} of the samples, more than "
+                f"the {MISREAD_SHARE:.0%} that can be left out; shield its lines, record it again"
+            )
         faults += (SignalFault("encoder_count", "misread", float(off.mean())),)
     good[good] = ~off
     return good, faults
-
-
-def misread(count: np.ndarray, counts: int) -> np.ndarray:
-    """Return which counts (n,) are far from both of their neighbours, those near each other (n,).
-
-    A gap in the recording is none.
-    """
-    off = np.zeros(count.size, bool)
-    if count.size >= 3:
-        step = _apart(count[1:], count[:-1], counts)
-        far = _far(step)
-        off[1:-1] = (step[:-1] > far) & (step[1:] > far)
-        off[1:-1] &= _apart(count[2:], count[:-2], counts) <= far
-    return off
-
-
-def _far(step: np.ndarray) -> float:
-    """Return from which distance on a sample is off, by the steps (n,) between samples."""
-    return MISREAD_STEPS * float(np.percentile(step, 95)) + MISREAD_COUNTS
-
-
-def _apart(count: np.ndarray, other: np.ndarray, counts: int) -> np.ndarray:
-    """Return how far counts (n,) are apart, the shorter way round."""
-    difference = np.abs(count - other)
-    return np.asarray(np.minimum(difference, counts - difference))
 
 
 def stuck_lines(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:

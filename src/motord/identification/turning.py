@@ -9,12 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from motord.identification import CaptureError
-from motord.identification.signal_condition import (
-    SignalFault,
-    misread,
-    require_change,
-    sound_counts,
-)
+from motord.identification.encoder.misread_counts import misread
+from motord.identification.signal_condition import SignalFault, require_change, sound_counts
 
 STEADY = 0.1
 """Part by which the durations of the turns of one segment may differ from their median."""
@@ -76,9 +72,9 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
         return np.unwrap(count, period=counts)
     position = np.empty_like(count)
     position[~off] = np.unwrap(count[~off], period=counts)
-    for n in np.flatnonzero(off):
-        position[n] = np.unwrap([position[n - 1], count[n]], period=counts)[1]
-    return position
+    last = np.maximum.accumulate(np.where(off, 0, np.arange(count.size)))  # that is not off
+    step = (count - count[last] + counts // 2) % counts - counts // 2
+    return np.asarray(position[last] + step)
 
 
 def countable(
@@ -86,8 +82,8 @@ def countable(
 ) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
     """Return which samples (n,) have a sound count, if turns between these can be counted; faults.
 
-    t_s (n,): rising; count (n,): of the encoder. Raises CountsOutOfRange, or LostTurns if the
-    shorter way round may be another than the rotor's somewhere.
+    t_s (n,): rising; count (n,): of the encoder. Raises CountsOutOfRange, MisreadCounts, or
+    LostTurns if the shorter way round may be another than the rotor's somewhere.
     """
     good, faults = sound_counts(count, counts, label)
     t_s, position = t_s[good], unwrap_counts(count[good], counts)

@@ -9,6 +9,7 @@ from motord.identification import IdentifyError
 from motord.identification.signal_condition import (
     CountsOutOfRange,
     CurrentProducts,
+    MisreadCounts,
     SignalFault,
     in_range,
     out_of_range,
@@ -164,6 +165,67 @@ def test_a_sample_or_two_that_are_off_are_no_finding_nor_is_a_slip() -> None:
     assert faults_of(count) == ()
     slipped = (turning(1) + 500 * (np.arange(5000) // 1000)) % 4096
     assert faults_of(slipped) == ()
+
+
+def flipped(count: np.ndarray, share: float, counts: int, bits: range) -> np.ndarray:
+    """Return counts (n,) of which a share has one of the lines `bits` of its Gray code changed."""
+    rng = np.random.default_rng(count.size)
+    at = np.flatnonzero(rng.random(count.size) < share)
+    wrong = count.copy()
+    wrong[at] = binary(gray(count[at]) ^ 1 << rng.choice(bits, at.size)) % counts
+    return wrong
+
+
+def far_off(wrong: np.ndarray, count: np.ndarray, counts: int) -> np.ndarray:
+    apart = np.abs(wrong - count)
+    return np.minimum(apart, counts - apart) > counts // 32
+
+
+@pytest.mark.parametrize("counts", [1024, 4096, 65536])
+@pytest.mark.parametrize("turns_Hz", [0.1, 2.0, -2.0])
+@pytest.mark.parametrize("share", [0.002, 0.025, 0.04])
+def test_misread_samples_are_found_however_many_can_be_left_out(
+    share: float, turns_Hz: float, counts: int
+) -> None:
+    count = turning(2, counts, turns_Hz, 20_000)
+    wrong = flipped(count, share, counts, range(int(np.log2(counts)) - 5, int(np.log2(counts))))
+    bad = far_off(wrong, count, counts)
+    good, [fault] = sound_counts(wrong, counts, "here")
+    assert (~good)[bad].mean() > 0.99
+    assert (~good)[wrong == count].mean() < 0.01
+    assert fault.kind == "misread"
+    assert 0.99 * bad.mean() < fault.share < 1.1 * share
+
+
+@pytest.mark.parametrize("share", [0.07, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("turns_Hz", [0.1, 2.0])
+def test_an_encoder_that_is_misread_too_often_is_refused(share: float, turns_Hz: float) -> None:
+    wrong = flipped(turning(2, 4096, turns_Hz, 20_000), share, 4096, range(7, 12))
+    with pytest.raises(MisreadCounts, match=r"here: the encoder is misread in [\d.]+% of"):
+        sound_counts(wrong, 4096, "here")
+
+
+def test_samples_misread_in_a_row_are_left_out_next_to_single_ones() -> None:
+    count = turning(1)
+    bad = np.r_[100, 200, 300, 400:402, 600:603, 800:805]
+    wrong = count.copy()
+    wrong[bad] = (count[bad] + 1000 + 300 * (np.arange(bad.size) % 2)) % 4096
+    good, [fault] = sound_counts(wrong, 4096, "here")
+    assert np.flatnonzero(~good).tolist() == bad.tolist()
+    assert fault.share == pytest.approx(bad.size / count.size)
+
+
+@pytest.mark.parametrize("noise_counts", [3.0, 30.0, 300.0])
+@pytest.mark.parametrize("still", [0.0, 0.5, 0.8])
+def test_noise_and_vibration_of_a_part_of_the_time_are_not_misread(
+    noise_counts: float, still: float
+) -> None:
+    """Of a fine encoder, from sample to sample."""
+    rng, number = np.random.default_rng(4), np.arange(20_000)
+    moves = number >= still * number.size
+    for shaken in (rng.normal(size=number.size), 3 * np.sin(2.2 * number), 3 * np.sin(number)):
+        position = 40_000 + np.cumsum(20 * moves) + noise_counts * shaken * moves
+        assert faults_of(np.rint(position).astype(np.int64) % 65536, 65536) == ()
 
 
 @pytest.mark.parametrize("direction", [1, -1])

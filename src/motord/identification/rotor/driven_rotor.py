@@ -206,7 +206,7 @@ def _readable(
 ) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
     """Return which of the good samples have a sound count; all where it never moves: no angle.
 
-    And the faults of the others. Raises CountsOutOfRange.
+    And the faults of the others. Raises CountsOutOfRange, MisreadCounts.
     """
     if "encoder_count" in (ticks.dtype.names or ()):
         count = ticks["encoder_count"][good].astype(np.int64)

@@ -96,6 +96,30 @@ def test_a_fundamental_far_from_the_configured_one_is_a_finding(
         assert said in named["other-than-configured"].meaning
 
 
+def with_misread_counts(points: list[PointData], share: float) -> list[PointData]:
+    """Return points of which a share of the samples has one coarse line changed."""
+    rng, wrong = np.random.default_rng(5), []
+    for point in points:
+        ticks = point.ticks.copy()
+        at = np.flatnonzero(rng.random(ticks.size) < share)
+        ticks["encoder_count"][at] ^= 1 << rng.integers(8, 12, at.size)
+        wrong.append(replace(point, ticks=ticks))
+    return wrong
+
+
+@pytest.mark.parametrize("share", [0.025, 0.04])
+def test_misread_counts_are_left_out_and_said(points: list[PointData], share: float) -> None:
+    """One of 40 made the fundamental 0.56 times what it is."""
+    found = measure(with_misread_counts(points, share), bench_of(REPORT)[0].motor)
+    assert found.fundamental == pytest.approx(0.206, rel=5e-3)
+    assert "encoder-misread" in {one.name for one in found.findings}
+
+
+def test_more_misread_counts_than_can_be_left_out_are_refused(points: list[PointData]) -> None:
+    with pytest.raises(IdentifyError, match=r"the encoder is misread in [\d.]+% of the samples"):
+        measure(with_misread_counts(points, 0.25), bench_of(REPORT)[0].motor)
+
+
 def test_samples_that_repeat_one_of_the_inverter_count_once(points: list[PointData]) -> None:
     motor = bench_of(REPORT)[0].motor
     held = []

@@ -1,0 +1,1 @@
+"""Counts of the rotor's encoder: which of them show its angle."""
