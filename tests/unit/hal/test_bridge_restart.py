@@ -131,6 +131,7 @@ def test_a_barred_board_says_so_and_is_asked_anew_but_closes_its_line_only_on_co
     assert not tick(driver, link, 1)
     assert status_after(driver, 0) & BridgeStatus.BARRED
     status_after(driver, SECOND_NS)  # nothing for so long: a HelloRequest
+    status_after(driver, SECOND_NS)
     assert not status_after(driver, SECOND_NS) & BridgeStatus.BARRED
     assert not any(tick(driver, link, 1) for _ in range(20))
     assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
@@ -221,22 +222,75 @@ def test_a_bus_on_which_two_boards_answer_is_not_opened() -> None:
         Bridge(config, "bridge", "", lambda: link).open()
 
 
-def test_a_block_with_a_hello_that_comes_again_and_again_is_no_closed_line() -> None:
-    """An adapter that stands still: each Hello makes samples of before look new."""
-    link, driver = opened()
+def enabled_and_repeated(link: Link, driver: Bridge) -> tuple[frames.Frame, ...]:
+    """Close the line; from then on only what an adapter repeats arrives: Status and Sample."""
     assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
     now_ns = time.monotonic_ns()
-    closed = link.board.sample(now_ns, 0x123, 0, False)
-    block = (link.board.hello(), link.board.status(now_ns), closed)
+    status, closed = link.board.status(now_ns), link.board.sample(now_ns, 0x123, 0, False)
     assert closed.status & BridgeStatus.ENABLE_LINE
     link.sends = link.board.streaming = False
+    return status, closed
+
+
+def test_a_block_with_a_hello_that_comes_again_and_again_counts_for_nothing() -> None:
+    """An adapter that stands still: each Hello makes samples of before look new."""
+    link, driver = opened()
+    repeated = enabled_and_repeated(link, driver)
+    feedback, times_ns = new_feedback(), set()
     for _ in range(3):
-        link.arrive(*block)
+        link.arrive(link.board.hello(), *repeated)
         driver.write(new_command(enable=1))
-        feedback = new_feedback()
         driver.read(time.time_ns(), feedback)
-        assert feedback["encoder_gray"][0] == 0x123
+        times_ns.add(int(feedback["t_ns"][0]))
+        assert feedback["encoder_gray"][0] == 0
         assert not feedback["bridge_status"][0] & BridgeStatus.ENABLE_LINE
+    assert len(times_ns) == 1, "they grow stale"
+
+
+def test_a_whole_session_that_comes_again_counts_for_nothing() -> None:
+    """Its Status is of a board as configured, but acknowledges no heartbeat since the Hello.
+
+    Or the bench could be enabled by it, once an open line has been commanded.
+    """
+    link, driver = opened()
+    repeated = enabled_and_repeated(link, driver)
+    link.arrive(link.board.hello())
+    feedback, times_ns = new_feedback(), set()
+    driver.read(time.time_ns(), feedback)
+    for enable in (0, 1, 1):
+        driver.write(new_command(enable=enable))
+        link.arrive(*repeated)
+        driver.read(time.time_ns(), feedback)
+        times_ns.add(int(feedback["t_ns"][0]))
+        assert feedback["encoder_gray"][0] == 0
+        assert not feedback["bridge_status"][0] & BridgeStatus.ENABLE_LINE
+    assert len(times_ns) == 1, "they grow stale"
+
+
+def test_a_late_sample_after_a_hello_is_no_new_one() -> None:
+    """With its clock anew the age of what was on the way is not known."""
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    feedback = new_feedback()
+    driver.read(time.time_ns(), feedback)
+    before_ns = int(feedback["t_ns"][0])
+    late = link.board.sample(time.monotonic_ns(), 0x123, 0, False)
+    start_anew(link)
+    link.arrive(late)
+    driver.read(time.time_ns(), feedback)
+    assert (feedback["t_ns"][0], feedback["encoder_gray"][0]) == (before_ns, 0)
+
+
+def test_a_board_that_starts_anew_counts_one_round_trip_later() -> None:
+    """Or a bench that is READY would trip: until the next Status the samples would be stale."""
+    link, driver = opened()
+    assert not tick(driver, link, 0)
+    feedback = new_feedback()
+    start_anew(link)
+    driver.read(time.time_ns(), feedback)
+    before_ns = int(feedback["t_ns"][0])
+    driver.read(time.time_ns(), feedback)
+    assert feedback["t_ns"][0] > before_ns
 
 
 def test_a_line_is_not_closed_on_the_word_of_a_board_that_acknowledges_no_heartbeat() -> None:

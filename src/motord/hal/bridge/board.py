@@ -4,7 +4,9 @@ Samples flow from the first read on: what comes while nobody reads overflows som
 and nobody can know how much of what is older than the gap is still to come. In the loop a tick
 costs one read and one write of the link. A board that starts anew while the loop runs is configured
 again without waiting for its answers, and asked to close the line only once its Status states rate
-and heartbeat timeout as they were set, and the loop has commanded an open line since. One that does
+and heartbeat timeout as they were set, and the loop has commanded an open line since. Nothing of it
+counts before it has acknowledged a heartbeat that was sent since its Hello: what comes until then
+may be late, or repeated by something on the way, and has no age that is known. One that does
 not, that sends no samples any more, or receives no heartbeats, is sent a HelloRequest now and then:
 it may have started anew while the link was down, or have missed so many heartbeats that it takes
 the next for old ones. So is one that another host has barred: this host's HelloRequest ends that.
@@ -76,7 +78,7 @@ class Bridge:
         self._t_ns = 0
         self._silence_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9))
         self._identity = BoardIdentity(self._counts, self._silence_ns)
-        self._session = BoardSession(self._configuration, self.clock, may_close=True)
+        self._session = BoardSession(self._configuration, self.clock, opening=True)
         self._received_ns = 0  # newest sample's arrival, while the board receives heartbeats
         self._requested_ns = 0
         self._acknowledged_ns = 0  # when the newest heartbeat that the board has stated was sent
@@ -99,7 +101,7 @@ class Bridge:
         self._identity = BoardIdentity(self._counts, self._silence_ns)
         try:
             hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
-            self._begin_session(may_close=True)
+            self._begin_session(opening=True)
             self._number = hello.heartbeat_next
             self._update_from_status(self._request(self._configuration, frames.Status))
             self._sample = self._request(frames.Start(), frames.Sample)
@@ -188,7 +190,7 @@ class Bridge:
         newest, taken = None, True
         for _, frame in received:
             if type(frame) is frames.Sample:
-                newest = frame
+                newest = frame if self._session.answered else None
             elif type(frame) is frames.Status and taken:
                 self._update_from_status(frame)
             elif type(frame) is frames.Hello:
@@ -204,20 +206,25 @@ class Bridge:
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
     def _update_from_status(self, status: frames.Status) -> None:
-        self._lost_by_board += self._session.update(status)
         self._acknowledged_ns = self._session.acknowledged_ns(status) or self._acknowledged_ns
+        if self._session.answered:
+            self._lost_by_board += self._session.update(status)
 
-    def _begin_session(self, *, may_close: bool) -> None:
+    def _begin_session(self, *, opening: bool) -> None:
         assert self._link is not None
         self._openings = self._link.openings
-        self._session = BoardSession(self._configuration, self.clock, may_close=may_close)
+        self._session = BoardSession(self._configuration, self.clock, opening=opening)
 
     def _restart(self, hello: frames.Hello) -> None:
-        """Configure and start a board that was reset, or cut off, while the loop runs."""
+        """Configure and start a board that was reset, or cut off, while the loop runs.
+
+        The answers acknowledge the heartbeat that is sent first: so a round trip later it counts.
+        """
         self.restarts += 1
         if (hello.heartbeat_next - self._number) % frames.HEARTBEAT_NUMBERS < _AHEAD:
             self._number = hello.heartbeat_next
-        self._begin_session(may_close=False)
+        self._begin_session(opening=False)
+        self._send_heartbeat(0)
         self._send(self._configuration)
         self._send(frames.Start())
 

@@ -10,19 +10,22 @@ _HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 class BoardSession:
     """From one Hello of a board to its next: nothing of the session before is known to it.
 
-    `configured`: by its newest Status it does as it was configured. `may_close`: the command was an
-    open line since the session began; what was commanded before is not asked of this board.
+    `answered`: it has acknowledged a heartbeat of this session, as no repeated session does; what
+    comes before counts for nothing. `configured`: by its newest Status it does as it was
+    configured. `may_close`: the command was an open line since the session began; what was
+    commanded before is not asked of this board.
     """
 
     def __init__(
-        self, configuration: frames.Configure, clock: BoardClock, *, may_close: bool
+        self, configuration: frames.Configure, clock: BoardClock, *, opening: bool
     ) -> None:
         """Start the clock anew: what was learnt of the board's counter may not hold any more.
 
-        `may_close`: nothing was commanded before, as when the board is opened.
+        `opening`: the board answered request by request, and nothing was commanded before.
         """
         clock.reset()
-        self.configured, self.may_close = False, may_close
+        self.configured = False
+        self.answered = self.may_close = opening
         self._configuration = configuration
         self._clock = clock
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT  # number and time of each heartbeat
@@ -39,6 +42,7 @@ class BoardSession:
         number, sent_ns = self._sent[status.heartbeat_sequence % _HEARTBEATS_KEPT]
         if status.heartbeats in (0, before) or number != status.heartbeat_sequence:
             return None
+        self.answered = True
         self._clock.heartbeat(status.heartbeat_t_us, sent_ns)
         return sent_ns
 
