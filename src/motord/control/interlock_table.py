@@ -142,9 +142,9 @@ INTERLOCKS = (
         "the brake's disc is more than 10 K hotter than brake.temperature_max_C",
         "brake.temperature_max_C", EvidenceSource.LOOP, 0.02,
     ),
-    Interlock(
+    Interlock(  # by ticks: the driver takes a line for open from a Hello on, samples or none
         Trip.ENABLE_LINE, "the bridge reports the enable line open while the drive is enabled",
-        "", EvidenceSource.BRIDGE, 0.005,
+        "", EvidenceSource.LOOP, 0.005,
     ),
     Interlock(
         Trip.CHANNEL,

@@ -299,7 +299,7 @@ COUNTED = {
     Trip.OVER_CURRENT: NEW_INVERTER, Trip.TEMPERATURE: NEW_INVERTER,
     Trip.BUS_VOLTAGE: NEW_INVERTER, Trip.CURRENT_IMPLAUSIBLE: NEW_INVERTER,
     Trip.OVER_SPEED: NEW_BRIDGE, Trip.OVER_TORQUE: NEW_BRIDGE, Trip.TORQUE_STALE: NEW_BRIDGE,
-    Trip.TORQUE_IMPLAUSIBLE: NEW_BRIDGE, Trip.ENABLE_LINE: NEW_BRIDGE,
+    Trip.TORQUE_IMPLAUSIBLE: NEW_BRIDGE,
 }  # fmt: skip
 """The flag that says of each condition of a sample whether the sample is new."""
 
@@ -326,6 +326,15 @@ def test_a_sample_that_is_seen_again_is_no_further_evidence(trip, depart) -> Non
     watched.m.command_A[:COMMANDS] = 0.0
     watched.m.torque_asked_Nm = watched.m.torque_before_Nm = 0.0
     assert watched.look() == 0
+
+
+def test_an_open_line_needs_no_new_sample() -> None:
+    """A board's Hello opens it in the driver's status word; what comes next may be lost."""
+    watched = Watched()
+    watched.f.bridge_status, watched.new = 0, NEW_INVERTER
+    for _ in range(lasting(Trip.ENABLE_LINE)):
+        assert watched.look() == 0
+    assert watched.look() == int(Trip.ENABLE_LINE)
 
 
 @pytest.mark.parametrize("state", [State.OFF, State.READY, State.TRIPPED])
