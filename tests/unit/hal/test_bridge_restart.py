@@ -281,6 +281,19 @@ def test_a_late_sample_after_a_hello_is_no_new_one() -> None:
     assert (feedback["t_ns"][0], feedback["encoder_gray"][0]) == (before_ns, 0)
 
 
+def test_a_sample_of_before_without_a_hello_is_no_new_one() -> None:
+    """Repeated after more than half a turn of the frames' numbers, which do not show it then."""
+    link, driver = opened()
+    assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
+    feedback = new_feedback()
+    driver.read(time.time_ns(), feedback)
+    before_ns = int(feedback["t_ns"][0])
+    link.board.streaming = False
+    link.arrive(link.board.sample(time.monotonic_ns() - 40 * SECOND_NS, 0x123, 0, False))
+    driver.read(time.time_ns(), feedback)
+    assert (feedback["t_ns"][0], feedback["encoder_gray"][0]) == (before_ns, 0)
+
+
 def test_a_board_that_starts_anew_counts_one_round_trip_later() -> None:
     """Or a bench that is READY would trip: until the next Status the samples would be stale."""
     link, driver = opened()

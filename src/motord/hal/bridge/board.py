@@ -199,7 +199,7 @@ class Bridge:
                     self._restart(frame)
                 else:
                     self._openings, self._session.configured = _UNIDENTIFIED, False
-        if newest is not None and taken:
+        if newest is not None and taken and not self.clock.is_old(newest.t_us):
             if self._session.configured and not newest.status & _DEAF:
                 self._received_ns = arrival_ns
             self._sample = newest

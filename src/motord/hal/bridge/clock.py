@@ -127,6 +127,14 @@ class BoardClock:
         self._upper = self._lower = None
         self._late_since_ns = None
 
+    def is_old(self, ticks: int) -> bool:
+        """Return whether a sample was taken before the newest: no counter steps back but a reset.
+
+        Frames that are repeated after more than half a turn of their numbers have new ones.
+        """
+        before = self._ticks
+        return before is not None and (ticks - before) % CLOCK_MODULUS_US >= CLOCK_MODULUS_US // 2
+
     def received(self, ticks: int, arrival_ns: int) -> int:
         """Return the loop's time of a sample taken at `ticks` and read at `arrival_ns`.
 
