@@ -35,6 +35,9 @@ _REPEAT_S = 0.1
 SILENCE_NS = 500_000_000
 """After this time without a sample, or with heartbeats that the board does not receive, it is asked
 who it is, and again each time it is over; not before its samples are stale: it starts anew then."""
+STATUS_NS = 100_000_000
+"""So much older than its newest sample may be what a board acknowledges: two periods of Status. Of
+one that is silent the samples are stale first, and that is what trips."""
 _ENABLE_LINE = int(BridgeStatus.ENABLE_LINE)
 _HEARTBEAT_LOST = int(BridgeStatus.HEARTBEAT_LOST)
 _OTHER_BOARD = int(BridgeStatus.OTHER_BOARD)
@@ -77,6 +80,7 @@ class Bridge:
         self._errors_before: int | None = None  # link errors count from the first read
         self._t_ns = 0
         self._silence_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9))
+        self._unacknowledged_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9) + STATUS_NS)
         self._identity = BoardIdentity(self._counts, self._silence_ns)
         self._session = BoardSession(self._configuration, self.clock, opening=True)
         self._received_ns = 0  # newest sample's arrival, while the board receives heartbeats
@@ -138,7 +142,7 @@ class Bridge:
         feedback["encoder_gray"] = sample.encoder_gray
         feedback["torque_Nm"] = sample.torque_counts * self._torque_Nm_per_count
         session, status = self._session, sample.status
-        lost = now_ns - self._acknowledged_ns > self._silence_ns
+        lost = now_ns - self._acknowledged_ns > self._unacknowledged_ns
         if lost or not session.configured or not session.may_close:
             status = self._unconfirmed(status, lost)
         feedback["bridge_status"] = status
@@ -146,7 +150,7 @@ class Bridge:
 
     def _unconfirmed(self, status: int, lost: bool) -> int:
         """Return a status word without ENABLE_LINE: a board that is asked for an open line, or has
-        acknowledged no heartbeat of the last SILENCE_NS, cannot be who says that it is closed.
+        acknowledged no heartbeat of late, cannot be who says that it is closed.
 
         In the second case HEARTBEAT_LOST is set: a board that never had one has lost none by its
         own status, and keeps the line open.
