@@ -294,6 +294,21 @@ def test_a_sample_of_before_without_a_hello_is_no_new_one() -> None:
     assert (feedback["t_ns"][0], feedback["encoder_gray"][0]) == (before_ns, 0)
 
 
+def test_a_board_whose_clock_stepped_back_counts_again_once_it_was_asked() -> None:
+    """Its Hello was lost: until it says who it is its samples are old ones."""
+    link, driver = opened()
+    feedback = new_feedback()
+    driver.read(time.time_ns(), feedback)
+    before_ns = int(feedback["t_ns"][0])
+    link.board.jump(-40 * SECOND_NS)
+    driver.read(time.time_ns(), feedback)
+    assert (feedback["t_ns"][0], driver.restarts) == (before_ns, 0)
+    for _ in range(3):  # its request; its Hello; its answers
+        driver.read(time.time_ns() + SECOND_NS, feedback)
+    assert feedback["t_ns"][0] > before_ns
+    assert driver.restarts == 1
+
+
 def test_a_board_that_starts_anew_counts_one_round_trip_later() -> None:
     """Or a bench that is READY would trip: until the next Status the samples would be stale."""
     link, driver = opened()

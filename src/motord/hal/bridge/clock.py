@@ -99,7 +99,7 @@ class BoardClock:
 
     Two-way: `received` for every reading of samples, `heartbeat` whenever the board reports when it
     received one. Without heartbeats a sample's time is late by the least delay until it is read. A
-    counter that jumps (a board that was reset) starts the filter anew and is counted in `resets`.
+    counter that leaps ahead, or stays behind, starts the filter anew and is counted in `resets`.
     `jitter_ns` is the mean deviation of the samples' delay until they are read from its mean.
     """
 
@@ -130,7 +130,8 @@ class BoardClock:
     def is_old(self, ticks: int) -> bool:
         """Return whether a sample was taken before the newest: no counter steps back but a reset.
 
-        Frames that are repeated after more than half a turn of their numbers have new ones.
+        Frames that are repeated after more than half a turn of their numbers have new ones. Half
+        of the counter's range is behind, so of a board that ran for longer a reset looks ahead.
         """
         before = self._ticks
         return before is not None and (ticks - before) % CLOCK_MODULUS_US >= CLOCK_MODULUS_US // 2
@@ -138,20 +139,16 @@ class BoardClock:
     def received(self, ticks: int, arrival_ns: int) -> int:
         """Return the loop's time of a sample taken at `ticks` and read at `arrival_ns`.
 
-        Feed the newest sample of each reading. Never later than `arrival_ns`. Where the sample
-        before turns out to have been read later than was thought, by less than two intervals
-        between samples, this one is just after it; by more, the time goes back.
+        Feed the newest sample of each reading, unless it `is_old`. Never later than `arrival_ns`.
+        Where the sample before turns out to have been read later than was thought, by less than two
+        intervals between samples, this one is just after it; by more, the time goes back.
         """
         step_ns = 0
         if self._ticks is not None:
-            step = (ticks - self._ticks) % CLOCK_MODULUS_US
-            if step >= CLOCK_MODULUS_US // 2:
+            step_ns = (ticks - self._ticks) % CLOCK_MODULUS_US * 1000
+            self._board_ns += step_ns
+            if self._jumped(arrival_ns):
                 self.reset()
-            else:
-                step_ns = step * 1000
-                self._board_ns += step_ns
-                if self._jumped(arrival_ns):
-                    self.reset()
         self._ticks = ticks
         difference_ns = arrival_ns - self._board_ns
         if self._upper is None:
