@@ -71,7 +71,10 @@ KINDS: dict[str, FaultKind] = {
     **_wire_kinds("bridge", "bridge"),
     "bridge_reboot": FaultKind("the board starts anew, silent for that long", 0.3, {}, WIRES),
     "bridge_clock": FaultKind(
-        "the board's clock jumps", 0.0, {"jump_s": 0.3}, frozenset({"emulate"})
+        "the board's clock jumps; back, its samples are old ones",
+        0.0,
+        {"jump_s": 0.3},
+        frozenset({"emulate"}),
     ),
     "supervisor_silent": FaultKind(
         "the supervisor gives no sign of life", 0.6, {}, frozenset({"virtual"})
