@@ -36,7 +36,8 @@ UPDATE_NS = 20_000_000
 STALLED_NS = 1_000_000_000
 """A loop that publishes nothing for this long is reported, and a plan ends."""
 STARTING_NS = round((COMPILING_S + 2 * CONNECT_MAX_S) * 1e9)
-"""A loop that is not up by then hangs: it waits no longer for its kernel, inverter and board."""
+"""A loop that is not up by then is reported as one that hangs: the longest waits for its kernel and
+for a first answer of inverter and board are over. One that comes up later is well."""
 LOOP_STARTS = "the loop is not up yet"
 SUSPENDED_NS = 500_000_000
 """A supervisor that did not run for this long stops the external drive."""
