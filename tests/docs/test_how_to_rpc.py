@@ -39,7 +39,7 @@ token = bench.lease.acquire("anna", 0).token
 assert RPCS["mounted"].needs_lease
 assert ask(token="guess", serial="x").code == "no_lease"
 assert ask(token=token, serial="x").code == "refused"
-bench.loop_up()
+bench.loop.up()
 reply = decode_reply(RPCS["mounted"], ask(token=token, serial="A-17").to_json())
 assert reply.content() == {"t_ns": 42}
 event = bench.events.recent()[-1]

@@ -26,7 +26,6 @@ from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore, announce
 from motord.service.bench.guard import Guard
-from motord.service.bench.loop_link import LoopLink
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
 from motord.service.channels.link import ChannelLink
 from motord.service.estimator.link import EstimatorLink
@@ -34,6 +33,7 @@ from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children
 from motord.service.host.descriptors import DescriptorReserve
 from motord.service.host.events import EventLog
+from motord.service.host.loop_link import LoopLink
 from motord.service.host.systemd import Notifier
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption

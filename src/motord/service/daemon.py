@@ -141,7 +141,7 @@ def supervise(supervisor: Supervisor, stopping: StopSignal, on_ready: Callable[[
             notifier.stopping(f"ramping down: {stopping.name}")
             supervisor.ramp_down(stopping.name)
         elif not stopping():
-            raise LoopFailedError(bench.loop_fault)
+            raise LoopFailedError(bench.loop.fault)
     except EXPLAINED:
         raise
     except Exception as error:  # whatever it is, the current has to go before the daemon does

@@ -1,11 +1,11 @@
 """The table of the daemon's child processes: add a process by adding a line."""
 
 from motord.recorder.launch import spawn_piped
-from motord.service.bench.loop_link import LOOP
 from motord.service.channels.link import CHANNELS
 from motord.service.estimator.link import ESTIMATOR
 from motord.service.gateway.link import GATEWAY
 from motord.service.host.children import Process, spawn
+from motord.service.host.loop_link import LOOP
 from motord.service.recording.session import RECORDER
 from motord.service.tracker.link import TRACKER
 

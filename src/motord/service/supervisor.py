@@ -15,12 +15,12 @@ from motord.schema import State as DriveState
 from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.guard import Guard
-from motord.service.bench.loop_link import LOOP, LoopLink
 from motord.service.channels.link import ChannelLink
 from motord.service.estimator.link import EstimatorLink
 from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children, Ended
 from motord.service.host.log import log_error
+from motord.service.host.loop_link import LOOP, LoopLink
 from motord.service.host.systemd import Notifier
 from motord.service.publish.publisher import Publisher
 from motord.service.queue.runner import QueueRunner
@@ -78,7 +78,7 @@ class Supervisor:
         now_ns, part = self.clock_ns(), self.guard.part
         with part("loop link", now_ns):
             if self.loop.follow():
-                self.bench.loop_up()
+                self.bench.loop.up()
         ended: list[Ended] = []
         with part("processes", now_ns):
             ended = self.children.poll(now_ns)

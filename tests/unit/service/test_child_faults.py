@@ -110,7 +110,7 @@ def test_a_ring_that_cannot_be_opened_yet_is_tried_again(tmp_path, monkeypatch):
         def no_descriptors(path, start):
             raise SharedFileError(f"{path}: cannot open it: Too many open files")
 
-        patch.setattr("motord.service.bench.loop_link.RingReader", no_descriptors)
+        patch.setattr("motord.service.host.loop_link.RingReader", no_descriptors)
         played.step(2)
         assert "Too many open files" in played.state()["faults"]["loop link"]
     played.step(2)
@@ -148,7 +148,7 @@ def test_a_loop_that_cannot_be_started_says_so(tmp_path, monkeypatch):
     played.spawn["loop"] = without_memory
     played.supervisor.loop.start(played.now_ns)
     assert not played.supervisor.wait_for_loop(lambda: False)
-    assert "cannot be started: Cannot allocate memory" in played.supervisor.bench.loop_fault
+    assert "cannot be started: Cannot allocate memory" in played.supervisor.bench.loop.fault
     played.close()
 
 

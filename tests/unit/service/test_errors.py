@@ -151,7 +151,7 @@ def test_a_bug_in_the_supervisor_takes_the_current_before_the_daemon_ends(
     played.run(error_after=5)
     if listener_too:
         played.supervisor.bench.events.listeners.append(buggy)
-        played.supervisor.bench.loop_fault = ""
+        played.supervisor.bench.loop.fault = ""
     stopping = []
     played.supervisor.notifier.stopping = stopping.append  # the watchdog would not wait
     with pytest.raises(daemon.SupervisorFailedError, match="of a bug; stopped, the traceback"):

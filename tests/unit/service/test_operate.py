@@ -7,7 +7,7 @@ from motord.api.errors import RpcError
 from motord.config.faults import Fault
 from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State, Trip
-from motord.service.bench.bench import STARTING_NS
+from motord.service.bench.loop_health import STARTING_NS
 from motord.service.rpc.operation import LOOP_START_S
 from tests.unit.service.virtual_service import VirtualService
 
@@ -417,7 +417,7 @@ def test_a_reset_that_a_loop_outlasts_says_that_it_goes_on_and_what_it_may_wait_
     assert waiting.outcome.code == "timeout"
     assert "still starting, and goes on" in waiting.outcome.message
     assert f"up to {COMPILING_S:g} s" in waiting.outcome.message
-    assert service.bench.loop_starting
+    assert service.bench.loop.starting
 
 
 def test_a_silent_loop_is_a_fault(service):
@@ -456,7 +456,7 @@ def test_a_loop_that_never_publishes_a_tick_is_silent_too(service):
     service.bench.loop_down("the loop ended: killed by SIGKILL")
     service.loop.running = False
     service.step()
-    service.bench.loop_up()
+    service.bench.loop.up()
     service.run_s(0.9, token)
     assert service.bench.fault == ""
     service.run_s(0.2, token)
@@ -473,9 +473,9 @@ def test_a_loop_that_does_not_come_up_can_be_reset(service):
     service.step()
     service.bench.loop_starts()
     service.run_s(STARTING_NS / 1e9 - 0.1, token)
-    assert service.bench.loop_starting
+    assert service.bench.loop.starting
     service.run_s(0.2, token)
-    assert not service.bench.loop_starting
+    assert not service.bench.loop.starting
     said = refused(service, "refused", "enable", token=token)
     assert said == "the loop does not come up; `motord reset` ends it and starts it again"
     resetting = service.begin("reset", token=token)
@@ -492,11 +492,11 @@ def test_a_loop_that_comes_up_late_is_well(service):
     service.bench.loop_starts()
     service.loop.running = False
     service.run_s(STARTING_NS / 1e9 + 0.1)
-    assert service.bench.loop_stalled
-    service.bench.loop_up()
+    assert service.bench.loop.stalled
+    service.bench.loop.up()
     service.loop.running = True
     service.step(2)
-    assert (service.bench.fault, service.bench.loop_stalled) == ("", False)
+    assert (service.bench.fault, service.bench.loop.stalled) == ("", False)
 
 
 def test_a_trip_outlives_the_loop_until_a_reset_starts_another(service):

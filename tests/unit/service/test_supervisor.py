@@ -82,7 +82,7 @@ def test_a_loop_that_does_not_come_up_says_why(played):
     played.supervisor.loop.start(played.now_ns)
     played.loops[0].fail("[bridge] no such port")
     assert not played.supervisor.wait_for_loop(lambda: False)
-    assert played.supervisor.bench.loop_fault == "the loop ended: [bridge] no such port"
+    assert played.supervisor.bench.loop.fault == "the loop ended: [bridge] no such port"
 
 
 def test_waiting_for_the_loop_ends_with_a_signal(played):

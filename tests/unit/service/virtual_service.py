@@ -191,12 +191,12 @@ class VirtualService:
         self.dispatcher = Dispatcher(
             *(self.bench, self.operation, self.available, self.plans, self.queued)
         )
-        self.bench.loop_up()
+        self.bench.loop.up()
         self.step(2)
 
     def _restart(self):
         self.restarts += 1
-        self.bench.loop_up()
+        self.bench.loop.up()
 
     def _kill(self):
         self.kills += 1

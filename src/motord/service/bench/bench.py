@@ -8,18 +8,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT, LOOP_STUCK
+from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT
 from motord.api.messages import SetpointView
 from motord.api.queue_messages import QueueView
 from motord.config import Config
-from motord.config.timing import CONNECT_MAX_S
-from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State, joined
 from motord.sequencing import TickWatcher
 from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.channels import ChannelMonitor
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
+from motord.service.bench.loop_health import LoopHealth
 from motord.service.bench.manual_control import WATCHED, ManualControl
 from motord.service.bench.slow_devices import DeviceHealth, SlowDevice
 from motord.service.bench.tick_monitor import TickMonitor
@@ -33,12 +32,6 @@ from motord.shm.mailbox import MailboxWriter
 
 UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
-STALLED_NS = 1_000_000_000
-"""A loop that publishes nothing for this long is reported, and a plan ends."""
-STARTING_NS = round((COMPILING_S + 2 * CONNECT_MAX_S) * 1e9)
-"""A loop that is not up by then is reported as one that hangs: the longest waits for its kernel and
-for a first answer of inverter and board are over. One that comes up later is well."""
-LOOP_STARTS = "the loop is not up yet"
 SUSPENDED_NS = 500_000_000
 """A supervisor that did not run for this long stops the external drive."""
 
@@ -74,8 +67,7 @@ class Bench:
         self.calibrated = False
         self.stops = 0
         """How often it was stopped: what was being prepared meanwhile is not carried out."""
-        self.loop_fault = LOOP_STARTS
-        self.loop_starting = True
+        self.loop = LoopHealth()
         self._watcher = TickWatcher()
         self._pending: list[np.ndarray] = []
         self._updated_ns = 0
@@ -85,11 +77,7 @@ class Bench:
         """Why no torque may be set now, or nothing."""
         self.drive_fault = ""
         """Why the external drive may not turn now, or nothing."""
-        self.loop_stalled = False
-        """True if the loop's process runs and publishes no ticks, or does not come up."""
         self._stepped_ns = 0
-        self._without_loop_ns = 0  # newest step in which no loop was up
-        self._not_starting_ns: int | None = None  # newest step in which none was starting
         self._tick_age_ns = round(config.setpoint_valid_s * 1e9)
 
     def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
@@ -110,14 +98,12 @@ class Bench:
     def state(self) -> State:
         """State of the drive; OFF without a loop, but TRIPPED until `reset` if it ended so."""
         state = self.monitor.state
-        return State.OFF if self.loop_fault and state is not State.TRIPPED else state
+        return State.OFF if self.loop.fault and state is not State.TRIPPED else state
 
     @property
     def fault(self) -> str:
         """What is wrong with the bench, or nothing."""
-        if self.loop_fault:
-            return self.loop_fault
-        return LOOP_SILENT if self.loop_stalled else self.device_fault
+        return self.loop.fault or (LOOP_SILENT if self.loop.stalled else self.device_fault)
 
     def has(self, name: str) -> bool:
         """Return whether there is a brake or a drive to set, on a wire or in the simulated rig."""
@@ -177,23 +163,19 @@ class Bench:
 
     def loop_starts(self) -> None:
         """A loop was started by a reset and is not up yet."""
-        self.loop_fault, self.loop_starting = LOOP_STARTS, True
+        self.loop.starts()
         self.monitor.forget_trip()
-
-    def loop_up(self) -> None:
-        """A loop runs, OFF."""
-        self.loop_fault, self.loop_starting = "", False
 
     def loop_down(self, why: str) -> None:
         """The loop has ended: no set-point remains, a trip does."""
-        self.loop_fault, self.loop_starting = why, False
+        self.loop.ended(why)
         self.events.emit("fault", why)
         self.plans.end(why)
         self.manual.rest()
         self.monitor.forget()
         self._watcher, self._pending = TickWatcher(), []
         self._torque_error = TorqueError(self.config)
-        self._state, self.loop_stalled = State.OFF, False
+        self._state = State.OFF
 
     def _expire_lease(self, now_ns: int) -> None:
         """End the lease so early that no torque is left when it runs out.
@@ -231,23 +213,9 @@ class Bench:
             self.setpoint.drive_Hz = 0.0
 
     def _watch_loop(self, now_ns: int) -> None:
-        if self.loop_fault:
-            self._watch_start(now_ns)
-            return
-        stalled = now_ns - max(self.monitor.read_ns, self._without_loop_ns) > STALLED_NS
-        if stalled and not self.loop_stalled:
-            why = f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
+        if why := self.loop.watch(now_ns, self.monitor.read_ns):
             self.events.emit("fault", f"{why}; if that lasts, {HANGING_REMEDY}")
             self._end_plan(why)
-        self.loop_stalled = stalled
-
-    def _watch_start(self, now_ns: int) -> None:
-        self._without_loop_ns = now_ns
-        if self._not_starting_ns is None or not self.loop_starting:
-            self._not_starting_ns = now_ns
-        elif now_ns - self._not_starting_ns > STARTING_NS:
-            self.loop_fault, self.loop_starting, self.loop_stalled = LOOP_STUCK, False, True
-            self.events.emit("fault", f"{LOOP_STUCK}; {HANGING_REMEDY}")
 
     def _check_suspended(self, now_ns: int) -> None:
         """Stop the drive if the supervisor did not run for long; the device is safe by then."""

@@ -14,9 +14,9 @@ from motord.api.plan_messages import MeshView, PlanView
 from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.bench.guard import Guard
-from motord.service.bench.loop_link import LoopLink
 from motord.service.host import scheduling
 from motord.service.host.children import Children
+from motord.service.host.loop_link import LoopLink
 from motord.service.plans.mesh import window
 from motord.service.publish.telemetry import Telemetry
 from motord.service.recording.control import RecordingControl

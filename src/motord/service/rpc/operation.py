@@ -16,7 +16,8 @@ from motord.api.replies import (
 )
 from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State
-from motord.service.bench.bench import LOOP_STARTS, Bench
+from motord.service.bench.bench import Bench
+from motord.service.bench.loop_health import LOOP_STARTS
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
 from motord.service.rpc.preconditions import (
     can_be_enabled,
@@ -143,9 +144,9 @@ class ManualOperation:
         """Leave TRIPPED if no cause is left; start the loop anew if it has ended or hangs."""
         bench = self.bench
         bench.events.emit("request", f"reset, from {context.holder}")
-        if bench.loop_stalled:
+        if bench.loop.stalled:
             self.kill_loop()
-        if bench.loop_stalled or bench.loop_fault:
+        if bench.loop.stalled or bench.loop.fault:
             return Wait(self._new_loop(), LOOP_START_S, self._no_new_loop)
         if bench.state is State.TRIPPED:
             bench.setpoint.request(Request.RESET)
@@ -194,25 +195,25 @@ class ManualOperation:
     def _new_loop(self) -> Callable[[], StateReply | None]:
         """Return what starts a loop once there is none, unless one starts, and waits for it."""
         bench = self.bench
-        started = bench.loop_starting
+        started = bench.loop.starting
 
         def new_loop() -> StateReply | None:
             nonlocal started
-            if not started and bench.loop_fault and not bench.loop_stalled:
+            if not started and bench.loop.fault and not bench.loop.stalled:
                 started = True
                 bench.loop_starts()
                 self.restart_loop()
-            if not started or bench.loop_starting:
+            if not started or bench.loop.starting:
                 return None
-            if bench.loop_fault:
-                raise RpcError("failed", bench.loop_fault)
+            if bench.loop.fault:
+                raise RpcError("failed", bench.loop.fault)
             return self._state()
 
         return new_loop
 
     def _no_new_loop(self) -> str:
         bench = self.bench
-        return f"{LOOP_STARTS}: {STILL_STARTING}" if bench.loop_starting else bench.fault
+        return f"{LOOP_STARTS}: {STILL_STARTING}" if bench.loop.starting else bench.fault
 
     def _not_enabled(self) -> str:
         self.bench.disable()

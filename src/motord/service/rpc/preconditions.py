@@ -11,12 +11,12 @@ from motord.service.rpc.dispatcher import NotYetError
 
 def loop_up(bench: Bench) -> None:
     """The loop runs."""
-    if bench.loop_starting:
-        raise RpcError("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
-    if bench.loop_stalled:
+    if bench.loop.starting:
+        raise RpcError("refused", f"{bench.loop.fault}: it is starting; try again in a moment")
+    if bench.loop.stalled:
         raise RpcError("refused", f"{bench.fault}; {HANGING_REMEDY}")
-    if bench.loop_fault:
-        raise RpcError("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
+    if bench.loop.fault:
+        raise RpcError("refused", f"{bench.loop.fault}; `motord reset` starts the loop again")
 
 
 def no_plan(bench: Bench) -> None:
