@@ -1,6 +1,6 @@
 """Captures that cannot be used: an analysis goes on without them, and says which and why."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from motord.experiments.recording_checks import points_left_out
@@ -17,13 +17,14 @@ class CapturesLeftOut:
     """Takes the errors of single captures, each with the label of recording and capture."""
 
     def __init__(self) -> None:
-        self._seen: dict[tuple[str, int], None] = {}  # each once, also if recordings are read again
+        # each once, also if recordings are read again
+        self._seen: dict[tuple[str, Hashable], None] = {}
 
     @contextmanager
-    def noted(self, label: str, tick_start: int = 0) -> Iterator[None]:
+    def noted(self, label: str, capture: Hashable) -> Iterator[None]:
         """Have an IdentifyError of what is done to one capture leave that one out.
 
-        tick_start: of the capture, where others may have its label.
+        capture: what no other has; others may have its label, as in files of one name.
         """
         try:
             yield
@@ -31,7 +32,7 @@ class CapturesLeftOut:
             reason = str(error).removeprefix(f"{label}: ")
             name, _, rest = reason.partition(": ")
             named = rest and label.endswith(name)
-            self._seen[f"{label}: {rest if named else reason}", tick_start] = None
+            self._seen[f"{label}: {rest if named else reason}", capture] = None
 
     @contextmanager
     def explaining(self) -> Iterator[None]:
@@ -63,7 +64,7 @@ class EveryCapture(CapturesLeftOut):
     """Leaves none out: the error of a capture ends what is made of simulated recordings."""
 
     @contextmanager
-    def noted(self, label: str, tick_start: int = 0) -> Iterator[None]:
+    def noted(self, label: str, capture: Hashable) -> Iterator[None]:
         """Let an IdentifyError pass."""
         yield
 
@@ -76,5 +77,5 @@ def prepared(
 ) -> Iterator[Samples]:
     """Yield the samples of the points that can be used; check: raises IdentifyError for others."""
     for point in points:
-        with left_out.noted(point.label, point.tick_start):
+        with left_out.noted(point.label, point.began):
             yield check(prepare(point, counts))

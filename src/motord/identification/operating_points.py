@@ -64,6 +64,12 @@ class PointData:
         """Recording, if it is known, and set-points as text."""
         return _label(self.recording, self.torque_Nm, self.speed_Hz)
 
+    @property
+    def began(self) -> tuple[int, int]:
+        """Tick and time (Unix ns) of its beginning, which no other capture has."""
+        timed = self.ticks.size and "t_ns" in (self.ticks.dtype.names or ())
+        return self.tick_start, int(self.ticks["t_ns"][0]) if timed else 0
+
 
 @dataclass(frozen=True)
 class Samples:

@@ -52,7 +52,7 @@ def test_a_capture_that_is_left_out_is_named_once() -> None:
     """Errors name it with its recording or without: "2 Nm, 5 Hz: 2 Nm, 5 Hz: no currents"."""
     label, left_out = "run.mcap: 2 Nm, 5 Hz", CapturesLeftOut()
     for named in ("", "2 Nm, 5 Hz: ", f"{label}: "):
-        with left_out.noted(label):
+        with left_out.noted(label, 0):
             raise IdentifyError(f"{named}no currents")
     assert left_out.reasons == (f"{label}: no currents",)
 
@@ -76,7 +76,9 @@ def test_captures_that_are_alike_count_each_and_once() -> None:
     left_out = CapturesLeftOut()
     for _ in range(2):  # as where recordings are read again
         assert not list(prepared(split(ticks, points, "run.mcap"), 4096, left_out))
+    ticks["t_ns"] += 10**12  # another recording of the same name, in another folder
+    assert not list(prepared(split(ticks, points, "run.mcap"), 4096, left_out))
     [finding] = left_out.findings()
-    assert finding.value == 2
+    assert finding.value == 4
     assert "(run.mcap: 2 Nm, 5 Hz: no whole turn" in finding.meaning
-    assert finding.meaning.endswith("(2 times)")
+    assert finding.meaning.endswith("(4 times)")

@@ -92,7 +92,7 @@ def coast_downs(
         for point, ticks in zip(points, captured_ticks(run, COLUMNS), strict=True):
             index = int(point["index"])
             label = f"{run.path.name}: coast-down {index + 1}"
-            with left_out.noted(label):
+            with left_out.noted(label, (run.path, index)):
                 if np.any(ticks["torque_set_Nm"] != 0.0):
                     raise CaptureError(f"{label}: a torque was commanded")
                 good, seen = countable_ticks(ticks, motor.counts, label)

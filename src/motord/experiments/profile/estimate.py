@@ -148,7 +148,7 @@ def _cycles(
     require_columns(run, COLUMNS)
     for point in good_points(run.operating_points()):
         index = int(point["index"])
-        with left_out.noted(f"{run.path.name}: cycle {index + 1}"):
+        with left_out.noted(f"{run.path.name}: cycle {index + 1}", (run.path, index)):
             signals, checked = _signals(run, point, subject, calibration)
             if signals.t_s.size < 2 or not np.isfinite(signals.torque_Nm).all():
                 raise CaptureError("no ticks, or no torque, speed or currents in them")

@@ -102,7 +102,7 @@ def _point(
 ) -> PointFigures:
     span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
     mean_Nm, label = np.nan, capture_label(run, point)
-    with left_out.noted(label):
+    with left_out.noted(label, (run.path, int(point["tick_start"]))):
         if not isinstance(found, CaptureError) or isinstance(found, NoWholeTurn):
             mean_Nm = _mean_torque_Nm(ticks, label)
         if isinstance(found, CaptureError):

@@ -45,7 +45,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     for run in runs:
         readings, plan = _readings(run, own), plan_columns(run.metadata)
         for point, envelope_Nm in _captured(run):
-            with left_out.noted(point.label, point.tick_start):
+            with left_out.noted(point.label, point.began):
                 turns = CapturedTurns.of(point, subject.motor)
                 faults.append((point.label, turns.faults))
                 series = _series(readings, turns, point, own)

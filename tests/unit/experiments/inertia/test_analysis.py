@@ -173,6 +173,24 @@ def test_steps_of_recordings_of_one_name_all_count(steps: Path, tmp_path: Path) 
     assert [one.index for one in found.steps] == list(range(8))
 
 
+def test_releases_left_out_of_recordings_of_one_name_count_each(
+    swings: Path, tmp_path: Path
+) -> None:
+    """Two of one number seemed one, and the next releases of the other file had its places."""
+    (tmp_path / "first").mkdir()
+    path = change_recording(swings, tmp_path / "first" / "swings.mcap", without_second_release)
+    runs = [open_run(path), open_run(Path(copy(path, tmp_path)))]
+    found = analysis.oscillation(runs, Subject.of_runs(runs))
+    [left_out] = [one for one in found.findings if one.name == "points-left-out"]
+    assert left_out.value == 2
+    assert [one.index for one in found.releases] == [0, 2, 3, 5]
+
+
+def without_second_release(ticks: np.ndarray) -> np.ndarray:
+    ticks["encoder_count"][ticks["plan_point"] == 1] = 65535
+    return ticks
+
+
 def test_a_swing_with_the_stator_needs_to_know_its_cogging_torque(
     swings: Path, tmp_path: Path
 ) -> None:
