@@ -43,8 +43,8 @@ KINDS: Mapping[str, tuple[str, float, str, str, Severity]] = {
     ),
     "misread": (
         "% of the samples", 0.0,
-        "jumps for single samples, which are left out: where several jump at once, angle and turns "
-        "are wrong",
+        "jumps for single samples or a few in a row, which are left out: where more jump at once, "
+        "angle and turns are wrong",
         SHIELD, "serious",
     ),
     "out-of-range": (
