@@ -30,8 +30,8 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
     page.picture(
         waves(measured, found),
         "Back-EMF over speed (V s/rad) of the three phases over the first electrical period, and "
-        "the amplitude of each electrical order in percent of the fundamental, with 95 % limits "
-        "of noise. Dashed: what the bench file says.",
+        "the amplitude of each electrical order in percent of the fundamental, with half of its "
+        "95 % interval. Dashed: what the bench file says.",
     )
     page.table(HEADER, rows(found), numbers=True)
     apart = np.abs(measured - configured).max() / found.fundamental
@@ -85,12 +85,12 @@ def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
         fundamental = harmonics[0].amplitude_V_s_per_rad
         order = [h.order for h in harmonics]
         percent = 100 * np.array([h.amplitude_V_s_per_rad for h in harmonics]) / fundamental
-        noise = np.array(
+        half_width = np.array(
             [coverage_factor(h.degrees_of_freedom) * h.stderr_V_s_per_rad for h in harmonics]
         )
-        noise *= 100 / fundamental
+        half_width *= 100 / fundamental
         right.bar(order, percent, 0.7, color=AFTER)
-        right.plot(order, noise, color=SOFT, linewidth=1.2, label="noise, 95 %")
+        right.plot(order, half_width, color=SOFT, linewidth=1.2, label="half of the 95 % interval")
         right.set(yscale="log", xlabel="electrical order", ylabel="amplitude (% of fundamental)")
         right.grid(visible=False, axis="x")
         right.legend(loc="upper right")
