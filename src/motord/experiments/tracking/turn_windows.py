@@ -108,7 +108,7 @@ class TurnWindows:
         except NoWholeTurn:
             pass
         except CaptureError:
-            yield ticks  # `prepare` refuses it with its reason
+            yield ticks  # `prepare` says why not, or leaves samples out whose times go back
             return
         if len(turns) < LEAST_TURNS:
             if ticks.size <= self._longest:
