@@ -164,16 +164,16 @@ def _usual_s(spacing_s: np.ndarray) -> float:
 def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, int]:
     """Return the position (n,), rad, running on over turns, and the number of its grid's points.
 
-    From `encoder_count`, in range; from `angle_rad` where there is no count, or none but 0. The
-    grid is the encoder's, 0 for an angle that has none. Raises CaptureError: also for another count
-    that stands, next to which the angle may be an observer's, which smooths what the speed does
-    within a turn.
+    From `encoder_count`, in range; from `angle_rad` where there is no such column. The grid is the
+    encoder's, 0 for an angle that has none. Raises CaptureError: also for a count that stands, as
+    at 0 where no encoder answers: the angle next to it may be an observer's, which smooths what the
+    speed does within a turn.
     """
     names = ticks.dtype.names or ()
     count = ticks["encoder_count"].astype(np.int64) if "encoder_count" in names else None
     if count is not None and count.size and (count != count[0]).any():
         return 2 * np.pi / counts * unwrap_counts(count, counts), counts
-    if count is not None and count.any():
+    if count is not None:
         require_change({"encoder_count": count}, label)
     if "angle_rad" in names:
         angle_rad = ticks["angle_rad"].astype(float)
