@@ -11,7 +11,12 @@ from typing import Literal
 import numpy as np
 
 from motord.identification import CaptureError, IdentifyError
-from motord.identification.encoder.misread_counts import MISREAD_MIN, far_from, misread
+from motord.identification.encoder.misread_counts import (
+    MISREAD_MIN,
+    far_from,
+    misread,
+    misread_in_rows,
+)
 
 CLIPPED_SHARE = 0.005
 """Of the samples that are at one end of the signal, from which on it may be clipped."""
@@ -31,6 +36,9 @@ SAMPLES_A_COUNT = 0.25
 """Samples, for each count of the encoder, from which on each of its lines changes."""
 MISREAD_SHARE = 0.05
 """Of the samples that are misread at most: of more the ones left are not all sound."""
+MISREAD_IN_ROWS_SHARE = 0.001
+"""Of the samples that are misread several in a row at most, where single ones are not: they stay,
+as a rotor that rings may look like it, and make figures that no interval holds."""
 OUT_OF_RANGE_SHARE = 0.01
 """Of the samples that are disturbed at most: with more, it is another encoder or none."""
 FROZEN_TURN = 0.125
@@ -179,8 +187,19 @@ def sound_counts(
                 f"the {MISREAD_SHARE:.0%} that can be left out; shield its lines, record it again"
             )
         faults += (SignalFault("encoder_count", "misread", float(off.mean())),)
+    _check_rows(misread_in_rows(count[good], counts) & ~off, label)
     good[good] = ~off
     return good, faults
+
+
+def _check_rows(off: np.ndarray, label: str) -> None:
+    """Raise MisreadCounts if many counts (n,) are off, several in a row, that are not left out."""
+    rows = int((off[1:] & ~off[:-1]).sum())
+    if rows >= MISREAD_MIN and off.mean() > MISREAD_IN_ROWS_SHARE:
+        raise MisreadCounts(
+            f"{label}: the encoder is misread in {off.mean():.1%} of the samples, several in a "
+            "row; shield its lines, record it again"
+        )
 
 
 def stuck_lines(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:

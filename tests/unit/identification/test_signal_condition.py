@@ -215,6 +215,28 @@ def test_samples_misread_in_a_row_are_left_out_next_to_single_ones() -> None:
     assert fault.share == pytest.approx(bad.size / count.size)
 
 
+def in_rows_of_four(count: np.ndarray, share: float) -> np.ndarray:
+    """Return counts (n,) of 4096 of which a share is 1000 off, four in a row."""
+    wrong = count.copy()
+    for first in range(50, count.size - 4, round(4 / share)):
+        wrong[first : first + 4] = (wrong[first : first + 4] + 1000) % 4096
+    return wrong
+
+
+@pytest.mark.parametrize("turns_Hz", [0.1, 2.0, -2.0, 20.0])
+@pytest.mark.parametrize("share", [0.0015, 0.012, 0.025, 0.08])
+def test_many_samples_misread_in_rows_alone_are_refused(share: float, turns_Hz: float) -> None:
+    wrong = in_rows_of_four(turning(3, 4096, turns_Hz, 20_000), share)
+    with pytest.raises(MisreadCounts, match=r"here: .* misread in [\d.]+% .*, several in a row"):
+        sound_counts(wrong, 4096, "here")
+
+
+def test_few_samples_misread_in_rows_alone_stay() -> None:
+    good, faults = sound_counts(in_rows_of_four(turning(3), 0.0008), 4096, "here")
+    assert good.all()
+    assert faults == ()
+
+
 @pytest.mark.parametrize("noise_counts", [3.0, 30.0, 300.0])
 @pytest.mark.parametrize("still", [0.0, 0.5, 0.8])
 def test_noise_and_vibration_of_a_part_of_the_time_are_not_misread(

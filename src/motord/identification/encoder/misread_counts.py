@@ -32,13 +32,8 @@ def misread(count: np.ndarray, counts: int) -> np.ndarray:
     if count.size < 3:
         return np.zeros(count.size, bool)
     step = _apart(count[1:], count[:-1], counts)
-    far, nearby = far_from(step), _far_nearby(step)
-    if (step > nearby).any():
-        off = _excursions(count, step, nearby, nearby, counts, LONGEST)
-        still = ~(off[1:] | off[:-1])
-        sound = far_from(step[still]) if still.any() else far
-        far = sound if far > SPREAD * sound else far
-    each = np.full(step.size, far)
+    nearby = _far_nearby(step)
+    each = np.full(step.size, _far_of_sound(count, step, nearby, counts))
     off = _excursions(count, step, each, each, counts, 1)
     if off.sum() >= MISREAD_MIN:
         each = np.maximum(each, nearby)
@@ -46,9 +41,40 @@ def misread(count: np.ndarray, counts: int) -> np.ndarray:
     return off
 
 
+def misread_in_rows(count: np.ndarray, counts: int) -> np.ndarray:
+    """Return which counts (n,) jump away and back, one or up to LONGEST in a row (n,).
+
+    Also without single ones. They are back within as many usual steps as samples have passed: two
+    gaps in the recording, which are no misread counts, lead on.
+    """
+    off = np.zeros(count.size, bool)
+    if count.size < 3:
+        return off
+    step = _apart(count[1:], count[:-1], counts)
+    nearby = _far_nearby(step)
+    if not (step > nearby).any():
+        return off
+    each = np.maximum(nearby, _far_of_sound(count, step, nearby, counts))
+    return _excursions(count, step, each, 2 / MISREAD_STEPS * each, counts, LONGEST)
+
+
 def far_from(step: np.ndarray) -> float:
     """Return from which distance on a sample is off, by the usual steps (n,) between samples."""
     return MISREAD_STEPS * float(np.percentile(step, USUAL_PERCENT)) + MISREAD_COUNTS
+
+
+def _far_of_sound(count: np.ndarray, step: np.ndarray, nearby: np.ndarray, counts: int) -> float:
+    """Return from which distance on a sample is off, by the steps (n - 1,) that are no jumps.
+
+    step, nearby (n - 1,): what counts (n,) are apart, and from where on that is a jump.
+    """
+    far = far_from(step)
+    if not (step > nearby).any():
+        return far
+    off = _excursions(count, step, nearby, nearby, counts, LONGEST)
+    still = ~(off[1:] | off[:-1])
+    sound = far_from(step[still]) if still.any() else far
+    return sound if far > SPREAD * sound else far
 
 
 def _far_nearby(step: np.ndarray) -> np.ndarray:

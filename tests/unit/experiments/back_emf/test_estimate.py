@@ -120,6 +120,22 @@ def test_more_misread_counts_than_can_be_left_out_are_refused(points: list[Point
         measure(with_misread_counts(points, 0.25), bench_of(REPORT)[0].motor)
 
 
+@pytest.mark.parametrize("share", [0.005, 0.025])
+def test_misread_counts_four_in_a_row_state_no_figures(
+    points: list[PointData], share: float
+) -> None:
+    """The fundamental was 0.57 and 0.24 times what it is."""
+    wrong = []
+    for point in points:
+        ticks = point.ticks.copy()
+        count = ticks["encoder_count"]
+        for first in range(50, ticks.size - 4, round(4 / share)):
+            count[first : first + 4] ^= 1 << 10
+        wrong.append(replace(point, ticks=ticks))
+    with pytest.raises(IdentifyError, match="several in a row"):
+        measure(wrong, bench_of(REPORT)[0].motor)
+
+
 def test_samples_that_repeat_one_of_the_inverter_count_once(points: list[PointData]) -> None:
     motor = bench_of(REPORT)[0].motor
     held = []
