@@ -17,10 +17,12 @@ EDIT = re.compile(r"^In `(\S+)`, (before|after) `([^`\n]*)`:\n\n```python\n(.*?)
 
 CALL = """
 import json
+import numpy as np
 from motord import config
 from motord.api.errors import RpcError
 from motord.api.requests import RPCS, parse
 from motord.client.decoding import decode_reply
+from motord.schema import TICK_DTYPE
 from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
 from motord.service.rpc.dispatcher import Call, Dispatcher
@@ -40,6 +42,7 @@ assert RPCS["mounted"].needs_lease
 assert ask(token="guess", serial="x").code == "no_lease"
 assert ask(token=token, serial="x").code == "refused"
 bench.loop.up()
+bench.monitor.last = np.zeros(1, TICK_DTYPE)[0]
 reply = decode_reply(RPCS["mounted"], ask(token=token, serial="A-17").to_json())
 assert reply.content() == {"t_ns": 42}
 event = bench.events.recent()[-1]

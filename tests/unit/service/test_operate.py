@@ -420,6 +420,17 @@ def test_a_reset_that_a_loop_outlasts_says_that_it_goes_on_and_what_it_may_wait_
     assert service.bench.loop.starting
 
 
+def test_nothing_is_asked_of_a_loop_before_its_first_tick(service):
+    """It would take that for a request to the loop before it, and nobody would carry it out."""
+    token = service.acquire()
+    service.bench.loop_down("the loop ended: killed by SIGKILL")
+    service.bench.loop.up()
+    waiting = service.begin("enable", token=token)
+    assert service.bench.setpoint.newest_request is not Request.ENABLE
+    service.run_s(1.0, token)
+    assert waiting.outcome == {"state": "ENABLED"}
+
+
 def test_a_silent_loop_is_a_fault(service):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=1.0, brake=1.0)

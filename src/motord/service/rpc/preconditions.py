@@ -5,18 +5,25 @@ from motord.api.errors import Code, RpcError
 from motord.schema import Request, State
 from motord.sequencing import Plan
 from motord.service.bench.bench import Bench
+from motord.service.bench.loop_health import STALLED_NS
 from motord.service.bench.tick_monitor import values_text
 from motord.service.rpc.dispatcher import NotYetError
 
 
 def loop_up(bench: Bench) -> None:
-    """The loop runs."""
+    """The loop runs; NotYetError: its first tick has not been read.
+
+    What was asked before that tick the loop takes for a request to the loop before it.
+    """
     if bench.loop.starting:
         raise RpcError("refused", f"{bench.loop.fault}: it is starting; try again in a moment")
     if bench.loop.stalled:
         raise RpcError("refused", f"{bench.fault}; {HANGING_REMEDY}")
     if bench.loop.fault:
         raise RpcError("refused", f"{bench.loop.fault}; `motord reset` starts the loop again")
+    if bench.monitor.last is None:
+        why = "the loop has published no tick yet; try again in a moment"
+        raise NotYetError("refused", why, 2e-9 * STALLED_NS)
 
 
 def no_plan(bench: Bench) -> None:
