@@ -101,7 +101,7 @@ def _read_releases(
 ) -> list[tuple[str, tuple[SignalFault, ...]]]:
     """Add the releases of a run; return by label what is wrong with their encoder's signal."""
     marked = bool(run.operating_points())
-    captures = captured_ticks(run, RELEASE) if marked else _searched(run, counts)
+    captures = captured_ticks(run, RELEASE) if marked else _searched(run, counts, left_out)
     seen = []
     for number, ticks in enumerate(captures, start=1):
         label = f"{run.path.name}: release {number}"
@@ -115,11 +115,14 @@ def _read_releases(
     return seen
 
 
-def _searched(run: Run, counts: int) -> Iterator[np.ndarray]:
+def _searched(run: Run, counts: int, left_out: CapturesLeftOut) -> Iterator[np.ndarray]:
     """Yield what may be releases of the ticks of a recording that marks none."""
-    ticks = run.ticks(RELEASE)
-    ticks = rows_of(ticks, in_range(ticks["encoder_count"].astype(np.int64), counts, run.path.name))
-    for part in find_releases(ticks["t_ns"], ticks["encoder_count"], counts):
+    ticks, found = run.ticks(RELEASE), list[slice]()
+    with left_out.noted(run.path.name, (run.path, 0)):
+        count = ticks["encoder_count"].astype(np.int64)
+        ticks = rows_of(ticks, in_range(count, counts, run.path.name))
+        found = find_releases(ticks["t_ns"], ticks["encoder_count"], counts)
+    for part in found:
         yield ticks[part]
 
 

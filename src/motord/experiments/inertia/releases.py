@@ -47,6 +47,8 @@ def find_releases(t_ns: np.ndarray, count: np.ndarray, counts: int) -> list[slic
     t_ns, count (n,); counts: of the encoder's turn. A segment need not be an oscillation: the bar
     may have been pulled. Without any standstill, all samples are one segment.
     """
+    if not len(t_ns):
+        return []
     t_s = (np.asarray(t_ns, np.int64) - int(t_ns[0])) * 1e-9
     stretches, _ = ndimage.label(_still(t_s, unwrap_counts(count, counts)))
     still = [part for (part,) in ndimage.find_objects(stretches)]

@@ -15,6 +15,7 @@ from motord.experiments.inertia import command as analysis
 from motord.experiments.inertia.report import fill
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
+from motord.identification import IdentifyError
 from motord.recording.metadata import describe
 from motord.recording.reader import Run, open_run
 from motord.recording.writer import RunWriter
@@ -251,6 +252,25 @@ def test_a_recording_that_marks_nothing_is_searched_for_releases(
     code, output = invoke(bare, "--experiment", "inertia-acceleration")
     assert code == 1
     assert "no good step" in output
+
+
+def test_a_recording_without_marks_and_of_another_encoder_is_left_out(
+    swings: Path, tmp_path: Path
+) -> None:
+    """Its error ended the analysis of all, as one without ticks did."""
+    bare, empty = tmp_path / "bare.mcap", tmp_path / "empty.mcap"
+    marked = open_run(swings)
+    with RunWriter(bare, marked.metadata) as writer, RunWriter(empty, marked.metadata):
+        for block in marked.blocks():
+            block["encoder_count"] += 4096
+            writer.ticks(block)
+    runs = [open_run(bare), open_run(empty), marked]
+    found = analysis.oscillation(runs, Subject.of_runs(runs))
+    [left_out] = [one for one in found.findings if one.name == "points-left-out"]
+    assert "(bare.mcap: encoder counts from " in left_out.meaning
+    assert len(found.releases) + len(found.disturbed) == 3
+    with pytest.raises(IdentifyError, match=r"no good release.*left out: bare\.mcap: encoder"):
+        analysis.oscillation(runs[:1], Subject.of_runs(runs[:1]))
 
 
 def test_other_recordings_are_refused(swings: Path, steps: Path, tmp_path: Path) -> None:
