@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.special import j0
 
+from motord.identification.encoder.angle_error import from_sidebands, kept
+from motord.identification.encoder.angle_error import lost as lost_of
 from motord.intervals import f_quantile
 
 RARE = 0.001
@@ -23,9 +24,6 @@ RARE = 0.001
 LEAST_LOST = 1e-5
 """Part of the fundamental that an error takes off, from which on it counts: clocks that drift apart
 within a capture, and the second order of a large error, leave traces of less."""
-
-MOST_LOST = 0.9
-"""Part of an order that is lost, up to which the loss is computed."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +60,8 @@ def lost(found: Sequence[EncoderError], order: np.ndarray) -> np.ndarray:
     remains = np.ones(order.size)
     for one in found:
         if one.significant:
-            remains *= j0(np.minimum(order * one.error_rad, 2.4))
-    return np.asarray(1 / np.maximum(remains, 1 - MOST_LOST) - 1)
+            remains *= kept(order * one.error_rad)
+    return lost_of(remains)
 
 
 def _error(line: np.ndarray, spectrum: np.ndarray, pole_pairs: int, order: int) -> EncoderError:
@@ -71,7 +69,7 @@ def _error(line: np.ndarray, spectrum: np.ndarray, pole_pairs: int, order: int) 
     upper = spectrum[:, above - 1] / line * (pole_pairs / above)
     lower = spectrum[:, below - 1] / line * (pole_pairs / below)
     turned = complex((upper - lower.conj()).mean() / 2)  # -J1(x) / J0(x) exp(j phi)
-    x = 2 * abs(turned) * (1 - min(abs(turned), 1.0) ** 2 / 2)
+    x = abs(from_sidebands(turned))
     noise = np.median(np.abs(spectrum), axis=1) / 1.177 / np.abs(line)  # per component
     stderr = sqrt(float((noise**2).sum()) / 18)
     freedom = 2.0 * spectrum.shape[1]

@@ -13,16 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import j0
 
 from motord.experiments.cogging.at_speed import STANDS_OUT, SpeedCogging
+from motord.identification.encoder.angle_error import from_sidebands, kept, lost
 from motord.intervals import f_quantile, t_quantile
 
 RARE = 0.001
 """Probability of a finding, or of any order that differs between the directions, by chance."""
-
-MOST_LOST = 0.9
-"""Part of an order that is lost, up to which the loss is computed."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +41,7 @@ class Eccentricity:
 
     def lost(self, order: np.ndarray, *, at_most: bool = False) -> np.ndarray:
         """Return the part (n,) by which orders (n,) are larger than they look."""
-        x = order * (self.most_rad if at_most else self.error_rad)
-        return np.asarray(1 / np.maximum(j0(np.minimum(x, 2.4)), 1 - MOST_LOST) - 1)
+        return lost(kept(order * (self.most_rad if at_most else self.error_rad)))
 
 
 def eccentricity(
@@ -79,8 +75,7 @@ def _of_speed(one: SpeedCogging, allowed: set[int]) -> list[tuple[complex, float
         if not 1 < h < one.spectrum_Nm.size:
             continue
         above, below = one.spectrum_Nm[h] / line, one.spectrum_Nm[h - 2] / line
-        turned = (above - below.conjugate()) / 2  # J1(x) / J0(x) exp(j phi)
-        turned *= 1 - min(abs(turned), 1.0) ** 2 / 2
+        x = from_sidebands((above - below.conjugate()) / 2)
         noise = np.hypot(stderr_Nm[h], stderr_Nm[h - 2]) / 2 / abs(line)
-        found.append((complex(2 * turned / h), float(2 * max(noise, 1e-150) / h)))
+        found.append((complex(x / h), float(2 * max(noise, 1e-150) / h)))
     return found
