@@ -80,6 +80,8 @@ LOOP_STUCK = "the loop does not come up"
 """The faults of a loop whose process hangs, or was stopped: while it runs, and before."""
 HANGING_REMEDY = "`motord reset` ends it and starts it again"
 """What to do about them."""
+ENDED_REMEDY = "`motord reset` starts the loop again"
+"""What to do about a loop that has ended."""
 
 
 def bridge_action(status: int) -> str:

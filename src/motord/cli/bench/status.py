@@ -131,11 +131,11 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
 
 def _remedy(state: "BenchState") -> str:
     """Return what to do about a loop that has ended or hangs, "" about none."""
-    from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT, LOOP_STUCK
+    from motord.api.descriptions import ENDED_REMEDY, HANGING_REMEDY, LOOP_SILENT, LOOP_STUCK
 
     process = state.processes.get("loop")
     if state.fault and process is not None and not process.running:
-        return "`motord reset` starts the loop again"
+        return ENDED_REMEDY
     return HANGING_REMEDY if state.fault in (LOOP_SILENT, LOOP_STUCK) else ""
 
 

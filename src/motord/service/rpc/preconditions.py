@@ -1,6 +1,6 @@
 """Preconditions on the bench, for `dispatcher.handles`: each raises RpcError unless it is met."""
 
-from motord.api.descriptions import HANGING_REMEDY, trip_text
+from motord.api.descriptions import ENDED_REMEDY, HANGING_REMEDY, trip_text
 from motord.api.errors import Code, RpcError
 from motord.schema import Request, State
 from motord.sequencing import Plan
@@ -20,7 +20,7 @@ def loop_up(bench: Bench) -> None:
     if bench.loop.stalled:
         raise RpcError("refused", f"{bench.fault}; {HANGING_REMEDY}")
     if bench.loop.fault:
-        raise RpcError("refused", f"{bench.loop.fault}; `motord reset` starts the loop again")
+        raise RpcError("refused", f"{bench.loop.fault}; {ENDED_REMEDY}")
     if bench.monitor.last is None:
         why = "the loop has published no tick yet; try again in a moment"
         raise NotYetError("refused", why, 2e-9 * STALLED_NS)
