@@ -6,7 +6,7 @@ record, without blocking and without allocating. `WireRig` makes one of an `Inve
 `SetpointDevice`s that the supervisor's Modbus thread owns.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class FastDevice(Device, Protocol):
         """Send `command` (shape (1,)); never blocks. A failed send shows in the feedback."""
 
 
+@runtime_checkable
 class DeviceClock(Protocol):
     """What is known of a device's own clock: its drift against the loop's, its samples' jitter."""
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from motord.hal.base import BridgeDriver, InverterDriver
-from motord.hal.bridge.clock import BoardClock
+from motord.hal.base import BridgeDriver, DeviceClock, InverterDriver
 
 
 class WireRig:
@@ -12,12 +11,9 @@ class WireRig:
     def __init__(self, inverter: InverterDriver, bridge: BridgeDriver) -> None:
         self._inverter = inverter
         self._bridge = bridge
-
-    @property
-    def clock(self) -> BoardClock | None:
+        clock = getattr(bridge, "clock", None)
+        self.clock: DeviceClock | None = clock if isinstance(clock, DeviceClock) else None
         """What is known of the bridge's clock; None if its driver has none."""
-        clock = getattr(self._bridge, "clock", None)
-        return clock if isinstance(clock, BoardClock) else None
 
     @property
     def refused(self) -> str:

@@ -1,4 +1,6 @@
+import time
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ class Recorder:
 
     def __init__(self, name: str, log: list[str], failing: str = "") -> None:
         self._name, self._log, self._failing = name, log, failing
+        self.clock: Any = None
 
     def _note(self, what: str) -> None:
         self._log.append(f"{self._name}.{what}")
@@ -57,6 +60,17 @@ def test_link_errors_of_both_are_added_anew_each_time() -> None:
         rig.read(123, feedback)
         assert feedback["link_errors"][0] == 14
         assert feedback["now_ns"][0] == 123
+
+
+def test_the_clock_is_that_of_any_bridge_driver_that_has_one() -> None:
+    inverter, bridge = Recorder("inverter", []), Recorder("bridge", [])
+    assert WireRig(inverter, bridge).clock is None
+    for clock, taken in (
+        (time.monotonic_ns, False),
+        (SimpleNamespace(drift_ppm=1.0, jitter_ns=2.0), True),
+    ):
+        bridge.clock = clock
+        assert (WireRig(inverter, bridge).clock is clock) is taken
 
 
 def test_currents_go_out_first() -> None:
