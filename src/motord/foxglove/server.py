@@ -25,7 +25,7 @@ class ReadOnlyParameters(ServerListener):
     """Parameters that viewers see and cannot change.
 
     What is refused, with `refused`, the SDK passes on to all viewers, and disconnects those with
-    1,024 such messages waiting: of a viewer that asks for ever more nobody else hears.
+    1,024 such messages waiting: a viewer that asks without end must not cost the others theirs.
     """
 
     def __init__(
