@@ -64,7 +64,7 @@ def stop(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
 
 
 def reset(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
-    """Leave a trip whose cause is gone; start the loop again if it has ended."""
+    """Leave a trip whose cause is gone; start the loop anew if it has ended or hangs."""
     ask, text = methodcaller("reset"), attrgetter("state")
     command(ask, connection, text, force=force, as_json=as_json)
 
