@@ -15,12 +15,11 @@ from motord.results.figures import ResultFigure
 
 
 @dataclass(frozen=True)
-class ResultRow:
-    """A figure with what it is of; the names of the fields are those of the table's columns.
+class _Analysed:
+    """What was analysed.
 
-    run: names of the recordings, with commas; time: UTC, when the first of them began; version: of
-    motord, "" if it is not known; settings: options of the analysis, JSON; low, high: of the 95 %
-    interval.
+    experiment: as `motord analyse` names it; run: names of the recordings, with commas; time: UTC,
+    when the first of them began; version: of motord, "" if it is not known.
     """
 
     experiment: str
@@ -30,6 +29,15 @@ class ResultRow:
     run: str
     time: datetime
     version: str
+
+
+@dataclass(frozen=True)
+class ResultRow(_Analysed):
+    """A figure with what it is of; the names of the fields are those of the table's columns.
+
+    settings: options of the analysis, JSON; low, high: of the 95 % interval.
+    """
+
     settings: str
     field: str
     unit: str
@@ -56,22 +64,13 @@ DIGEST_LENGTH = 12
 
 
 @dataclass(frozen=True)
-class StoredResult:
+class StoredResult(_Analysed):
     """One analysis: its figures, and what all of them have in common.
 
-    experiment: as `motord analyse` names it; run: names of the recordings; time: when the first of
-    them began; version: of motord, "" if it is not known; settings: options of the analysis;
-    recordings: name and digest of each; plan: their plan and its settings, as
-    `recording.plan_columns` names them.
+    settings: options of the analysis; recordings: name and digest of each; plan: their plan and its
+    settings, as `recording.plan_columns` names them.
     """
 
-    experiment: str
-    motor: str
-    serial: str
-    bench: str
-    run: str
-    time: datetime
-    version: str
     settings: Mapping[str, Any]
     recordings: Sequence[tuple[str, str]]
     figures: Sequence[ResultFigure]
