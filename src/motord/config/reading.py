@@ -1,6 +1,5 @@
 """From TOML to a checked bench; whatever is wrong is named with file, line and key."""
 
-import difflib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +12,15 @@ from motord.config.bench import Config
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
 from motord.config.named_files import as_kept, named_files, packaged, resolve
-from motord.section.complaints import Place, complaints, dotted, is_type, message, wrong_things
+from motord.section.complaints import (
+    Place,
+    complaints,
+    dotted,
+    is_type,
+    message,
+    suggestion,
+    wrong_things,
+)
 from motord.untrusted import parse_toml, read_text
 
 
@@ -141,8 +148,7 @@ def _suggestion(model: type[BaseModel], place: Place) -> str:
     if len(tables) != 1:
         return ""
     known = list(tables[0].model_fields)
-    near = difflib.get_close_matches(str(place[-1]), known, 1, 0.5)
-    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
+    return suggestion(str(place[-1]), known) or f"; known: {', '.join(known)}"
 
 
 def _tables(kind: Any) -> Iterator[type[BaseModel]]:

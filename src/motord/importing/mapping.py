@@ -1,7 +1,6 @@
 """The map file: which column of a foreign recording is which field of a tick."""
 
 import codecs
-import difflib
 import re
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +21,7 @@ from motord.config import (
 from motord.config.named_files import resolve
 from motord.config.reading import load_motor, validate
 from motord.schema import TICK_DTYPE
+from motord.section.complaints import suggestion
 
 TICK_FIELDS = TICK_DTYPE.names or ()
 
@@ -38,8 +38,7 @@ NOT_CONSTANT = (TIME_S, "t_ns", "tick", "encoder_count", "encoder_gray", "angle_
 
 def _known_field(name: str) -> str:
     if name not in KNOWN:
-        near = difflib.get_close_matches(name, KNOWN, 1, 0.5)
-        raise ValueError("no field of a tick" + (f"; did you mean {near[0]}?" if near else ""))
+        raise ValueError("no field of a tick" + suggestion(name, KNOWN))
     return name
 
 

@@ -76,7 +76,7 @@ def wrong_setting(error: ValidationError, known: Sequence[str]) -> str:
 
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Return which of the known names may be meant, as the end of a message; "" if none is near."""
-    near = get_close_matches(name, known, 1)
+    near = get_close_matches(name, known, 1, 0.5)
     return f"; did you mean {near[0]}?" if near else ""
 
 
