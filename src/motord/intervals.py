@@ -125,9 +125,14 @@ def two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
+def decimals_of(half_width: float) -> int:
+    """Return how many decimals show half of an interval with two digits; < 0 from 100 on."""
+    return 1 - floor(log10(half_width) + 1e-9)
+
+
 def plus_minus(value: float, half_width: float, sign: str = "+-") -> str:
     """Return value and half of its interval with two digits of the latter: "0.8012 +- 0.0034"."""
     if not (isfinite(half_width) and half_width > 0):
         return f"{value:.4g} {sign} {half_width:.2g}"
-    decimals = max(1 - floor(log10(half_width) + 1e-9), 0)
+    decimals = max(decimals_of(half_width), 0)
     return f"{value:.{decimals}f} {sign} {half_width:.{decimals}f}"

@@ -199,6 +199,13 @@ def test_differences_have_two_digits_of_their_uncertainty(folder):
     assert found["differences"][0]["a"]["value"] == 0.800123456
 
 
+def test_a_difference_that_rounds_to_nothing_is_no_negative_zero(folder):
+    store = fill(folder / "store", 0.8000004)
+    store.add(result(1, serial="B", figures=[figure(0.8)]))
+    cells = motord("results compare A-1 B").stdout.splitlines()[2].split()
+    assert cells[2:5] == ["0.8", "0.8", "0"]
+
+
 def test_means_of_several_results_say_what_is_taken_as_common(folder):
     """Two of a side, which agree, differ by 2.5 of the uncertainties that they would average to."""
     store = fill(folder / "store", [0.8, 0.8])

@@ -1,7 +1,7 @@
 """`motord results compare`: two recordings, motors or versions."""
 
 from collections.abc import Iterable
-from math import floor, isfinite, log10
+from math import isfinite
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -88,14 +88,17 @@ def _print(found: "list[Difference]", every: bool) -> None:
 
 def _rounded(one: "Difference") -> tuple[float | None, ...]:
     """Return A, B, B - A and half its interval, with two digits of the latter; p with three."""
+    from motord.intervals import decimals_of
+
     figures = (one.a.value, one.b.value, one.difference)
     if one.half_width is None or one.p_value is None:
         return *figures, one.half_width, one.p_value
     p_value = float(f"{one.p_value:.3g}")
     if not isfinite(one.half_width) or one.half_width <= 0:
         return *figures, one.half_width, p_value
-    decimals = 1 - floor(log10(one.half_width))
-    return *(round(x, decimals) for x in (*figures, one.half_width)), p_value
+    decimals = decimals_of(one.half_width)
+    rounded = (round(x, decimals) + 0.0 for x in (*figures, one.half_width))  # -0.0 + 0.0 is 0.0
+    return *rounded, p_value
 
 
 def _as_json(one: "Difference") -> dict[str, object]:
