@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -45,8 +46,7 @@ def read(path: Path) -> dict[str, Role]:
     try:
         content = parse_toml(read_text(path))
     except OSError as error:
-        missing = isinstance(error, FileNotFoundError)
-        advice = f"; `motord security init {path.parent}` makes an authority" if missing else ""
+        advice = _advice(path) if isinstance(error, FileNotFoundError) else ""
         raise SecurityError(f"{path}: cannot read the roles: {error.strerror}{advice}") from None
     except ValueError as error:
         raise SecurityError(f"{path}: not valid TOML: {error}") from None
@@ -54,6 +54,13 @@ def read(path: Path) -> dict[str, Role]:
     if not isinstance(table, dict) or content.keys() != {"roles"}:
         raise SecurityError(f"{path}: expected one table [roles] of names and roles")
     return {name: _role(path, name, role) for name, role in table.items()}
+
+
+def _advice(path: Path) -> str:
+    """Return where a roles file comes from; `init` refuses a folder that has an authority."""
+    if (path.parent / "ca.pem").exists():
+        return '; write it again: the line [roles], then NAME = "viewer" or "operator" of each'
+    return f"; `motord security init {shlex.quote(str(path.parent))}` makes an authority"
 
 
 def _role(path: Path, name: str, role: object) -> Role:

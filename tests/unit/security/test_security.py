@@ -106,6 +106,19 @@ def test_wrong_roles_are_named(tmp_path, text, expected):
         roles.read(tmp_path / "none.toml")
 
 
+def test_without_roles_in_an_authority_it_is_not_to_be_made_again(folder):
+    (folder / authority.ROLES).unlink()
+    with pytest.raises(
+        SecurityError, match=r"cannot read the roles.*; write it again: .*\[roles\]"
+    ):
+        roles.read(folder / authority.ROLES)
+
+
+def test_a_folder_with_a_blank_is_quoted(tmp_path):
+    with pytest.raises(SecurityError, match=f"`motord security init '{tmp_path}/a b'`"):
+        roles.read(tmp_path / "a b" / "roles.toml")
+
+
 def test_files_that_do_not_belong_together_are_refused(folder, tmp_path):
     own = authority.add(folder, "anna", Role.VIEWER)
     with pytest.raises(SecurityError, match="no certificate and its key"):
