@@ -9,7 +9,7 @@ from motord.emulate.bench import CurrentCommand
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.python_can import can
-from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.alive_counter import AliveCounter
 from motord.wire.can.codec import InverterCodec, MessageCodec
 from motord.wire.can.frame_format import ERROR_BUS_OFF, ERROR_RESTARTED, EXTENDED
 
@@ -80,7 +80,7 @@ class CanPort:
         self.faults = Disturbance()
         self._was_off = False
         self._codec = codec
-        self.check = SequenceCheck(codec.command.checks.counter_modulus)
+        self.check = AliveCounter(codec.command.checks.counter_modulus)
         self._outgoing = {m.name: _Outgoing(m, config.fd) for m in codec.feedback}
         self.bus = EmulatedBus(config, self.faults)
 

@@ -311,6 +311,23 @@ def test_a_status_has_the_time_at_which_it_was_stated() -> None:
     assert record["t_status_ns"][0] == NOW_NS - 1000
 
 
+@pytest.mark.parametrize("repeated", [[11], [10, 11], [7, 8, 9, 10, 11]])
+def test_old_frames_that_are_repeated_are_no_feedback(repeated: list[int]) -> None:
+    """Nor do they keep it fresh: a drive that fell silent is stale in its time."""
+    state, record = CanFeedback(packaged_codec(), 0, SILENT_AFTER_NS), new_feedback()
+    for number in range(12):
+        for only in (0, 1):
+            state.take(*feedback_of(VALUES | {"i_a_A": number}, number, only), NOW_NS + number)
+    for later in range(100):
+        number = repeated[later % len(repeated)]
+        frame = feedback_of(VALUES | {"i_a_A": number}, number, only=0)
+        state.take(*frame, NOW_NS + 20 + later)
+    state.fill(record)
+    assert record["t_inverter_ns"][0] == NOW_NS + 11
+    assert record["i_A"][0, 0] == pytest.approx(11.0)
+    assert state.errors == 100
+
+
 def test_values_that_the_map_lacks_are_not_numbers() -> None:
     signals = SIGNALS | {"feedback_u_V": (), "feedback_temperature_C": ""}
     state = CanFeedback(dbc.load(can_config(signals=signals)), 0, SILENT_AFTER_NS)

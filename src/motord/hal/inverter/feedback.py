@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.alive_counter import AliveCounter
 from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, InverterCodec, MessageCodec
 
 _SLOT = {slot: index for index, slot in enumerate(FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS)}
@@ -20,7 +20,7 @@ class _Incoming:
         self.codec = codec
         self.slots = tuple(_SLOT[slot] for slot in codec.slots)
         self.fast = any(slot.startswith("i_") for slot in codec.slots)
-        self.check = SequenceCheck(codec.checks.counter_modulus)
+        self.check = AliveCounter(codec.checks.counter_modulus)
         self.t_ns = 0
 
 
