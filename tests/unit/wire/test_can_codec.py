@@ -211,3 +211,12 @@ def test_a_drive_without_ready_bit_is_ready() -> None:
     codec = dbc.compile_codec(dbc.read_database(path), path, signals)
     assert codec.decode_status(0) == InverterStatus.READY
     assert codec.decode_status(0x10) == InverterStatus.READY | InverterStatus.FAULT
+
+
+def test_a_drive_without_ready_bit_is_not_ready_once_commands_were_missing() -> None:
+    """Its power stage is off by then: what else would show it, with little current commanded?"""
+    path = packaged("inverter.dbc")
+    changes = {"status_ready_mask": 0, "status_timeout_mask": 0x40}
+    codec = dbc.compile_codec(dbc.read_database(path), path, CanSignalMap(**(SIGNALS | changes)))
+    assert codec.decode_status(0x40) == InverterStatus.COMMAND_TIMEOUT
+    assert codec.decode_status(0) == InverterStatus.READY

@@ -59,7 +59,8 @@ class CanSignalMap(Section):
     feedback_crc: tuple[str, ...] = ()
     """CRCs, of each message of feedback that has one."""
     status_ready_mask: Mask = 1
-    """Bits that are all set while the power stage follows commands; 0: it does not say."""
+    """Bits that are all set while the power stage follows commands; 0: it does not say, and counts
+    as following them unless status_timeout_mask shows that they were missing."""
     status_fault_mask: Mask = 2
     """Bits of which any means a fault; 0: it does not say."""
     status_timeout_mask: Mask = 4

@@ -189,7 +189,8 @@ class InverterCodec:
     def decode_status(self, word: int) -> InverterStatus:
         """Return what the drive's status word says, in motord's bits.
 
-        A drive without a ready bit (mask 0), or without a status word, counts as ready.
+        A drive without a ready bit (mask 0) counts as ready unless commands were missing, one
+        without a status word always.
         """
         if not self.signals.feedback_status:
             return InverterStatus.READY
@@ -203,6 +204,8 @@ class InverterCodec:
                 holds = word & mask != 0
             if holds:
                 status |= meaning
+        if not self.signals.status_ready_mask and status & InverterStatus.COMMAND_TIMEOUT:
+            status &= ~InverterStatus.READY
         return status
 
     def status_word(self, status: InverterStatus) -> int:
