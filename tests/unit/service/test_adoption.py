@@ -6,6 +6,7 @@ import pytest
 
 from motord.api.errors import RpcError
 from motord.api.tracking_messages import TrackedView, TrackingView
+from motord.calibration.file import load
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.adoption import Adoption
 from motord.service.rpc.calibration import Installation
@@ -93,6 +94,19 @@ def test_the_tracked_calibration_is_in_force_and_kept(service):
     assert service.store.load_installed() == adopted
     said = [one.message for one in service.events.recent() if one.kind == "calibration"]
     assert said == [f"{adopted.id} adopted from tracking by anna"]
+
+
+def test_what_could_not_be_kept_can_be_installed_from_the_tracker_s_file(service, tmp_path):
+    service.store.directory = tmp_path / "state" / "in the way"
+    service.store.directory.write_text("as a full disk")
+    with pytest.raises(RpcError, match="not after a restart") as caught:
+        service.adopt(service.acquire())
+    assert service.store.current_id() == service.tracker.adopts.id
+    file = service.tracker.run_dir.adopted
+    assert caught.value.message.endswith(
+        f"once that is mended, `motord calibration install {file}`"
+    )
+    assert load(file) == service.tracker.adopts
 
 
 def test_it_is_adopted_at_zero_torque_alone(service):

@@ -235,6 +235,7 @@ def test_in_force_but_not_kept_is_said(service, tmp_path):
     with pytest.raises(RpcError, match="not after a restart") as caught:
         install(service, service.acquire(), calibration=calibration().to_json())
     assert caught.value.code == "failed"
+    assert caught.value.message.endswith("once that is mended, install it again")
     assert service.bench.calibrated
 
 

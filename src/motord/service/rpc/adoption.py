@@ -1,6 +1,7 @@
 """RPC that puts the calibration in force as it is tracked; the tracker writes it to a file."""
 
 import json
+import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -49,7 +50,8 @@ class Adoption:
 
     def save(self, prepared: PreparedAdoption, reply: InstalledCalibration) -> InstalledCalibration:
         """Write the calibration that is now in force to disk; for any thread. Raises RpcError."""
-        return self.installation.save(prepared.prepared, reply)
+        again = f"`motord calibration install {shlex.quote(str(self.run_dir.adopted))}`"
+        return self.installation.save(prepared.prepared, reply, again)
 
     @handles(rpc.CALIBRATION_ADOPT)
     def adopt(self, request: rpc.WithToken, context: RpcContext) -> Wait[InstalledCalibration]:

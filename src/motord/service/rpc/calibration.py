@@ -69,13 +69,20 @@ class Installation:
         tables = parameters.build(self._bench.config, calibration)
         return rpc.WithToken(token=token), Prepared(calibration, tables)
 
-    def save(self, prepared: Prepared, reply: InstalledCalibration) -> InstalledCalibration:
-        """Write the calibration that is now in force to disk; for any thread. Raises RpcError."""
+    def save(
+        self, prepared: Prepared, reply: InstalledCalibration, again: str = "install it again"
+    ) -> InstalledCalibration:
+        """Write the calibration that is now in force to disk; for any thread.
+
+        Raises RpcError; `again` says what to do once the disk takes it.
+        """
         try:
             path = self._store.save(prepared.calibration)
         except CalibrationError as error:
             raise RpcError(
-                "failed", f"the calibration is in force, but not after a restart: {error}"
+                "failed",
+                f"the calibration is in force, but not after a restart: {error}; "
+                f"once that is mended, {again}",
             ) from None
         return reply.model_copy(update={"path": str(path)})
 
