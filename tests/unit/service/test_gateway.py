@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -14,11 +15,12 @@ import zenoh
 from motord.api.endpoints import client_config, gateway_config
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_closed
+from motord.recorder.pipe_lines import LineWriter
 from motord.security import authority, identity
 from motord.security.roles import Role, SecurityError
 from motord.service.gateway import process
 from motord.service.gateway.audit import AuditLog
-from motord.service.gateway.link import GATEWAY, GatewayLink
+from motord.service.gateway.link import GATEWAY, SILENT_NS, GatewayLink
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
@@ -43,13 +45,16 @@ def who(folder, name):
 class Collected:
     """What the gateway reports, in the place of a pipe."""
 
-    dropped = 0
+    dropped, waiting = 0, False
 
     def __init__(self):
         self.lines = []
 
     def write(self, line):
         self.lines.append(line)
+
+    def flush(self):
+        pass
 
 
 class Opened:
@@ -229,6 +234,48 @@ def test_what_the_gateway_says_becomes_an_event_whatever_it_is():
     fault, hello = spoken(f"print({chr(10).join([good, *bad])!r})")
     assert hello == "hello"
     assert fault.startswith("gate sent 3 lines that are no messages, the last of them")
+
+
+def test_what_shows_that_the_gateway_goes_on_is_no_event():
+    out = Collected()
+    process.AuditReporter(out).show_alive()
+    [line] = out.lines
+    assert spoken(f"print({line.decode()!r})") == []
+
+
+def test_a_gateway_shows_once_that_it_goes_on_to_a_daemon_that_does_not_take_it():
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    lines = LineWriter(writer, process.BACKLOG_MAX_BYTES)
+    reporter = process.AuditReporter(lines)
+    for _ in range(10_000):
+        reporter.show_alive()
+    assert lines.waiting
+    os.read(reader, 1 << 20)
+    lines.flush()
+    assert not lines.waiting  # one message, however long it waited
+    os.close(reader)
+    os.close(writer)
+
+
+def test_a_gateway_that_shows_nothing_is_ended_and_started_again():
+    children, events = in_its_place("import time; time.sleep(1000)"), EventLog(lambda: 0)
+    link = GatewayLink(children, events)
+    children.start_all(0)
+    stopped = children.process(GATEWAY)
+    for now_ns in (0, SILENT_NS):
+        link.step(now_ns)
+    assert children.poll(SILENT_NS) == []
+    link.step(SILENT_NS + 1)
+    assert stopped.wait(PATIENCE_S) == -signal.SIGKILL
+    [end] = children.poll(SILENT_NS + 1)
+    children.poll(SILENT_NS + 1 + round(end.again_s * 1e9))
+    assert children.process(GATEWAY) not in (None, stopped)
+    link.step(2 * SILENT_NS)  # of the first
+    link.step(2 * SILENT_NS)  # of the next one, whose time begins now
+    link.step(3 * SILENT_NS)
+    link.stop(3 * SILENT_NS)
+    assert [e.message for e in events.recent()] == ["gate has sent nothing for 10 s; it is ended"]
 
 
 FLOODS = {

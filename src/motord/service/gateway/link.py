@@ -16,6 +16,9 @@ EVENTS_PER_S, EVENTS_BURST = 5.0, 100.0
 """The gateway itself passes on 50 different messages in 10 s."""
 MESSAGE_MAX, DATA_MAX = 2000, 1000
 """Characters of a message, and of each value of its data."""
+SILENT_NS = 10_000_000_000
+"""Without a message for so long the process is ended, and started again: it was stopped, or hangs,
+and nobody gets in."""
 
 Datum = Annotated[str, Field(max_length=DATA_MAX)]
 
@@ -32,7 +35,7 @@ class AccessData(Message):
 
 
 class AccessMessage(Message):
-    """A report of the gateway: message and data of the event."""
+    """A report of the gateway: message and data of the event; without a message it is none."""
 
     message: Annotated[str, Field(max_length=MESSAGE_MAX)]
     data: AccessData = AccessData()
@@ -52,8 +55,10 @@ class GatewayLink:
         """Emit the reports that came since the last call. `now_ns` is monotonic."""
         self._pipes.opened()
         for message in self._pipes.messages(now_ns):
-            self._emit(message, now_ns)
-        self._pipes.closed()
+            if message.message:
+                self._emit(message, now_ns)
+        if not self._pipes.closed():
+            self._pipes.end_if_silent(now_ns, SILENT_NS)
 
     def _emit(self, message: AccessMessage, now_ns: int) -> None:
         """Emit a message as an event, or count it if more come than EVENTS_PER_S."""

@@ -36,7 +36,7 @@ from motord.shm.run_directory import RunDir
 STDIN = 0
 BACKLOG_MAX_BYTES = 1 << 20
 LOOK_S = 1.0
-"""How often it looks whether roles or certificates have changed."""
+"""How often it looks whether roles or certificates have changed, and shows that it goes on."""
 
 Signature = tuple[tuple[int, int, int], ...]
 
@@ -60,10 +60,12 @@ class AuditReporter:
                 lost, self._lost = self._out.dropped - self._lost, self._out.dropped
                 self._write(f"{lost} messages about access were lost: the daemon did not take them")
 
-    def flush(self) -> None:
-        """Write what the supervisor did not take before."""
+    def show_alive(self) -> None:
+        """Write what the supervisor did not take before, then a message that says nothing."""
         with self._lock:
             self._out.flush()
+            if not self._out.waiting:
+                self._write("")
 
     def _write(self, message: str, data: Mapping[str, str] | None = None) -> None:
         short = {key: value[:DATA_MAX] for key, value in (data or {}).items()}
@@ -163,7 +165,7 @@ def _keep_unchanged(
         reporter.report(
             f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}"
         )
-        changed = _until_changed_or_ended(tls, before, reporter.flush)
+        changed = _until_changed_or_ended(tls, before, reporter.show_alive)
         listener.undeclare()  # type: ignore[no-untyped-call]
     return changed
 
