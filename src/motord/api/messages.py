@@ -197,7 +197,7 @@ class RecordingView(PublishedMessage):
     final_path: str = ""
     """Its name from then on."""
     error: str = ""
-    """Why the recording failed."""
+    """Why the recording failed, or that the recorder, silent for long, may not record."""
     obstacle: str = ""
     """Why one could not begin now."""
     detail: dict[str, Any] = Field(default_factory=dict)

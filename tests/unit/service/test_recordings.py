@@ -292,6 +292,22 @@ def test_a_recorder_that_is_silent_is_not_relied_on(played):
         played.ask("plan/start", token=token, name="calibrate")
 
 
+def test_the_state_says_that_a_recorder_is_silent(played):
+    """One that was stopped, or whose disk hangs, said last that it records."""
+    played.up()
+    played.step(2, State.ENABLED)
+    recorder = played.recorders[0]
+    recorder.report(ticks=3)
+    played.step(12, State.ENABLED)
+    assert played.state()["recording"]["error"] == ""
+    played.step(800, State.ENABLED)
+    said = played.state()["recording"]["error"]
+    assert said == "the recorder has not reported for 8 s: does the disk answer?"
+    recorder.report(ticks=4)
+    played.step(12, State.ENABLED)
+    assert played.state()["recording"]["error"] == ""
+
+
 def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"required": False})
     played.up()

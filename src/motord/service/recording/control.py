@@ -100,10 +100,15 @@ class RecordingControl:
             return ""
         if not recorder.up:
             return "the recorder is not up; see its events"
-        silent_s = (self._now_ns - recorder.reported_ns) / 1e9
-        if silent_s > self._unrecorded_max_s:
-            return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
-        return recorder.report.obstacle if not recorder.report.recording else ""
+        obstacle = recorder.report.obstacle if not recorder.report.recording else ""
+        return self._silence() or obstacle
+
+    def _silence(self) -> str:
+        """Return that the recorder that is up has not reported for long, "" if it has."""
+        silent_s = (self._now_ns - self.recorder.reported_ns) / 1e9
+        if not self.recorder.up or silent_s <= self._unrecorded_max_s:
+            return ""
+        return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
 
     def take_ticks(self, block: np.ndarray) -> None:
         """Take the new ticks, shape (n,): what ends from now on ends with them."""
@@ -142,7 +147,7 @@ class RecordingControl:
             recording=report.recording,
             path=report.path,
             final_path=report.file,
-            error=self.recorder.error,
+            error=self.recorder.error or self._silence(),
             obstacle=report.obstacle,
             detail=report.model_dump(include={"ticks", "bytes", "lost"}, exclude_unset=True),
         )
