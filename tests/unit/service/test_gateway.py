@@ -259,7 +259,7 @@ def test_a_gateway_shows_once_that_it_goes_on_to_a_daemon_that_does_not_take_it(
 
 
 def test_a_gateway_that_shows_nothing_is_ended_and_started_again():
-    children, events = in_its_place("import time; time.sleep(1000)"), EventLog(lambda: 0)
+    children, events = in_its_place("import sys; sys.stdin.read()"), EventLog(lambda: 0)
     link = GatewayLink(children, events)
     children.start_all(0)
     stopped = children.process(GATEWAY)
