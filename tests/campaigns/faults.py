@@ -242,16 +242,15 @@ by more than is allowed: by delay of the drive, a tick and a sample.
 Samples that jump count until the speed explains two in a row: of misread samples that come by
 chance, as of one in a hundred, more than of three in a row. A rotor that makes nearly whole turns
 from one sample to the next looks like a slow one, and no rule can tell them apart.
-An encoder track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for
-the speed are left out, and the count starts anew when the bench is enabled or a trip is reset. Of
+An encoder track is stuck if it has not changed over 2.5 times its pattern, by what the coarser ones
+say. Tracks too fine for the speed, or for a rotor that begins to turn by 100 rad/s^2 between two
+samples, are left out, and the count starts anew when the bench is enabled or a trip is reset. Of
 tracks about as fine as what the rotor turns between samples one that is stuck may stay unseen, and
-with it an angle that is wrong by up to three times that turn, or by two plausible jumps where the
-observer follows each (few samples, a quick observer): `motord check` says so where currents could
-be 0.64 rad (electrical) off, a fifth of the torque. The two coarsest tracks are not watched
+with it an angle that is wrong by up to three times that turn: `motord check` says so where currents
+could be 0.64 rad (electrical) off, a fifth of the torque. The two coarsest tracks are not watched
 in effect: with one of them stuck the rotor seems to turn back and forth, without a jump, which is
-an implausible encoder only if it turns back too quickly for `encoder_jump_rad`. Angle and speed are
-the observer's: with a slow one, many counts and many samples a rotor that stops quickly may trip;
-`motord check` says at which deceleration, if below 100 rad/s^2, where the sensor's high-pass
+an implausible encoder only if it turns back too quickly for `encoder_jump_rad`. `motord check` also
+says where the sensor's high-pass
 shows a reversal as more than `trip_torque_Nm`, and where encoder or loop are too coarse for the
 pole pairs to make the torque that is set.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(

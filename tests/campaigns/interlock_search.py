@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from motord.config.rules.encoder import speed_resolution_rad_s, stop_max_rad_s2
+from motord.config.rules.encoder import speed_resolution_rad_s
 from motord.config.rules.torque import reversal_shows_Nm
 from motord.config.timing import ACCELERATION_RAD_S2, POSITION_AGE_MAX_S, SETTLING_LAGS
 from motord.control.interlock_table import EvidenceSource
@@ -52,7 +52,7 @@ class Operation:
         held_s = (0.5 + b.stalled_most) * period_s + c.inverter.lag_s + b.off_ns * 1e-9
         self.most_rad_s = min(0.8 * c.limits.trip_speed_rad_s, most_rad / held_s)
         lag_s2 = 1 / w_rad_s**2 + 2 * ahead_s / w_rad_s + 0.5 * ahead_s**2
-        self.most_rad_s2 = min(ACCELERATION_RAD_S2, stop_max_rad_s2(c), most_rad / lag_s2)
+        self.most_rad_s2 = min(ACCELERATION_RAD_S2, most_rad / lag_s2)
         coarse_rad = 2.3 * math.pi / c.motor.counts + speed_resolution_rad_s(c) * ahead_s
         shown = reversal_shows_Nm(c) <= c.limits.trip_torque_Nm
         most_Nm = c.limits.torque_Nm if shown else c.limits.trip_torque_Nm / 2

@@ -151,13 +151,13 @@ MEMORY = record_dtype(
         ("torque_cut_Nm", "f8"),  # the most torque that limited currents lacked lately
         ("deviation_Nm", "f8"),  # that, and the most torque that induced offsets make
         ("deviation_mean_Nm", "f8"),  # what the torque sensor's high-pass takes for its mean
-        # encoder tracks: time, angle and count of the newest code, by how much it differed from the
-        # one before, angle since the start, and at which angle each track last changed
+        # encoder tracks: time and count of the newest code, by how much it differed from the one
+        # before, counts since the start, and when, and in which pattern, each track changed
         ("tracks_ns", "i8"),
-        ("tracks_rad", "f8"),
         ("track_counts_per_s", "f8"),
-        ("turned_rad", "f8"),
-        ("track_rad", "f8", (32,)),
+        ("turned_counts", "i8"),
+        ("track_patterns", "i8", (32,)),
+        ("track_ns", "i8", (32,)),
         ("gray", "u4"),
         ("track_samples", "u4"),
         ("track_count", "i4"),

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from motord.config.bounds import rounded_down
-from motord.config.rules.encoder import followed_jump_rad, stop_max_rad_s2, unseen_track_rad
+from motord.config.rules.encoder import unseen_track_rad
 from motord.config.rules.torque import (
     dead_sensor_error_Nm,
     found_late_s,
@@ -14,7 +14,7 @@ from motord.config.rules.torque import (
     reversal_shows_Nm,
 )
 from motord.config.sections import LimitsConfig, Sections
-from motord.config.timing import ACCELERATION_RAD_S2, TORQUE_SHARE
+from motord.config.timing import TORQUE_SHARE
 
 ELECTRICAL_RAD = math.acos(1.0 - TORQUE_SHARE)
 """Currents that are so far off make less of their torque than its share that is allowed."""
@@ -41,17 +41,12 @@ def _hidden_track(bench: Sections) -> Iterator[str]:
     electrical_rad = pole_pairs * unseen_track_rad(bench)
     if electrical_rad <= ELECTRICAL_RAD:
         return
-    most_rad_s = f"[limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g}"
-    where = f"up to {most_rad_s}, for which samples are few"
-    remedy = "raise the rates, or lower trip_speed_rad_s"
-    if pole_pairs * followed_jump_rad(bench) > ELECTRICAL_RAD:
-        bandwidth_Hz = f"[loop] observer_bandwidth_Hz = {bench.loop.observer_bandwidth_Hz:g}"
-        where = f"where samples are so few that the observer of {bandwidth_Hz} follows its jumps"
-        remedy = "raise the rates"
     yield (
-        f"an encoder track that is stuck may go unnoticed {where}: currents may be "
+        f"an encoder track that is stuck may go unnoticed up to [limits] trip_speed_rad_s = "
+        f"{limits.trip_speed_rad_s:g}, for which samples are few: currents may be "
         f"{min(electrical_rad, math.pi):.2g} rad (electrical) off with [motor] pole_pairs = "
-        f"{pole_pairs}, and only torque_error_Nm may show it; {remedy}"
+        f"{pole_pairs}, and only torque_error_Nm may show it; raise the rates, or lower "
+        "trip_speed_rad_s"
     )
 
 
@@ -120,15 +115,7 @@ def _least_s(bench: Sections, **changed: float) -> float:
 
 def false_trips(bench: Sections) -> Iterator[str]:
     """Yield which operation would trip though nothing is wrong, and what would help."""
-    loop, limits, counts = bench.loop, bench.limits, bench.motor.counts
-    stop_rad_s2 = stop_max_rad_s2(bench)
-    if stop_rad_s2 < ACCELERATION_RAD_S2:
-        yield (
-            f"a rotor that stops at more than {rounded_down(stop_rad_s2):g} rad/s^2 may trip "
-            f"ENCODER_IMPLAUSIBLE: the observer of [loop] observer_bandwidth_Hz = "
-            f"{loop.observer_bandwidth_Hz:g} turns on for more counts of {counts} than a track may "
-            "stand still; raise it"
-        )
+    limits = bench.limits
     shown_Nm = reversal_shows_Nm(bench)
     if shown_Nm > limits.trip_torque_Nm:
         tau_s = bench.torque_sensor.highpass_time_constant_s
