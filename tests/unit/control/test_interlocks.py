@@ -19,6 +19,7 @@ from motord.control.interlocks import (
     latch,
     update_i2t,
 )
+from motord.control.observer import gray_to_count
 from motord.control.step import new_memory
 from motord.control.types import FEEDBACK
 from motord.schema import BridgeStatus, Flag, InverterStatus, State, Trip
@@ -381,8 +382,9 @@ def test_tracks_that_are_stuck_trip() -> None:
     watched.p.tracks = 10
     trips = []
     for number in range(1, 400):
-        watched.m.angle_rad = 0.01 * number % (2 * math.pi)
-        watched.m.speed_rad_s = 10.0
+        count = 6 * number % 4096
+        watched.f.encoder_gray = (count ^ count >> 1) & ~(1 << 5)
+        watched.m.encoder_count = gray_to_count(int(watched.f.encoder_gray))
         trips.append(watched.look())
     assert set(trips) == {0, int(Trip.ENCODER_IMPLAUSIBLE)}
 
