@@ -40,6 +40,10 @@ SOURCES = (
     "power reading, resolution",
     "ripple of the bus voltage",
 )
+"""Sources with limits, as `ErrorSum.rectangular` has them."""
+
+EFFECTS = ("slow readings of the power", "ripple once and twice a turn")
+"""Sources with a standard uncertainty, as `ErrorSum.normal` has them."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class PowerBlocks:
     sampling_W: float
     rounding_W: float
     ripple_W: float
+    shaft_ripple_W: float
     in_step: float
 
     @classmethod
@@ -94,6 +99,7 @@ class PowerBlocks:
             sampling_W=sampling_error_W(turns, inside, edges_s),
             rounding_W=inside.rounding_W,
             ripple_W=inside.ripple_W,
+            shaft_ripple_W=turns.shaft_ripple_W(edges),
             in_step=0.0 if series.means else turns.in_step(inside.t_s, pole_pairs),
         )
 
@@ -131,6 +137,7 @@ def operating_power(
         read_every_s=series.period_s,
         sampling_W=found.sampling_W,
         bus_ripple_W=found.ripple_W,
+        shaft_ripple_W=found.shaft_ripple_W,
         loss_drift_W=loss.scatter.drift,
         loss_drift_stderr_W=loss.scatter.drift_stderr,
         in_step=found.in_step,
@@ -171,7 +178,10 @@ class _Budget:
                 found.rounding_W * abs(of_electrical),
                 found.ripple_W * abs(of_electrical),
             ),
-            sampling=found.sampling_W * abs(of_electrical),
+            normal=(
+                found.sampling_W * abs(of_electrical),
+                found.shaft_ripple_W * abs(of_mechanical),
+            ),
             scatter=scatter_of(
                 of_mechanical * found.mechanical_W + of_electrical * found.electrical_W
             ),
@@ -217,5 +227,5 @@ def _by_source(errors: ErrorSum) -> dict[tuple[str, Literal["A", "B"]], float]:
     return {
         ("scatter of the turns", "A"): errors.scatter.stderr,
         **{(name, "B"): value for name, value in zip(SOURCES, stderrs, strict=True)},
-        ("slow readings of the power", "B"): errors.sampling,
+        **{(name, "B"): stderr for name, stderr in zip(EFFECTS, errors.normal, strict=True)},
     }

@@ -24,6 +24,9 @@ SAMPLING_PART = 0.5
 RIPPLE_PART = 0.5
 """Part of the electrical power's standard uncertainty that the bus voltage's ripple may make."""
 
+SHAFT_PART = 0.5
+"""Part of the mechanical power's standard uncertainty that ripple of the shaft may make."""
+
 IN_STEP = 0.3
 """How far readings may fall on the same angles; evenly spread ones are below."""
 
@@ -53,6 +56,9 @@ def findings(points: Sequence[OperatingPower], subject: Subject) -> tuple[Findin
         *RIPPLING.of(
             (one.bus_ripple_W, RIPPLE_PART * sqrt(3) * _electrical_stderr_W(one), one)
             for one in points
+        ),
+        *SHAFT.of(
+            (one.shaft_ripple_W, SHAFT_PART * (one.mechanical.stderr or 0.0), one) for one in points
         ),
         *_assumed(subject.accuracy),
     )
@@ -148,6 +154,13 @@ RIPPLING = _Excess(
     "another mean power, by up to this much if its ripple (RMS) is at most its mean: that is in "
     "the intervals, more is not",
     "read the power with an analyser, or the current as instants; keep the bus steadier",
+)  # fmt: skip
+SHAFT = _Excess(
+    "shaft-ripple", "warning",
+    "torque and speed ripple together once or twice a turn, by this much of the power: where the "
+    "encoder is eccentric, or the sensor shows a coupling out of line, that is no power; the "
+    "intervals hold both",
+    "centre the encoder's disc, align the coupling",
 )  # fmt: skip
 
 

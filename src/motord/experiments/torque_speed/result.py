@@ -32,6 +32,8 @@ class OperatingPower:
     electrical power that count, read_every_s apart. blocks: of turns, whose scatter is the Type A
     uncertainty. sampling_W: standard uncertainty of the electrical power that slow readings cause.
     bus_ripple_W: limit of what it lacks where voltage and current of the bus ripple together.
+    shaft_ripple_W: standard uncertainty of the mechanical power by torque and speed that ripple
+    together once and twice a turn, as an eccentric encoder or a coupling out of line makes them.
     loss_drift_W: change of the losses from the beginning to the end, with its standard error.
     in_step: how far readings that are instants fall on the same angles, from 0 to 1.
     tick_s: time between ticks.
@@ -44,7 +46,7 @@ class OperatingPower:
         "mechanical_W=mechanical", "electrical_W=electrical", "loss_W=loss",
         "efficiency_percent=efficiency", "efficiency_reason", "t_start_ns", "t_end_ns",
         "turns", "blocks", "readings", "read_every_s", "sampling_W", "bus_ripple_W",
-        "loss_drift_W", "loss_drift_stderr_W", "in_step", "envelope_Nm", "budget",
+        "shaft_ripple_W", "loss_drift_W", "loss_drift_stderr_W", "in_step", "envelope_Nm", "budget",
     )  # fmt: skip
 
     torque_Nm: float
@@ -65,6 +67,7 @@ class OperatingPower:
     read_every_s: float
     sampling_W: float
     bus_ripple_W: float
+    shaft_ripple_W: float
     loss_drift_W: float
     loss_drift_stderr_W: float
     in_step: float

@@ -21,6 +21,9 @@ COLUMNS = (*REQUIRED, "u_bus_V", "tick", "plan_point")
 RIPPLE_ORDERS = (1, 2, 6)
 """Electrical orders of the ripple that offsets, gains and switching losses make."""
 
+SHAFT_ORDERS = (1, 2)
+"""Orders per turn of an encoder that is eccentric or oval, and of a shaft out of line."""
+
 SECTORS = 512
 """Parts of a turn in which the power is averaged over the turns."""
 
@@ -86,6 +89,25 @@ class CapturedTurns:
             np.arange(SECTORS), np.flatnonzero(known), total[known] / number[known]
         )
         return np.asarray(trend + over_turn[sector])
+
+    def shaft_ripple_W(self, edges: np.ndarray) -> float:
+        """Return what torque and speed that ripple together at SHAFT_ORDERS make of the power.
+
+        Over the whole turns whose first samples, and end, are edges (g,). Of an encoder that is
+        off by e sin(m theta) the speed seems to ripple by m e w cos(m theta), of a coupling that is
+        out of line the sensor shows a torque that does no work.
+        """
+        inside = slice(int(edges[0]), int(edges[-1]))
+        even_rad = np.interp(self.t_s[inside], self.t_s[edges], self.angle_rad[edges])
+        speed_rad_s = np.ptp(even_rad) / np.ptp(self.t_s[inside])
+        total_W = 0.0
+        for order in SHAFT_ORDERS:
+            wave = np.exp(-1j * order * even_rad)
+            torque_Nm = 2 * np.mean(self.torque_Nm[inside] * wave)
+            off_rad = 2 * np.mean((self.angle_rad[inside] - even_rad) * wave)
+            ripple_rad_s = 1j * order * speed_rad_s * off_rad
+            total_W += abs(float((torque_Nm * ripple_rad_s.conjugate()).real)) / 2
+        return total_W
 
     def in_step(self, at_s: np.ndarray, pole_pairs: int) -> float:
         """Return how far instants (m,) fall on the same electrical angles: 0 evenly, 1 on one.

@@ -77,22 +77,23 @@ def _slow_courses(number: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ErrorSum:
-    """Errors of a quantity that add: rectangular half-widths, slow readings, and the scatter."""
+    """Errors of a quantity that add: half-widths of rectangular ones, standard uncertainties of
+    normal ones, and the scatter."""
 
     rectangular: tuple[float, ...]
-    sampling: float
+    normal: tuple[float, ...]
     scatter: Scatter
 
     @property
     def stderr(self) -> float:
         """Combined standard uncertainty (JCGM 100)."""
-        return hypot(self.sampling, self.scatter.stderr, *(a / sqrt(3) for a in self.rectangular))
+        return hypot(*self.normal, self.scatter.stderr, *(a / sqrt(3) for a in self.rectangular))
 
     @property
     def half_width(self) -> float:
         """Half of the 95 % interval, from draws of the sum (JCGM 101)."""
         uniform, normal = _draws(len(self.rectangular))
-        total = np.asarray(self.rectangular) @ uniform + self.sampling * normal
+        total = np.asarray(self.rectangular) @ uniform + hypot(*self.normal) * normal
         total += self.scatter.stderr * _student(min(self.scatter.freedom, FREEDOM_MAX))
         return float(np.quantile(np.abs(total), LEVEL))
 

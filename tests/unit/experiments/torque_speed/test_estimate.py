@@ -190,7 +190,7 @@ def test_intervals_are_of_the_sum_s_distribution(
     rectangular: float, stderr: float, half_width: float
 ) -> None:
     """The last from 4 million draws; 1.96 times the root of the sum of squares would be 2.8."""
-    errors = ErrorSum((rectangular,), 0.0, Scatter(stderr, 3, 0.0, 0.0))
+    errors = ErrorSum((rectangular,), (0.0,), Scatter(stderr, 3, 0.0, 0.0))
     assert errors.half_width == pytest.approx(half_width, rel=0.03)
 
 
@@ -254,6 +254,29 @@ def test_steps_that_readings_are_spread_over_cost_nothing() -> None:
 )
 def test_the_resolution_is_the_smallest_step(values: list[float], step: float) -> None:
     assert resolution_of(np.array(values)) == pytest.approx(step)
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "coupling_Nm", "named"),
+    [(0.0, 0.0, False), (1.0, 0.0, False), (0.0, 0.5, False), (1.0, 0.5, True)],
+)
+def test_an_eccentric_encoder_and_a_coupling_out_of_line_are_in_the_interval_and_named(
+    error_deg: float, coupling_Nm: float, named: bool
+) -> None:
+    """The sensor shows the coupling once a turn, in phase with the seeming ripple of the speed."""
+    machine, rng = Machine(), np.random.default_rng(3)
+    point = machine.captured(rng)
+    _, angle_rad, _, _ = machine.path()
+    read_rad = angle_rad + np.radians(error_deg) * np.sin(angle_rad)
+    point.ticks["encoder_count"] = np.floor(read_rad / (2 * np.pi) * MOTOR.counts) % MOTOR.counts
+    point.ticks["torque_Nm"] += coupling_Nm * np.cos(angle_rad)
+    turns = CapturedTurns.of(point, MOTOR)
+    one = operating_power(3.0, 4.0, turns, machine.readings(rng, 0.2), EXACT, 8)
+    no_power_W = 0.5 * coupling_Nm * np.radians(error_deg) * 2 * np.pi * 4.0
+    assert one.shaft_ripple_W == pytest.approx(no_power_W, rel=0.05, abs=2e-3)
+    assert one.loss.low < machine.loss_W < one.loss.high
+    names = [each.name for each in findings([one], accurate(**STATED))]
+    assert names == ["shaft-ripple"] * named
 
 
 @pytest.mark.parametrize("noise_V", [0.0, 0.02])
