@@ -7,6 +7,9 @@ analysis, Box and Tiao 1975), its p-value that of the mixture of t distributions
 slope, with n - 3 degrees of freedom. The place is that of the least p-value, times the number of
 places (Bonferroni), which holds whatever their correlation is. The least difference of two values,
 which may be their resolution, counts as no step: the p-value is of what |c| is beyond it.
+
+A bench that warms up has no step: of c exp(-t/tau), with any tau, in place of c H(i - k) the
+likelihood must be less, twice its logarithm by PREFERRED (Kass and Raftery 1995).
 """
 
 from dataclasses import dataclass
@@ -34,6 +37,12 @@ LEAST = 10
 
 FALSE_ALARMS = 0.01
 """Part of the soaks without a step in which one may be claimed, all figures together."""
+
+TIME_CONSTANTS = np.geomspace(0.01, 0.5, 24)
+"""Of a relaxation, in parts of the time from the first value to the last."""
+
+PREFERRED = 6.0
+"""Difference of the information criteria that is evidence, of models with as many parameters."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +83,26 @@ def most_likely_step(t: np.ndarray, y: np.ndarray) -> Step | None:
     stderr = sqrt(weight @ (variances[:, best] + (values[:, best] - value) ** 2) + rounding)
     p_value = min(float(p_values[best]) * places.size, 1.0)
     half_width = coverage_factor(n - 3) * stderr * scale
+    if p_value < FALSE_ALARMS and _relaxes_instead(t, y, place):
+        p_value = 1.0
     return Step(place, float(t[place - 1] + t[place]) / 2, value * scale, half_width, p_value)
+
+
+def _relaxes_instead(t: np.ndarray, y: np.ndarray, place: int) -> bool:
+    """Return whether a relaxation explains y (n,) over t (n,) as well as a step at a place."""
+    line = line_with_step(t - t.mean(), None)
+    part = (t - t[0]) / (t[-1] - t[0])
+
+    def likelihood(column: np.ndarray) -> float:
+        """Return the largest logarithm of any rho, but for a constant."""
+        white, scales = whitened(t, np.column_stack([line, column, y]))
+        size = np.abs(np.linalg.qr(white)[1][:, -1, -1])  # of the residual
+        logarithms = -t.size * np.log(np.maximum(size, ROUNDING)) - np.log(scales).sum(axis=1)
+        return float(logarithms.max())
+
+    relaxing = max(likelihood(np.exp(-part / one)) for one in TIME_CONSTANTS)
+    step = likelihood((np.arange(t.size) >= place).astype(float))
+    return 2 * (step - relaxing) < PREFERRED
 
 
 def _by_correlation(

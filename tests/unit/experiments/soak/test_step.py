@@ -63,6 +63,15 @@ def test_what_changes_otherwise_is_no_step(kind):
     assert claimed <= 2
 
 
+def test_a_slight_warm_up_is_no_step():
+    claimed = 0
+    for seed in range(SEEDS):
+        noise = np.random.default_rng(seed).normal(size=HOURS.size)
+        found = most_likely_step(HOURS, 6.0 * (1 - np.exp(-HOURS / 0.5)) + noise)
+        claimed += found.p_value < FALSE_ALARMS
+    assert claimed <= 4  # 19 by the p-value next to a line alone
+
+
 @pytest.mark.parametrize(("n", "correlation"), [(10, 0.0), (12, 0.5), (50, 0.8), (50, 0.95)])
 def test_without_a_step_few_soaks_claim_one(n, correlation):
     rng, at = np.random.default_rng([n, round(100 * correlation)]), np.linspace(0.0, 1.0, n)
