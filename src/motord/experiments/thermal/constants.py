@@ -185,6 +185,10 @@ def _notes(found: ThermalConstants) -> list[str]:
             "the heat is the copper loss of the measured currents alone: iron loss and friction "
             "that heat the motor, too, make resistances look larger"
         )
+    notes.append(
+        "what the thermometers are off by is in no interval: a gain of 1 % is as much of all K/W "
+        "and J/K, and one that differs from channel to channel also of the time constants"
+    )
     if not found.ambient_measured:
         notes.append(
             f"the ambient is fitted as constant, {found.ambient_C:.2f} degC"

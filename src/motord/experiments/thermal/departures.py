@@ -6,8 +6,9 @@ Score tests (Rao 1948): c, the whitened effect of a departure of one unit on the
 the parameters take of it; of lags also what others take, as all sensors may have one. Where d is
 no chance (5 %), d^2 - u(d)^2 is variance of the parameters by their shift, departure by departure:
 an effect that is known to be there and is not corrected (GUM, F.2.4.5). So the intervals of
-constants hold it, also where it is too small for a finding. Noise is that of residuals with all
-departures in them, by which d comes out small: of a lag of an eighth of a time constant half.
+constants hold it, also where it is too small for a finding. W and s are of the noise that all
+departures together leave of the residuals: an autoregression of the residuals themselves would
+take a part of what departs for noise. F^+ is that of the fit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,8 +18,9 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import Legendre
 
-from motord.experiments.thermal.estimate import UNDETERMINED, ThermalFit, whiten
+from motord.experiments.thermal.estimate import PASSES, UNDETERMINED, ThermalFit, whiten
 from motord.experiments.thermal.network import AMBIENT
+from motord.experiments.thermal.noise import Autoregression
 from motord.intervals import coverage_factor
 
 AMBIENT_DEGREES = (1, 2, 3)
@@ -73,16 +75,37 @@ def with_departures(fit: ThermalFit, found: Sequence[Departure]) -> ThermalFit:
 def _departures(fit: ThermalFit) -> Iterator[Departure]:
     course, steps = fit.course, fit.course.squares_A2.size
     part = np.linspace(-1.0, 1.0, steps)
+    ambients: dict[int, list[np.ndarray]] = {}
     if course.ambient is None:
         for degree in AMBIENT_DEGREES:
             around_K = Legendre.basis(degree)(part)
-            around_K /= np.ptp(around_K)
-            yield replace(_departure("ambient", fit, _of_ambient(fit, around_K)), degree=degree)
-    yield _departure("cooling", fit, _of_ambient(fit, _colder_than_ambient_K(fit)))
+            ambients[degree] = _of_ambient(fit, around_K / np.ptp(around_K))
+    cooling = _of_ambient(fit, _colder_than_ambient_K(fit))
     lags = [_of_lag(fit, place) for place in range(len(course.nodes))]
+    noise = _of_larger_model(fit, [*ambients.values(), cooling, *lags])
+    for degree, columns in ambients.items():
+        yield replace(_departure("ambient", fit, noise, columns), degree=degree)
+    yield _departure("cooling", fit, noise, cooling)
     for n, each in enumerate(course.readings.values()):
         others = [columns for place, columns in enumerate(lags) if place != n]
-        yield replace(_departure("lag", fit, lags[n], others), channel=each.channel)
+        yield replace(_departure("lag", fit, noise, lags[n], others), channel=each.channel)
+
+
+def _of_larger_model(fit: ThermalFit, departing: Sequence[list[np.ndarray]]) -> ThermalFit:
+    """Return the fit with the noise of residuals less departures (n_i,), fitted together."""
+    columns = np.column_stack([fit.effects_K, *map(np.concatenate, departing)])
+    left_K = np.concatenate(fit.residuals_K)
+    for _ in range(PASSES):
+        white = np.column_stack([whiten(fit.noises, fit.by_channel(one)) for one in columns.T])
+        base, sizes, directions = np.linalg.svd(white, full_matrices=False)
+        inverse = directions.T / np.maximum(sizes, UNDETERMINED * sizes[0])
+        taken = base.T @ fit.whitened_residual
+        square = float(fit.whitened_residual @ fit.whitened_residual - taken @ taken)
+        roots = fit.by_channel(columns @ inverse * np.sqrt(square / fit.freedom))
+        residuals = fit.by_channel(left_K - columns @ (inverse @ taken))
+        noises = tuple(map(Autoregression.of, residuals, roots))
+        fit = replace(fit, noises=noises)
+    return fit
 
 
 def _of_ambient(fit: ThermalFit, around_K: np.ndarray) -> list[np.ndarray]:
@@ -121,21 +144,27 @@ def _colder_than_ambient_K(fit: ThermalFit) -> np.ndarray:
 def _departure(
     kind: Kind,
     fit: ThermalFit,
+    noise: ThermalFit,
     columns: list[np.ndarray],
     others: Sequence[list[np.ndarray]] = (),
 ) -> Departure:
     """Return how much of columns (n_i,) the residuals have, with its standard error.
 
-    others: columns of departures that may be there, too.
+    noise: the fit with the noise that counts; others: columns of departures that may be there, too.
     """
-    residual, jacobian = fit.whitened_residual, fit.whitened_jacobian
-    column = whiten(fit.noises, columns)
-    shift = np.linalg.lstsq(jacobian, column, rcond=UNDETERMINED)[0]
-    wider = np.column_stack([jacobian, *(whiten(fit.noises, one) for one in others)])
-    column = column - wider @ np.linalg.lstsq(wider, column, rcond=UNDETERMINED)[0]
+    shift = np.linalg.lstsq(fit.whitened_jacobian, whiten(fit.noises, columns), rcond=UNDETERMINED)[
+        0
+    ]
+    wider = [whiten(noise.noises, one) for one in (columns, *others)]
+    known = np.column_stack([noise.whitened_jacobian, *wider[1:]])
+    column, residual = (
+        one - known @ np.linalg.lstsq(known, one, rcond=UNDETERMINED)[0]
+        for one in (wider[0], noise.whitened_residual)
+    )
     square = float(column @ column)
     if not square > 0:
         return Departure(kind, 0.0, np.inf, 0 * shift)
     value = float(column @ residual) / square
-    scale = np.sqrt(float(residual @ residual) / fit.freedom)
+    left = residual - value * column
+    scale = np.sqrt(float(left @ left) / fit.freedom)
     return Departure(kind, value, float(scale / np.sqrt(square)), -shift * value)

@@ -88,6 +88,18 @@ class ThermalFit:
         return self.copper.ohm * self.copper.per_K * self.course.heating_A2
 
     @cached_property
+    def effects_K(self) -> np.ndarray:
+        """Change of the temperatures of all channels by each parameter (n, p)."""
+        return _jacobian(
+            lambda x: np.concatenate(modelled(self.course, self.copper, x)), self.parameters
+        )
+
+    def by_channel(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return values (n,) or (n, p), rows of all channels, of each."""
+        sizes = np.cumsum([each.t_s.size for each in self.course.readings.values()])
+        return np.split(values, sizes[:-1])
+
+    @cached_property
     def whitened_jacobian(self) -> np.ndarray:
         """Whitened change of the residuals by each parameter (n, p)."""
         return _jacobian(
@@ -145,10 +157,7 @@ def _fitted(
 
 def _noises(fitted: ThermalFit) -> tuple[Autoregression, ...]:
     """Return the noise of each channel, from its residuals and what the fit took of it."""
-    course, copper = fitted.course, fitted.copper
-    sizes = np.cumsum([each.t_s.size for each in course.readings.values()])[:-1]
-    jacobian = _jacobian(lambda x: np.concatenate(modelled(course, copper, x)), fitted.parameters)
-    roots = np.split(jacobian @ fitted.root, sizes)
+    roots = fitted.by_channel(fitted.effects_K @ fitted.root)
     return tuple(
         Autoregression.of(left, root) for left, root in zip(fitted.residuals_K, roots, strict=True)
     )
