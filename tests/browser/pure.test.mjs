@@ -420,6 +420,7 @@ test("a bench of the overview in words", () => {
   assert.equal(overview.ageText({ ...silent, age_s: null, state: null }, 0), "silent: no answer");
   assert.deepEqual(overview.troubles(state), ["B: b", "A: a", "What to do: look; then reset"]);
   assert.deepEqual(overview.troubles({ ...state, state: "OFF", fault: "no loop" }), ["no loop"]);
+  assert.deepEqual(overview.troubles({ ...state, state: "OFF", fault: "no loop", remedy: "reset" }), ["no loop", "What to do: reset"]);
   assert.equal(overview.planText(state.plan), "calibrate \u25b6 running, serial 7 \u00b7 2 of 8 points \u00b7 25 %, 1:30 min to go");
   assert.match(overview.planText({ ...state.plan, state: "failed", message: "too slow" }), /2 of 8 points \u00b7 too slow$/);
   assert.equal(overview.motionText(state), "1.98 of 2.00 Nm set \u00b7 0.70 Hz");

@@ -223,6 +223,8 @@ class BenchState(PublishedMessage):
     """State of the drive."""
     fault: str
     """What is wrong with the loop, or with a brake or drive that is needed; "": nothing."""
+    remedy: str = ""
+    """What to do about a loop that hangs or has ended; "": about none, and of older daemons."""
     trips: list[TripView]
     """Latched causes; in OFF: what bars enabling."""
     first_trip: str

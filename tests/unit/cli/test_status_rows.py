@@ -1,11 +1,16 @@
-"""`motord status`: what to do about a loop that has ended or hangs, and a trip that outlives it."""
+"""What to do about a loop that has ended or hangs, wherever a state is shown; and about a trip."""
 
 import pytest
 
-from motord.api.descriptions import LOOP_SILENT, LOOP_STUCK
-from motord.api.messages import ProcessView
+from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT
+from motord.cli.bench import overview
 from motord.cli.bench.status import table
+from motord.cli.bench.watch import command
+from motord.client.roster import BenchEntry
+from motord.dashboard.overview.bench_list import described
 from tests.unit.cli.watch.samples import TRIP, state
+
+SILENT = {"state": "OFF", "fault": LOOP_SILENT, "remedy": HANGING_REMEDY}
 
 
 def rows(**changes):
@@ -13,27 +18,31 @@ def rows(**changes):
     return list(zip(*columns, strict=True))
 
 
-def loop(*, running):
-    return {"loop": ProcessView(pid=7 if running else None, running=running, restarts=0, exit="")}
+def entry(**changes):
+    return BenchEntry("a", state(**changes), 0.1, True, 1, "", "tcp/127.0.0.1:7447")
+
+
+@pytest.mark.parametrize(("changes", "shown"), [(SILENT, [HANGING_REMEDY]), ({}, [])])
+def test_status_has_the_remedy_on_a_line_of_its_own(changes, shown):
+    assert [text for name, text in rows(**changes) if name == "then"] == shown
 
 
 @pytest.mark.parametrize(
-    ("fault", "running", "remedy"),
+    "shown",
     [
-        ("the loop ended: killed by SIGKILL", False, ["`motord reset` starts the loop again"]),
-        (LOOP_SILENT, True, ["`motord reset` ends it and starts it again"]),
-        (LOOP_STUCK, True, ["`motord reset` ends it and starts it again"]),
-        ("brake has not answered for 1 s: its driver does not return", True, []),
-        ("", True, []),
+        lambda: command.in_one_line(state(**SILENT)),
+        lambda: overview.in_one_line(entry(**SILENT)),
+        lambda: str(described(entry(**SILENT))["state"]),
     ],
 )
-def test_what_to_do_about_the_loop(fault, running, remedy):
-    shown = rows(fault=fault, processes=loop(running=running))
-    assert [text for name, text in shown if name == "then"] == remedy
+def test_a_line_and_the_overview_have_it_too(shown):
+    text = shown()
+    assert LOOP_SILENT in text
+    assert HANGING_REMEDY in text
 
 
 def test_a_trip_that_outlives_the_loop_is_shown_with_what_to_do():
     fault = "the loop ended: killed by SIGKILL"
-    shown = dict(rows(**TRIP, fault=fault, tick=None, processes=loop(running=False)))
+    shown = dict(rows(**TRIP, fault=fault, tick=None))
     assert (shown["state"], shown["fault"]) == ("TRIPPED", fault)
     assert shown["suggested"].startswith("check that the brake answers")

@@ -437,10 +437,11 @@ def test_a_silent_loop_is_a_fault(service):
     service.loop.running = False
     service.run_s(1.2, token)
     assert service.bench.fault == "the loop publishes no ticks"
+    assert service.bench.loop.remedy == "`motord reset` ends it and starts it again"
     assert service.bench.setpoint.torque_Nm == 0.0
     service.loop.running = True
     service.step(3)
-    assert service.bench.fault == ""
+    assert (service.bench.fault, service.bench.loop.remedy) == ("", "")
 
 
 def test_reset_ends_a_silent_loop_and_starts_another(service):

@@ -61,11 +61,13 @@ def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
     state = played.state()
     assert state["state"] == "OFF"
     assert state["fault"] == "the loop ended: killed by SIGKILL"
+    assert state["remedy"] == "`motord reset` starts the loop again"
     assert played.recorders[0].received("stop")
     token = played.ask("lease/acquire", holder="anna")["token"]
     resetting = played.bring("reset", token=token)
     played.step(2)
     assert len(played.loops) == 2
+    assert played.state()["remedy"] == ""
     with pytest.raises(RpcError):
         resetting.wait(0)
     assert played.recorders[0].received("start") == []
@@ -75,7 +77,7 @@ def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
     played.step(1, State.ENABLED)
     assert played.recorders[0].received("start")
     played.step(12)
-    assert played.state()["fault"] == ""
+    assert (played.state()["fault"], played.state()["remedy"]) == ("", "")
 
 
 def test_a_loop_that_does_not_come_up_says_why(played):

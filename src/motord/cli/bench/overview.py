@@ -182,7 +182,7 @@ def _state(state: "BenchState | None") -> str:
     if state is None:
         return "no state"
     trip = f" {state.first_trip}" if state.state == "TRIPPED" else ""
-    return f"{state.state}{trip}" + (f", {state.fault}" if state.fault else "")
+    return ", ".join(filter(None, (f"{state.state}{trip}", state.fault, state.remedy)))
 
 
 def _age(entry: "BenchEntry") -> str:

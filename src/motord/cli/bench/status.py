@@ -101,8 +101,8 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
     rows.append(("state", state.state))
     if state.fault:
         rows.append(("fault", state.fault))
-    if then := _remedy(state):
-        rows.append(("then", then))
+    if state.remedy:
+        rows.append(("then", state.remedy))
     rows += _trip(state)
     rows += _measured(state)
     rows.append(("lease", state.lease.holder or "nobody"))
@@ -127,16 +127,6 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
         rows.append((name, device.health + (f": {device.error}" if device.error else "")))
     rows += [(one.name, wording.channel(one)) for one in state.channels]
     return rows
-
-
-def _remedy(state: "BenchState") -> str:
-    """Return what to do about a loop that has ended or hangs, "" about none."""
-    from motord.api.descriptions import ENDED_REMEDY, HANGING_REMEDY, LOOP_SILENT, LOOP_STUCK
-
-    process = state.processes.get("loop")
-    if state.fault and process is not None and not process.running:
-        return ENDED_REMEDY
-    return HANGING_REMEDY if state.fault in (LOOP_SILENT, LOOP_STUCK) else ""
 
 
 def _trip(state: "BenchState") -> list[tuple[str, str]]:

@@ -53,6 +53,7 @@ def _in_short(state: BenchState) -> dict[str, Any]:
         "simulated": state.simulated,
         "state": state.state,
         "fault": state.fault,
+        "remedy": state.remedy,
         "trips": [trip.model_dump() for trip in state.trips],
         "first_trip": state.first_trip,
         "action": state.trip.action if state.trip is not None else action,

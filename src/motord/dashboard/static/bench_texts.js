@@ -39,6 +39,7 @@ export function troubles(state) {
     ...trips.map((trip) => `${trip.name}: ${trip.meaning}`),
     ...(trips.length && state.action ? [`What to do: ${state.action}; then reset`] : []),
     ...(state.fault ? [state.fault] : []),
+    ...(state.remedy ? [`What to do: ${state.remedy}`] : []),
   ];
 }
 

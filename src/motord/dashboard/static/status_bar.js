@@ -38,7 +38,8 @@ export class StatusBar {
     setAttribute(byId("state"), "data-state", state.state);
     setText(byId("state-sign"), known.sign);
     setText(byId("state-name"), state.state);
-    setText(byId("state-meaning"), state.fault || this._meaning(state, known.meaning));
+    const trouble = [state.fault, state.remedy].filter(Boolean).join("; ");
+    setText(byId("state-meaning"), trouble || this._meaning(state, known.meaning));
     setText(byId("motor"), state.motor + (state.simulated ? " \u00b7 simulated" : ""));
     setAttribute(byId("identity"), "title", `${state.bench}: ${byId("motor").textContent}`);
     this._trips(state);

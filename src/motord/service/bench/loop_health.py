@@ -1,6 +1,6 @@
 """Whether there is a loop, and whether it lives."""
 
-from motord.api.descriptions import LOOP_STUCK
+from motord.api.descriptions import ENDED_REMEDY, HANGING_REMEDY, LOOP_STUCK
 from motord.config.timing import CONNECT_MAX_S
 from motord.kernel_cache import COMPILING_S
 
@@ -25,6 +25,15 @@ class LoopHealth:
         self.stalled = False
         self._without_ns = 0  # newest look at which no loop was up
         self._not_starting_ns: int | None = None  # newest look at which none was starting
+
+    @property
+    def remedy(self) -> str:
+        """What to do about a loop that hangs or has ended; "" about one that runs or starts."""
+        if self.starting:
+            return ""
+        if self.stalled:
+            return HANGING_REMEDY
+        return ENDED_REMEDY if self.fault else ""
 
     def starts(self) -> None:
         """A loop was started and is not up yet."""

@@ -114,6 +114,7 @@ class Publisher:
             uptime_s=round((now_ns - self.started_ns) / 1e9, 1),
             state=bench.state.name,
             fault=bench.fault,
+            remedy=bench.loop.remedy,
             trips=trips,
             first_trip=first,
             trip=bench.monitor.trip,

@@ -1,6 +1,6 @@
 """Preconditions on the bench, for `dispatcher.handles`: each raises RpcError unless it is met."""
 
-from motord.api.descriptions import ENDED_REMEDY, HANGING_REMEDY, trip_text
+from motord.api.descriptions import trip_text
 from motord.api.errors import Code, RpcError
 from motord.schema import Request, State
 from motord.sequencing import Plan
@@ -17,10 +17,8 @@ def loop_up(bench: Bench) -> None:
     """
     if bench.loop.starting:
         raise RpcError("refused", f"{bench.loop.fault}: it is starting; try again in a moment")
-    if bench.loop.stalled:
-        raise RpcError("refused", f"{bench.fault}; {HANGING_REMEDY}")
-    if bench.loop.fault:
-        raise RpcError("refused", f"{bench.loop.fault}; {ENDED_REMEDY}")
+    if remedy := bench.loop.remedy:
+        raise RpcError("refused", f"{bench.fault}; {remedy}")
     if bench.monitor.last is None:
         why = "the loop has published no tick yet; try again in a moment"
         raise NotYetError("refused", why, 2e-9 * STALLED_NS)

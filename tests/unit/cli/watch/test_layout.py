@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.api.descriptions import bridge_action
+from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT, bridge_action
 from motord.api.messages import Event
 from motord.cli.bench.watch import layout
 from motord.cli.bench.watch.glyphs import ASCII, UNICODE
@@ -203,6 +203,10 @@ def test_before_the_first_tick_there_are_no_values():
     [
         ({"faults": {"publisher": "publisher: no memory"}}, "fault        publisher: no memory"),
         ({"fault": "the loop ended", "state": "OFF"}, "the loop ended"),
+        (
+            {"fault": LOOP_SILENT, "remedy": HANGING_REMEDY},
+            f"do this      {HANGING_REMEDY} (key r)",
+        ),
         (
             {"processes": {"loop": {"pid": None, "running": False, "restarts": 0, "exit": "9"}}},
             "process      loop does not run: 9",

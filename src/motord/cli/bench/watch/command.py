@@ -117,6 +117,8 @@ def in_one_line(state: "BenchState") -> str:
     parts += wording.causes(state)
     if state.fault:
         parts.append(state.fault)
+    if state.remedy:
+        parts.append(state.remedy)
     return "; ".join(parts)
 
 

@@ -18,7 +18,7 @@ def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]
     known = [panels.drive_state(seen, width, glyphs)]
     room = height - 1 - len(bottom)
     if seen.state is not None:
-        known += panels.trip(seen.state, width, glyphs) + panels.faults(seen.state)
+        known += panels.trip(seen.state, width, glyphs) + panels.faults(seen.state, width)
         known += _body(seen, width, room - len(known), glyphs)
     known = [*known, *[Text()] * (room - len(known))][: max(room, 1)]
     if seen.stale:

@@ -99,9 +99,10 @@ def wrapped(label: str, text: str, width: int, style: str = "none") -> list[Text
     return [row(label if number == 0 else "", (part, style)) for number, part in enumerate(parts)]
 
 
-def faults(state: BenchState) -> list[Text]:
-    """Return what is wrong with parts of the daemon; nothing if all is well."""
-    lines = [row("fault", (text, "bold")) for text in state.faults.values()]
+def faults(state: BenchState, width: int) -> list[Text]:
+    """Return what is wrong with parts of the daemon, and what to do; nothing if all is well."""
+    lines = wrapped("do this", f"{state.remedy} (key r)", width) if state.remedy else []
+    lines += [row("fault", (text, "bold")) for text in state.faults.values()]
     lines += [
         row("process", (f"{name} does not run: {process.exit or 'ended'}", "bold"))
         for name, process in state.processes.items()
