@@ -135,4 +135,5 @@ def plus_minus(value: float, half_width: float, sign: str = "+-") -> str:
     if not (isfinite(half_width) and half_width > 0):
         return f"{value:.4g} {sign} {half_width:.2g}"
     decimals = max(decimals_of(half_width), 0)
-    return f"{value:.{decimals}f} {sign} {half_width:.{decimals}f}"
+    rounded = round(value, decimals) + 0.0  # -0.0 + 0.0 is 0.0
+    return f"{rounded:.{decimals}f} {sign} {half_width:.{decimals}f}"

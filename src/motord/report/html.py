@@ -30,7 +30,7 @@ h3{font-size:1.05rem;margin:1.75rem 0 .25rem}
 p{margin:.5rem 0;max-width:46rem}
 .lead{color:var(--soft);margin-bottom:1rem}
 figure{margin:1rem 0 1.5rem;break-inside:avoid}
-figure svg{display:block;width:100%;height:auto}
+figure svg{display:block;width:100%;min-width:36rem;height:auto}
 figcaption{color:var(--soft);font-size:.9rem;max-width:46rem;margin-top:.25rem}
 .wide{overflow-x:auto}
 table{border-collapse:collapse;margin:1rem 0;font-size:.92rem;break-inside:avoid}
@@ -51,6 +51,7 @@ table:not(.numbers) td:last-child{overflow-wrap:anywhere}
 .missing{border:2px solid var(--serious);border-left-width:.4rem}.missing b{color:var(--serious);
  font-size:1.1rem}
 ul{margin:.5rem 0;padding-left:1.2rem;max-width:46rem}
+@media print{figure svg{min-width:0}}
 @media print{body{font-size:11px}main{max-width:none;padding:0}h2{break-after:avoid}}
 """
 
@@ -107,12 +108,14 @@ def _as_box(finding: Finding) -> str:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith(("?", ".")) else ".")
+    named = "_" in text.partition(" ")[0]  # a channel or a key, which has no other spelling
+    begun = text if named else f"{text[:1].upper()}{text[1:]}"
+    return begun + ("" if text.endswith(("?", ".")) else ".")
 
 
 def escape(text: str) -> str:
-    """Return text as markup, with the plus-minus sign that a terminal may not have."""
-    return escape_markup(text).replace(" +- ", " \u00b1 ")
+    """Return text as markup, with the plus-minus sign; no line ends within an interval."""
+    return escape_markup(text).replace(" +- ", "\u00a0\u00b1\u00a0").replace("+-", "\u00b1")
 
 
 class Markup(str):

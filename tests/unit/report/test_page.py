@@ -83,9 +83,9 @@ def test_key_figures_and_tables(html: str) -> None:
     assert "<b>6.5 %</b>" in html
     assert "<b>0.15 %</b>" in html
     assert "<b>43 \u00d7</b>" in html
-    assert "0.8008 \u00b1 0.0020" in html
+    assert "0.8008\u00a0\u00b1\u00a00.0020" in html
     assert "<td>0.8000</td>" in html  # the truth has no error
-    assert "100.0 \u00b1 2.0" in html
+    assert "100.0\u00a0\u00b1\u00a02.0" in html
 
 
 def test_pictures_are_sound_svg_with_colours_by_meaning(html: str) -> None:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.result import Alignment
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, INK, figure
 
@@ -21,6 +22,15 @@ DOTS = 4000
 def report(result: Alignment, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Phase order, encoder direction and zero", recordings.subject.lead)
+    zero = plus_minus(result.offset_rad, result.offset_half_width_rad)
+    page.cards(
+        [
+            (result.phase_order, "phase order"),
+            (f"{result.direction:+d}", "encoder direction"),
+            (f"{zero} rad", "encoder zero, 95 %"),
+        ]
+    )
+    page.paragraph(f"{result.agreement[0].upper()}{result.agreement[1:]}.")
     page.table([], recordings.facts)
     page.heading("Encoder and phases, found by turning a current vector")
     page.table(
@@ -37,7 +47,6 @@ def report(result: Alignment, recordings: Recordings) -> Page:
             f"The rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn.",
             f"Friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest, RMS, which takes a "
             f"single stop {result.friction_points:.2f} encoder points off.",
-            f"{result.agreement[0].upper()}{result.agreement[1:]}.",
         ]
     )
     _pictures(page, result)
@@ -85,8 +94,8 @@ def rests(result: Alignment) -> Figure:
     with figure(3.2) as picture:
         left, right = picture.subplots(1, 2)
         for axes, values, label in (
-            (left, points * result.deviation_rad, "deviation from the vector"),
-            (right, points * result.residual_rad, "residual of the fit"),
+            (left, points * result.deviation_rad, "deviation"),
+            (right, points * result.residual_rad, "residual"),
         ):
             for which, style in _kinds(still):
                 axes.plot(electrical_deg[which], values[which], **style)

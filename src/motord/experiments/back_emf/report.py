@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.back_emf.result import ElectricalHarmonic, MeasuredBackEmf
 from motord.experiments.driven_rotor import left_out_lines
 from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor, plus_minus
@@ -18,6 +18,8 @@ PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
 def report(found: MeasuredBackEmf, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Back-EMF of a driven rotor", recordings.subject.lead)
+    fundamental = f"{_amplitude(found.harmonics[0])} mV s/rad"
+    page.cards([(fundamental, "fundamental of a phase, peak, 95 %")])
     page.table([], recordings.facts)
     fill(page, found)
     return page
@@ -49,10 +51,7 @@ def rows(found: MeasuredBackEmf) -> list[list[str]]:
     return [
         [
             str(h.order),
-            plus_minus(
-                1e3 * h.amplitude_V_s_per_rad,
-                1e3 * coverage_factor(h.degrees_of_freedom) * h.stderr_V_s_per_rad,
-            ),
+            _amplitude(h),
             f"{100 * h.amplitude_V_s_per_rad / found.fundamental:.3f}",
             plus_minus(
                 h.phase_rad, coverage_factor(h.phase_degrees_of_freedom) * h.phase_stderr_rad
@@ -61,6 +60,11 @@ def rows(found: MeasuredBackEmf) -> list[list[str]]:
         for h in found.harmonics
         if h.in_table
     ]
+
+
+def _amplitude(harmonic: ElectricalHarmonic) -> str:
+    half_width = coverage_factor(harmonic.degrees_of_freedom) * harmonic.stderr_V_s_per_rad
+    return plus_minus(1e3 * harmonic.amplitude_V_s_per_rad, 1e3 * half_width)
 
 
 def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:

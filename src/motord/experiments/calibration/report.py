@@ -37,7 +37,8 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     """
     c = found.calibration
     page = Page("Calibration of torque ripple", recordings.subject.lead)
-    ripple.fill_key_figures(page, *ripple.before_and_after(found.result.ripples))
+    errors = ripple.before_and_after(found.result.ripples)
+    ripple.fill_key_figures(page, *errors, _predicted(c.cramer_rao))
     ripple.fill(page, found.result.ripples, recordings.subject.motor)
     estimates = [(f"{each.method} estimator", each) for each in found.both()]
     more = [added.order for added in c.added_orders]
@@ -57,6 +58,13 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     ]
     page.table((), [*recordings.facts, *rows])
     return page
+
+
+def _predicted(bound: CramerRao | None) -> list[tuple[str, str]]:
+    if bound is None:
+        return []
+    left, upper = two_digits(bound.ripple_percent), two_digits(bound.ripple_upper_percent)
+    return [(f"{left} %", f"predicted by errors of Type A, below {upper} % (95 %)")]
 
 
 def _temperatures(page: Page, recordings: Recordings) -> None:

@@ -25,6 +25,13 @@ CURVE_POINTS = 4096
 def report(measured: MeasuredCogging, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Cogging torque of a driven rotor", recordings.subject.lead)
+    figures = [
+        (f"{one.cells[1]} mNm", f"order {one.order}, the main one, 95 %")
+        for one in measured.harmonics
+        if one.order == measured.main_order
+    ]
+    peak_to_peak_mNm = 1e3 * np.ptp(measured.tau_cog_Nm)
+    page.cards([*figures, (f"{peak_to_peak_mNm:.4g} mNm", "peak to peak over a turn")])
     page.table([], recordings.facts)
     fill(page, measured)
     return page
@@ -45,8 +52,8 @@ def fill(page: Page, measured: MeasuredCogging) -> None:
             [(_at(s.measured), np.abs(s.measured.spectrum_Nm)) for s in speeds], _allowed(measured)
         ),
         "Amplitude (Nm) at each order of the turn, at each speed, freed of the sensor's response "
-        "(Poels 2008, Figure 3.2). Marked: the orders that slots and poles allow. What is between "
-        "them is noise.",
+        "(Poels 2008, Figure 3.2). Marked: the orders that slots and poles allow. Between them is "
+        "noise, but for the orders that the table has from neither.",
     )
     page.picture(
         averaged(measured.tau_cog_Nm, measured.main_order),
@@ -159,7 +166,7 @@ def _comparison(page: Page, measured: MeasuredCogging, other: Comparison) -> Non
     magnitude = np.abs(other.magnitude_percent).max() if other.order.size else float("nan")
     points = np.abs(other.phase_points).max() if other.order.size else float("nan")
     page.table(
-        ["largest difference", "here", "report"],
+        ["largest difference", "here", "Poels 2008"],
         [
             ["in time (% of peak)", f"{worst:.2f}", "8"],
             ["magnitude of a harmonic (%)", f"{magnitude:.2f}", "0.5"],

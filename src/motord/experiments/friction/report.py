@@ -32,6 +32,12 @@ LINE_SAMPLES = 4
 def report(found: Friction, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Friction of the free rotor", recordings.subject.lead)
+    page.cards(
+        [
+            (f"{one.parts['Coulomb (mNm)']} mNm", f"Coulomb friction {one.direction}, 95 %")
+            for one in found.directions
+        ]
+    )
     page.table([], recordings.facts)
     page.heading("Friction torque over speed")
     page.picture(

@@ -1,6 +1,7 @@
 """The report of learning: ripple over the mesh before and after, and pass by pass."""
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,6 +21,8 @@ from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, figu
 _TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER, BEFORE])
 """Colours from the lowest to the highest torque."""
 
+PASS_NUMBERS = 15
+"""So many numbers of passes have room below a picture."""
 LEAST_PERCENT = 0.02
 """Smallest error that is drawn: less cannot be separated from none."""
 
@@ -98,10 +101,12 @@ def _colours(points: Sequence[TorqueSpeed]) -> dict[float, tuple[float, float, f
     return dict(zip(torques_Nm, map(_TORQUES, places), strict=True))
 
 
-def _legend(axes: Axes, colours: Mapping[float, tuple[float, float, float, float]]) -> None:
+def _legend(
+    picture: Figure, axes: Axes, colours: Mapping[float, tuple[float, float, float, float]]
+) -> None:
     for torque_Nm, colour in colours.items():
         axes.plot([], [], color=colour, marker="o", markersize=4, label=f"{torque_Nm:g} Nm")
-    axes.legend(loc="upper right", ncols=min(len(colours), 5))
+    picture.legend(loc="outside upper right", ncols=min(len(colours), 8))
 
 
 def convergence(passes: Mapping[TorqueSpeed, Sequence[float]]) -> Figure:
@@ -118,17 +123,17 @@ def convergence(passes: Mapping[TorqueSpeed, Sequence[float]]) -> Figure:
         axes.axhline(1.0, color=INK, linewidth=0.8)
         axes.axhline(0.2, color=SOFT, linewidth=0.8, linestyle=(0, (4, 3)))
         longest = max(len(errors) for errors in passes.values())
-        axes.set_xticks(range(1, longest + 1))
+        axes.set_xticks(range(1, longest + 1, ceil(longest / PASS_NUMBERS)))
         largest = max(max(errors) for errors in passes.values())
         axes.set(
             xlabel="pass",
             ylabel="RMS error (% of rated)",
-            ylim=(0.9 * LEAST_PERCENT, 2.5 * largest),
+            ylim=(0.9 * LEAST_PERCENT, 1.5 * largest),
         )
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
-        _legend(axes, colours)
+        _legend(picture, axes, colours)
         return picture
 
 
@@ -143,5 +148,5 @@ def corrections(orders: Sequence[int], points: Mapping[TorqueSpeed, LearnedPoint
                 markersize=3, linestyle="none", alpha=0.8,
             )  # fmt: skip
         axes.set(ylim=(0, None), xlim=(0, None), xlabel="order per turn", ylabel="correction (mNm)")
-        _legend(axes, colours)
+        _legend(picture, axes, colours)
         return picture

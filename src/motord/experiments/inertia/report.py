@@ -14,6 +14,7 @@ from motord.experiments.inertia.plots import (
 )
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.html import Page
 
 UNIT = "10\u207b\u00b3 kg m\u00b2"
@@ -24,12 +25,8 @@ def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     page = Page("Moment of inertia", recordings.subject.lead)
     name = "oscillation" if isinstance(found, Oscillation) else "acceleration"
     percent = 100 * found.half_width_kg_m2 / found.inertia_kg_m2
-    page.cards(
-        [
-            (f"{grams(found.inertia_kg_m2)} {UNIT}", f"by {name}"),
-            (f"\u00b1 {percent:.2g} %", f"95 %, by {name}"),
-        ]
-    )
+    inertia = plus_minus(1e3 * found.inertia_kg_m2, 1e3 * found.half_width_kg_m2)
+    page.cards([(f"({inertia}) \u00b7 {UNIT}", f"by {name}, 95 %: \u00b1 {percent:.2g} %")])
     fill(page, found)
     page.heading("About these figures")
     rows = recordings.facts

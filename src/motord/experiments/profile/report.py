@@ -15,8 +15,8 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
     page = Page("Profile of torque and speed", recordings.subject.lead)
     page.cards(
         [
-            (f"{found.speed_rms_Hz.value:.3g} turns/s", "speed error, RMS"),
-            (f"{found.torque_rms_Nm.value:.3g} Nm", "torque error, RMS"),
+            (f"{found.speed_rms_Hz.text()} turns/s", "speed error, RMS"),
+            (f"{found.torque_rms_Nm.text()} Nm", "torque error, RMS"),
             (f"{found.energy_J.text()} J", "mechanical energy of a cycle"),
         ]
     )

@@ -71,8 +71,10 @@ def _curve(ripple: PointRipple) -> TorqueCurve:
     )
 
 
-def fill_key_figures(page: Page, before: Errors, after: Errors) -> None:
-    """Add mean errors, the worst one and their ratio as key figures."""
+def fill_key_figures(
+    page: Page, before: Errors, after: Errors, more: Sequence[tuple[str, str]] = ()
+) -> None:
+    """Add mean errors, the worst one and their ratio as key figures, and `more`."""
     figures = []
     for values, when in ((before, "before"), (after, "after")):
         if values:
@@ -84,8 +86,8 @@ def fill_key_figures(page: Page, before: Errors, after: Errors) -> None:
     if before and after:
         ratio = np.mean(list(before.values())) / np.mean(list(after.values()))
         figures.append((f"{ratio:.0f} \u00d7", "smoother on average"))
-    if figures:
-        page.cards(figures)
+    if figures or more:
+        page.cards([*figures, *more])
 
 
 def fill_mesh(page: Page, before: Errors, after: Errors, torque_meaning: str = MEASURED) -> None:
