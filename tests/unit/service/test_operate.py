@@ -7,7 +7,7 @@ from motord.api.errors import RpcError
 from motord.config.faults import Fault
 from motord.kernel_cache import COMPILING_S
 from motord.schema import Request, State, Trip
-from motord.service.bench.loop_health import STARTING_NS
+from motord.service.bench.loop_health import STARTING_NS, LoopHealth
 from motord.service.rpc.operation import LOOP_START_S
 from tests.unit.service.virtual_service import VirtualService
 
@@ -475,6 +475,18 @@ def test_a_loop_that_never_publishes_a_tick_is_silent_too(service):
     assert service.bench.fault == "the loop publishes no ticks"
     service.begin("reset", token=token)
     assert service.kills == 1
+
+
+def test_a_loop_that_is_started_again_has_as_long_to_come_up_as_the_first(service):
+    """However long the one before it ran: a reset starts it before anybody looks again."""
+    health, now_ns = LoopHealth(), STARTING_NS
+    health.watch(0, 0)
+    health.up()
+    assert health.watch(now_ns, now_ns) == ""
+    health.ended("the loop ended: killed by SIGKILL")
+    health.starts()
+    assert health.watch(now_ns + STARTING_NS, now_ns) == ""
+    assert health.watch(now_ns + STARTING_NS + 1, now_ns) == "the loop does not come up"
 
 
 def test_a_loop_that_does_not_come_up_can_be_reset(service):

@@ -49,19 +49,19 @@ class LoopHealth:
 
     def watch(self, now_ns: int, read_ns: int) -> str:
         """Return what has gone wrong by now, once; `read_ns` is when the newest tick was read."""
+        if self._not_starting_ns is None or not self.starting:
+            self._not_starting_ns = now_ns
         if self.fault:
-            return self._watch_start(now_ns)
+            return self._watch_start(now_ns, self._not_starting_ns)
         before = self.stalled
         self.stalled = now_ns - max(read_ns, self._without_ns) > STALLED_NS
         if not self.stalled or before:
             return ""
         return f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
 
-    def _watch_start(self, now_ns: int) -> str:
+    def _watch_start(self, now_ns: int, not_starting_ns: int) -> str:
         self._without_ns = now_ns
-        if self._not_starting_ns is None or not self.starting:
-            self._not_starting_ns = now_ns
-        elif now_ns - self._not_starting_ns > STARTING_NS:
+        if now_ns - not_starting_ns > STARTING_NS:
             self.fault, self.starting, self.stalled = LOOP_STUCK, False, True
             return LOOP_STUCK
         return ""
