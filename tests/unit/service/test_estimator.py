@@ -1,17 +1,20 @@
 """A plan's estimator: ticks of captures out of the ring, its process, and the supervisor's end."""
 
 import json
+import math
 import os
 import select
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
-from motord.config import load, packaged
+from motord.config import load
 from motord.recorder.launch import spawn_piped
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.sequencing import Plan
@@ -21,16 +24,12 @@ from motord.service.estimator.link import ENDED, ESTIMATOR, EstimatorLink
 from motord.service.estimator.process import CaptureTicks
 from motord.service.estimator.protocol import PrecisionReport
 from motord.service.host import scheduling
-from motord.service.host.children import Children
-from motord.service.host.events import EventLog
-from motord.service.processes import PROCESSES
-from motord.shm.ring import RingReader, RingWriter
+from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from tests.support.patience import PATIENCE_S
 from tests.support.played_process import PlayedProcess
-
-CONFIG = packaged("sim.toml")
-[ROW] = (row for row in PROCESSES if row.name == ESTIMATOR)
+from tests.unit.service import linked_process
+from tests.unit.service.linked_process import CONFIG, LinkedProcess
 
 
 class Counting:
@@ -56,16 +55,8 @@ COUNTING = f"{__name__}:Counting"
 
 
 def plan(estimator=COUNTING):
-    return Plan(
-        "p",
-        (),
-        iter,
-        float,
-        {},
-        estimator=estimator,
-        estimator_options=OPTIONS,
-        targets={"ticks": 1.0},
-    )
+    about = {"estimator_options": OPTIONS, "targets": {"ticks": 1.0}}
+    return Plan("p", (), iter, float, {}, estimator=estimator, **about)
 
 
 def publish(ring, first, points):
@@ -78,18 +69,6 @@ def publish(ring, first, points):
 
 def captured(first, last, index=0):
     return {"index": index, "tick_start": first, "tick_end": last}
-
-
-@pytest.fixture
-def run_dir(tmp_path):
-    made = RunDir("bench", tmp_path)
-    made.create()
-    return made
-
-
-@pytest.fixture
-def ring(run_dir):
-    return RingWriter(run_dir.ring, 64)
 
 
 def follow(run_dir, **bounds):
@@ -295,27 +274,11 @@ class Played(PlayedProcess):
         self.say(json.dumps(about).encode())
 
 
-class Linked:
-    """A link, and the processes that it has started."""
+class Linked(LinkedProcess):
+    """The estimator's link, and processes that are played."""
 
     def __init__(self):
-        self.started, self.now_ns, self.why = [], 0, None
-        self.events = EventLog(lambda: 0)
-        self.children = Children([ROW], self._start)
-        self.link = EstimatorLink(self.children, self.events)
-
-    def _start(self, row):
-        if self.why is not None:
-            raise self.why
-        self.started.append(Played())
-        return self.started[-1]
-
-    def step(self):
-        """A step of the supervisor; return how children have ended."""
-        self.now_ns += 10_000_000
-        ends = [end.how for end in self.children.poll(self.now_ns)]
-        self.link.step(self.now_ns)
-        return ends
+        super().__init__(ESTIMATOR, EstimatorLink, lambda row: Played())
 
     def begin(self, *about):
         """Begin a plan; return its process and the run that it is to report."""
@@ -332,9 +295,7 @@ class Linked:
 def linked():
     made = Linked()
     yield made
-    made.link.stop()
-    for each in made.started:
-        each.close()
+    made.close()
 
 
 def test_a_plan_without_an_estimator_starts_nothing(linked):
@@ -393,7 +354,7 @@ def test_a_process_that_dies_is_an_obstacle_and_no_other_is_started(linked):
     played, run = linked.begin()
     played.report(run, 3, half_widths={"ticks": 0.1})
     played.code = -signal.SIGKILL
-    assert linked.step() == ["killed by SIGKILL"]
+    assert linked.step() == [("killed by SIGKILL", None)]
     known = linked.link.precision
     assert (known.captures, known.half_widths, known.obstacle) == (3, {"ticks": 0.1}, ENDED)
     assert not known.reaches({"ticks": 1.0})
@@ -421,100 +382,37 @@ def test_a_process_that_cannot_be_started_is_an_obstacle(linked):
     linked.link.begin(plan())
     linked.step()
     assert linked.link.precision.obstacle == ENDED
-    assert linked.step() == ["it cannot be started: Cannot allocate memory"]
+    assert linked.step() == [("it cannot be started: Cannot allocate memory", None)]
     linked.link.captured(captured(0, 4))
     linked.link.end()
     assert linked.step() == []
 
 
 @pytest.mark.parametrize(
-    "garbage",
+    "changes",
     [
-        b"\xff\xfe nonsense", b"{}", b"[" * 1000, b'{"run": 1}', b"x" * 100_000,
-        b'{"run":"R","captures":1,"half_widths":{"ticks":-1.0},"obstacle":""}',
-        b'{"run":"R","captures":1,"half_widths":{"ticks":NaN},"obstacle":""}',
-        b'{"run":"R","captures":1,"half_widths":{"ticks":Infinity},"obstacle":""}',
-        b'{"run":"R","captures":1,"half_widths":{"ticks":"0"},"obstacle":""}',
-        b'{"run":"R","captures":1,"half_widths":{},"obstacle":"","more":1}',
+        {"half_widths": {"ticks": -1.0}},
+        {"half_widths": {"ticks": math.nan}},
+        {"half_widths": {"ticks": math.inf}},
+        {"half_widths": {"ticks": "0"}},
+        {"more": 1},
     ],
-    ids=lambda line: line[:20].decode(errors="replace"),
-)  # fmt: skip
-def test_garbage_is_counted_and_changes_nothing(linked, garbage):
-    played, run = linked.begin()
-    os.set_blocking(played.reports, False)
-    left = garbage.replace(b"R", run.encode()) + b"\n"
-    while left:
-        left = left[os.write(played.reports, left) :]
-        linked.step()
-    linked.step()
-    assert linked.link.precision is None
-    assert linked.children.views()[ESTIMATOR].bad_messages == 1
-    played.report(run, 1)
-    linked.step()
-    assert linked.link.precision == Precision(1)
-
-
-def test_a_flood_ends_it(linked):
-    played, _ = linked.begin()
-    for _ in range(100):
-        played.say(b"\n" * 1000)
-        linked.step()
-        if played.code is not None:
-            break
-    assert played.code == -signal.SIGKILL
-    assert linked.step() == ["killed by SIGKILL"]
-    assert linked.link.precision.obstacle == ENDED
-
-
-def test_a_process_that_takes_nothing_is_no_reason_to_wait(linked):
-    played, _ = linked.begin()
-    long = {**captured(0, 4), "more": "x" * 10_000}
-    for _ in range(600):
-        linked.link.captured(long)
-        linked.step()
-    assert linked.children.views()[ESTIMATOR].dropped_messages > 100
-    assert played.code is None
+)
+def test_garbage_is_no_report(changes):
+    report = {"run": "R", "captures": 1, "half_widths": {}, "obstacle": ""}
+    assert PrecisionReport.model_validate_json(json.dumps(report)).captures == 1
+    with pytest.raises(ValidationError):
+        PrecisionReport.model_validate_json(json.dumps({**report, **changes}))
 
 
 # --- the process
 
 
-class Running:
-    """The process on the ring of a test, as the supervisor runs it."""
-
-    def __init__(self, run_dir):
-        self.run_dir, self.pids = run_dir, []
-        self.events = EventLog(lambda: 0)
-        self.children = Children([ROW], self._start)
-        self.link = EstimatorLink(self.children, self.events)
-
-    def _start(self, row):
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, PATHS))}
-        command = self.run_dir.command(row.module, CONFIG)
-        made = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
-        )
-        self.pids.append(made.pid)
-        return made
-
-    def until(self, condition, what):
-        end_s = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < end_s, f"{what}: {self.link.precision}"
-            time.sleep(0.01)
-            self.children.poll(time.monotonic_ns())
-            self.link.step(time.monotonic_ns())
-
-
-ROOT = Path(__file__).parents[3]
-PATHS = (ROOT / "src", ROOT)
-
-
 @pytest.fixture
 def running(run_dir, ring):
-    made = Running(run_dir)
+    made = LinkedProcess(ESTIMATOR, EstimatorLink, partial(linked_process.running, run_dir))
     yield made
-    made.link.stop()
+    made.close()
 
 
 @pytest.mark.system
@@ -523,15 +421,15 @@ def test_the_process_reports_steps_back_and_ends_with_the_plan(running, ring):
     running.link.step(0)
     publish(ring, 0, [-1] * 3 + [0] * 5)
     running.link.captured(captured(3, 7))
-    running.until(lambda: running.link.precision, "a first report")
+    running.until(lambda: running.link.precision)
     assert running.link.precision == Precision(1, {"ticks": 5.0}, remark="counted")
-    [pid] = running.pids
+    pid = running.started[0].pid
     assert os.getpriority(os.PRIO_PROCESS, pid) == scheduling.BACKGROUND_NICE
     os.kill(pid, signal.SIGSTOP)
     running.link.captured(captured(3, 7))
     running.link.end()
     running.link.step(0)  # waits for nothing
-    running.until(lambda: not Path(f"/proc/{pid}").exists(), "its end")
+    running.until(lambda: not Path(f"/proc/{pid}").exists())
     assert running.events.recent() == []
 
 

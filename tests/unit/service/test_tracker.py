@@ -3,24 +3,21 @@
 import json
 import os
 import signal
-import subprocess
 import threading
 import time
 from concurrent.futures import Future
-from pathlib import Path
+from functools import partial
 
 import pytest
+from pydantic import ValidationError
 
 from motord.api.tracking_messages import TrackedView, TrackingView
 from motord.calibration import CalibrationError, load
 from motord.config import load as load_bench
-from motord.config import packaged
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.host import scheduling
-from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.service.processes import PROCESSES
 from motord.service.tracker import process
 from motord.service.tracker.link import (
     ENDED,
@@ -36,28 +33,14 @@ from motord.service.tracker.link import (
 )
 from motord.service.tracker.protocol import TrackerReport
 from motord.shm.ring import RingWriter
-from motord.shm.run_directory import RunDir
 from tests.support.counting_tracker import CountingTracker
 from tests.support.patience import PATIENCE_S
 from tests.support.played_process import PlayedProcess
+from tests.unit.service import linked_process
+from tests.unit.service.linked_process import STEP_NS, LinkedProcess
 from tests.unit.service.test_installation import calibration, put_in_force
 
-CONFIG = packaged("sim.toml")
 COUNTING = "tests.support.counting_tracker:CountingTracker"
-STEP_NS = 10_000_000
-[ROW] = (row for row in PROCESSES if row.name == TRACKER)
-
-
-@pytest.fixture
-def run_dir(tmp_path):
-    made = RunDir("bench", tmp_path)
-    made.create()
-    return made
-
-
-@pytest.fixture
-def ring(run_dir):
-    return RingWriter(run_dir.ring, 64)
 
 
 @pytest.fixture
@@ -219,29 +202,12 @@ class Played(PlayedProcess):
         self.report(tracked=tracked)
 
 
-class Linked:
-    """A link, and the processes that it has started."""
+class Linked(LinkedProcess):
+    """The tracker's link, and the processes that it has started."""
 
-    def __init__(self, store):
-        self.started, self.now_ns, self.why, self.store = [], 0, None, store
-        self.events = EventLog(lambda: 0)
-        self.children = Children([ROW], self._start)
-        self.link = TrackerLink(store, self.children, self.events, COUNTING)
-
-    def _start(self, row):
-        if self.why is not None:
-            raise self.why
-        self.started.append(Played())
-        return self.started[-1]
-
-    def step(self, seconds=0.01):
-        """Let time pass in steps of the supervisor; return how children have ended."""
-        ends = []
-        for _ in range(round(seconds * 1e9 / STEP_NS)):
-            self.now_ns += STEP_NS
-            ends += [(end.how, end.again_s) for end in self.children.poll(self.now_ns)]
-            self.link.step(self.now_ns)
-        return ends
+    def __init__(self, store, start=lambda row: Played()):
+        self.store = store
+        super().__init__(TRACKER, partial(TrackerLink, store, implementation=COUNTING), start)
 
     def installed(self, **changes):
         """Install a calibration; return its id and its process."""
@@ -251,17 +217,12 @@ class Linked:
         assert played.begun() == {"do": "start", "tracker": COUNTING, "calibration": str(path)}
         return path.stem, played
 
-    def messages(self, kind):
-        return [event.message for event in self.events.recent() if event.kind == kind]
-
 
 @pytest.fixture
 def linked(store):
     made = Linked(store)
     yield made
-    made.link.stop()
-    for each in made.started:
-        each.close()
+    made.close()
 
 
 def test_nothing_runs_without_a_calibration(linked):
@@ -389,17 +350,14 @@ def tracked_line(*quantities, unseen="[]", more=""):
     ).encode()  # fmt: skip
 
 
-def test_the_line_that_garbage_is_made_of_is_good(linked):
-    name, played = linked.installed()
-    played.say(tracked_line(quantity()).replace(b"C", name.encode()))
-    linked.step()
-    assert linked.link.view.turns == 5
+def test_the_line_that_garbage_is_made_of_is_good():
+    assert TrackerReport.model_validate_json(tracked_line(quantity())).tracked.turns == 5
 
 
 @pytest.mark.parametrize(
     "garbage",
     [
-        b"\xff\xfe nonsense", b"{}", b"[" * 1000, b'{"run": 1}', b"x" * 100_000,
+        b"{}",
         tracked_line(quantity(value=float("nan"))),
         tracked_line(quantity(value=float("inf"))),
         tracked_line(quantity(half_width=-0.1)),
@@ -415,36 +373,11 @@ def test_the_line_that_garbage_is_made_of_is_good(linked):
         tracked_line(quantity()).replace(b'"obstacle":""', b'"obstacle":"' + b"x" * 1001 + b'"'),
         b'{"tracked":null,"adopted":{"number":1,"obstacle":"","path":"/etc/passwd"}}',
     ],
-    ids=range(19),
+    ids=range(15),
 )  # fmt: skip
-def test_garbage_is_counted_and_changes_nothing(linked, garbage):
-    name, played = linked.installed()
-    os.set_blocking(played.reports, False)
-    left = garbage.replace(b"C", name.encode()) + b"\n"
-    while left:
-        left = left[os.write(played.reports, left) :]
-        linked.step()
-    linked.step()
-    assert linked.link.view.obstacle == NOTHING_YET
-    assert linked.children.views()[TRACKER].bad_messages == 1
-    played.track(name)
-    linked.step()
-    assert linked.link.view.turns == 9
-
-
-def test_a_flood_ends_it_and_the_next_one_is_followed(linked):
-    name, played = linked.installed()
-    for _ in range(100):
-        played.say(b"\n" * 1000)
-        linked.step()
-        if played.code is not None:
-            break
-    assert played.code == -signal.SIGKILL
-    linked.step(1.0)
-    linked.started[-1].begun()
-    linked.started[-1].track(name)
-    linked.step()
-    assert linked.link.view.turns == 9
+def test_garbage_is_no_report(garbage):
+    with pytest.raises(ValidationError):
+        TrackerReport.model_validate_json(garbage)
 
 
 # --- departures
@@ -646,41 +579,11 @@ def test_who_asks_when_the_daemon_ends_is_answered_at_once(linked):
 # --- the process
 
 
-ROOT = Path(__file__).parents[3]
-
-
-class Running(Linked):
-    """The process on the ring of a test, as the supervisor runs it."""
-
-    def __init__(self, store, run_dir):
-        super().__init__(store)
-        self.run_dir = run_dir
-
-    def _start(self, row):
-        paths = os.pathsep.join(map(str, (ROOT / "src", ROOT)))
-        command = self.run_dir.command(row.module, CONFIG)
-        self.started.append(
-            subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
-                env={**os.environ, "PYTHONPATH": paths},
-            )
-        )  # fmt: skip
-        return self.started[-1]
-
-    def until(self, condition):
-        end_s = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < end_s, self.link.view
-            time.sleep(0.01)
-            self.children.poll(time.monotonic_ns())
-            self.link.step(time.monotonic_ns())
-
-
 @pytest.fixture
 def running(store, run_dir):
-    made = Running(store, run_dir)
+    made = Linked(store, partial(linked_process.running, run_dir))
     yield made
-    made.link.stop()
+    made.close()
 
 
 @pytest.mark.system
