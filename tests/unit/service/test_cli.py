@@ -4,6 +4,7 @@ import json
 import re
 import socket
 import threading
+from contextlib import contextmanager
 
 import pytest
 import typer
@@ -56,6 +57,38 @@ def motord(live, monkeypatch, tmp_path):
         return CliRunner().invoke(app, [*arguments, "--bench", "cli", "--connect", live.listen])
 
     return run
+
+
+def given(*settings):
+    return [argument for setting in settings for argument in ("--set", setting)]
+
+
+ONE_POINT = given("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
+
+
+@contextmanager
+def meanwhile(work):
+    """Have another terminal do something; wait for it at the end."""
+    thread = threading.Thread(target=work)
+    thread.start()
+    yield
+    thread.join()
+
+
+@pytest.fixture
+def when_enabled(live):
+    """Return a context in which something is done once the bench is enabled."""
+
+    def context(work):
+        def wait():
+            with connect("cli", live.listen) as client, client.subscribe_state() as states:
+                while states.get(PATIENCE_S).state != "ENABLED":
+                    pass
+                work(client)
+
+        return meanwhile(wait)
+
+    return context
 
 
 def printed(result):
@@ -171,10 +204,8 @@ def test_what_is_set_without_torque_is_held_until_somebody_stops_it(live, motord
             assert 0.5 in (set_point.drive_Hz, set_point.brake)
             client.rpc("stop", by="another terminal")
 
-    thread = threading.Thread(target=stop_when_set)
-    thread.start()
-    result = motord("set", *asked)
-    thread.join()
+    with meanwhile(stop_when_set):
+        result = motord("set", *asked)
     assert result.exit_code == 1
     assert "in command until Ctrl-C; then brake and drive rest" in result.stderr
     assert UNDONE.match(result.stderr.splitlines()[-1])
@@ -218,24 +249,18 @@ def test_set_of_nothing_is_wrong_usage(motord):
 BOX = "/runs/blackbox/blackbox-[cli]-1.mcap"
 
 
-def test_a_trip_ends_the_hold_and_is_reported_with_all_that_helps(live, motord, monkeypatch):
+def test_a_trip_ends_the_hold_and_is_reported_with_all_that_helps(
+    live, motord, monkeypatch, when_enabled
+):
     monkeypatch.setattr(live.bench.monitor, "on_trip", lambda t_ns, tick, account: BOX)
-    seen = threading.Event()
 
-    def trip_when_enabled():
-        with connect("cli", live.listen) as client, client.subscribe_state() as states:
-            while states.get(PATIENCE_S).state != "ENABLED":
-                pass
+    def trip(client):
         memory = live.loop.virtual._memory
         memory["trip_bits"] = memory["first_trip"] = Trip.OVER_SPEED
         memory["state"] = State.TRIPPED
-        seen.set()
 
-    thread = threading.Thread(target=trip_when_enabled)
-    thread.start()
-    result = motord("enable", "--json")
-    thread.join()
-    assert seen.is_set()
+    with when_enabled(trip):
+        result = motord("enable", "--json")
     assert result.exit_code == 1
     assert "the bench is TRIPPED: OVER_SPEED" in result.stderr
     expected = ("OVER_SPEED", "limit 25", "check that the brake answers", "motord reset", BOX)
@@ -250,20 +275,15 @@ def test_a_trip_ends_the_hold_and_is_reported_with_all_that_helps(live, motord, 
     assert printed(motord("reset", "--json")) == {"state": "READY"}
 
 
-def test_a_takeover_ends_the_hold(live, motord):
-    def take_over():
-        with connect("cli", live.listen) as client, client.subscribe_state() as states:
-            while states.get(PATIENCE_S).state != "ENABLED":
-                pass
-            with client.lease("ben", force=True):
-                done.wait(PATIENCE_S)
+def test_a_takeover_ends_the_hold(motord, when_enabled):
+    def take_over(client):
+        with client.lease("ben", force=True):
+            done.wait(PATIENCE_S)
 
     done = threading.Event()
-    thread = threading.Thread(target=take_over)
-    thread.start()
-    result = motord("enable")
-    done.set()
-    thread.join()
+    with when_enabled(take_over):
+        result = motord("enable")
+        done.set()
     assert result.exit_code == 1
     assert "ben took over command" in result.stderr
 
@@ -292,8 +312,8 @@ def test_plans_are_listed_with_their_settings(motord):
 
 
 def test_a_dry_run_shows_points_and_time(motord):
-    arguments = ("plan", "start", "calibrate", "--set", "torques_Nm=1,2", "--set", "speeds_Hz=0.5")
-    arguments = (*arguments, "--dry-run", "--limit-s", "0")
+    settings = given("torques_Nm=1,2", "speeds_Hz=0.5")
+    arguments = ("plan", "start", "calibrate", *settings, "--dry-run", "--limit-s", "0")
     text = motord(*arguments).stdout
     assert "4 points, about" in text  # two of the mesh, two with scaled currents
     outline = printed(motord(*arguments, "--json"))
@@ -306,6 +326,7 @@ def test_settings_that_are_wrong_are_reported(motord):
     assert "[limits] torque_Nm" in failed(result)
     assert motord("plan", "start", "calibrate", "--set", "torques").exit_code == 2
     assert "no plan 'dance'" in failed(motord("plan", "start", "dance", "--dry-run"))
+    assert "no calibration is installed" in failed(motord("plan", "start", "verify", "--dry-run"))
 
 
 def test_a_plan_is_asked_for_without_the_check_if_so_wanted(motord, monkeypatch):
@@ -325,8 +346,8 @@ def test_a_plan_is_asked_for_without_the_check_if_so_wanted(motord, monkeypatch)
 
 @pytest.mark.slow
 def test_a_dry_run_shows_what_would_become_of_each_point(motord):
-    quick = ("--set", "turns=2", "--set", "settle_s=0.2", "--set", "gain_steps=[]")
-    dry = ("plan", "start", "calibrate", "--dry-run", *quick, "--set", "speeds_Hz=0.8,1.0")
+    quick = given("turns=2", "settle_s=0.2", "gain_steps=[]", "speeds_Hz=0.8,1.0")
+    dry = ("plan", "start", "calibrate", "--dry-run", *quick)
     whole = (*dry, *UNHURRIED)
     result = motord(*whole, "--set", "torques_Nm=2")
     assert result.exit_code == 0, result.output
@@ -344,9 +365,9 @@ def test_a_dry_run_shows_what_would_become_of_each_point(motord):
 
 @pytest.mark.slow
 def test_a_dry_run_names_the_trip_of_a_point(motord):
-    tight = ("torques_Nm=1,5", "speeds_Hz=1.0", "settle_timeout_s=0.5", "speed_tolerance=1e-4")
-    given = [argument for setting in (*tight, "gain_steps=[]") for argument in ("--set", setting)]
-    result = motord("plan", "start", "calibrate", "--dry-run", *UNHURRIED, *given)
+    tight = given("torques_Nm=1,5", "speeds_Hz=1.0", "settle_timeout_s=0.5", "speed_tolerance=1e-4")
+    tight += given("gain_steps=[]")
+    result = motord("plan", "start", "calibrate", "--dry-run", *UNHURRIED, *tight)
     assert "2 of 2 points" in failed(result)
     assert "1 Nm, 1 Hz: the speed was still" in result.stdout
 
@@ -357,17 +378,9 @@ def test_a_plan_that_needs_a_hand_is_not_simulated(motord):
     assert "not simulated: somebody has to move the rotor by hand" in result.stdout
 
 
-def test_what_cannot_be_tried_out_is_one_line(motord):
-    dry = ("plan", "start", "--dry-run")
-    assert "torque_Nm = 6" in failed(motord(*dry, "calibrate", "--set", "torques_Nm=9"))
-    assert "no calibration is installed" in failed(motord(*dry, "verify"))
-
-
 @pytest.mark.slow
 def test_a_plan_is_followed_to_its_end(motord):
-    settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
-    given = [argument for setting in settings for argument in ("--set", setting)]
-    result = motord("plan", "start", "calibrate", *given)
+    result = motord("plan", "start", "calibrate", *ONE_POINT)
     assert result.exit_code == 0, result.output
     assert "calibrate: 1 of 1 points" in result.stdout
     assert result.stdout.splitlines()[-1] == "next: motord analyse calibrate /runs/calibrate.mcap"
@@ -376,9 +389,7 @@ def test_a_plan_is_followed_to_its_end(motord):
 
 @pytest.mark.slow
 def test_an_aborted_plan_is_resumed_and_followed_to_its_end(motord):
-    settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
-    given = [argument for setting in settings for argument in ("--set", setting)]
-    assert motord("plan", "start", "calibrate", "--detach", *given).exit_code == 0
+    assert motord("plan", "start", "calibrate", "--detach", *ONE_POINT).exit_code == 0
     motord("stop")
     said = motord("plan", "status").stdout
     assert "calibrate aborted" in said
@@ -465,27 +476,28 @@ def test_what_is_no_setting_is_refused(wrong):
         parse_settings(wrong, {"inner": {}, "hours": 1.0})
 
 
-def test_check_names_what_is_wrong(tmp_path, monkeypatch):
+@pytest.fixture
+def check(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    bench = str(bench_that_records_to(tmp_path / "runs"))
-    result = CliRunner().invoke(app, ["check", "--rt", "--json", "-c", bench])
-    assert result.exit_code == 0, result.output
-    report = json.loads(result.stdout)
+    return lambda bench, *options: CliRunner().invoke(app, ["check", "-c", str(bench), *options])
+
+
+def test_check_names_what_is_wrong(tmp_path, check):
+    bench = bench_that_records_to(tmp_path / "runs")
+    report = printed(check(bench, "--rt", "--json"))
     assert [f["what"] for f in report["findings"]] == [
         "config", "inverter and bridge", "brake", "drive", "endpoints", "recordings",
     ]  # fmt: skip
     assert {"scheduler", "memory lock"} <= {item["name"] for item in report["realtime"]}
-    text = CliRunner().invoke(app, ["check", "--rt", "-c", bench]).stdout
+    text = check(bench, "--rt").stdout
     assert "config: ok, bench sim" in text
     assert "real time: scheduler" in text
 
 
-def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    result = CliRunner().invoke(app, ["check", "-c", str(write_bench(tmp_path))])
-    assert "not ready to run: inverter and bridge, brake, drive" in failed(result)
-    missing = CliRunner().invoke(app, ["check", "-c", str(tmp_path / "no.toml")])
-    assert "no.toml: cannot read it" in failed(missing)
+def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, check):
+    said = failed(check(write_bench(tmp_path)))
+    assert "not ready to run: inverter and bridge, brake, drive" in said
+    assert "no.toml: cannot read it" in failed(check(tmp_path / "no.toml"))
 
 
 def bench_that_records_to(folder, free_min_MB=1, listen=None):
@@ -498,24 +510,21 @@ def bench_that_records_to(folder, free_min_MB=1, listen=None):
     return path
 
 
-def test_check_says_whether_the_daemon_could_listen(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-
-    def check(listen):
-        bench = bench_that_records_to(tmp_path / "runs", listen=listen)
-        result = CliRunner().invoke(app, ["check", "-c", str(bench)])
+def test_check_says_whether_the_daemon_could_listen(tmp_path, check):
+    def found(listen):
+        result = check(bench_that_records_to(tmp_path / "runs", listen=listen))
         return result.exit_code, result.output
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        code, said = check(endpoint)
+        code, said = found(endpoint)
     assert code == 1
     assert f"endpoints: {endpoint}: in use: by a daemon that runs" in said
-    code, said = check(endpoint)
+    code, said = found(endpoint)
     assert (code, f"endpoints: ok, {endpoint}" in said) == (0, True)
-    code, said = check(f"unixsock-stream/{tmp_path}/none/bench.sock")
+    code, said = found(f"unixsock-stream/{tmp_path}/none/bench.sock")
     assert (code, f"no folder {tmp_path}/none; make it first" in said) == (1, True)
-    code, said = check("tcp/127.0.0.1:99999")
+    code, said = found("tcp/127.0.0.1:99999")
     assert code == 1
     assert "zenoh.listen: tcp/127.0.0.1:99999: a port is a number from 1 to 65535" in said
 
@@ -545,18 +554,17 @@ def test_check_says_whether_a_unix_socket_is_in_use(tmp_path, monkeypatch):
     assert "which is no socket; move it away" in found()["message"]
 
 
-def test_check_says_whether_recordings_can_be_written(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_check_says_whether_recordings_can_be_written(tmp_path, check):
     folder = tmp_path / "runs"
-    good = CliRunner().invoke(app, ["check", "-c", str(bench_that_records_to(folder))])
+    good = check(bench_that_records_to(folder))
     assert good.exit_code == 0
     assert f"recordings: ok, {folder}, " in good.output
     assert not folder.exists()
     folder.write_text("in the way of a folder")
-    bad = CliRunner().invoke(app, ["check", "-c", str(bench_that_records_to(folder))])
+    bad = check(bench_that_records_to(folder))
     assert bad.exit_code == 1
     assert f"recordings: {folder}: cannot write there: File exists" in bad.output
     folder.unlink()
-    full = CliRunner().invoke(app, ["check", "-c", str(bench_that_records_to(folder, 1e12))])
+    full = check(bench_that_records_to(folder, 1e12))
     assert full.exit_code == 1
     assert "less than recording.free_min_MB" in full.output
