@@ -56,7 +56,7 @@ def init(
 def _section(folder: Path) -> str:
     names = (
         ("ca", "ca.pem"), ("certificate", "server.pem"), ("key", "server.key"),
-        ("roles", "roles.toml"),
+        ("roles", roles.ROLES),
     )  # fmt: skip
     files = "\n".join(
         f"{key} = {json.dumps(str(folder / name), ensure_ascii=False)}" for key, name in names
@@ -90,7 +90,7 @@ def list_(
 ) -> None:
     """List who has which role, and until when the certificates are good."""
     authority = _authority()
-    given = roles.read(folder / authority.ROLES)
+    given = roles.read(folder / roles.ROLES)
     ends = {"(authority)": folder / "ca.pem", "(daemon)": folder / "server.pem"}
     own = {name: folder / authority.CLIENTS / name / "certificate.pem" for name in given}
     rows = [

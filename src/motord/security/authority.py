@@ -18,13 +18,12 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from motord.security import roles
 from motord.security.identity import ABOUT, CA, CERTIFICATE, KEY
-from motord.security.roles import Role, SecurityError, check_name
+from motord.security.roles import ROLES, Role, SecurityError, check_name
 
 CA_DAYS = 3650
 CERTIFICATE_DAYS = 730
 CLOCKS_APART = datetime.timedelta(hours=1)
 CLIENTS = "clients"
-ROLES = "roles.toml"
 
 Usage = ExtendedKeyUsageOID
 

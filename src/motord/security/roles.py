@@ -18,6 +18,9 @@ class SecurityError(Exception):
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,62}")
 """What a certificate may be called: it is a common name, a key of TOML and a name of a folder."""
 
+ROLES = "roles.toml"
+"""What the roles file of an authority is called."""
+
 HEADER = """\
 # Common name of a certificate = what it may do: "viewer" (watch) or "operator" (watch and command).
 # A name that is not here may do nothing, however good its certificate. Changes count at once.
@@ -57,9 +60,9 @@ def read(path: Path) -> dict[str, Role]:
 
 
 def _advice(path: Path) -> str:
-    """Return where a roles file comes from; `init` refuses a folder that has an authority."""
-    if (path.parent / "ca.pem").exists():
-        return '; write it again: the line [roles], then NAME = "viewer" or "operator" of each'
+    """Return where a roles file comes from: `init` makes that of an authority, and it alone."""
+    if path.name != ROLES or (path.parent / "ca.pem").exists():
+        return '; write it: the line [roles], then NAME = "viewer" or "operator" of each'
     return f"; `motord security init {shlex.quote(str(path.parent))}` makes an authority"
 
 

@@ -100,18 +100,20 @@ def test_wrong_roles_are_named(tmp_path, text, expected):
     path.write_text(text)
     with pytest.raises(SecurityError, match=expected):
         roles.read(path)
+
+
+def test_roles_that_init_makes_name_it(tmp_path):
     with pytest.raises(
         SecurityError, match=f"cannot read the roles.*`motord security init {tmp_path}`"
     ):
-        roles.read(tmp_path / "none.toml")
+        roles.read(tmp_path / "roles.toml")
 
 
-def test_without_roles_in_an_authority_it_is_not_to_be_made_again(folder):
-    (folder / authority.ROLES).unlink()
-    with pytest.raises(
-        SecurityError, match=r"cannot read the roles.*; write it again: .*\[roles\]"
-    ):
-        roles.read(folder / authority.ROLES)
+def test_roles_that_init_would_not_make_are_to_be_written(folder, tmp_path):
+    (folder / roles.ROLES).unlink()
+    for path in (folder / roles.ROLES, tmp_path / "mine.toml"):
+        with pytest.raises(SecurityError, match=r"cannot read the roles.*; write it: .*\[roles\]"):
+            roles.read(path)
 
 
 def test_a_folder_with_a_blank_is_quoted(tmp_path):
