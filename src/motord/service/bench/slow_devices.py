@@ -58,7 +58,6 @@ class SlowDevice:
         self._device = device
         self._poll_ns = round(poll_s * 1e9)
         self.stale_after_s = stale_after_s
-        self._stale_ns = round(stale_after_s * 1e9)
         self._order_ns = round(setpoint_valid_s * 1e9)
         self._hold_ns = round(hold_s * 1e9)
         self._watchdog = watchdog
@@ -131,8 +130,9 @@ class SlowDevice:
         """Return the device as published."""
         reading, error = self._reading, self._error
         age_ns = now_ns - self._answered_ns
-        health: Health = "stale" if age_ns > self._stale_ns else "failing" if error else "ok"
-        if health == "stale" and not error:
+        stale = age_ns > 1e9 * self.stale_after_s
+        health: Health = "stale" if stale else "failing" if error else "ok"
+        if stale and not error:
             error = UNORDERED if self._order.at(now_ns) is None else "its driver does not return"
         return DeviceView(
             health=health,
