@@ -22,6 +22,9 @@ PROTO_KINDS = {
 }
 """Fixed-width protobuf types and the numpy type of each."""
 
+INT32_MAX = 2**31 - 1
+"""What an sfixed32 holds at most; longer times are given as this."""
+
 
 def record_dtype(fields: list[Any]) -> np.dtype[np.void]:
     """Return an aligned dtype whose elements have attributes, compiled and interpreted alike."""

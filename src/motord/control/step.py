@@ -13,7 +13,7 @@ from motord.control.plausible import remember_command
 from motord.control.states import STATE, transition
 from motord.control.types import MEMORY
 from motord.jit import constants, jit
-from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus, Trip
+from motord.schema import INT32_MAX, BridgeStatus, Compensate, Flag, InverterStatus, Trip
 
 _FLAG, _COMPENSATE = constants(Flag), constants(Compensate)
 _BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
@@ -21,7 +21,6 @@ _TRIP = constants(Trip)
 FAST_BARS_NS = 100_000_000
 """For so long after its newest estimate above the limit the speed bars enabling and reset: between
 two counts the estimate of a rotor that is too fast falls below it for a sample or two."""
-_INT32_MAX = 2**31 - 1
 OFF_NS = round(DELAY_MAX_S * 1e9)
 """Within this time of being disabled the drive is off."""
 
@@ -36,7 +35,7 @@ def new_memory() -> np.ndarray:
 
 @jit
 def _i32(value: int) -> int:
-    return min(max(value, -_INT32_MAX), _INT32_MAX)
+    return min(max(value, -INT32_MAX), INT32_MAX)
 
 
 @jit

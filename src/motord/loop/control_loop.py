@@ -12,9 +12,9 @@ import numpy as np
 from motord.control.step import new_memory
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.base import Rig
-from motord.loop.pacer import INT32_MAX, Pacer
+from motord.loop.pacer import Pacer
 from motord.loop.tick_kernel import NO_WORK, TickKernel, run_tick
-from motord.schema import State
+from motord.schema import INT32_MAX, State
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter
 from motord.shm.tables import TablesReader

@@ -6,9 +6,8 @@ counts them and goes on in phase, so a stall is never followed by a burst.
 """
 
 from motord.loop.hybrid_sleep import HybridSleep
-from motord.schema import Flag
+from motord.schema import INT32_MAX, Flag
 
-INT32_MAX = 2**31 - 1
 _LATE = int(Flag.LATE)
 _AFTER_GAP = int(Flag.AFTER_GAP)
 

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.loop.pacer import INT32_MAX, Pacer
-from motord.schema import Flag
+from motord.loop.pacer import Pacer
+from motord.schema import INT32_MAX, Flag
 
 PERIOD_NS = 1_000_000
 
