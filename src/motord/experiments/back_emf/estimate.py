@@ -205,7 +205,7 @@ def _result(
     speed = counted_speeds(_velocity_rad_s(driven), age_fitted=with_age)
     mean = average(fits, cells, free, speed=speed, age_fitted=with_age)
     kept, shown = _kept(mean, order, motor), _trends(mean, order, driven, motor)
-    lost = lost_by_encoder(encoder, order)
+    lost, scatter_stderr = lost_by_encoder(encoder, order), mean.stderr
     mean = mean.with_error(np.hypot(lost, beyond_chance(shown, order.size)))
     fundamental = int(np.flatnonzero(order == motor.pole_pairs)[0])
     of_turns = Delay(*turns_delay, free) if turns_delay else None
@@ -217,6 +217,7 @@ def _result(
         order=order,
         line=mean.line,
         stderr=mean.stderr,
+        scatter_stderr=scatter_stderr,
         phase_stderr=np.hypot(mean.across_stderr, np.abs(mean.line) * turned[:, None]),
         mean_stderr=mean.mean_stderr,
         turned_stderr_rad=turned,

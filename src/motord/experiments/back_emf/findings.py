@@ -9,7 +9,6 @@ from motord.config import SEQUENCE
 from motord.experiments.back_emf.between_speeds import distinct_speeds
 from motord.experiments.back_emf.encoder_error import lost
 from motord.experiments.back_emf.result import MeasuredBackEmf
-from motord.experiments.back_emf.trends import beyond_chance
 from motord.experiments.driven_rotor import left_out_finding
 from motord.experiments.signal_findings import signal_findings
 from motord.findings import Finding
@@ -32,6 +31,23 @@ next to the age of the voltages."""
 
 SPEED_RATIO = 1.3
 """Ratio of the fastest to the slowest speed that separates the voltages' age from the angle."""
+
+TRENDS = {
+    "time": (
+        "amplitude-drifts",
+        "change with the time: magnets that warm (0.1 to 0.2 % for each kelvin), or the gain of "
+        "the voltage channels; stated is the mean, and the intervals reach to the beginning",
+        "name a magnet_channel, or warm the motor up before; take the speeds once more in the "
+        "other sequence",
+    ),
+    "frequency": (
+        "amplitude-of-frequency",
+        "fall with the square of the frequency: a low-pass of the voltages; stated is the mean "
+        "over the speeds, and the intervals reach to what is there without a filter",
+        "take the filter out of the voltage channels, or drive slower",
+    ),
+}
+"""Name, meaning and action of the finding of each kind of trend."""
 
 
 def findings(found: MeasuredBackEmf, driven: Sequence[Driven]) -> tuple[Finding, ...]:
@@ -65,7 +81,7 @@ def _phases(found: MeasuredBackEmf) -> Iterator[Finding]:
         return
     back = found.balanced[0]
     apart = float(np.abs(own * turned.conj() - back).max() / np.abs(back))
-    limit = max(UNBALANCED, 4 * _stderr_apart(found, first) / float(np.abs(back)))
+    limit = max(UNBALANCED, 4 * float((found.scatter_stderr[first] / np.abs(back)).max()))
     if apart > limit:
         yield Finding(
             "phases-differ", 100 * apart, 100 * limit, "% of the fundamental", "warning",
@@ -73,14 +89,6 @@ def _phases(found: MeasuredBackEmf) -> Iterator[Finding]:
             "use the table, not the harmonics; compare the channels on one voltage",
         )  # fmt: skip
     yield from _configured(found, own)
-
-
-def _stderr_apart(found: MeasuredBackEmf, place: int) -> float:
-    """Return the largest standard error of a phase's amplitude, without what all lose alike."""
-    lost_alike = lost(found.encoder, found.order) ** 2
-    lost_alike += beyond_chance(found.trends, found.order.size) ** 2
-    variance = found.stderr[place] ** 2 - lost_alike[place] * np.abs(found.line[place]) ** 2
-    return float(np.sqrt(np.maximum(variance, 0.0)).max())
 
 
 def _configured(found: MeasuredBackEmf, own: np.ndarray) -> Iterator[Finding]:
@@ -176,24 +184,6 @@ def _encoder(found: MeasuredBackEmf) -> Iterator[Finding]:
             "hold that. The table is that of the angle that this encoder reads",
             "centre and align the encoder's disc on its shaft and measure again",
         )  # fmt: skip
-
-
-TRENDS = {
-    "time": (
-        "amplitude-drifts",
-        "change with the time: magnets that warm (0.1 to 0.2 % for each kelvin), or the gain of "
-        "the voltage channels; stated is the mean, and the intervals reach to the beginning",
-        "name a magnet_channel, or warm the motor up before; take the speeds once more in the "
-        "other sequence",
-    ),
-    "frequency": (
-        "amplitude-of-frequency",
-        "fall with the square of the frequency: a low-pass of the voltages; stated is the mean "
-        "over the speeds, and the intervals reach to what is there without a filter",
-        "take the filter out of the voltage channels, or drive slower",
-    ),
-}
-"""Name, meaning and action of the finding of each kind of trend."""
 
 
 def _trends(found: MeasuredBackEmf) -> Iterator[Finding]:

@@ -47,7 +47,8 @@ class MeasuredBackEmf:
     """k of the phases. Lines: phase p is Re(sum_h line[h, p] exp(j order[h] theta)), V s/rad.
 
     order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
-    the amplitude; mean_stderr (n, 2): both of the mean of the phases, without the error of the age,
+    the amplitude; scatter_stderr (n, 3): of the amplitude, without what all phases lose alike;
+    mean_stderr (n, 2): both of the mean of the phases, without the error of the age,
     turned_stderr_rad (n,); freedom (n, 2): their degrees of freedom; phase_freedom (n, 3): those of
     the phases' amplitudes; kept (n,): part of the table, the others are noise. offset_V (3,);
     delay_s: by how much the voltages are older than the recording says, None where the speeds are
@@ -68,6 +69,7 @@ class MeasuredBackEmf:
     order: np.ndarray
     line: np.ndarray
     stderr: np.ndarray
+    scatter_stderr: np.ndarray
     phase_stderr: np.ndarray
     mean_stderr: np.ndarray
     turned_stderr_rad: np.ndarray
