@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motord.calibration import Calibration
+from motord.calibration import Calibration, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.lack_of_fit.effects import model_columns, point_models
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
@@ -135,10 +135,7 @@ def parameter_shift(
         _check_turns(samples)
     fewest = min(end - first for one in samples for first, end in one.turns)
     highest = resolved_cogging_order(fewest, motor.counts)
-    harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
-    waves = [h.amplitude_Nm * part(h.phase_rad) for h in harmonics for part in (np.sin, np.cos)]
-    gain = calibration.delta_epsilon * np.array(calibration.alpha)
-    theta = np.concatenate([gain, calibration.beta_A, [0.0, 0.0], waves])
+    theta, harmonics = parameters_of(calibration, highest)
     basis = Basis.of(motor, tuple(one.order for one in harmonics))
     direct = sensor.model_copy(update={"highpass_time_constant_s": 0.0})
     products = [accumulate(one, basis, direct) for one in samples]
@@ -153,8 +150,16 @@ def parameter_shift(
         orders=basis.orders,
         turns=tuple(len(one.turns) for one in samples),
         findings=signal_findings((one.label, one.faults) for one in recorded),
-        law=law_shift(regression, gain) if has_law else None,
+        law=law_shift(regression, theta[ALPHA]) if has_law else None,
     )
+
+
+def parameters_of(calibration: Calibration, highest: int) -> tuple[np.ndarray, list[Harmonic]]:
+    """Return theta (p,) of a calibration, and its cogging torque up to order `highest`, in it."""
+    harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
+    waves = [h.amplitude_Nm * part(h.phase_rad) for h in harmonics for part in (np.sin, np.cos)]
+    gain = calibration.delta_epsilon * np.array(calibration.alpha)
+    return np.concatenate([gain, calibration.beta_A, [0.0, 0.0], waves]), harmonics
 
 
 def _fit(regression: Regression, theta: np.ndarray, motor: MotorConfig) -> LineFit:

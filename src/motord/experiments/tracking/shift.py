@@ -17,7 +17,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_A
 from motord.experiments.calibration.estimate.least_squares.normal_equations import ALPHA, DELAY, ZOH
 from motord.experiments.calibration.estimate.turn_spectrum import ANGLE_BINS
 from motord.experiments.check_calibration.line_fit import LineFit
-from motord.experiments.check_calibration.shift import ParameterShift
+from motord.experiments.check_calibration.shift import ParameterShift, parameters_of
 from motord.experiments.tracking.window_lines import WindowLines
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
@@ -80,10 +80,8 @@ def tracked_shift(
     motor = config.motor
     highest = min(one.highest for point in points for one in point)
     newest_ns = max(point[-1].t_ns for point in points)
-    harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
-    waves = [h.amplitude_Nm * part(h.phase_rad) for h in harmonics for part in (np.sin, np.cos)]
-    gain = calibration.delta_epsilon * np.array(calibration.alpha)
-    theta = np.concatenate([gain, calibration.beta_A, [0.0, 0.0], waves])
+    theta, harmonics = parameters_of(calibration, highest)
+    gain = theta[ALPHA]
     bins = motor.model_copy(update={"counts": min(motor.counts, ANGLE_BINS)})
     basis = Basis.of(bins, tuple(one.order for one in harmonics))
     ages_s = [np.maximum([1e-9 * (newest_ns - w.t_ns) for w in point], 0.0) for point in points]
