@@ -27,6 +27,12 @@ SINGLETON_LIMIT = 1e-8
 zero there and says nothing of the errors, which are taken for white noise."""
 
 
+def equilibrated(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a symmetric matrix scaled to a unit diagonal, S N S (p, p), and diag(S) (p,)."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return matrix * np.outer(scale, scale), scale
+
+
 @dataclass(frozen=True)
 class ClusterFit:
     """solution (p,), its covariance (p, p), residual (n,), standard deviation of that (noise)."""
@@ -93,9 +99,8 @@ class Regressors:
         """Prepare the columns."""
         # not columns.T @ columns, for which BLAS takes its slow way with long thin matrices
         normal = np.einsum("ni,nj->ij", columns, columns, optimize=True)
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        scaled = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
-        inverse = scaled * np.outer(scale, scale)
+        scaled, scale = equilibrated(normal)
+        inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(scale, scale)
         return cls(columns, inverse, first, least_turns)
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:

@@ -43,14 +43,11 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     Raises PlanError.
     """
     if settings.get("compensate", "off") == "off":
-        mesh = chosen(config, "calibrate", CalibrateConfig, _without(settings), "compensate")
+        others = {name: value for name, value in settings.items() if name != "compensate"}
+        mesh = chosen(config, "calibrate", CalibrateConfig, others, "compensate")
         if mesh.quick:
             return quick_plan(config, mesh)
     return mesh_plan("calibrate", CalibrateConfig, config, settings, "off", _gain_points, _places)
-
-
-def _without(settings: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in settings.items() if name != "compensate"}
 
 
 def _places(mesh: CalibrateConfig) -> Places:

@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from motord.experiments.calibration.estimate.turn_spectrum import orders_averaged, smooth_noise
+from motord.identification.cluster_robust_ls import equilibrated
 from motord.identification.variance_components import VarianceComponents
 
 MODELLED_SHARE = 1e-4
@@ -112,8 +113,8 @@ class LineFit:
         """The pseudo-inverse (p, p) of X'X, and the projection (p, p) on what is seen."""
         flat = self._x.reshape(-1, self._x.shape[-1])
         normal = flat.T @ flat + self.prior.T @ self.prior
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+        scaled, scale = equilibrated(normal)
+        values, vectors = np.linalg.eigh(scaled)
         seen = vectors[:, values > 1e-10 * values[-1]]
         inverse = scale[:, None] * (seen / values[-seen.shape[1] :]) @ seen.T * scale
         return inverse, scale[:, None] * (seen @ seen.T) / scale

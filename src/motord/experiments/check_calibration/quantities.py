@@ -16,7 +16,7 @@ from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
-    FIRST_COGGING,
+    cogging_place,
 )
 from motord.experiments.check_calibration.result import POWER, Change
 from motord.experiments.check_calibration.shift import ParameterShift
@@ -96,7 +96,7 @@ def quantities(
         )  # fmt: skip
     known = {one.order: one for one in calibration.tau_cog_harmonics}
     for row, order in enumerate(found.orders):
-        yield from _cogging(known[order], size, FIRST_COGGING + 2 * row, motor.rated_torque_Nm)
+        yield from _cogging(known[order], size, cogging_place(row), motor.rated_torque_Nm)
 
 
 def _common_gain(calibration: Calibration, found: ParameterShift) -> Iterator[Quantity]:
@@ -112,7 +112,7 @@ def _common_gain(calibration: Calibration, found: ParameterShift) -> Iterator[Qu
     )  # fmt: skip
 
 
-def _cogging(harmonic: Harmonic, size: int, place: int, rated_Nm: float) -> Iterator[Quantity]:
+def _cogging(harmonic: Harmonic, size: int, place: slice, rated_Nm: float) -> Iterator[Quantity]:
     """Yield what a change adds to the amplitude of a cogging order, and what turns its phase."""
     if harmonic.stderr_Nm is None:
         return
@@ -125,7 +125,7 @@ def _cogging(harmonic: Harmonic, size: int, place: int, rated_Nm: float) -> Iter
         yield Quantity(
             f"cogging-{harmonic.order}-{name}",
             f"the {name} of order {harmonic.order} of the cogging torque",
-            "cogging", "mNm", _at(size, slice(place, place + 2), 1e3 * np.array(along)),
+            "cogging", "mNm", _at(size, place, 1e3 * np.array(along)),
             1e3 * stderr_Nm, harmonic.degrees_of_freedom, 1e3 * SEEN_COGGING_SHARE * rated_Nm,
             0.1 / sqrt(2) / rated_Nm,
         )  # fmt: skip

@@ -19,7 +19,7 @@ from motord.experiments.calibration.estimate.least_squares.joint import JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
-    FIRST_COGGING,
+    cogging_place,
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult, triple
 from motord.experiments.magnet_temperature import ReferredBackEmf
@@ -216,8 +216,8 @@ class _Linear:
         rows[ALPHA, ALPHA] = rows[3:6, BETA] = np.eye(3)
         rows[6, -1] = 1.0
         for n, harmonic in enumerate(result.harmonics):
-            place = FIRST_COGGING + 2 * n
-            rows[7 + n, place : place + 2] = np.sin(harmonic.phase_rad), np.cos(harmonic.phase_rad)
+            along = np.sin(harmonic.phase_rad), np.cos(harmonic.phase_rad)
+            rows[7 + n, cogging_place(n)] = along
         return cls(rows @ fitted.derivative, rows @ fitted.gain_shift)
 
     def scaled(self, source: Source, result: CalibrationResult, bench: BenchFile) -> np.ndarray:
@@ -250,15 +250,12 @@ def _fewest(
     result: CalibrationResult,
 ) -> tuple[float | None, float | None, float | None, float | None]:
     """Return the fewest degrees of freedom of alpha, beta, delta epsilon and amplitudes."""
-    freedom = result.degrees_of_freedom
-    of_orders = [h.degrees_of_freedom for h in result.harmonics if h.degrees_of_freedom is not None]
-    found = (
-        (min(freedom.alpha), min(freedom.beta_A), freedom.delta_epsilon)
-        if freedom
-        else (None, None, None)
-    )
+    groups: list[Sequence[float | None]] = [(), (), ()]
+    if freedom := result.degrees_of_freedom:
+        groups = [freedom.alpha, freedom.beta_A, (freedom.delta_epsilon,)]
+    groups.append([h.degrees_of_freedom for h in result.harmonics])
     alpha, beta, delta_epsilon, cogging = (
-        None if one is None else max(one, 1.0) for one in (*found, min(of_orders, default=None))
+        min((max(one, 1.0) for one in group if one is not None), default=None) for group in groups
     )
     return alpha, beta, delta_epsilon, cogging
 

@@ -232,7 +232,7 @@ class Calibrator:
         """Return the fit with the orders that were found, and those that it confirms."""
         if self._again is None:
             found = found.without([trial.order for trial in found.added])
-        known = regression.basis.orders[: regression.orders]
+        known = regression.cogging_orders
         least_Nm = MODEL_ACCURACY * self._motor.rated_torque_Nm
         while found.added and self._again is not None:
             added = [trial.order for trial in found.added]

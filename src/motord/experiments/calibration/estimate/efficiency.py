@@ -32,8 +32,8 @@ from motord.experiments.calibration.estimate.least_squares.kirchhoff import Kirc
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
     BETA,
-    FIRST_COGGING,
     Regression,
+    cogging_place,
 )
 from motord.experiments.calibration.estimate.predicted_ripple import PredictedRipple, ripple_form
 from motord.experiments.calibration.estimate.result import CalibrationResult
@@ -46,6 +46,10 @@ HIGH_END = 4
 
 LEAST = 1e-9
 """White noise in parts of the residual, at least: synthetic data may have none."""
+
+COLOUR = "colour of the noise within turns"
+WEIGHTS = "weights of the operating points"
+FINDINGS = "findings"
 
 
 @dataclass(frozen=True)
@@ -126,11 +130,6 @@ def _law_share(regression: Regression, theta: np.ndarray) -> float:
     return max(1 - explained / squares, LEAST)
 
 
-COLOUR = "colour of the noise within turns"
-WEIGHTS = "weights of the operating points"
-FINDINGS = "findings"
-
-
 @dataclass(frozen=True)
 class Bound:
     """Covariances of Solution.vector (p + 1, p + 1) that the white noise makes.
@@ -162,8 +161,7 @@ def cramer_rao(
     noise = WhiteNoise.of(residual, fitted, sensor)
     bound = _bound(fitted, noise)
     torques_Nm = [point.torque_set_Nm for point in regression.points]
-    orders = regression.basis.orders[: regression.orders]
-    form = ripple_form(fitted.solution, orders, motor, torques_Nm)
+    form = ripple_form(fitted.solution, regression.cogging_orders, motor, torques_Nm)
     findings = _of_findings(result, fitted, left, agreement, form)
     errors = fitted.errors + VarianceComponents.known(findings, FINDINGS)
     ripple = PredictedRipple.of(errors, form)
@@ -233,7 +231,7 @@ def _quantities(result: CalibrationResult, bound: np.ndarray) -> Iterator[Bounde
         yield _quantity("delta epsilon", "", variance[-1], result.delta_epsilon_stderr)
     rows = []
     for n, harmonic in enumerate(result.harmonics):
-        place = slice(FIRST_COGGING + 2 * n, FIRST_COGGING + 2 * n + 2)
+        place = cogging_place(n)
         along = np.array([np.sin(harmonic.phase_rad), np.cos(harmonic.phase_rad)])
         of_order = float(along @ bound[place, place] @ along)
         rows.append((harmonic.order, of_order, harmonic.stderr_Nm or 0.0))

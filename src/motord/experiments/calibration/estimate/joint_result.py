@@ -26,8 +26,8 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     BETA,
     DELAY,
     DELAY_SHARE,
-    FIRST_COGGING,
     Regression,
+    cogging_place,
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult, cogging_table
 from motord.identification.point_ripple import PointRipple
@@ -66,8 +66,8 @@ def result_of(
 def cogging_harmonics(fitted: JointFit, regression: Regression) -> tuple[Harmonic, ...]:
     """Return the cogging torque of each order of the regression, in its succession."""
     found = []
-    for row, order in enumerate(regression.basis.orders[: regression.orders]):
-        place = slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
+    for row, order in enumerate(regression.cogging_orders):
+        place = cogging_place(row)
         cosine, sine = fitted.solution.theta[place]
         amplitude = float(np.hypot(cosine, sine))
         along, across = np.zeros((2, fitted.solution.vector.size))
@@ -147,7 +147,7 @@ def with_lack_of_fit(
         beta_stderr_A=np.sqrt((dispersion * result.beta_stderr_A) ** 2 + beta_squares),
         delta_epsilon_stderr=delta_epsilon_stderr,
         harmonics=tuple(
-            _widened(one, fit, FIRST_COGGING + 2 * n) for n, one in enumerate(result.harmonics)
+            _widened(one, fit, cogging_place(n)) for n, one in enumerate(result.harmonics)
         ),
         observable=(*result.observable, _dispersion_text(fit)),
         findings=found,
@@ -180,12 +180,12 @@ def _gain_shifts(result: CalibrationResult, fit: LackOfFit) -> tuple[np.ndarray,
     return total[:3], float(total[3])
 
 
-def _widened(harmonic: Harmonic, fit: LackOfFit, place: int) -> Harmonic:
-    """Return a harmonic whose cos and sin are parameters `place` and the next."""
+def _widened(harmonic: Harmonic, fit: LackOfFit, place: slice) -> Harmonic:
+    """Return a harmonic with the errors of its parameters at `place`."""
     along = np.array([np.sin(harmonic.phase_rad), np.cos(harmonic.phase_rad)])
     across = np.array([along[1], -along[0]])
     turned = np.column_stack([along, across])
-    shifts = [one.shifts[:, place : place + 2] @ turned for one in fit.causes]
+    shifts = [one.shifts[:, place] @ turned for one in fit.causes]
     amplitude_square, across_square = np.zeros(2) + _sum_of_largest(one**2 for one in shifts)
     amplitude_square += sum(_blurred_Nm(harmonic, one) ** 2 for one in fit.causes)
     assert harmonic.stderr_Nm is not None  # that of the joint estimator

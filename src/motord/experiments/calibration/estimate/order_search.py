@@ -12,8 +12,8 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from motord.calibration import Harmonic
+from motord.experiments.calibration.estimate.lack_of_fit.departures import FALSE_SHARE
 from motord.experiments.calibration.estimate.order_trial import (
-    FALSE_SHARE,
     TOLERANCE,
     OrderTrial,
     Weighted,

@@ -19,14 +19,13 @@ import numpy as np
 
 from motord.calibration import AddedOrder
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
+from motord.experiments.calibration.estimate.lack_of_fit.departures import FALSE_SHARE
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import cluster_variance
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import BETA, Regression
 from motord.experiments.calibration.estimate.turn_spectrum import lines_of, orders_averaged
+from motord.identification.cluster_robust_ls import equilibrated
 from motord.intervals import f_tail
-
-FALSE_SHARE = 0.002
-"""Probability that noise makes any order enter, over all that are tried."""
 
 SEPARABLE = 1e-5
 """Part of an order's effect that the other parameters leave, below which it cannot be tested."""
@@ -167,8 +166,7 @@ def tried(problem: Weighted, orders: Sequence[int]) -> list[OrderTrial]:
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information * np.outer(scale, scale)
+    scaled, scale = equilibrated(information)
     return np.asarray(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * np.outer(scale, scale))
 
 

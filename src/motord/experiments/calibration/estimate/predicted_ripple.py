@@ -78,8 +78,7 @@ def half_widths_of(
         "beta_A": float(white[BETA].max()),
     }
     found = {name: max(value, least.get(name, 0.0)) for name, value in stated.items()}
-    orders = regression.basis.orders[: regression.orders]
-    form = ripple_form(fitted.solution, orders, motor, torques_Nm)
+    form = ripple_form(fitted.solution, regression.cogging_orders, motor, torques_Nm)
     ripple = PredictedRipple.of(fitted.errors, form)
     return {**found, "ripple_percent": ripple.upper_percent}
 

@@ -48,7 +48,6 @@ class TurnSpectrum:
     sensor's amplifier. velocity_Hz: mean speed, negative backwards.
     """
 
-    torque_set_Nm: float
     velocity_Hz: float
     visits: np.ndarray
     sums: np.ndarray
@@ -76,7 +75,6 @@ class TurnSpectrum:
         turned = tau * np.arange(1, highest + 1)
         visits = np.fft.fft(binned[:, :, -1], axis=1)[:, np.arange(2 * highest + 1) % bins]
         return cls(
-            torque_set_Nm=samples.torque_set_Nm,
             velocity_Hz=samples.velocity_Hz,
             visits=visits,
             sums=np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1].copy(),

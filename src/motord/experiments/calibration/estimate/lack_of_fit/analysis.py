@@ -133,7 +133,7 @@ class FitResidual:
             gain_lines=own[:, ALPHA] * theta[ALPHA, None],
             gain_further=(law.roots[:, :, ALPHA] * theta[ALPHA]).reshape(len(models), -1, 3),
         )
-        tried = effects(models, motor, regression.basis.orders[: regression.orders])
+        tried = effects(models, motor, regression.cogging_orders)
         of_law = [np.pad(law.rows(one.law), ((len(prior), 0), (0, 0))) for one in tried]
         evidence = Evidence(rows, tried, of_law)
         return cls(regression, motor.pole_pairs, models, own, subspace, evidence)
@@ -156,7 +156,7 @@ class FitResidual:
     def _with_orders(self, orders: Iterable[int]) -> Evidence:
         """Return the evidence with the effects of those orders that the model has not."""
         highest = self.evidence.rows.residual_Nm.shape[1]
-        known = self.regression.basis.orders[: self.regression.orders]
+        known = self.regression.cogging_orders
         new = [order for order in orders if order not in known and order <= highest]
         return self.evidence.with_effects(cogging_effects(self.models, new))
 
@@ -171,8 +171,7 @@ class FitResidual:
             beyond_noise = tuple(
                 one for one in beyond_noise if one.rms_Nm > MINOR_SHARE * found[0].rms_Nm
             )
-        known = self.regression.basis.orders[: self.regression.orders]
-        modelled = _modelled(self.own[:, :FIRST_COGGING], known)
+        modelled = _modelled(self.own[:, :FIRST_COGGING], self.regression.cogging_orders)
         squares = (np.abs(unexplained_Nm[:, modelled]) / rows.noise_Nm[:, modelled]) ** 2
         return LackOfFit(
             torque_Nm=torque_Nm,

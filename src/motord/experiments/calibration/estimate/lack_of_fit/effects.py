@@ -34,6 +34,9 @@ BACK_EMF_ORDERS = (3, 5, 7, 9, 11, 13)
 SHAFT_ORDERS = (1, 2, 3, 4)
 """Orders that eccentric or tilted parts have."""
 
+COGGING = "cogging"
+"""Name of the effect of an order of the cogging torque that the model has not."""
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -118,10 +121,6 @@ def point_models(regression: Regression, theta: np.ndarray, orders: int) -> list
             )
         )
     return models
-
-
-COGGING = "cogging"
-"""Name of the effect of an order of the cogging torque that the model has not."""
 
 
 def cogging_effects(models: Sequence[PointModel], orders: Sequence[int]) -> list[Effect]:
@@ -253,14 +252,13 @@ def model_columns(
 
     gain (3,): delta epsilon alpha, which the currents' age counts with.
     """
-    period_s = float(np.mean([point.period_s for point in regression.points]))
     columns = []
     for point in models:
         command_A, waves = point.spectrum.command_A, 2 * regression.orders
         at = np.arange(command_A.shape[0]) * regression.basis.cogging.shape[0]
         cogging = regression.basis.cogging[at // command_A.shape[0], :waves]
         velocity_rad_s = point.spectrum.velocity_rad_s
-        own = unit_torques(command_A, velocity_rad_s, point.k, cogging, gain, period_s)
+        own = unit_torques(command_A, velocity_rad_s, point.k, cogging, gain, regression.period_s)
         columns.append(point.lines(own.T))
     return np.array(columns)
 

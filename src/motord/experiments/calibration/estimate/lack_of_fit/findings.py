@@ -77,7 +77,7 @@ def findings(
     return (
         *(_of_cause(cause, bench, current_age_s[0], points) for cause in causes),
         *_of_orders(unexplained, bench.motor, points),
-        *(_of_few_points(points) if causes or unexplained else ()),
+        *([_few_points(points)] if points < FEW_POINTS and (causes or unexplained) else []),
         *_of_age(explained_age_s, current_age_s[1], period_s),
         *([] if kirchhoff is None else _of_kirchhoff(kirchhoff)),
     )
@@ -116,7 +116,6 @@ def _of_orders(
     found: Sequence[ResidualOrder], motor: MotorConfig, points: int
 ) -> Iterator[Finding]:
     """Yield one finding for each kind of growth with the torque, and one for other orders."""
-
     electrical = [one.power for one in found if one.order % motor.pole_pairs == 0]
 
     def kind(one: ResidualOrder) -> int:
@@ -147,10 +146,8 @@ def _of_orders(
         )
 
 
-def _of_few_points(points: int) -> Iterator[Finding]:
-    if points >= FEW_POINTS:
-        return
-    yield Finding(
+def _few_points(points: int) -> Finding:
+    return Finding(
         name="few-points",
         value=points,
         limit=FEW_POINTS,

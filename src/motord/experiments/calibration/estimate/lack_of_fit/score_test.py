@@ -16,6 +16,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import (
     GainDirections,
     GainScatter,
 )
+from motord.identification.cluster_robust_ls import equilibrated
 
 RESOLVED = 1e-4
 """Part of an effect that the model cannot take the place of, below which nothing is said of it."""
@@ -192,10 +193,8 @@ class WeighedRows:
     @cached_property
     def _inverse(self) -> tuple[np.ndarray, np.ndarray]:
         """The pseudo-inverse (p, p) of X'X with columns scaled alike, and the scales."""
-        normal = self.x.T @ self.x
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        normal = normal * np.outer(scale, scale)
-        return np.linalg.pinv(normal, rcond=1e-10, hermitian=True), scale
+        scaled, scale = equilibrated(self.x.T @ self.x)
+        return np.linalg.pinv(scaled, rcond=1e-10, hermitian=True), scale
 
 
 def cluster_variance(

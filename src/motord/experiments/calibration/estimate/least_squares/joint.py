@@ -24,6 +24,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
 )
 from motord.experiments.calibration.estimate.least_squares.scatter import errors
 from motord.identification import IdentifyError
+from motord.identification.cluster_robust_ls import equilibrated
 from motord.identification.variance_components import VarianceComponents
 
 ITERATIONS = 4
@@ -205,8 +206,8 @@ def minimum_norm_solution(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
     far from 1, such as that of a torque with the other sign, would leave much more where it is
     taken for 1, and so count as unseen.
     """
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=SINGULAR)
+    scaled, scale = equilibrated(normal)
+    inverse = np.linalg.pinv(scaled, rcond=SINGULAR)
     return np.asarray(scale * (inverse @ (scale * right)))
 
 
@@ -254,7 +255,6 @@ def _gain_shift(
 
 def _condition_number(information: np.ndarray, identifiable: Identifiability) -> float:
     subspace = identifiable.subspace(information.shape[0])
-    seen = subspace.T @ information @ subspace
-    scale = 1 / np.sqrt(np.maximum(np.diag(seen), 1e-300))
-    values = np.linalg.eigvalsh(seen * np.outer(scale, scale))
+    scaled, _ = equilibrated(subspace.T @ information @ subspace)
+    values = np.linalg.eigvalsh(scaled)
     return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")

@@ -9,6 +9,7 @@ import numpy as np
 
 from motord.experiments.calibration.estimate.turn_products import TurnProducts
 from motord.identification.basis import BACK_EMF, CURRENT, FIRST_WAVE, RATE, ZOH_CORRECTION, Basis
+from motord.identification.cluster_robust_ls import equilibrated
 
 ALPHA = slice(0, 3)
 BETA = slice(3, 6)
@@ -16,7 +17,7 @@ DELAY = 6
 ZOH = 7
 FIRST_COGGING = 8
 """Places of the parameters: gains, offsets, age of the currents, zero-order-hold correction,
-cogging cos and sin."""
+cogging cos and sin (`cogging_place`)."""
 
 DELAY_SHARE = 0.25
 """Share of the sampling period that the age of the currents is uncertain by (a prior)."""
@@ -26,6 +27,11 @@ ZOH_SHARE = 0.25
 
 COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
 """Places of the instruments of Kirchhoff's law in `TurnProducts.currents`."""
+
+
+def cogging_place(row: int) -> slice:
+    """Return the place of cos and sin of the row-th cogging order."""
+    return slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
 
 
 @dataclass(frozen=True)
@@ -135,15 +141,24 @@ class Regression:
     orders: int
     kirchhoff: bool
 
+    @property
+    def cogging_orders(self) -> tuple[int, ...]:
+        """The orders that are fitted, as their parameters follow."""
+        return self.basis.orders[: self.orders]
+
+    @property
+    def period_s(self) -> float:
+        """Sampling period, the mean over the points."""
+        return float(np.mean([point.period_s for point in self.points]))
+
     def sums(self, gains: np.ndarray) -> TurnSums:
         """Return the sums of all turns.
 
         Currents older than recorded by d miss d sum_p gains_p di_p/dt k_p.
         """
         m = np.concatenate([point.torque for point in self.points])
-        period_s = float(np.mean([point.period_s for point in self.points]))
-        unit_s = DELAY_SHARE * period_s
-        zoh_s2 = ZOH_SHARE * period_s**2
+        unit_s = DELAY_SHARE * self.period_s
+        zoh_s2 = ZOH_SHARE * self.period_s**2
         x = self._choose(CURRENT, RATE, unit_s * gains, zoh_s2)
         z = self._choose(self.basis.command, self.basis.command_rate, unit_s * gains, zoh_s2)
         currents = np.concatenate([point.currents for point in self.points]) * self.kirchhoff
@@ -170,9 +185,8 @@ class Regression:
 
     def derivative(self, theta: np.ndarray) -> np.ndarray:
         """Return of each column of the model how it counts by each parameter (columns, p)."""
-        period_s = float(np.mean([point.period_s for point in self.points]))
-        delays = DELAY_SHARE * period_s * theta[ALPHA]
-        matrix = self._choose(CURRENT, RATE, delays, ZOH_SHARE * period_s**2)
+        delays = DELAY_SHARE * self.period_s * theta[ALPHA]
+        matrix = self._choose(CURRENT, RATE, delays, ZOH_SHARE * self.period_s**2)
         return matrix[: self.basis.command.start]
 
     def _choose(self, current: slice, rate: slice, delays: np.ndarray, zoh_s2: float) -> np.ndarray:
@@ -197,9 +211,8 @@ def columns_of_law(parameters: int) -> np.ndarray:
 
 def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarray:
     """Return the coefficients (q, p) of the regressors on the instruments."""
-    instruments = np.tensordot(weight, zz, 1)
-    scale = 1 / np.sqrt(np.maximum(np.diag(instruments), 1e-300))
-    inverse = np.linalg.pinv(instruments * np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    scaled, scale = equilibrated(np.tensordot(weight, zz, 1))
+    inverse = np.linalg.pinv(scaled, rcond=1e-9, hermitian=True)
     products = np.tensordot(weight, zx, 1)
     return np.asarray((scale[:, None] * inverse * scale) @ products)
 

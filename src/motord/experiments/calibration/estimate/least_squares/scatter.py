@@ -34,6 +34,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     BETA,
     FIRST_COGGING,
 )
+from motord.identification.cluster_robust_ls import equilibrated
 from motord.identification.variance_components import VarianceComponents
 
 ROUNDS = 2
@@ -154,9 +155,8 @@ class VarianceEquations:
         """
         if not self.seen.size:
             return self._of_blocks(self.q)
-        spread, unit = spread[np.ix_(self.seen, self.seen)], np.diag(self.gain)
-        scale = 1 / np.sqrt(np.maximum(np.diag(spread), 1e-300))
-        correlation = spread * np.outer(scale, scale) + ALIKE * np.eye(scale.size)
+        correlation, scale = equilibrated(spread[np.ix_(self.seen, self.seen)])
+        correlation, unit = correlation + ALIKE * np.eye(scale.size), np.diag(self.gain)
         rest = scale * (self.q - self.noise[self.seen].sum(axis=1))
         rows = np.column_stack([scale[:, None] * self.gain / unit, rest])
         rows = np.linalg.solve(np.linalg.cholesky(correlation), rows)
