@@ -17,13 +17,12 @@ from typing import Any, Literal
 from motord.atomic_write import write_whole
 from motord.untrusted import parse_json
 
+Difference = Literal["new", "same", "changed", "edited"]
+"""Of a file that is to be there: `edited` is one that differs from what was last written."""
+
 
 class DeploymentError(Exception):
     """A service that cannot be installed or removed; the message says what to do."""
-
-
-Difference = Literal["new", "same", "changed", "edited"]
-"""Of a file that is to be there: `edited` is one that differs from what was last written."""
 
 
 @dataclass(frozen=True)

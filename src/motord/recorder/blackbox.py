@@ -32,6 +32,9 @@ LATE_S = 1.0
 KIND = "blackbox"
 """Kind of the event that holds a box's account, and key of it in the metadata."""
 
+AT_ONCE = 3
+"""Boxes in memory at a time, while the disk stalls: each may be some ten MB."""
+
 
 def path_of(config: Config, t_ns: int) -> Path:
     """Return the name of the black box of a trip at `t_ns` (Unix ns)."""
@@ -173,10 +176,6 @@ def _causes(ticks: Block) -> dict[str, Any]:
 
 def _names(bits: int) -> list[str]:
     return [trip.name for trip in Trip if trip & bits and trip.name]
-
-
-AT_ONCE = 3
-"""Boxes in memory at a time, while the disk stalls: each may be some ten MB."""
 
 
 class BlackBoxWriter:

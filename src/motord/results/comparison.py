@@ -18,6 +18,15 @@ from scipy.special import stdtr
 from motord.intervals import LEVEL, coverage_factor, standard_uncertainty
 from motord.results.figures import ResultFigure
 
+FALSE_ALARMS = 1 - LEVEL
+"""Probability that chance alone makes any difference count, where nothing has changed."""
+
+FREEDOM_UNKNOWN = 2.0
+"""Degrees of freedom of an interval without a standard error: those of three repetitions.
+
+Of two there would be one, with which hardly any change could be found.
+"""
+
 
 def unwrapped(figures: Sequence[ResultFigure]) -> np.ndarray:
     """Return the values (n,) of one field; phases within half a turn of the first."""
@@ -33,10 +42,6 @@ def without_turns(one: ResultFigure, difference: float) -> float:
     return remainder(difference, 2 * pi) if phase else difference
 
 
-FALSE_ALARMS = 1 - LEVEL
-"""Probability that chance alone makes any difference count, where nothing has changed."""
-
-
 @dataclass(frozen=True)
 class MeanFigure:
     """A figure by one or more results: mean, standard uncertainty, its degrees of freedom.
@@ -49,12 +54,6 @@ class MeanFigure:
     freedom: float
     results: int
 
-
-FREEDOM_UNKNOWN = 2.0
-"""Degrees of freedom of an interval without a standard error: those of three repetitions.
-
-Of two there would be one, with which hardly any change could be found.
-"""
 
 Key = tuple[str, str, str]
 """Experiment, field and unit, which results have in common."""

@@ -13,6 +13,12 @@ from typing import Any
 from motord.recording.plan_columns import PlanValue
 from motord.results.figures import ResultFigure
 
+NAME_MAX = 40
+"""Characters of a serial number or motor that a file's name has of it."""
+
+DIGEST_LENGTH = 12
+"""Hexadecimal digits of the digests in a file's name."""
+
 
 @dataclass(frozen=True)
 class _Analysed:
@@ -54,13 +60,6 @@ class ResultRow(_Analysed):
 
 COLUMNS = tuple(one.name for one in fields(ResultRow))
 """Columns of the table `results`."""
-
-
-NAME_MAX = 40
-"""Characters of a serial number or motor that a file's name has of it."""
-
-DIGEST_LENGTH = 12
-"""Hexadecimal digits of the digests in a file's name."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,11 @@ DECISIONS = ("pass", "fail", "undecidable", "error")
 REPEAT_S = 5.0
 """Time after a test in which its serial number is taken to have been typed twice."""
 
+_HEAD_BYTES = 4096
+"""Of a certificate, within which its title ends."""
+
+_TITLE = re.compile(rb": (pass|fail|undecidable)</title>")
+
 
 class Shift:
     """The tests since the station was started; ended_s: when the last one was over, monotonic."""
@@ -53,12 +58,6 @@ class Shift:
         """Return the counts as a line."""
         each = ", ".join(f"{count} {decision}" for decision, count in self.counts.items())
         return f"{self.counts.total()} tested: {each}"
-
-
-_HEAD_BYTES = 4096
-"""Of a certificate, within which its title ends."""
-
-_TITLE = re.compile(rb": (pass|fail|undecidable)</title>")
 
 
 def earlier_verdict(folder: Path, motor_type: Path, serial: str) -> str:

@@ -27,6 +27,11 @@ ForS = Annotated[
 CompensateOption = Literal["off", "on", "calibration", "currents", "cogging"]
 """`motord.sequencing.settings.Compensation`, without loading it."""
 
+LATE_S = 1.0
+"""So much longer than expected the ramp is waited for."""
+
+LOOK_S = 0.5
+
 
 def enable(
     connection: Connection = DEFAULT,
@@ -134,11 +139,6 @@ def set_(
             if lease is not None:
                 left_s = None if for_s is None else for_s - (time.monotonic() - begun_s)
                 hold(client, lease, answer, left_s)
-
-
-LATE_S = 1.0
-"""So much longer than expected the ramp is waited for."""
-LOOK_S = 0.5
 
 
 def set_text(answer: "SetpointReply") -> str:

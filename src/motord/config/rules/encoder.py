@@ -15,6 +15,10 @@ from motord.config.timing import (
     TURN_PER_SAMPLE_MAX_RAD,
 )
 
+ERROR = 3.0
+"""Times the rotor's turn between two samples, by which an unseen stuck track may let the angle be
+wrong: 2.6 were found, at constant speeds."""
+
 
 def speed_resolution_rad_s(config: Sections) -> float:
     """Return by how much the observer's speed may be off, as the encoder has counts.
@@ -101,11 +105,6 @@ def the_encoder_shows_the_greatest_speed(config: Sections) -> Iterator[str]:
         "rotor at a set-point could seem to be beyond the limit, or a faster one within it",
         f"lower [loop] observer_bandwidth_Hz = {config.loop.observer_bandwidth_Hz:g}",
     ).refusal()  # fmt: skip
-
-
-ERROR = 3.0
-"""Times the rotor's turn between two samples, by which an unseen stuck track may let the angle be
-wrong: 2.6 were found, at constant speeds."""
 
 
 def unseen_track_rad(config: Sections) -> float:

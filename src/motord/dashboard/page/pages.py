@@ -20,6 +20,13 @@ from motord.security.roles import Role
 AGAIN_S = 1.0
 """Until a daemon that did not say is asked again."""
 
+PAGES_MAX = 16
+SIGNIFICANT = 2.0
+"""Standard errors that an order of the cogging torque must exceed to be marked."""
+
+LOOK_UP_S = 1.0
+RESTARTED = "the daemon was started again: whoever was in command no longer is"
+
 
 class QueueLookup:
     """Asks for the queue, one request at a time; `show` gets the answer as JSON."""
@@ -58,13 +65,6 @@ class QueueLookup:
                 await asyncio.sleep(AGAIN_S)
                 return
             self._show(to_json(content, inf_nan_mode="null"))
-
-
-PAGES_MAX = 16
-SIGNIFICANT = 2.0
-"""Standard errors that an order of the cogging torque must exceed to be marked."""
-LOOK_UP_S = 1.0
-RESTARTED = "the daemon was started again: whoever was in command no longer is"
 
 
 class Pages:

@@ -9,6 +9,15 @@ from motord.experiments.subject import Recordings
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, figure
 
+HEADER = (
+    "cycle", "speed error RMS (Hz)", "max (Hz)", "in band (%)", "torque error RMS (Nm)",
+    "max (Nm)", "in band (%)", "energy (J)", "asked (J)",
+)  # fmt: skip
+"""Of the table of cycles: errors of speed and torque, share of the time in tolerance, energy."""
+
+MEASURED = "measured"
+WANTED = "profile"
+
 
 def report(found: ProfileTracking, recordings: Recordings) -> Page:
     """Return the page of a profile that was played."""
@@ -48,13 +57,6 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
     return page
 
 
-HEADER = (
-    "cycle", "speed error RMS (Hz)", "max (Hz)", "in band (%)", "torque error RMS (Nm)",
-    "max (Nm)", "in band (%)", "energy (J)", "asked (J)",
-)  # fmt: skip
-"""Of the table of cycles: errors of speed and torque, share of the time in tolerance, energy."""
-
-
 def cycle_rows(found: ProfileTracking) -> list[list[str]]:
     """Return a row of figures for each cycle."""
     return [
@@ -83,10 +85,6 @@ def mean_rows(found: ProfileTracking) -> list[list[str]]:
         ["speed error, RMS (turns/s)", found.speed_rms_Hz.text()],
         ["torque error, RMS (Nm)", found.torque_rms_Nm.text()],
     ]
-
-
-MEASURED = "measured"
-WANTED = "profile"
 
 
 def over_time(cycle: Cycle) -> Figure:

@@ -30,6 +30,9 @@ READ_AT_ONCE = 1 << 16
 KEPT_MAX = 1 << 20
 """Ticks of captures, 176 MB: about two minutes at 8 kHz."""
 
+LOOK_S = 0.25
+"""Time between two looks at the ring."""
+
 
 class CaptureTicks:
     """Follows the ring from the oldest tick that it holds; at most `kept_max` ticks are kept.
@@ -79,10 +82,6 @@ class CaptureTicks:
         self._kept += len(inside)
         if self._kept > self._kept_max:
             self._blocks, self._kept, self._after_loss = [inside[:0]], 0, True
-
-
-LOOK_S = 0.25
-"""Time between two looks at the ring."""
 
 
 class Estimator(Protocol):

@@ -31,6 +31,15 @@ from motord.service.bench.calibrations import check_given
 CURVE_MAX = 2048
 """Values of the cogging torque over a turn; of more counts every so many-th one is given."""
 
+READ_S = 30.0
+"""Reading takes a second or two, most of it to start the process."""
+
+FILES_S = 20.0
+"""Files on disk that are not read by then are left for the next request."""
+
+MEMORY_BYTES = 1024**3
+"""For the process and what it makes of the longest calibration, several times over."""
+
 
 def details(calibration: Calibration, path: Path) -> CalibrationDetails:
     """Return what is in a calibration, which is not known to be in force."""
@@ -69,12 +78,6 @@ def _intervals(values: tuple[float, ...], half_widths: tuple[float, ...]) -> lis
     return [[value - half, value + half] for value, half in zip(values, half_widths, strict=True)]
 
 
-READ_S = 30.0
-"""Reading takes a second or two, most of it to start the process."""
-FILES_S = 20.0
-"""Files on disk that are not read by then are left for the next request."""
-MEMORY_BYTES = 1024**3
-"""For the process and what it makes of the longest calibration, several times over."""
 Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
 """Returns token and calibration of a request to install one. Raises RpcError."""
 ReadFiles = Callable[[Sequence[Path]], dict[Path, CalibrationDetails | str]]

@@ -24,6 +24,20 @@ TEST = "`motord plan start check-calibration` tests it"
 ADOPT = "`motord calibration adopt` puts the tracked values in force"
 CALIBRATE = "{} cannot be adopted: calibrate again"
 
+TRACKER = "tracker"
+IMPLEMENTATION = "motord.experiments.tracking.tracker:CalibrationTracker"
+SILENT_NS = 300_000_000_000
+"""Without a report for so long the process is ended: it was stopped, or hangs."""
+
+NOTHING_YET = "nothing has been reported yet"
+NOT_WRITTEN = (
+    "the calibration is in force, but not written to disk; it is tracked from when that is done"
+)
+
+SHUTTING_DOWN = "the daemon is shutting down"
+NO_TURNS = "no turns yet at a steady set-point with this calibration applied"
+ENDED = "the tracker process has ended; the next one begins anew"
+
 
 class Departures:
     """Emits each departure once, and once that all are back; times are monotonic ns.
@@ -78,19 +92,6 @@ def _remedy(departed: Sequence[TrackedView]) -> str:
     fixed = ", ".join(one.name for one in departed if not one.adoptable)
     adopt = [ADOPT] * any(one.adoptable for one in departed)
     return ", ".join([TEST, *adopt, *[CALIBRATE.format(fixed)] * bool(fixed)])
-
-
-TRACKER = "tracker"
-IMPLEMENTATION = "motord.experiments.tracking.tracker:CalibrationTracker"
-SILENT_NS = 300_000_000_000
-"""Without a report for so long the process is ended: it was stopped, or hangs."""
-NOTHING_YET = "nothing has been reported yet"
-NOT_WRITTEN = (
-    "the calibration is in force, but not written to disk; it is tracked from when that is done"
-)
-SHUTTING_DOWN = "the daemon is shutting down"
-NO_TURNS = "no turns yet at a steady set-point with this calibration applied"
-ENDED = "the tracker process has ended; the next one begins anew"
 
 
 class TrackerLink:

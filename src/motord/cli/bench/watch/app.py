@@ -17,6 +17,8 @@ from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.operator_session import BEAT_S, OperatorSession, in_thread
 from motord.cli.bench.watch.snapshot import Snapshot
 
+DRAW_S = 0.2
+
 
 class ScreenLines(Widget):
     """The lines of `layout`."""
@@ -58,9 +60,6 @@ def changed_cells(before: Text, after: Text) -> tuple[int, int] | None:
     one, other = one.ljust(width), other.ljust(width)
     differ = [x for x in range(width) if one[x] != other[x]]
     return (differ[0], differ[-1] + 1) if differ else None
-
-
-DRAW_S = 0.2
 
 
 class WatchApp(App[None], inherit_bindings=False):
