@@ -75,70 +75,27 @@ SCALES = (
 
 SOURCES = (
     Source("encoder's zero", "encoder_zero_rad", "rad", ("encoder-zero",)),
-    Source(
-        "encoder once and twice a turn",
-        "encoder_error_rad",
-        "rad",
-        ("encoder-error-order-1", "encoder-error-order-2"),
-    ),
-    Source(
-        "harmonics of the back-EMF",
-        "back_emf_harmonics_percent",
-        "% of the fundamental",
-        ("back-emf",),
-        lambda limit, bench: limit / 100 * bench.fundamental,
-    ),
-    Source(
-        "saturation",
-        "saturation_percent",
-        "% at rated current",
-        ("back-emf-load", "cogging-load"),
-        lambda limit, bench: limit / 100 / bench.motor.rated_current_A(),
-    ),
-    Source(
-        "time constant of the torque sensor",
-        "torque_time_constant_percent",
-        "%",
-        ("highpass-time-constant",),
-        _rate,
-    ),
+    Source("encoder once and twice a turn", "encoder_error_rad", "rad",
+           ("encoder-error-order-1", "encoder-error-order-2")),
+    Source("harmonics of the back-EMF", "back_emf_harmonics_percent", "% of the fundamental",
+           ("back-emf",), lambda limit, bench: limit / 100 * bench.fundamental),
+    Source("saturation", "saturation_percent", "% at rated current",
+           ("back-emf-load", "cogging-load"),
+           lambda limit, bench: limit / 100 / bench.motor.rated_current_A()),
+    Source("time constant of the torque sensor", "torque_time_constant_percent", "%",
+           ("highpass-time-constant",), _rate),
     Source("delay of the torque", "torque_age_s", "s", ("torque-age",)),
-    Source(
-        "cross-talk of the torque sensor",
-        "torque_crosstalk_percent",
-        "%",
-        ("torque-sensor-crosstalk",),
-        _percent,
-    ),
-    Source(
-        "cross-talk of current sensors",
-        "current_crosstalk_percent",
-        "%",
-        ("current-sensor-crosstalk",),
-        _percent,
-    ),
-    Source(
-        "nonlinearity of current sensors",
-        "current_linearity_percent",
-        "%",
-        ("current-sensor-nonlinearity",),
-        _curve,
-    ),
-    Source(
-        "friction ripple",
-        "friction_ripple_percent",
-        "% of rated",
-        ("friction-ripple",),
-        _of_rated_torque,
-    ),
-    Source(
-        "cogging torque like offsets",
-        "offset_like_cogging_percent",
-        "% of rated",
-        (COGGING,),
-        _of_rated_torque,
-    ),
-)
+    Source("cross-talk of the torque sensor", "torque_crosstalk_percent", "%",
+           ("torque-sensor-crosstalk",), _percent),
+    Source("cross-talk of current sensors", "current_crosstalk_percent", "%",
+           ("current-sensor-crosstalk",), _percent),
+    Source("nonlinearity of current sensors", "current_linearity_percent", "%",
+           ("current-sensor-nonlinearity",), _curve),
+    Source("friction ripple", "friction_ripple_percent", "% of rated",
+           ("friction-ripple",), _of_rated_torque),
+    Source("cogging torque like offsets", "offset_like_cogging_percent", "% of rated",
+           (COGGING,), _of_rated_torque),
+)  # fmt: skip
 """Sources that the data show in part: each by the effects of `lack_of_fit.effects`."""
 
 
@@ -182,21 +139,11 @@ def budget(
 def _of_temperature(back_emf: ReferredBackEmf) -> tuple[Source, ...]:
     """Return the sources of a back-EMF that was referred to a temperature: gains of it."""
     return (
-        Source(
-            "temperature of the magnets",
-            "magnet_temperature_K",
-            "K",
-            (),
-            lambda limit, _: back_emf.by_sensor(limit),
-        ),
-        Source(
-            "temperature coefficient of the back-EMF",
-            "back_emf_temperature_percent",
-            "% of it",
-            (),
-            lambda limit, _: back_emf.by_coefficient(limit),
-        ),
-    )
+        Source("temperature of the magnets", "magnet_temperature_K", "K",
+               (), lambda limit, _: back_emf.by_sensor(limit)),
+        Source("temperature coefficient of the back-EMF", "back_emf_temperature_percent", "% of it",
+               (), lambda limit, _: back_emf.by_coefficient(limit)),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
