@@ -94,8 +94,7 @@ def fitted_time_constant_s(cause: Cause, bench: BenchFile) -> float:
 _CENTRE = "centre the encoder on the shaft, align it and calibrate again"
 MEANINGS = {
     "encoder-zero": Meaning(
-        "deg",
-        _degrees,
+        "deg", _degrees,
         "the encoder's zero is off by {size} deg (mechanical)",
         "align it with `motord plan start align`",
     ),
@@ -103,8 +102,7 @@ MEANINGS = {
         "deg", _degrees, "the encoder is eccentric: it is off by {size} deg once a turn", _CENTRE
     ),
     "encoder-error-order-2": Meaning(
-        "deg",
-        _degrees,
+        "deg", _degrees,
         "the encoder is off by {size} deg twice a turn: an oval or tilted disc",
         _CENTRE,
     ),
@@ -112,72 +110,62 @@ MEANINGS = {
         "deg", _degrees, "the encoder is off by {size} deg {order} times a turn", _CENTRE
     ),
     "backlash": Meaning(
-        "deg",
-        _twice_degrees,
+        "deg", _twice_degrees,
         "the encoder's angle differs by {size} deg between the directions: backlash or wind-up of "
         "its coupling, or hysteresis of the cogging torque",
         "tighten or replace the coupling of the encoder and calibrate again",
     ),
     "torque-age": Meaning(
-        "us",
-        _microseconds,
+        "us", _microseconds,
         "the torque is {size} us older than angle and currents of the same tick: a low-pass or "
         "averaging of its channel, an anti-aliasing filter, or a bridge that samples it at another "
         "time",
         "sample torque and encoder at the same time, or raise the corner of the filter",
     ),
     "highpass-time-constant": Meaning(
-        "% of the corner frequency",
-        _corner_percent,
+        "% of the corner frequency", _corner_percent,
         "low orders are turned as by a high-pass of the torque sensor whose time constant is "
         "{fitted_s} s, where [torque_sensor] highpass_time_constant_s says {stated_s} s",
         "measure the charge amplifier's time constant (after a step of torque its output falls to "
         "37 % in that time), correct it and analyse again",
     ),
     "back-emf": Meaning(
-        "% of the fundamental",
-        _of_fundamental,
+        "% of the fundamental", _of_fundamental,
         "the back-EMF has another harmonic of electrical order {order} than [motor] back_emf says, "
         "by {size} % of the fundamental",
         "measure the back-EMF with `motord plan start back-emf` and analyse again with its file",
     ),
     "torque-sensor-crosstalk": Meaning(
-        "%",
-        _percent,
+        "%", _percent,
         "the torque sensor reads {size} % more and less with the angle, {order} times a turn: "
         "cross-talk of side forces, or a motor that is not centred on it",
         "turn the sensor under the motor and calibrate again: what turns with it is its own",
     ),
     "current-sensor-crosstalk": Meaning(
-        "%",
-        _largest_percent,
+        "%", _largest_percent,
         "current sensors read up to {size} % of other phases' currents",
         "lay the phase leads apart from the other sensors, or calibrate each sensor with current "
         "in one phase at a time",
     ),
     "current-sensor-nonlinearity": Meaning(
-        "%",
-        _curve_percent,
+        "%", _curve_percent,
         "gains of current sensors change by up to {size} % between no current and the rated one",
         "calibrate the sensors against a shunt over their range; learning takes out the residual",
     ),
     "back-emf-load": Meaning(
-        "% at rated current",
-        _percent_at_rated,
+        "% at rated current", _percent_at_rated,
         "torque falls behind the current by {size} % at rated current: saturation, or warm magnets",
         "calibrate over the torques that are used; learning takes out the residual",
     ),
     "cogging-load": Meaning(
-        "% at rated current",
-        _percent_at_rated,
+        "% at rated current", _percent_at_rated,
         "cogging torque changes with the current, by {size} % at rated current: saturation",
         "calibrate over the torques that are used; learning takes out the residual",
     ),
     "friction-ripple": Meaning(
-        "% of rated",
-        _of_rated_torque,
+        "% of rated", _of_rated_torque,
         "friction ripples by {size} % of rated torque {order} times a turn: it changes its sign "
         "with the direction, as cogging torque does not",
         "look after bearings and couplings; what is compensated holds for one direction only",
     ),
-}
+}  # fmt: skip
