@@ -196,28 +196,20 @@ def _findings(found: Search, harmonics: Sequence[Harmonic]) -> Iterator[Finding]
     """Yield a finding for each order that the data cannot separate from others or from offsets."""
     for order in found.inseparable:
         yield Finding(
-            name=f"offsets-or-cogging-order-{order}",
-            value=float(order),
-            limit=0.0,
-            unit="per turn",
-            severity="serious",
-            meaning=f"cogging torque of order {order} is there, but these points do not separate "
-            "it from offsets of the currents: it was taken for these, which are wrong",
-            action=MEASURE_APART,
-        )
+            f"offsets-or-cogging-order-{order}", float(order), 0.0, "per turn", "serious",
+            f"cogging torque of order {order} is there, but these points do not separate it from "
+            "offsets of the currents: it was taken for these, which are wrong",
+            MEASURE_APART,
+        )  # fmt: skip
     for order, other in found.instead:
         [h] = [h for h in harmonics if h.order == order]
         yield Finding(
-            name=f"cogging-order-{order}-or-{other}",
-            value=1e3 * h.amplitude_Nm,
-            limit=1e3 * _confirmed_Nm(h),
-            unit="mNm",
-            severity="serious",
-            meaning=f"cogging torque of order {order}, with other offsets of the currents, and "
-            f"of order {other} explain the torque alike: the offsets' intervals hold for "
-            f"order {order}",
-            action=MEASURE_APART,
-        )
+            f"cogging-order-{order}-or-{other}", 1e3 * h.amplitude_Nm, 1e3 * _confirmed_Nm(h),
+            "mNm", "serious",
+            f"cogging torque of order {order}, with other offsets of the currents, and of order "
+            f"{other} explain the torque alike: the offsets' intervals hold for order {order}",
+            MEASURE_APART,
+        )  # fmt: skip
 
 
 def _hidden(found: Search) -> Iterator[Finding]:
@@ -225,17 +217,14 @@ def _hidden(found: Search) -> Iterator[Finding]:
     for trial in found.imitated:
         if np.isnan(trial.stderr_Nm) and trial.p_value < HINT:
             yield Finding(
-                name="common-offset-or-cogging",
-                value=1e3 * trial.part_Nm,
-                limit=1e3 * -float(ndtri(HINT / 2)) * trial.part_stderr_Nm,
-                unit="mNm",
-                severity="warning",
-                meaning=f"there seems to be cogging torque of order {trial.order}, and an offset "
+                "common-offset-or-cogging", 1e3 * trial.part_Nm,
+                1e3 * -float(ndtri(HINT / 2)) * trial.part_stderr_Nm, "mNm", "warning",
+                f"there seems to be cogging torque of order {trial.order}, and an offset "
                 "that all phases have in common looks like it but for its phase: their sum is "
                 "right, it was taken for that offset, whose interval holds as much of it again",
-                action=f"more operating points decide it (over {len(found.levels)} orders tried "
-                "it may be chance); measure the offsets at rest",
-            )
+                f"more operating points decide it (over {len(found.levels)} orders tried it may be "
+                "chance); measure the offsets at rest",
+            )  # fmt: skip
 
 
 def _common_offset(harmonics: Sequence[Harmonic], pole_pairs: int) -> Iterator[Finding]:
@@ -243,15 +232,12 @@ def _common_offset(harmonics: Sequence[Harmonic], pole_pairs: int) -> Iterator[F
     alike = [h for h in harmonics if h.order % (6 * pole_pairs) == 3 * pole_pairs]
     for h in sorted(alike, key=attrgetter("order"))[:1]:
         yield Finding(
-            name="common-offset-or-cogging",
-            value=1e3 * h.amplitude_Nm,
-            limit=1e3 * _confirmed_Nm(h),
-            unit="mNm",
-            severity="warning",
-            meaning=f"cogging torque of order {h.order} and an offset that all phases have in "
+            "common-offset-or-cogging", 1e3 * h.amplitude_Nm, 1e3 * _confirmed_Nm(h), "mNm",
+            "warning",
+            f"cogging torque of order {h.order} and an offset that all phases have in "
             "common look alike: their sum is right, the offset was taken as none",
-            action="measure the offsets at rest; in a star the sensed currents show their sum",
-        )
+            "measure the offsets at rest; in a star the sensed currents show their sum",
+        )  # fmt: skip
 
 
 def _notes(found: Search) -> Iterator[str]:

@@ -33,29 +33,35 @@ LIMIT_SIGMAS = 3.0
 FEW_POINTS = 4
 """Operating points below which the pattern over them fits several causes."""
 
-_BY_GROWTH = (
+_LEFT = (
     (
+        "torque-left",
         "does not depend on the torque: cogging of orders that slots and poles do not allow (a "
         "slot or a magnet out of place, an eccentric rotor), or friction",
         "measure it with `motord plan start cogging`; what repeats can be learned",
     ),
     (
+        "torque-left-linear",
         "grows with the torque: cross-talk of the torque sensor or of the current sensors, a "
         "harmonic of the back-EMF that is wrong or missing, or the encoder's zero",
         "align the encoder (`motord plan start align`), measure the back-EMF (`motord plan start "
         "back-emf`), and add points with one phase scaled (gain_steps)",
     ),
     (
+        "torque-left-growing",
         "grows faster than the torque: gains of the current sensors that change over their range, "
         "back-EMF that falls or cogging that changes with the current, or cross-talk",
         "calibrate over the torques that are used, and compare with a calibration at low torque",
     ),
+    (
+        "torque-left-other",
+        "is at orders that no harmonic of currents or back-EMF makes: an eccentric rotor, a sensor "
+        "that is not aligned, or the load",
+        "compare two speeds: what moves in order comes from the load or the mount",
+    ),
 )
-_OTHER = (
-    "is at orders that no harmonic of currents or back-EMF makes: an eccentric rotor, a sensor "
-    "that is not aligned, or the load",
-    "compare two speeds: what moves in order comes from the load or the mount",
-)
+"""Name, meaning and action of residual torque, by the power of the torque with which it grows; last
+of orders that do not come from the poles."""
 
 
 def findings(
@@ -101,15 +107,8 @@ def _of_cause(cause: Cause, bench: BenchFile, age_s: float, points: int) -> Find
             f"; {points} operating points do not separate this from other departures, nor "
             "from cogging torque of orders that slots and poles do not allow"
         )
-    return Finding(
-        name=cause.name,
-        value=size,
-        limit=LIMIT_SIGMAS * size / cause.sigmas,
-        unit=meaning.unit,
-        severity="serious",
-        meaning=text,
-        action=meaning.action,
-    )
+    limit = LIMIT_SIGMAS * size / cause.sigmas
+    return Finding(cause.name, size, limit, meaning.unit, "serious", text, meaning.action)
 
 
 def _of_orders(
@@ -121,11 +120,11 @@ def _of_orders(
     def kind(one: ResidualOrder) -> int:
         if one.order % motor.pole_pairs == 0:  # one cause makes several, with different growth
             return one.power or max(electrical)
-        return 0 if one.power == 0 else len(_BY_GROWTH)
+        return 0 if one.power == 0 else len(_LEFT) - 1
 
     for number, group in groupby(sorted(found, key=lambda one: (kind(one), one.order)), kind):
         orders = list(group)
-        meaning, action = _OTHER if number == len(_BY_GROWTH) else _BY_GROWTH[number]
+        name, meaning, action = _LEFT[number]
         percent = 100 / motor.rated_torque_Nm
         rms_Nm = float(np.sqrt(sum(one.rms_Nm**2 for one in orders)))
         noise_Nm = float(np.sqrt(sum(one.noise_Nm**2 for one in orders)))
@@ -134,59 +133,39 @@ def _of_orders(
             meaning += f"; {points} operating points do not show how it depends on the torque"
         strong = any(one.rms_Nm > SERIOUS_NOISES * one.noise_Nm for one in orders)
         yield Finding(
-            name=("torque-left", "torque-left-linear", "torque-left-growing", "torque-left-other")[
-                number
-            ],
-            value=percent * rms_Nm,
-            limit=percent * noise_Nm,
-            unit="% of rated",
-            severity="serious" if strong else "warning",
-            meaning=f"residual torque at order{'s' * (len(orders) > 1)} {listed}, which {meaning}",
-            action=action,
-        )
+            name, percent * rms_Nm, percent * noise_Nm, "% of rated",
+            "serious" if strong else "warning",
+            f"residual torque at order{'s' * (len(orders) > 1)} {listed}, which {meaning}", action,
+        )  # fmt: skip
 
 
 def _few_points(points: int) -> Finding:
     return Finding(
-        name="few-points",
-        value=points,
-        limit=FEW_POINTS,
-        unit="operating points",
-        severity="note",
-        meaning=f"too few operating points ({points}) to tell causes apart: take at least "
-        f"{FEW_POINTS}",
-        action="calibrate with more torques_Nm or speeds_Hz",
-    )
+        "few-points", points, FEW_POINTS, "operating points", "note",
+        f"too few operating points ({points}) to tell causes apart: take at least {FEW_POINTS}",
+        "calibrate with more torques_Nm or speeds_Hz",
+    )  # fmt: skip
 
 
 def _of_age(age_s: float, stderr_s: float, period_s: float) -> Iterator[Finding]:
     limit_s = AGE_PERIODS * period_s
-    if abs(age_s) - stderr_s <= limit_s:
-        return
-    yield Finding(
-        name="current-age",
-        value=1e6 * age_s,
-        limit=1e6 * limit_s,
-        unit="us",
-        severity="serious",
-        meaning="the currents fit only if they are that much older than the recording says, more "
-        "than a sampling period: the encoder's zero, a harmonic of the back-EMF or [inverter] "
-        "feedback_age_s is wrong",
-        action="align the encoder (`motord plan start align`) and measure the back-EMF",
-    )
+    if abs(age_s) - stderr_s > limit_s:
+        yield Finding(
+            "current-age", 1e6 * age_s, 1e6 * limit_s, "us", "serious",
+            "the currents fit only if they are that much older than the recording says, more than "
+            "a sampling period: the encoder's zero, a harmonic of the back-EMF or [inverter] "
+            "feedback_age_s is wrong",
+            "align the encoder (`motord plan start align`) and measure the back-EMF",
+        )  # fmt: skip
 
 
 def _of_kirchhoff(agreement: Kirchhoff) -> Iterator[Finding]:
-    if agreement.agrees:
-        return
-    yield Finding(
-        name="kirchhoff",
-        value=100 * agreement.difference,
-        limit=100 * agreement.limit * abs(agreement.difference) / agreement.errors,
-        unit="%",
-        severity="serious",
-        meaning=f"alpha of phase {agreement.phase} from the torque alone is that far from what "
-        "Kirchhoff's law says: a common gain other than 1, a wrong back-EMF, cross-talk, or "
-        "current sensors that are not linear",
-        action="calibrate with gain_steps, and measure the back-EMF",
-    )
+    if not agreement.agrees:
+        limit = 100 * agreement.limit * abs(agreement.difference) / agreement.errors
+        yield Finding(
+            "kirchhoff", 100 * agreement.difference, limit, "%", "serious",
+            f"alpha of phase {agreement.phase} from the torque alone is that far from what "
+            "Kirchhoff's law says: a common gain other than 1, a wrong back-EMF, cross-talk, or "
+            "current sensors that are not linear",
+            "calibrate with gain_steps, and measure the back-EMF",
+        )  # fmt: skip
