@@ -80,16 +80,16 @@ class _StatedFit:
     half: np.ndarray
 
     @classmethod
-    def of(cls, group: CoastDownFit, speeds: Sequence[np.ndarray], at_rad_s: float) -> "_StatedFit":
+    def of(cls, group: CoastDownFit, speed_rad_s: np.ndarray, at_rad_s: float) -> "_StatedFit":
         """Fit with a Stribeck part of w_s `at_rad_s`, if that is not 0 and windage is no better."""
         fit, scale = group.fit, 0.0
         if at_rad_s:
-            scale = float(group.with_stribeck(speeds, at_rad_s).solution[-1])
-            if windage_instead(group, speeds, at_rad_s, scale):
+            scale = float(group.with_stribeck(speed_rad_s, at_rad_s).solution[-1])
+            if windage_instead(group, speed_rad_s, at_rad_s, scale):
                 at_rad_s, scale = 0.0, 0.0
         if at_rad_s:
-            fit = group.with_stribeck(speeds, at_rad_s, scale)
-        lack = lack_of_fit(group, speeds, at_rad_s, scale)
+            fit = group.with_stribeck(speed_rad_s, at_rad_s, scale)
+        lack = lack_of_fit(group, speed_rad_s, at_rad_s, scale)
         quantile = np.array([_quantile(fit, 0.975, one) for one in np.eye(fit.solution.size)])
         stated = quantile * np.sqrt(np.diag(fit.covariance))
         half = lack.widened(stated, np.eye(stated.size))
@@ -122,15 +122,15 @@ class _StatedFit:
 def _direction(
     coasts: tuple[CoastDown, ...], motor: MotorConfig, inertia: Inertia
 ) -> DirectionalFriction:
-    group, speeds = fitted(coasts, motor)
-    low, high = min(float(s.min()) for s in speeds), max(float(s.max()) for s in speeds)
+    group, speed_rad_s = fitted(coasts, motor)
+    low, high = float(speed_rad_s.min()), float(speed_rad_s.max())
     if low <= 0:
         raise IdentifyError(
             "a coast-down goes on to standstill, where friction is not of the speed: raise "
             "stop_speed_Hz"
         )
-    at_rad_s, limit = _search_stribeck(group, speeds, low, high)
-    found = _StatedFit.of(group, speeds, at_rad_s)
+    at_rad_s, limit = _search_stribeck(group, speed_rad_s, low, high)
+    found = _StatedFit.of(group, speed_rad_s, at_rad_s)
     stribeck = found.stribeck(inertia)
     return DirectionalFriction(
         "forwards" if coasts[0].direction > 0 else "backwards",
@@ -147,16 +147,16 @@ def _direction(
         windage=_windage(found, high, inertia),
         residual_rad=float(np.sqrt(np.mean(found.fit.residual**2))),
         curve=_curve(found, (low, high), inertia, coasts[0].direction),
-        fits=_coast_fits(group, found.fit, speeds),
+        fits=_coast_fits(group, found.fit, speed_rad_s),
     )
 
 
 def _search_stribeck(
-    group: CoastDownFit, speeds: Sequence[np.ndarray], low: float, high: float
+    group: CoastDownFit, speed_rad_s: np.ndarray, low: float, high: float
 ) -> tuple[float, float]:
     """Return w_s of a significant Stribeck part, else 0, and S/J at most at the least speed."""
     tried = stribeck_speeds(low, high)
-    fits = [group.with_stribeck(speeds, float(at)) for at in tried]
+    fits = [group.with_stribeck(speed_rad_s, float(at)) for at in tried]
     part = np.array([fit.solution[-1] for fit in fits])
     stderr = np.sqrt([fit.covariance[-1, -1] for fit in fits])
     last = np.eye(fits[0].solution.size)[-1]
@@ -166,7 +166,7 @@ def _search_stribeck(
     least = _quantile(fits[best], 1 - STRIBECK_LEVEL / STRIBECK_SPEEDS, last)
     if part[best] < least * stderr[best]:
         return 0.0, float(upper.max())
-    return group.best_stribeck(speeds, tried), float(upper.max())
+    return group.best_stribeck(speed_rad_s, tried), float(upper.max())
 
 
 def _quantile(fit: TwoStepFit, probability: float, contrast: np.ndarray) -> float:
@@ -225,11 +225,14 @@ def _curve_point(found: _StatedFit, speed_rad_s: float, inertia: Inertia, sign: 
 
 
 def _coast_fits(
-    group: CoastDownFit, fit: TwoStepFit, speeds: Sequence[np.ndarray]
+    group: CoastDownFit, fit: TwoStepFit, speed_rad_s: np.ndarray
 ) -> tuple[CoastFit, ...]:
     return tuple(
         CoastFit(one.t_s, one.q_rad, speed, residual)
         for one, speed, residual in zip(
-            group.coasts, speeds, group.split(fit.residual), strict=True
+            group.rows.coasts,
+            group.rows.split(speed_rad_s),
+            group.rows.split(fit.residual),
+            strict=True,
         )
     )

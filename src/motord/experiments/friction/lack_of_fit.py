@@ -7,7 +7,6 @@ coast-downs. Friction that differs from one to the next does not matter to it. W
 coefficient W/J, left out, adds to the fitted figures is what the fit makes of x W/J as values.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,44 +62,42 @@ class WindageFit:
 
 
 def lack_of_fit(
-    group: CoastDownFit, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
+    group: CoastDownFit, speed_rad_s: np.ndarray, at_rad_s: float, scale: float
 ) -> WindageFit:
     """Return the part of the square of the speed next to a fit, with a Stribeck part or without.
 
-    speeds_rad_s: (n,) of each coast-down; at_rad_s, scale: w_s and S/J of that part, 0 for none.
+    speed_rad_s (n,): of the rows; at_rad_s, scale: w_s and S/J of that part, 0 for none.
     """
-    pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
     columns = group.columns
     if at_rad_s:
-        columns = np.hstack([columns, group.stribeck(speeds_rad_s, at_rad_s, scale)])
-    square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
+        columns = np.hstack([columns, group.stribeck(speed_rad_s, at_rad_s, scale)])
+    square = group.rows.projected(group.rows.windage(speed_rad_s))
     own = np.column_stack([columns[:, :OWN], square])
-    coefficients, information = _of_each(own, columns[:, OWN:], group.values, group.first)
+    coefficients, information = _of_each(own, columns[:, OWN:], group.values, group.rows.first)
     weight = information / information.sum()
     mean = float(weight @ coefficients)
-    number = len(group.coasts)
+    number = len(group.rows.coasts)
     variance = float((weight**2 * (coefficients - mean) ** 2).sum()) * number / (number - 1)
-    fastest_rad_s = max(float(speed.max()) for speed in speeds_rad_s)
+    fastest_rad_s = float(speed_rad_s.max())
     rounding = ROUNDING * abs(float(group.fit.solution[0])) / fastest_rad_s**2
     stderr = max(float(np.sqrt(variance)), rounding)
     return WindageFit(
         mean,
         t_quantile(1 - LEVEL / 2, number - 1) * stderr,
         t_quantile(0.975, number - 1) * stderr,
-        -TwoStepFit.of(columns, group.first, square).solution,
+        -TwoStepFit.of(columns, group.rows.first, square).solution,
     )
 
 
 def windage_instead(
-    group: CoastDownFit, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float
+    group: CoastDownFit, speed_rad_s: np.ndarray, at_rad_s: float, scale: float
 ) -> bool:
     """Return whether a part of the square of the speed explains what a Stribeck part would.
 
     By the Bayesian information criterion, the latter with its w_s having a parameter more.
     """
-    pairs = list(zip(group.coasts, speeds_rad_s, strict=True))
-    square = np.concatenate([one.projected(one.windage(speed)) for one, speed in pairs])
-    stribeck = group.stribeck(speeds_rad_s, at_rad_s, scale)
+    square = group.rows.projected(group.rows.windage(speed_rad_s))
+    stribeck = group.stribeck(speed_rad_s, at_rad_s, scale)
     by_square, by_stribeck = (
         max(group.residual_squares(more), 1e-300) for more in (square[:, None], stribeck)
     )
@@ -115,7 +112,8 @@ def _of_each(
 
     Each coast-down has coefficients of its own columns; those of the others are common to all.
     """
-    partial, partial_values = partialled_out(bases(own, first), common, values, first)
+    own_bases = bases(own, first)
+    partial, partial_values = (partialled_out(own_bases, x, first) for x in (common, values))
     shared = np.linalg.lstsq(partial, partial_values)[0] if common.shape[1] else np.zeros(0)
     found = []
     less_common = np.split(values - common @ shared, first[1:])

@@ -25,6 +25,7 @@ from motord.identification.cluster_robust_ls import (
     ClusterFit,
     Regressors,
     satterthwaite,
+    split,
 )
 
 OWN = 2
@@ -49,7 +50,8 @@ class TwoStepFit(ClusterFit):
         """Fit values (n,) by columns (n, p); first (g,): the first row of each coast-down."""
         own, more = columns[:, :OWN], columns[:, OWN:]
         regressors = Regressors.of(own, first)
-        free, free_values = partialled_out(bases(own, first), more, values, first)
+        own_bases = bases(own, first)
+        free, free_values = (partialled_out(own_bases, x, first) for x in (more, values))
         common = _cluster_robust(Regressors.of(free, first), free_values)
         friction = _cluster_robust(regressors, values - more @ common.solution)
         sensitivity = np.eye(columns.shape[1])
@@ -80,19 +82,16 @@ def bases(own: np.ndarray, first: np.ndarray) -> list[np.ndarray]:
 
     first (g,): the first row of each coast-down.
     """
-    return [np.linalg.qr(x)[0] for x in np.split(own, first[1:])]
+    return [np.linalg.qr(x)[0] for x in split(own, first)]
 
 
-def partialled_out(
-    own: Sequence[np.ndarray], common: np.ndarray, values: np.ndarray, first: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals of the common columns and of the values, on each coast-down's own columns.
+def partialled_out(own: Sequence[np.ndarray], columns: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Return residuals of columns (n,) or (n, p) on each coast-down's own columns.
 
     own: their `bases`.
     """
-    both = np.split(np.column_stack([common, values]), first[1:])
-    every = np.concatenate([y - q @ (q.T @ y) for q, y in zip(own, both, strict=True)])
-    return every[:, :-1], every[:, -1]
+    pairs = zip(own, split(columns, first), strict=True)
+    return np.concatenate([y - q @ (q.T @ y) for q, y in pairs])
 
 
 def _covariance(friction: ClusterFit, common: ClusterFit, sensitivity: np.ndarray) -> np.ndarray:

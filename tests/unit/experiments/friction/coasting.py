@@ -1,6 +1,6 @@
 """Coast-downs of a rotor whose friction is known: integrated finely, read by an encoder."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -30,13 +30,14 @@ class Rotor:
     cogging: tuple[tuple[int, float, float], ...] = ((16, 0.05, 0.02), (48, 0.1, -0.2))
 
     def acceleration(self, angle_rad: np.ndarray, speed_rad_s: np.ndarray) -> np.ndarray:
-        size, sign = np.abs(speed_rad_s), np.sign(speed_rad_s)
-        torque_Nm = -sign * (
-            self.coulomb_Nm
-            + self.viscous_Nm_s_per_rad * size
-            + self.windage_Nm_s2_per_rad2 * size**2
-            + self.stribeck_Nm * np.exp(-((size / self.stribeck_rad_s) ** 2))
-        )
+        size = np.abs(speed_rad_s)
+        torque_Nm = self.coulomb_Nm + self.viscous_Nm_s_per_rad * size
+        if self.windage_Nm_s2_per_rad2:
+            torque_Nm = torque_Nm + self.windage_Nm_s2_per_rad2 * size**2
+        if self.stribeck_Nm:
+            stribeck = np.exp(-((size / self.stribeck_rad_s) ** 2))
+            torque_Nm = torque_Nm + self.stribeck_Nm * stribeck
+        torque_Nm = -np.sign(speed_rad_s) * torque_Nm
         for order, c, d in self.cogging:
             torque_Nm = torque_Nm + c * np.cos(order * angle_rad) + d * np.sin(order * angle_rad)
         return torque_Nm / INERTIA.kg_m2
@@ -83,7 +84,13 @@ def of_seeds(
     seeds: Iterable[int], rotor: Rotor, number: int, longest_step: int
 ) -> Iterator[list[CoastDown]]:
     """Yield the `coast_downs` of each seed; those of all are integrated at the same time."""
-    draws = [np.random.default_rng(seed) for seed in seeds]
+    return of_draws([np.random.default_rng(seed) for seed in seeds], rotor, number, longest_step)
+
+
+def of_draws(
+    draws: Sequence[np.random.Generator], rotor: Rotor, number: int, longest_step: int = 1
+) -> Iterator[list[CoastDown]]:
+    """Yield the `coast_downs` of each generator, which may be the same one again."""
     begun = np.hstack([_begun(rng, number, START_RAD_S) for rng in draws])
     every = iter(paths(rotor, *begun, STOP_RAD_S))
     for rng in draws:

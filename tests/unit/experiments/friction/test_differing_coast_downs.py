@@ -8,6 +8,7 @@ from scipy.linalg import block_diag
 
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import CoastDownFit, fitted
+from motord.experiments.friction.coast_down_rows import CoastDownRows
 from motord.experiments.friction.result import DirectionalFriction
 from motord.experiments.friction.two_step_fit import TwoStepFit
 from motord.identification.cluster_robust_ls import Regressors
@@ -20,15 +21,16 @@ ROUNDS = 4
 
 def fit(coasts: list[CoastDown]) -> CoastDownFit:
     """Return the linear fit without cogging torque."""
-    group = CoastDownFit.of(tuple(coasts), [], [one.smooth_rad() for one in coasts])
+    rows = CoastDownRows(tuple(coasts))
+    group = CoastDownFit.of(rows, [], rows.smooth_rad())
     for _ in range(ROUNDS):
-        group = CoastDownFit.of(group.coasts, [], group.q_rad)
+        group = CoastDownFit.of(rows, [], group.q_rad)
     return group
 
 
 def coulomb_of_each(group: CoastDownFit) -> np.ndarray:
     """Return values (g, n) by Coulomb friction of 1 of each coast-down alone."""
-    return block_diag(*group.split(group.columns[:, 0]))
+    return block_diag(*group.rows.split(group.columns[:, 0]))
 
 
 def variances(group: CoastDownFit) -> np.ndarray:
@@ -37,11 +39,13 @@ def variances(group: CoastDownFit) -> np.ndarray:
     For Coulomb friction that differs independently: all are quadratic in the values, so their
     means are sums over coast-downs whose friction alone differs.
     """
-    regressors = Regressors.of(group.columns, group.first)
+    regressors = Regressors.of(group.columns, group.rows.first)
     found = np.zeros((3, 2))
     for values in coulomb_of_each(group):
         reduced = regressors.fit_bias_reduced(values)
-        pairs = zip(group.split(group.columns), group.split(reduced.residual), strict=True)
+        pairs = zip(
+            group.rows.split(group.columns), group.rows.split(reduced.residual), strict=True
+        )
         influence = regressors.inverse @ np.array([x.T @ residual for x, residual in pairs]).T
         plain = (influence**2).sum(axis=1) * NUMBER / (NUMBER - 1)
         found += np.array([reduced.solution**2, np.diag(reduced.covariance), plain])
@@ -99,6 +103,6 @@ def of_coulomb(group: CoastDownFit) -> tuple[np.ndarray, np.ndarray]:
 
     And their stated variances (2,), for Coulomb friction that differs independently.
     """
-    fits = [TwoStepFit.of(group.columns, group.first, each) for each in coulomb_of_each(group)]
+    fits = [TwoStepFit.of(group.columns, group.rows.first, each) for each in coulomb_of_each(group)]
     influence = np.array([one.solution[:2] for one in fits])
     return influence, np.diag(sum(one.covariance for one in fits))[:2]

@@ -12,7 +12,14 @@ from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor, freedom_of
 from tests.campaigns.friction import ROTORS, coverage, recordings, trial
-from tests.unit.experiments.friction.coasting import INERTIA, MOTOR, Rotor, coast_downs, friction
+from tests.unit.experiments.friction.coasting import (
+    INERTIA,
+    MOTOR,
+    Rotor,
+    coast_downs,
+    friction,
+    of_draws,
+)
 
 STRIBECK = Rotor(stribeck_Nm=0.02, cogging=((16, 0.002, 0.0),))
 
@@ -111,9 +118,9 @@ def test_windage_is_named_and_the_intervals_hold_the_truth() -> None:
 
 def test_friction_that_differs_between_coast_downs_is_no_windage() -> None:
     rng = np.random.default_rng(16)
-    for _ in range(6):
-        own = [replace(Rotor(cogging=()), coulomb_Nm=0.03 * rng.normal(1, 0.01)) for _ in range(6)]
-        found = friction([one for rotor in own for one in coast_downs(rng, rotor, 1)])
+    own_Nm = 0.03 * rng.normal(1, 0.01, 6 * 6)  # one of each path
+    for coasts in of_draws([rng] * 6, replace(Rotor(cogging=()), coulomb_Nm=own_Nm), 6):
+        found = friction(coasts)
         assert "windage" not in {finding.name for finding in found.findings}
         assert "no torque with the square of the speed" in " ".join(found.notes)
 
@@ -153,8 +160,8 @@ def test_the_curve_has_the_degrees_of_freedom_of_its_fit() -> None:
 def test_the_curve_holds_the_truth_as_often_as_it_says() -> None:
     """20 trials of 8 coast-downs, 25 points each."""
     rng, held = np.random.default_rng(17), []
-    for _ in range(20):
-        (one,) = friction(coast_downs(rng, Rotor(cogging=()), 8)).directions
+    for coasts in of_draws([rng] * 20, Rotor(cogging=()), 8):
+        (one,) = friction(coasts).directions
         held.append(
             [
                 holds(point.low_Nm, 0.03 + 0.002 * point.speed_rad_s, point.high_Nm)

@@ -1,0 +1,144 @@
+"""Coast-downs of one direction as columns of a linear model: what friction and cogging torque do.
+
+    J q'' = -F - b q' - S exp(-(q'/w_s)^2) + s sum_h (C_h cos h theta + D_h sin h theta)
+
+with q the angle in the direction s of turning. Integrated twice it is linear in what is asked for,
+
+    q = a + v t - (F/J) t^2/2 - (b/J) int q - (S/J) int int exp(-(q'/w_s)^2)
+        + s sum_h ((C_h/J) int int cos h theta + (D_h/J) int int sin h theta)
+
+and nothing is differentiated. a and v are of each coast-down, and projected out. The angle within
+the integrals is that of the fit itself, in a few rounds that begin with a polynomial: the encoder's
+rounding, integrated twice, would hide the cogging torque at high orders.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+
+import numpy as np
+
+from motord.experiments.friction.coast_down import CoastDown
+from motord.identification.cluster_robust_ls import split
+
+
+@dataclass(frozen=True)
+class CoastDownRows:
+    """Coast-downs of one direction; arrays (n, ...) have the rows of all, one after the other."""
+
+    coasts: tuple[CoastDown, ...]
+
+    @cached_property
+    def first(self) -> np.ndarray:
+        """Return the first row of each coast-down (g,)."""
+        return np.cumsum([0, *self._sizes[:-1]])
+
+    @cached_property
+    def t_s(self) -> np.ndarray:
+        """Return the time since the first sample of each (n,)."""
+        return self.joined([one.t_s for one in self.coasts])
+
+    @cached_property
+    def q_rad(self) -> np.ndarray:
+        """Return the angles in the direction of turning (n,), by the encoder."""
+        return self.joined([one.q_rad for one in self.coasts])
+
+    def smooth_rad(self) -> np.ndarray:
+        """Return a polynomial through q of each (n,), which the first round begins with."""
+        return self.joined([one.smooth_rad() for one in self.coasts])
+
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return rows (n, ...) of each coast-down."""
+        return split(values, self.first)
+
+    def joined(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Return rows of each coast-down as those of all (n, ...)."""
+        return np.concatenate(parts)
+
+    def speed_rad_s(self, q_rad: np.ndarray) -> np.ndarray:
+        """Return the speed (n,) of angles (n,)."""
+        pairs = zip(self.split(q_rad), self.coasts, strict=True)
+        return self.joined([np.gradient(q, one.t_s) for q, one in pairs])
+
+    def projected(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns (n,) or (n, p) less what a + v t of each coast-down explains of them."""
+        pairs = zip(self._nuisance, self.split(columns), strict=True)
+        return self.joined([x - q @ (q.T @ x) for q, x in pairs])
+
+    def friction(self, q_rad: np.ndarray) -> np.ndarray:
+        """Return the columns (n, 2) of F/J and b/J; q_rad (n,): the angle within the integrals."""
+        return np.column_stack([-(self.t_s**2) / 2, -self.integral(q_rad - self._of_first(q_rad))])
+
+    def cogging(self, orders: Sequence[int], q_rad: np.ndarray) -> np.ndarray:
+        """Return the columns (n, 2 m) of C/J and D/J of each order.
+
+        q_rad (n,): the angle within the integrals, taken to be straight between samples, of which
+        there may be few in a wave.
+        """
+        direction = self.coasts[0].direction
+        angle_rad = self._start_rad + direction * q_rad
+        middle_rad = (angle_rad[1:] + angle_rad[:-1]) / 2
+        way_rad = np.diff(angle_rad)
+        columns = np.empty((2 * len(orders), angle_rad.size))
+        for number, order in enumerate(orders):
+            scale = direction * np.sinc(order * way_rad / (2 * pi))
+            for wave, column in zip((np.cos, np.sin), columns[2 * number :], strict=False):
+                means = self._once(scale * wave(order * middle_rad))
+                column[:] = self.integral(means, direction * wave(order * angle_rad))
+        return columns.T
+
+    def stribeck(self, speed_rad_s: np.ndarray, at_rad_s: float, scale: float = 0.0) -> np.ndarray:
+        """Return the column (n, 1) of S/J; speed (n,) of the rotor.
+
+        With `scale` (S/J) the columns (n, 2): that of w_s, too.
+        """
+        ratio = (speed_rad_s / at_rad_s) ** 2
+        shapes = [np.exp(-ratio)]
+        if scale:
+            shapes.append(scale * shapes[0] * 2 * ratio / at_rad_s)
+        return np.column_stack([-self.integral(self.integral(shape)) for shape in shapes])
+
+    def windage(self, speed_rad_s: np.ndarray) -> np.ndarray:
+        """Return the column (n,) of a torque with the square of the speed (n,), over J."""
+        return -self.integral(self.integral(speed_rad_s**2))
+
+    def integral(self, values: np.ndarray, derivative: np.ndarray | None = None) -> np.ndarray:
+        """Return the integral (n,) of values (n,) from the first sample of each on.
+
+        Trapezia, or cubics where the derivative (n,) is known.
+        """
+        means = (values[1:] + values[:-1]) / 2
+        if derivative is not None:
+            means -= self._steps_s * np.diff(derivative) / 12
+        return self._once(means)
+
+    def _once(self, means: np.ndarray) -> np.ndarray:
+        """Return the integral (n,) of means (n - 1,) between rows, from each's first row on."""
+        whole = np.empty(means.size + 1)
+        whole[0] = 0.0
+        np.cumsum(self._steps_s * means, out=whole[1:])
+        return np.asarray(whole - self._of_first(whole))
+
+    @cached_property
+    def _steps_s(self) -> np.ndarray:
+        """Return the time between rows (n - 1,)."""
+        return np.diff(self.t_s)
+
+    @cached_property
+    def _start_rad(self) -> np.ndarray:
+        return np.repeat([one.angle_rad[0] for one in self.coasts], self._sizes)
+
+    @cached_property
+    def _sizes(self) -> list[int]:
+        return [one.t_s.size for one in self.coasts]
+
+    @cached_property
+    def _nuisance(self) -> list[np.ndarray]:
+        """Orthonormal columns that span a + v t, of each."""
+        columns = [np.column_stack([np.ones_like(one.t_s), one.t_s]) for one in self.coasts]
+        return [np.asarray(np.linalg.qr(x)[0]) for x in columns]
+
+    def _of_first(self, values: np.ndarray) -> np.ndarray:
+        """Return the value of each row's coast-down's first row (n,)."""
+        return np.repeat(values[self.first], self._sizes)
