@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -54,7 +55,11 @@ def tracker_of(
 
 
 def tracked_of(ticks: np.ndarray, **changes: object) -> TrackedCalibration:
-    found = tracker_of(ticks, **changes).tracked()
+    return stated_of(tracker_of(ticks, **changes))
+
+
+def stated_of(tracker: CalibrationTracker) -> TrackedCalibration:
+    found = tracker.tracked()
     assert found is not None
     return found
 
@@ -86,8 +91,27 @@ def drifted() -> np.ndarray:
     return operate(drift=DRIFT)
 
 
-def test_a_calibration_that_holds_has_not_departed(quiet: np.ndarray) -> None:
-    found = tracked_of(quiet)
+@pytest.fixture(scope="module")
+def quiet_tracker(quiet: np.ndarray) -> CalibrationTracker:
+    """Return the tracker of all of `quiet`; a test that goes on takes a deep copy."""
+    return tracker_of(quiet)
+
+
+@pytest.fixture(scope="module")
+def quiet_tracked(quiet_tracker: CalibrationTracker) -> TrackedCalibration:
+    return stated_of(quiet_tracker)
+
+
+@pytest.fixture(scope="module")
+def drifted_tracker(drifted: np.ndarray) -> CalibrationTracker:
+    """Return the tracker of all of `drifted`; a test that goes on takes a deep copy."""
+    return tracker_of(drifted)
+
+
+def test_a_calibration_that_holds_has_not_departed(
+    quiet: np.ndarray, quiet_tracked: TrackedCalibration
+) -> None:
+    found = quiet_tracked
     assert departed(found) == []
     assert found.calibration == CALIBRATION.id
     assert found.turns == pytest.approx(0.72 * SECONDS, rel=0.15)
@@ -101,8 +125,8 @@ def test_a_calibration_that_holds_has_not_departed(quiet: np.ndarray) -> None:
     assert json.loads(found.model_dump_json())["calibration"] == CALIBRATION.id
 
 
-def test_values_are_those_of_the_calibration_file(quiet: np.ndarray) -> None:
-    found = tracked_of(quiet)
+def test_values_are_those_of_the_calibration_file(quiet_tracked: TrackedCalibration) -> None:
+    found = quiet_tracked
     in_force = {one.name: one.in_force for one in found.quantities}
     units = {one.name: one.unit for one in found.quantities}
     first = CALIBRATION.tau_cog_harmonics[0]
@@ -115,8 +139,8 @@ def test_values_are_those_of_the_calibration_file(quiet: np.ndarray) -> None:
     assert half_width == pytest.approx(1.96 * CALIBRATION.alpha_stderr[0], rel=1e-3)
 
 
-def test_a_gain_that_changed_is_followed_and_found(drifted: np.ndarray) -> None:
-    found = tracked_of(drifted)
+def test_a_gain_that_changed_is_followed_and_found(drifted_tracker: CalibrationTracker) -> None:
+    found = stated_of(drifted_tracker)
     alpha = [values(found)[f"alpha-{phase}"] for phase in "abc"]
     true = np.array(TRUTH.inverter.alpha) * [1, 1 + DRIFT, 1]
     assert np.prod(alpha) == pytest.approx(1)
@@ -164,13 +188,14 @@ def test_only_enabled_and_compensated_ticks_of_this_calibration_count(quiet: np.
             Flag.RAMPING | Flag.CURRENTS_COMPENSATED | Flag.COGGING_COMPENSATED,
         ),
     }
+    enough = quiet[:10_000]
+    assert tracker_of(enough).tracked() is not None
     for name, (field, value) in cases.items():
-        ticks = quiet[:60_000].copy()
+        ticks = enough.copy()
         ticks[field] = value
         assert tracker_of(ticks).tracked() is None, name
     other = stated_calibration(SEED + 1, CONFIG, (TRUTH, 1.0, 1.0))
-    assert tracker_of(quiet[:60_000], calibration=other).tracked() is None
-    assert tracker_of(quiet[:60_000]).tracked() is not None
+    assert tracker_of(enough, calibration=other).tracked() is None
 
 
 def test_blocks_of_any_size_are_the_same(quiet: np.ndarray) -> None:
@@ -178,8 +203,10 @@ def test_blocks_of_any_size_are_the_same(quiet: np.ndarray) -> None:
     assert small == large
 
 
-def test_lost_ticks_cost_their_turns_and_nothing_else(quiet: np.ndarray) -> None:
-    whole = tracked_of(quiet)
+def test_lost_ticks_cost_their_turns_and_nothing_else(
+    quiet: np.ndarray, quiet_tracked: TrackedCalibration
+) -> None:
+    whole = quiet_tracked
     rng = np.random.default_rng(SEED)
     single = np.ones(quiet.size, bool)
     single[rng.integers(0, quiet.size, quiet.size // 500)] = False
@@ -201,17 +228,21 @@ def test_at_one_torque_gains_and_the_common_gain_are_not_seen() -> None:
     assert "the common gain of the phases (delta epsilon)" in found.unseen
 
 
-def test_an_order_whose_error_is_not_stated_is_listed_as_not_seen(quiet: np.ndarray) -> None:
+def test_an_order_whose_error_is_not_stated_is_listed_as_not_seen(
+    quiet: np.ndarray, quiet_tracked: TrackedCalibration
+) -> None:
     first, *others = CALIBRATION.tau_cog_harmonics
     unknown = (first.model_copy(update={"stderr_Nm": None}), *others)
     found = tracked_of(quiet, calibration=changed(tau_cog_harmonics=unknown))
     assert f"order {first.order} of the cogging torque" in found.unseen
     assert f"cogging-{first.order}-amplitude" not in values(found)
-    assert not any(one.startswith("order") for one in tracked_of(quiet).unseen)
+    assert not any(one.startswith("order") for one in quiet_tracked.unseen)
 
 
-def test_the_common_gain_is_not_seen_by_constant_torques(quiet: np.ndarray) -> None:
-    found = tracked_of(quiet)
+def test_the_common_gain_is_not_seen_by_constant_torques(
+    quiet_tracked: TrackedCalibration,
+) -> None:
+    found = quiet_tracked
     assert "delta-epsilon" not in values(found)
     assert "the common gain of the phases (delta epsilon)" in found.unseen
 
@@ -227,13 +258,14 @@ def test_nothing_is_tracked_before_there_are_enough_turns(quiet: np.ndarray) -> 
         few.adopted()
 
 
-def test_turns_are_forgotten(quiet: np.ndarray, drifted: np.ndarray) -> None:
-    tracker = tracker_of(drifted)
+def test_turns_are_forgotten(
+    quiet: np.ndarray, quiet_tracked: TrackedCalibration, drifted_tracker: CalibrationTracker
+) -> None:
+    tracker = deepcopy(drifted_tracker)
     tracker.take(later(quiet, 1))
-    found = tracker.tracked()
-    assert found is not None
-    fresh = values(tracked_of(quiet))
-    was = values(tracked_of(drifted))
+    found = stated_of(tracker)
+    fresh = values(quiet_tracked)
+    was = values(stated_of(drifted_tracker))
     left = (values(found)["alpha-b"] - fresh["alpha-b"]) / (was["alpha-b"] - fresh["alpha-b"])
     assert abs(left) < 0.15
     long_ago = round(FORGOTTEN * MEMORY_S / SECONDS) + 1
@@ -243,11 +275,11 @@ def test_turns_are_forgotten(quiet: np.ndarray, drifted: np.ndarray) -> None:
     assert tracker.tracked() is None
 
 
-def test_what_is_adopted_has_the_tracked_values_and_installs(drifted: np.ndarray) -> None:
-    tracker = tracker_of(drifted)
-    found = tracker.tracked()
-    adopted = tracker.adopted()
-    assert found is not None
+def test_what_is_adopted_has_the_tracked_values_and_installs(
+    drifted: np.ndarray, drifted_tracker: CalibrationTracker
+) -> None:
+    found = stated_of(drifted_tracker)
+    adopted = drifted_tracker.adopted()
     adopted.check_motor(CONFIG.motor)
     parameters.build(CONFIG, adopted)
     assert adopted.id != CALIBRATION.id
@@ -262,7 +294,9 @@ def test_what_is_adopted_has_the_tracked_values_and_installs(drifted: np.ndarray
     assert departed(tracked_of(again, calibration=adopted)) == []
 
 
-def test_alpha_of_another_product_keeps_it(drifted: np.ndarray) -> None:
+def test_alpha_of_another_product_keeps_it(
+    drifted: np.ndarray, drifted_tracker: CalibrationTracker
+) -> None:
     scaled = changed(
         alpha=tuple(1.1 * each for each in CALIBRATION.alpha),
         alpha_stderr=tuple(1.1 * each for each in CALIBRATION.alpha_stderr),
@@ -274,7 +308,7 @@ def test_alpha_of_another_product_keeps_it(drifted: np.ndarray) -> None:
     in_force = {one.name: one.in_force for one in found.quantities}
     assert [in_force[f"alpha-{p}"] for p in "abc"] == pytest.approx(scaled.alpha)
     assert adopted.alpha == pytest.approx([values(found)[f"alpha-{p}"] for p in "abc"])
-    plain = tracker_of(drifted).adopted()
+    plain = drifted_tracker.adopted()
     assert adopted.delta_epsilon * np.array(adopted.alpha) == pytest.approx(
         plain.delta_epsilon * np.array(plain.alpha)
     )
@@ -343,14 +377,16 @@ def test_the_budget_has_the_degrees_of_freedom_of_what_was_adopted() -> None:
     assert adopted.budget[0].degrees_of_freedom[3] == 50.0
 
 
-def test_what_has_not_departed_and_is_known_no_better_stays(quiet: np.ndarray) -> None:
+def test_what_has_not_departed_and_is_known_no_better_stays(
+    quiet_tracker: CalibrationTracker,
+) -> None:
     with pytest.raises(CalibrationError, match="nothing to adopt: operation agrees"):
-        tracker_of(quiet).adopted()
+        quiet_tracker.adopted()
 
 
-def test_memory_is_bounded(quiet: np.ndarray) -> None:
+def test_memory_is_bounded(quiet: np.ndarray, quiet_tracker: CalibrationTracker) -> None:
     sizes = []
-    tracker = tracker_of(quiet)
+    tracker = deepcopy(quiet_tracker)
     for times in range(1, 5):
         tracker.take(later(quiet, times))
         sizes.append(len(pickle.dumps(tracker)))
