@@ -2,6 +2,7 @@
 
 import tracemalloc
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from motord.identification.disturbances.asynchronous_line import asynchronous_lines
 from motord.identification.disturbances.leakage import lines_in_average, with_leakage
 from motord.identification.disturbances.periodogram import Periodogram
-from motord.identification.operating_points import Samples, prepare
+from motord.identification.operating_points import PointData, Samples, prepare
 from motord.identification.point_ripple import AsynchronousLine, PointRipple, point_ripple
 from tests.campaigns.ripple import SMOOTH, holds, lines_of_noise, with_hum
 from tests.unit.identification.synthetic_bench import Bench
@@ -85,14 +86,21 @@ def hum_at_order(seed: int, apart: float, part: float) -> tuple[Samples, PointRi
 
     part: amplitude over the rated torque.
     """
+    quiet, before, rms_percent = without_hum(seed)
+    hum_Hz = before.speed_Hz * (51 + apart / len(before.turns))
+    ticks = quiet.ticks.copy()
+    phase_rad = 2e-9 * np.pi * hum_Hz * ticks["t_ns"] + 1.0
+    ticks["torque_Nm"] += part * BENCH.motor.rated_torque_Nm * np.sin(phase_rad)
+    one = prepare(replace(quiet, ticks=ticks), COUNTS)
+    return one, point_ripple(one, BENCH.motor, BENCH.sensor), rms_percent
+
+
+@cache
+def without_hum(seed: int) -> tuple[PointData, Samples, float]:
+    """Return 7 turns, their samples and RMS error."""
     point = SHARP.point(2.0, 0.97, 7.3, seed)
     before = prepare(point, COUNTS)
-    hum_Hz = before.speed_Hz * (51 + apart / len(before.turns))
-    phase_rad = 2e-9 * np.pi * hum_Hz * point.ticks["t_ns"] + 1.0
-    point.ticks["torque_Nm"] += part * BENCH.motor.rated_torque_Nm * np.sin(phase_rad)
-    one = prepare(point, COUNTS)
-    ripple, quiet = (point_ripple(each, BENCH.motor, BENCH.sensor) for each in (one, before))
-    return one, ripple, quiet.rms_percent
+    return point, before, point_ripple(before, BENCH.motor, BENCH.sensor).rms_percent
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
