@@ -63,11 +63,20 @@ MOST_OTHERS = 16
 
 
 def _columns(samples: VoltageSamples, order: np.ndarray) -> np.ndarray:
-    """Return speed times cos and sin of each order, and 1 (n, 2 m + 1)."""
+    """Return speed times cos and sin of each order, and 1 (n, 2 m + 1).
+
+    Orders are multiples of the first but for a few: each wave is the one before times that.
+    """
     columns = np.empty((samples.turn.size, 2 * order.size + 1))
+    step = np.exp(1j * order[0] * samples.angle_rad)
+    wave, before = samples.speed_rad_s.astype(complex), 0
     for place, h in enumerate(order):
-        columns[:, 2 * place] = samples.speed_rad_s * np.cos(h * samples.angle_rad)
-        columns[:, 2 * place + 1] = samples.speed_rad_s * np.sin(h * samples.angle_rad)
+        if h == before + order[0]:
+            wave = wave * step
+        else:
+            wave = samples.speed_rad_s * np.exp(1j * h * samples.angle_rad)
+        before = h
+        columns[:, 2 * place], columns[:, 2 * place + 1] = wave.real, wave.imag
     columns[:, -1] = 1.0
     return columns
 
