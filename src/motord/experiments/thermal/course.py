@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -64,10 +65,15 @@ class ThermalCourse:
         """Time of both."""
         return self.step_s * self.squares_A2.size
 
-    @property
+    @cached_property
     def middles_s(self) -> np.ndarray:
         """Middles of the steps (k,)."""
         return self.step_s * (np.arange(self.squares_A2.size) + 0.5)
+
+    @cached_property
+    def heated_C(self) -> np.ndarray:
+        """Temperature of the heated node, the first, at the middles of the steps (k,)."""
+        return next(iter(self.readings.values())).at(self.middles_s)
 
     @property
     def heating_A2(self) -> float:

@@ -177,13 +177,11 @@ def modelled(
     network = network_of(course, parameters)
     first = len(course.nodes) + len(network.links)
     begin_C = parameters[first : first + len(course.nodes)]
-    middles_s = course.middles_s
-    heated = next(iter(course.readings.values()))
-    heat_W = copper.heat_W(course.squares_A2, heated.at(middles_s))
+    heat_W = copper.heat_W(course.squares_A2, course.heated_C)
     if course.ambient is not None:
-        ambient_C = course.ambient.at(middles_s)
+        ambient_C = course.ambient.at(course.middles_s)
     else:
-        ambient_C = np.full(middles_s.size, parameters[-1])
+        ambient_C = np.full(heat_W.size, parameters[-1])
     found = network.temperatures_C(begin_C, heat_W, ambient_C, course.step_s)
     ends_s = course.step_s * np.arange(found.shape[0])
     return tuple(

@@ -1,6 +1,7 @@
 """Made-up heat-ups with their cooling: the network itself, with noise of the channels."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.signal import lfilter
@@ -88,12 +89,7 @@ def course(
     rng, network = np.random.default_rng(seed), NETWORKS[nodes]
     steps = int((heating_s + cooling_s) / STEP_S)
     squares_A2 = np.where(STEP_S * np.arange(steps) < heating_s, 550.0, 0.0)
-    part = np.linspace(0.0, 1.0, steps)
-    ambient_C = AMBIENT_C + drift_K * part + 4 * bend_K * part * (1 - part)
-    true_C = _cooled_otherwise(network, squares_A2, ambient_C, cooling)
-    if lag_s:
-        keep = np.exp(-STEP_S / lag_s)
-        true_C = lfilter([1 - keep], [1.0, -keep], true_C - true_C[0], axis=0) + true_C[0]
+    true_C = _true_C(nodes, tuple(squares_A2), drift_K, bend_K, lag_s, cooling)
     t_s = np.arange(0.4, heating_s + cooling_s, every_s)
     ends_s = STEP_S * np.arange(steps + 1)
     readings = {
@@ -107,11 +103,28 @@ def course(
     return ThermalCourse(STEP_S, squares_A2, readings, heating_s, ("steady", "steady"))
 
 
+@cache
+def _true_C(
+    nodes: int,
+    squares_A2: tuple[float, ...],
+    drift_K: float,
+    bend_K: float,
+    lag_s: float,
+    cooling: float,
+) -> np.ndarray:
+    """Return the temperatures (k + 1, n) that the sensors would show without noise."""
+    part = np.linspace(0.0, 1.0, len(squares_A2))
+    ambient_C = AMBIENT_C + drift_K * part + 4 * bend_K * part * (1 - part)
+    true_C = _cooled_otherwise(NETWORKS[nodes], np.array(squares_A2), ambient_C, cooling)
+    if lag_s:
+        keep = np.exp(-STEP_S / lag_s)
+        true_C = lfilter([1 - keep], [1.0, -keep], true_C - true_C[0], axis=0) + true_C[0]
+    return true_C
+
+
 def noise(rng: np.random.Generator, number: int, noise_K: float, correlation: float) -> np.ndarray:
     """Return noise (n,): half of its variance white, half correlated from one to the next."""
-    white, found = rng.standard_normal((2, number)), np.empty(number)
-    now = white[0, 0]
-    for n in range(number):
-        now = correlation * now + np.sqrt(1 - correlation**2) * white[0, n]
-        found[n] = now
-    return noise_K * np.sqrt(0.5) * (found + white[1])
+    white = rng.standard_normal((2, number))
+    fed = np.sqrt(1 - correlation**2) * white[0]
+    correlated, _ = lfilter([1.0], [1.0, -correlation], fed, zi=[correlation * white[0, 0]])
+    return noise_K * np.sqrt(0.5) * (correlated + white[1])
