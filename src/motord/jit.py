@@ -12,6 +12,7 @@ from typing import IO, Any, TypeVar, cast
 import numba
 import numpy as np
 from numba.core import caching
+from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
 
 from motord.kernel_cache import PACKAGE, claim, not_kept, usable_kernel_cache
@@ -80,15 +81,25 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
     """Until one was waited for in vain: it may be stopped, with those that call it claimed, too."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        kept = super().load_overload(sig, target_context)
+        kept = self._kept(sig, target_context)
         claimed = self._claim is not None  # as compiling it for other arguments failed
         if kept is None and not claimed and not _READ_ONLY and self._waits:
             self._claim = claim(Path(self.cache_path) / f"{self._impl.filename_base}.lock")
             _KernelCache._waits = self._claim is not None
-            kept = super().load_overload(sig, target_context)
+            kept = self._kept(sig, target_context)
         if kept is not None:
             self._release()
         return kept
+
+    def _kept(self, sig: Any, target_context: Any) -> Any:
+        """Return what is kept, None if nothing is; as numba does, but without its compiler.
+
+        Numba loads all that it can compile first, which takes longer than the kernels; machine
+        code needs its allocator alone, and who compiles loads the rest then.
+        """
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:

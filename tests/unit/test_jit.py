@@ -38,6 +38,15 @@ def add_up(frame: int, count: int) -> float:
     return total
 
 
+@jit.jit
+def reversed_copy(values: np.ndarray) -> np.ndarray:
+    """Return a new array, of numba's allocator."""
+    turned = np.empty_like(values)
+    for i in range(values.size):
+        turned[values.size - 1 - i] = values[i]
+    return turned
+
+
 def add_one(value: float) -> float:
     """Return one more."""
     return value + 1.0
@@ -123,6 +132,23 @@ def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
     lines += ["motord.cli.console.explain_first_run()"]  # as `motord run` begins
     code = "\n".join([*lines, "assert 'numba' not in sys.modules"])
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_kept_kernels_run_without_what_numba_compiles_with() -> None:
+    """It takes a third of a second of every start of a loop, a worker or an analysis."""
+    code = """
+import sys
+import numpy as np
+from tests.unit.test_jit import ArgumentBlock, PAIR, add_up, reversed_copy
+
+frame = ArgumentBlock(np.ones(3), np.zeros(1, PAIR))
+assert add_up(frame.address, 3) == 3.0
+assert reversed_copy(np.arange(3.0)).tolist() == [2.0, 1.0, 0.0]
+print("numba.np.linalg" in sys.modules)
+"""
+    command = [sys.executable, "-c", code]
+    ran = [subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(2)]
+    assert ran[-1].stdout == "False\n"
 
 
 @pytest.fixture
