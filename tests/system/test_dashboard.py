@@ -210,16 +210,23 @@ def test_the_server_ending_gives_the_lease_back(running, folder, client, at_rest
         check_ramped_down(client, begun_ns)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_killed_or_stopped_server_leaves_loop_and_recording_as_they_were(
-    running, folder, client, at_rest, number
+def test_a_killed_and_a_stopped_server_leave_loop_and_recording_as_they_were(
+    running, folder, client, at_rest
 ):
+    """The killed one was in command; `test_silent_commander` shows one that is stopped."""
     ticks = []
-    with dashboard(folder, running.endpoint) as other, opened(other) as page:
+    with (
+        dashboard(folder, running.endpoint) as watching,
+        opened(watching) as watched,
+        dashboard(folder, running.endpoint) as commanding,
+        opened(commanding) as page,
+    ):
         turning(page)
+        watched.state(lambda s: s["state"] == "ENABLED")
         before = wait_for(client, lambda s: s.recording.recording, "a recording")
         with client.subscribe_ticks(ticks.append):
-            other.process.send_signal(number)
+            watching.process.send_signal(signal.SIGSTOP)
+            commanding.process.send_signal(signal.SIGKILL)
             wait_for(client, lambda s: s.lease.holder is None, "the lease to end")
             after = wait_for(client, lambda s: s.state == "READY", "disabled")
             wait_until(lambda: ticks[-1]["state"][-1] == State.READY, "the ticks")
