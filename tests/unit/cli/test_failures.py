@@ -1,5 +1,6 @@
 """Whatever a user does wrong: exit code 1 with one line, or 2 with the usage; never a traceback."""
 
+import json
 import resource
 import shlex
 import socket
@@ -87,20 +88,26 @@ NOWHERE = [
 """Commands that write, or look, where that cannot be."""
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def files():
+    """Return the text of each file that a command may be given, made once."""
     from motord.config import packaged
     from tests.unit.service.test_installation import calibration
 
+    return {
+        "good.json": json.dumps(calibration().to_json()),
+        "type.toml": 'motor = "m"\n[[plan]]\nname = "calibrate"\n'
+        '[[limit]]\nanalysis = "calibrate"\nfigure = "alpha"\nhigh = 1\n',
+        "good.toml": packaged("sim.toml").read_text().replace('rig = "', 'rig = "package:'),
+    }
+
+
+@pytest.fixture(autouse=True)
+def folder(files, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    calibration().save(tmp_path / "good.json")
-    (tmp_path / "type.toml").write_text(
-        'motor = "m"\n[[plan]]\nname = "calibrate"\n'
-        '[[limit]]\nanalysis = "calibrate"\nfigure = "alpha"\nhigh = 1\n'
-    )
-    text = packaged("sim.toml").read_text()
-    (tmp_path / "good.toml").write_text(text.replace('rig = "', 'rig = "package:'))
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
     return tmp_path
 
 

@@ -156,12 +156,12 @@ json_values = st.recursive(
 )
 
 
-@pytest.mark.parametrize("what", sorted(DECODERS))
-@settings(max_examples=60)
+@settings(max_examples=200)
 @given(content=st.binary(max_size=80) | json_values.map(lambda value: json.dumps(value).encode()))
-def test_nothing_but_the_clients_own_error_escapes(what, content):
-    with suppress(ClientError):
-        DECODERS[what](content)
+def test_nothing_but_the_clients_own_error_escapes(content):
+    for decode in DECODERS.values():
+        with suppress(ClientError):
+            decode(content)
 
 
 def test_a_subscription_drops_what_is_malformed_and_goes_on(false_daemon, client, caplog):
