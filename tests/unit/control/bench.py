@@ -60,7 +60,8 @@ class Bench:
         return round(angle_rad / (2 * np.pi) * self._counts) % self._counts
 
     def run(self, ticks: int = 1, healthy: bool = True, supervised: bool = True) -> np.record:
-        f, t = self.feedback[0], self.tick[0]  # f["x"] takes a tenth of the time of f.x
+        # x["a"] = 1 takes a tenth of the time of x.a = 1
+        f, s, t = self.feedback[0], self.setpoint[0], self.tick[0]
         for _ in range(ticks):
             self.now_ns += self.period_ns
             self.angle_rad += self.speed_rad_s * self.period_ns * 1e-9
@@ -70,7 +71,7 @@ class Bench:
                 f["t_ns"] = f["t_inverter_ns"] = self.now_ns
                 f["encoder_gray"] = count ^ (count >> 1)
             if supervised:
-                self.setpoint["heartbeat_ns"] = self.now_ns
+                s["heartbeat_ns"] = self.now_ns
             self.number += 1
             t["tick"], t["flags"] = self.number, 0
             step(

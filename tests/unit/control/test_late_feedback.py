@@ -4,6 +4,7 @@ The bench's current loops follow each command after a dead time and with a lag, 
 of any tick was measured an age before it, constant or anew in every tick.
 """
 
+import cmath
 import math
 from bisect import bisect_right
 from collections.abc import Callable
@@ -25,18 +26,20 @@ TORQUE_NM = 6.0  # 19 A
 DELAY_S, LAG_S = 0.8e-3, 0.2e-3
 RATES_HZ = (100, 333, 1000, 3000, 10_000)
 IMPLAUSIBLE = int(Trip.CURRENT_IMPLAUSIBLE)
-THIRD = np.exp(2j * np.pi / 3 * np.arange(3))
+THIRD = cmath.exp(2j * math.pi / 3)
 ENABLED, TRIPPED = int(State.ENABLED), int(State.TRIPPED)
 AGES = {
     "fresh": lambda _draw: 0.0,
     "late": lambda _draw: 0.6,
     "as late as allowed": lambda _draw: 0.999,
-    "jittering": lambda draw: draw.uniform(0.0, 0.999),
+    "jittering": lambda draw: 0.999 * draw.random(),
     "mostly fresh": lambda draw: 0.9 * draw.random() ** 8,
-    "in turns": lambda draw: float(draw.integers(2)) * 0.9,
+    "in turns": lambda draw: 0.9 if draw.random() < 0.5 else 0.0,
 }
 """Age of the feedback as a part of stale_after_s, drawn in every tick."""
 
+Phases = tuple[float, float, float]
+"""Currents, A: in every tick, and so no array, which takes many times as long."""
 Wrong = Callable[[np.ndarray], np.ndarray]
 
 
@@ -46,21 +49,21 @@ class CurrentLoops:
     def __init__(self, dead_s: float, lag_s: float) -> None:
         self._dead_ns, self._lag_ns = round(dead_s * 1e9), lag_s * 1e9
         self._begun_ns: list[int] = []
-        self._from_to_A: list[tuple[np.ndarray, np.ndarray]] = []
+        self._from_to_A: list[tuple[Phases, Phases]] = []
 
-    def command(self, t_ns: int, i_A: np.ndarray) -> None:
+    def command(self, t_ns: int, i_A: Phases) -> None:
         begun_ns = t_ns + self._dead_ns
         self._from_to_A.append((self.at(begun_ns), i_A))
         self._begun_ns.append(begun_ns)
 
-    def at(self, t_ns: int) -> np.ndarray:
+    def at(self, t_ns: int) -> Phases:
         number = bisect_right(self._begun_ns, t_ns) - 1
         if number < 0:
-            return np.zeros(3)
-        from_A, to_A = self._from_to_A[number]
+            return 0.0, 0.0, 0.0
+        (from_a, from_b, from_c), (a, b, c) = self._from_to_A[number]
         passed_ns = t_ns - self._begun_ns[number]
         rest = math.exp(-passed_ns / self._lag_ns) if self._lag_ns else 0.0
-        return to_A + (from_A - to_A) * rest
+        return a + (from_a - a) * rest, b + (from_b - b) * rest, c + (from_c - c) * rest
 
     def __deepcopy__(self, _memo: object) -> "CurrentLoops":
         other = copy(self)  # what the lists have in them does not change
@@ -76,19 +79,21 @@ class TurningLoops:
         self._along_axes = along_axes
         self._flowing_ns, self._turn_rad_s = round(flowing_s * 1e9), turn_rad_s
 
-    def command(self, t_ns: int, i_A: np.ndarray) -> None:
+    def command(self, t_ns: int, i_A: Phases) -> None:
         self._along_axes.command(t_ns, turned_A(i_A, -self._turn_rad(t_ns + self._flowing_ns)))
 
-    def at(self, t_ns: int) -> np.ndarray:
+    def at(self, t_ns: int) -> Phases:
         return turned_A(self._along_axes.at(t_ns), self._turn_rad(t_ns))
 
     def _turn_rad(self, t_ns: int) -> float:
         return self._turn_rad_s * (t_ns - EPOCH_NS) * 1e-9
 
 
-def turned_A(i_A: np.ndarray, electrical_rad: float) -> np.ndarray:
+def turned_A(i_A: Phases, electrical_rad: float) -> Phases:
     """Return phase currents of sum 0 further on in their turn, by their phasor."""
-    return (2 / 3 * (i_A @ THIRD) * np.exp(1j * electrical_rad) / THIRD).real
+    a, b, c = i_A
+    phasor_A = 2 / 3 * (a + b * THIRD + c * THIRD**2) * cmath.exp(1j * electrical_rad)
+    return phasor_A.real, (phasor_A / THIRD).real, (phasor_A / THIRD**2).real
 
 
 class LateBench(Bench):
@@ -143,9 +148,9 @@ class LateBench(Bench):
         f = self.feedback[0]
         measured_ns = now_ns - round(self.age(self.draw) * self.stale_s * 1e9)
         i_A = self.loops.at(measured_ns)
-        if self.wrong is not None and measured_ns >= self.wrong_from_ns:
-            i_A = self.wrong(i_A)
-        f["t_inverter_ns"], f["i_A"] = measured_ns, i_A
+        wrong = self.wrong is not None and measured_ns >= self.wrong_from_ns
+        f["t_inverter_ns"] = measured_ns
+        f["i_A"] = self.wrong(np.array(i_A)) if wrong else i_A
         return self.run(healthy=False)
 
     def run(self, ticks: int = 1, healthy: bool = True, supervised: bool = True) -> np.record:
@@ -157,7 +162,7 @@ class LateBench(Bench):
             if healthy:
                 f["t_inverter_ns"], f["i_A"] = now_ns, self.loops.at(now_ns)
             super().run(1, False, supervised)
-            self.loops.command(now_ns, self.currents_A())
+            self.loops.command(now_ns, self.command["i_A"][0].tolist())
         return self.tick[0]
 
     def skip(self, ticks: int) -> None:
@@ -167,19 +172,19 @@ class LateBench(Bench):
 
     def seconds(self, duration_s: float) -> None:
         """Run; nothing may trip, and no feedback may be found implausible even for a moment."""
-        held = self.memory["conditions_held"]
+        held, state = self.memory["conditions_held"], self.tick["state"]
         for _ in range(round(duration_s * self.config.loop.rate_Hz)):
-            tick = self.tick_once()
-            assert tick["state"] == ENABLED, Trip(int(tick["trip_bits"]))
-            assert not held[0] & IMPLAUSIBLE
+            self.tick_once()
+            assert state.item() == ENABLED, Trip(int(self.tick["trip_bits"][0]))
+            assert not held.item() & IMPLAUSIBLE
 
     def time_to_trip_s(self, wrong: Wrong, most_s: float = 0.5) -> float:
         """Return the time from when feedback was first measured wrong until the trip."""
         self.wrong, self.wrong_from_ns = wrong, self.now_ns
         while (passed_s := (self.now_ns - self.wrong_from_ns) * 1e-9) <= most_s:
-            tick = self.tick_once()
-            if tick["state"] == TRIPPED:
-                assert Trip(int(tick["first_trip"])) is Trip.CURRENT_IMPLAUSIBLE
+            self.tick_once()
+            if self.tick["state"].item() == TRIPPED:
+                assert Trip(int(self.tick["first_trip"][0])) is Trip.CURRENT_IMPLAUSIBLE
                 return (self.now_ns - self.wrong_from_ns) * 1e-9
         raise AssertionError(f"no trip within {passed_s:g} s")
 
