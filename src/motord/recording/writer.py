@@ -13,10 +13,10 @@ from motord.recording.json_encoding import to_json, to_strings
 from motord.recording.mcap.chunk_builder import ChunkBuilder
 from motord.recording.mcap.compression import compressor
 from motord.recording.mcap.mcap_file import McapFile
-from motord.recording.mcap.message_array import MessageArray
+from motord.recording.mcap.message_array import MessageArray, messages_of
 from motord.recording.topics import Topic
 from motord.schema import TICK, TRUTH
-from motord.wire.ticks.blocks import Block, codec_of
+from motord.wire.ticks.blocks import Block
 
 
 class RunWriter:
@@ -44,8 +44,8 @@ class RunWriter:
         self._counts: dict[int, int] = {}
         self._span: dict[str, object] = {}
         self._channels: dict[str, Topic] = {}
-        self._tick_layout = MessageArray(topics.TICKS.number, codec_of(TICK))
-        self._truth_layout = MessageArray(topics.TRUTHS.number, codec_of(TRUTH))
+        self._tick_layout = messages_of(topics.TICKS.number, TICK)
+        self._truth_layout = messages_of(topics.TRUTHS.number, TRUTH)
         try:
             self.metadata(topics.METADATA, {"format": topics.FORMAT, **metadata})
             self._declare(topics.TICKS)

@@ -8,6 +8,7 @@ import hashlib
 import mmap
 import os
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ def as_bytes(records: np.ndarray) -> memoryview:
     return memoryview(records.view(np.uint8).data).cast("B")
 
 
+@lru_cache(maxsize=8)
 def layout_digest(dtype: np.dtype[np.void]) -> int:
     """Return a 63-bit digest of names, types and offsets of all fields."""
     text = "\n".join(f"{name} {field[:2]}" for name, field in (dtype.fields or {}).items())

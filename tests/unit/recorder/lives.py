@@ -24,7 +24,7 @@ from motord.recording.errors import RecordError
 from motord.recording.file_names import stem_of, whole_of
 from motord.recording.mcap import mcap_file
 from motord.recording.reader import open_run
-from motord.schema import TICK_DTYPE, State
+from motord.schema import TICK_DTYPE, State, as_bytes, joined, rows_of
 from motord.service.host.events import EventLog
 from motord.service.recording import control, session
 from motord.service.recording.control import RecordingControl
@@ -223,7 +223,7 @@ class Bench:
     @property
     def ticks(self) -> np.ndarray:
         """All ticks that there were."""
-        return np.concatenate(self._blocks)
+        return joined(self._blocks)
 
     def step(self, count: int = 1) -> None:
         """Let the time of some steps pass."""
@@ -265,8 +265,8 @@ class Bench:
             assert stem is not None
             with suppress(RecordError):  # killed before there was anything in it
                 blocks.setdefault(stem.name, []).append(open_run(path).ticks())
-        found = {name: np.concatenate(parts) for name, parts in blocks.items()}
-        return {name: ticks[np.argsort(ticks["tick"])] for name, ticks in found.items()}
+        found = {name: joined(parts) for name, parts in blocks.items()}
+        return {name: rows_of(ticks, np.argsort(ticks["tick"])) for name, ticks in found.items()}
 
     def _now_ns(self) -> int:
         return round(self.now_s * 1e9)
@@ -283,14 +283,17 @@ class Bench:
     def _publish(self) -> np.ndarray:
         """Publish the ticks of a step: now and then one is missed, or sees an old sample again."""
         block = np.zeros(STEP_TICKS, TICK_DTYPE)
-        for row in block:
+        block["state"] = self.state
+        rows, slots = as_bytes(block), as_bytes(self._ring.records)
+        for number in range(STEP_TICKS):
             self._tick += 1
             if self._tick % 37 == 36:
                 self._tick += 1
                 self._missed += 1
-            row["tick"], row["missed"], row["state"] = self._tick, self._missed, self.state
+            row = block[number : number + 1]
+            row["tick"], row["missed"] = self._tick, self._missed
             row["t_ns"] = START_NS + (self._tick - self._tick % 3) * 1_000_000_000 // RATE_HZ
-            self._ring.slot()[0] = row
+            slots[self._ring.index] = rows[number]
             self._ring.publish()
         self._blocks.append(block)
         return block

@@ -391,6 +391,7 @@ def test_a_version_is_not_needed(monkeypatch, tmp_path):
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr(mcap_file, "version", missing)
+    monkeypatch.setattr(mcap_file, "_library", mcap_file._library.__wrapped__)  # found anew
     McapFile(tmp_path / "run.mcap").finish()
     with (tmp_path / "run.mcap").open("rb") as file:
         assert SeekingReader(file).get_header().library == "motord"

@@ -23,7 +23,7 @@ from motord.recording.file_names import part_of
 from motord.recording.json_encoding import from_strings
 from motord.recording.mcap.chunk_builder import CAPACITY_BYTES
 from motord.recording.mcap.chunk_decoder import ChunkError, DecodedChunk, decode
-from motord.recording.mcap.message_array import MessageArray
+from motord.recording.mcap.message_array import MessageArray, messages_of
 from motord.recording.mcap.records import MAGIC
 from motord.recording.mcap.salvage import Salvage
 from motord.recording.mcap.structure import ChunkEntry, Structure
@@ -179,7 +179,7 @@ class ChunkSource:
             except ValueError:
                 continue
             if record.fields:
-                yield number, MessageArray(number, codec_of(record))
+                yield number, messages_of(number, record)
 
 
 def _open(path: Path) -> int:

@@ -12,6 +12,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import accumulate
 from pathlib import Path
@@ -53,8 +54,9 @@ def try_lock(descriptor: int) -> bool:
     return True
 
 
+@cache
 def _library() -> str:
-    """Return how motord names itself in the files it writes."""
+    """Return how motord names itself in the files it writes; a file of pip's is read for it."""
     try:
         return f"motord {version('motord')}"
     except PackageNotFoundError:

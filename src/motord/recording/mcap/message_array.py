@@ -1,6 +1,7 @@
 """MCAP Message records of one channel with messages of fixed layout, as arrays."""
 
 import struct
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -8,7 +9,8 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from motord.recording.mcap.records import RECORD_HEAD
-from motord.wire.ticks.blocks import Block, BlockCodec
+from motord.schema import Record
+from motord.wire.ticks.blocks import Block, BlockCodec, codec_of
 from motord.wire.ticks.pattern import Bytes, Pattern
 
 HEAD = struct.Struct("<BQHIQQ")
@@ -66,3 +68,9 @@ class MessageArray:
         index[:, 0] = times_ns
         index[:, 1] = np.arange(len(times_ns)) * self.size + start
         return index
+
+
+@lru_cache(maxsize=32)
+def messages_of(channel: int, record: Record) -> MessageArray:
+    """Return the messages of `record` in a channel, the same each time, as `codec_of` does."""
+    return MessageArray(channel, codec_of(record))

@@ -4,6 +4,8 @@ For a record `Tick` the file `tick.proto` of package `motord` holds two messages
 fields of fixed width, and `Ticks`, `repeated Tick ticks = 1`.
 """
 
+from functools import lru_cache
+
 from google.protobuf import descriptor_pb2
 from google.protobuf.message import DecodeError
 
@@ -83,6 +85,7 @@ def descriptor_set(record: Record) -> bytes:
     return bytes(descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
 
 
+@lru_cache(maxsize=8)
 def read_record(descriptor: bytes, full_name: str) -> Record:
     """Return the record that a FileDescriptorSet defines; units and meanings are not in it.
 
