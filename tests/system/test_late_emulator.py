@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from motord.emulate.freshness import AGE_MAX_NS, HELD_UP_NS, SILENCE_MAX_NS
+from motord.emulate.process import INVERTER_STATUS_HZ
 from motord.schema import InverterStatus, State
 from tests.support.virtual_wire import STEP_MAX_NS, World, on_the_wire
 from tests.system.test_shipped_limits import shipped
@@ -24,6 +25,9 @@ EVERY_NS = 150_000_000
 PREEMPTED_EVERY = 150
 """Samples from one to the next."""
 PREEMPTED_NS = 20_000_000
+ROUNDS = 10
+SLOW_PERIOD_NS = 1_000_000_000 // INVERTER_STATUS_HZ
+"""Much longer than the steps of so many rounds, and a whole part of `HELD_UP_NS`."""
 SLOW_NS = 1_500_000
 """What a sample costs a computer that cannot keep up with 1 kHz."""
 
@@ -136,6 +140,38 @@ def test_an_emulator_that_is_preempted_before_it_sends_listens_first(
             world.now_ns += STEP_MAX_NS
             world._step()
     assert set(stated) == {0}
+
+
+def test_messages_without_currents_leave_however_late_their_emulator_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are due at every tenth instant, and of each round the last one alone leaves."""
+    with enabled(tmp_path, monkeypatch) as (service, world, *_):
+        emulator, sent = world.emulator, []
+        sense, send, began_ns = emulator.bench.sense, emulator._can.send, 0
+
+        def held_up():
+            if world.now_ns == began_ns:  # the first time in a round
+                service.loop.rig.safe_stop()
+                world.now_ns += HELD_UP_NS
+            return sense()
+
+        def noting(codec, values, at_ns):
+            sent.append(codec)
+            send(codec, values, at_ns)
+
+        while emulator._slow_feedback.next_ns - world.now_ns > SLOW_PERIOD_NS * 0.8:
+            world.advance(world.now_ns + STEP_MAX_NS)
+        monkeypatch.setattr(emulator.bench, "sense", held_up)
+        monkeypatch.setattr(emulator._can, "send", noting)
+        for turn in range(3 + ROUNDS):
+            if turn == 3:  # it is off
+                sent.clear()
+            world.now_ns += STEP_MAX_NS
+            began_ns = world.now_ns
+            world._step()
+    for codec in (*emulator._fast, *emulator._slow):
+        assert sent.count(codec) >= ROUNDS - 1
 
 
 def test_a_drive_that_is_off_says_so_however_late_its_emulator_is(

@@ -88,6 +88,7 @@ class Emulator:
         self.bench = EmulatedBench(config, truth, 0)
         self._ports = ExitStack()
         self._status = InverterStatus(0)
+        self._slow_is_due = False  # until it leaves: of a late round only the newest instant does
         self._stopped = False
         self._cpu_s = 0.0
         self._start_ns = 0
@@ -269,10 +270,10 @@ class Emulator:
             if self.bench.played_ns != self._logged_ns:  # no rows while the rig's time stands still
                 self._logged_ns = self.bench.played_ns
                 self.bench.fill_truth(self._clock.unix_ns(at_ns), self._log.next_row())
-        due = self._slow_feedback.due(at_ns) or status != self._status
-        if due and not outdated:
+        self._slow_is_due |= self._slow_feedback.due(at_ns) or status != self._status
+        if self._slow_is_due and not outdated:
             self._send(self._slow, reading, status, at_ns)
-            self._status = status
+            self._status, self._slow_is_due = status, False
 
     def _send(
         self,
