@@ -21,7 +21,7 @@ from motord.client import Client, ClientError, Subscription
 SILENT_S = 0.4
 """States come ten times a second: after so long without one the daemon is not there."""
 RECONNECT_S = 2.0
-"""After so long the connection is made anew."""
+"""After so long the connection is made anew; a new one is given as long."""
 LOOK_S = 0.5
 WAITING_MAX = 200
 """Blocks of ticks that wait for the event loop; older ones are dropped, and count as lost."""
@@ -86,7 +86,7 @@ class BenchLink:
         self._connect = connect
         self._inbox: _Inbox | None = None
         self._subscriptions: list[Subscription[Any]] = []
-        self._received_s = time.monotonic()
+        self._received_s = self._connected_s = time.monotonic()
         self._why = ""
         self._requests = ThreadPoolExecutor(REQUEST_THREADS, "motord-rpc")
         self._urgent = ThreadPoolExecutor(URGENT_THREADS, "motord-urgent")
@@ -137,7 +137,7 @@ class BenchLink:
                 if missed and age_s < SILENT_S:
                     await connected()
                     missed, self._why = False, ""
-                elif age_s > RECONNECT_S:
+                elif min(age_s, time.monotonic() - self._connected_s) > RECONNECT_S:
                     await self._reconnect()
             except ClientError as error:
                 self._why = str(error)
@@ -153,6 +153,7 @@ class BenchLink:
         subscriptions, self._subscriptions = self._subscriptions, []
         try:
             await asyncio.to_thread(self._subscribe)
+            self._connected_s = time.monotonic()
         finally:
             await asyncio.to_thread(_close, subscriptions, before)
 

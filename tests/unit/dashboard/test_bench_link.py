@@ -1,6 +1,7 @@
 """The connection to the daemon: whatever goes wrong, it goes on and leaves nothing behind."""
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
 
@@ -110,3 +111,30 @@ def test_a_new_connection_takes_the_place_of_a_silent_one(error, monkeypatch):
     assert all(one.closed for one in first.subscriptions.values())
     assert made[2].subscriptions.keys() == first.subscriptions.keys()
     assert not any(one.closed for one in made[2].subscriptions.values())
+
+
+def test_a_new_connection_is_given_time_until_its_first_state(monkeypatch):
+    """On a busy computer that is longer than until the next look: none ever came to one."""
+    made, looks, now_s = [], [], [100.0]
+
+    def monotonic():
+        looks.append(now_s[0])
+        return now_s[0]
+
+    monkeypatch.setattr(bench_link, "time", SimpleNamespace(monotonic=monotonic))
+
+    def connect():
+        made.append(FakeClient())
+        return made[-1]
+
+    async def main():
+        link = BenchLink(FakeClient(), connect)
+        link.start(lambda items: None)
+        now_s[0] += bench_link.RECONNECT_S + 0.1
+        await kept(link, None, lambda: len(looks) > 60)
+        assert link.client is made[0]
+        assert len(made) == 1
+        now_s[0] += bench_link.RECONNECT_S + 0.1
+        await kept(link, None, lambda: len(made) == 2)
+
+    asyncio.run(main())
