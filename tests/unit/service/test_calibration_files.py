@@ -2,6 +2,7 @@
 
 import json
 import math
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
@@ -25,6 +26,10 @@ from tests.unit.service.virtual_service import VirtualService
 HARMONIC = Harmonic(order=48, amplitude_Nm=0.05, phase_rad=0.3, stderr_Nm=0.001)
 
 
+def made_three_days_ago(**changes):
+    return calibration(created=datetime.now(UTC) - timedelta(days=3, hours=12), **changes)
+
+
 class Kept:
     """Two calibrations on disk, the second in force, and how often files were read."""
 
@@ -33,7 +38,7 @@ class Kept:
         self.store = CalibrationStore(VirtualService().config, folder)
         self.files = CalibrationFiles(self.store, self.read)
         self.first, self.second = (
-            calibration(condition_number=number, tau_cog_harmonics=(HARMONIC,))
+            made_three_days_ago(condition_number=number, tau_cog_harmonics=(HARMONIC,))
             for number in (10.0, 20.0)
         )
 
@@ -72,7 +77,7 @@ def test_those_kept_are_listed_and_the_one_in_force_is_marked(kept):
         (kept.second.id, True), (kept.first.id, False),
     ]  # fmt: skip
     assert found[0]["path"] == str(kept.store.path)
-    assert found[0]["age"] in ("0 seconds", "1 second")
+    assert found[0]["age"] == "3 days"
     assert found[0]["motor"]["slots"] == 48
 
 
@@ -142,7 +147,7 @@ def test_the_command_line_asks_the_daemon(tmp_path):
 
     from motord.cli import app
 
-    made = calibration()
+    made = made_three_days_ago()
     with live_service(tmp_path, name="kept") as live:
 
         def motord(*arguments):
