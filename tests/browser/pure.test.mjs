@@ -426,6 +426,7 @@ test("a bench of the overview in words", () => {
   assert.equal(overview.motionText(state), "1.98 of 2.00 Nm set \u00b7 0.70 Hz");
   assert.equal(overview.motionText({ ...state, mean_measured: false }), "2.00 Nm set \u00b7 0.70 Hz");
   assert.equal(overview.recorderText(state), "not recording: disk full");
+  assert.equal(overview.recorderText({ ...state, recording: true, recording_name: "a.mcap" }), "\u25cf a.mcap: disk full");
   assert.equal(overview.queueText({ state: "paused", length: 2, eta_s: 60 }), "\u275a\u275a paused \u00b7 2 plans, about 1:00 min");
 });
 

@@ -14,6 +14,7 @@ from tests.support.played_benches import state_of
     [
         (RecordingView(recording=True, path="run.mcap.part"), ""),
         (RecordingView(recording=False, path=""), ""),
+        (RecordingView(recording=True, path="a.mcap", error="silent"), "; a.mcap: silent"),
         (RecordingView(recording=False, path="", error="no space"), "; not recording: no space"),
         (RecordingView(recording=False, path="", obstacle="full"), "; not recording: full"),
     ],

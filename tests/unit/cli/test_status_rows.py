@@ -1,4 +1,7 @@
-"""What to do about a loop that has ended or hangs, wherever a state is shown; and about a trip."""
+"""What to do about a loop that has ended or hangs, wherever a state is shown; and about a trip.
+
+And a recording that may not go on.
+"""
 
 import pytest
 
@@ -39,6 +42,13 @@ def test_a_line_and_the_overview_have_it_too(shown):
     text = shown()
     assert LOOP_SILENT in text
     assert HANGING_REMEDY in text
+
+
+def test_a_recording_that_may_not_go_on_is_shown_as_one():
+    silent = {"recording": True, "path": "/runs/a.mcap.part", "error": "no report for 8 s"}
+    assert ("recording", "/runs/a.mcap.part: no report for 8 s") in rows(recording=silent)
+    line = overview.in_one_line(entry(recording=silent))
+    assert "recording a.mcap.part: no report for 8 s" in line
 
 
 def test_a_trip_that_outlives_the_loop_is_shown_with_what_to_do():

@@ -185,7 +185,7 @@ def _reached(state: "BenchState", target_Nm: float) -> str:
     when = "reached" if _is_there(state, target_Nm) else f"now, {state.state}"
     held_Hz, record = state.setpoint.speed_Hz, state.recording
     aim = f" of {held_Hz:g} Hz" if held_Hz is not None else ""
-    unrecorded = not record.recording and (record.error or record.obstacle)
+    unrecorded = record.error or (not record.recording and record.obstacle)
     return (
         f"{when}: torque {number(state.tick.torque_set_Nm)} Nm commanded, {sensor_text(state)}; "
         f"speed {number(state.tick.speed_Hz)} Hz{aim}"

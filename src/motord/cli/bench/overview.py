@@ -169,7 +169,8 @@ def in_one_line(entry: "BenchEntry") -> str:
             parts.append(f"{plan.plan} {plan.state}, {wording.plan_progress(plan)}")
         recording = state.recording
         named = f"recording {Path(recording.path).name}"
-        parts.append(named if recording.recording else wording.recording(state))
+        trouble = f": {recording.error}" if recording.error else ""
+        parts.append(named + trouble if recording.recording else wording.recording(state))
     parts.append(_age(entry))
     if entry.daemons > 1:
         parts.append(f"{entry.daemons} DAEMONS HAVE THIS NAME: give each a [bench] name of its own")

@@ -65,10 +65,10 @@ def calibration(state: "BenchState") -> str:
 
 
 def recording(state: "BenchState") -> str:
-    """Return where it is recorded, or why not."""
+    """Return where it is recorded and what is wrong with that, or why not."""
     r = state.recording
-    trouble = r.error or r.obstacle
-    return r.path if r.recording else "not recording" + (f": {trouble}" if trouble else "")
+    where, trouble = (r.path, r.error) if r.recording else ("not recording", r.error or r.obstacle)
+    return where + (f": {trouble}" if trouble else "")
 
 
 def channel(view: "ChannelView") -> str:

@@ -67,4 +67,4 @@ export function motionText(state) {
 
 /** @param {any} state */
 export const recorderText = (state) =>
-  state.recording ? `\u25cf ${state.recording_name}` : `not recording${state.recording_trouble ? `: ${state.recording_trouble}` : ""}`;
+  `${state.recording ? `\u25cf ${state.recording_name}` : "not recording"}${state.recording_trouble ? `: ${state.recording_trouble}` : ""}`;

@@ -76,7 +76,8 @@ export class Health {
     for (const [name, fault] of Object.entries(state.faults ?? {})) this._figure(`Fault in ${name}`, String(fault), "error");
     const why = recording.error || recording.obstacle;
     const bytes = recording.detail?.bytes;
-    this._figure("Recording", recording.recording ? `${recording.path.split("/").pop()}${bytes ? `, ${number(bytes / 1e6, 1)} MB` : ""}` : why || "no", recording.error ? "error" : recording.obstacle ? "warning" : "");
+    const file = recording.recording ? `${recording.path.split("/").pop()}${bytes ? `, ${number(bytes / 1e6, 1)} MB` : ""}` : "";
+    this._figure("Recording", [file, why].filter(Boolean).join(": ") || "no", recording.error ? "error" : recording.obstacle ? "warning" : "");
     this._ages();
     this._removeOld();
   }
