@@ -109,6 +109,23 @@ def test_what_could_not_be_kept_can_be_installed_from_the_tracker_s_file(service
     assert load(file) == service.tracker.adopts
 
 
+def test_the_findings_it_has_are_accepted_by_the_command_that_is_named(service, tmp_path):
+    """Those of the one in force were no obstacle to adopting it; to installing it they are."""
+    found = (finding("torque-left"),)
+    in_force = calibration(findings=found)
+    put_in_force(service.store, in_force)
+    service.tracker.view = tracked(in_force)
+    service.tracker.adopts = calibration(alpha=(0.82, 1.1, 1.1086), findings=found)
+    service.store.directory = tmp_path / "state" / "in the way"
+    service.store.directory.write_text("as a full disk")
+    with pytest.raises(RpcError, match="not after a restart") as caught:
+        service.adopt(service.acquire())
+    file = service.tracker.run_dir.adopted
+    assert caught.value.message.endswith(
+        f"`motord calibration install {file} --accept torque-left`"
+    )
+
+
 def test_it_is_adopted_at_zero_torque_alone(service):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)

@@ -50,8 +50,9 @@ class Adoption:
 
     def save(self, prepared: PreparedAdoption, reply: InstalledCalibration) -> InstalledCalibration:
         """Write the calibration that is now in force to disk; for any thread. Raises RpcError."""
-        again = f"`motord calibration install {shlex.quote(str(self.run_dir.adopted))}`"
-        return self.installation.save(prepared.prepared, reply, again)
+        accept = prepared.prepared.calibration.accept_options
+        install = f"motord calibration install {shlex.quote(str(self.run_dir.adopted))} {accept}"
+        return self.installation.save(prepared.prepared, reply, f"`{install.rstrip()}`")
 
     @handles(rpc.CALIBRATION_ADOPT)
     def adopt(self, request: rpc.WithToken, context: RpcContext) -> Wait[InstalledCalibration]:
