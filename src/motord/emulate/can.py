@@ -70,9 +70,9 @@ class EmulatedBus:
 
 
 class CanPort:
-    """The drive's end of the bus. Commands with a wrong CRC or a repeated counter are ignored.
+    """The drive's end of the bus. Commands with a wrong CRC or an old counter are ignored.
 
-    `check` counts the commands that were lost, corrupt or repeated.
+    `check` counts the commands that were lost, corrupt or old.
     """
 
     def __init__(self, config: CanConfig, codec: InverterCodec) -> None:

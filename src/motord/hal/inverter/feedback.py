@@ -62,7 +62,7 @@ class CanFeedback:
 
     @property
     def errors(self) -> int:
-        """Return the frames lost, corrupt or repeated so far."""
+        """Return the frames lost, corrupt or old so far."""
         return sum(m.check.errors for m in self._incoming.values())
 
     def restart(self) -> None:
