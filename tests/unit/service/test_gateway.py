@@ -258,6 +258,16 @@ def test_a_gateway_shows_once_that_it_goes_on_to_a_daemon_that_does_not_take_it(
     os.close(writer)
 
 
+def test_a_client_that_takes_nothing_does_not_keep_all_others_out(monkeypatch):
+    """Zenoh waits more than 10 s for it: what is silent for so long is taken for one that hangs."""
+    taken = threading.Event()
+    monkeypatch.setattr(process, "CLOSE_S", 0.05)
+    with pytest.raises(SecurityError, match="takes nothing"):
+        process._close(SimpleNamespace(close=taken.wait))
+    taken.set()
+    process._close(SimpleNamespace(close=taken.wait))
+
+
 def test_a_gateway_that_shows_nothing_is_ended_and_started_again():
     children, events = in_its_place("import sys; sys.stdin.read()"), EventLog(lambda: 0)
     link = GatewayLink(children, events)

@@ -37,6 +37,9 @@ STDIN = 0
 BACKLOG_MAX_BYTES = 1 << 20
 LOOK_S = 1.0
 """How often it looks whether roles or certificates have changed, and shows that it goes on."""
+CLOSE_S = 3.0
+"""For all connections to end. Zenoh waits longer for a client that takes nothing any more, as on a
+computer that sleeps, and all others would stay out as long."""
 
 Signature = tuple[tuple[int, int, int], ...]
 
@@ -148,26 +151,38 @@ def keep(config: Config, reporter: AuditReporter, log: IO[str]) -> None:
     ).start()
     zenoh.init_log_from_env_or(LEVELS)
     while _keep_unchanged(config, config.zenoh.tls, audit, reporter):
-        reporter.report("roles or certificates have changed; all must come again")
+        continue
 
 
 def _keep_unchanged(
     config: Config, tls: TlsConfig, audit: AuditLog, reporter: AuditReporter
 ) -> bool:
-    """Let clients in under the files as they are; return whether these have changed."""
+    """Let clients in under the files as they are; return whether these have changed.
+
+    Raises SecurityError if a client holds up that all connections end.
+    """
     before = signature(tls)
     roles = check(tls)
     audit.roles = {name: str(role) for name, role in roles.items()}
-    with zenoh.open(gateway_config(config, roles)) as session:
-        listener = session.info.declare_link_events_listener(
-            lambda event: report_link(event, audit, reporter), history=True
-        )
-        reporter.report(
-            f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}"
-        )
-        changed = _until_changed_or_ended(tls, before, reporter.show_alive)
-        listener.undeclare()  # type: ignore[no-untyped-call]
+    session = zenoh.open(gateway_config(config, roles))
+    listener = session.info.declare_link_events_listener(
+        lambda event: report_link(event, audit, reporter), history=True
+    )
+    reporter.report(f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}")
+    changed = _until_changed_or_ended(tls, before, reporter.show_alive)
+    if changed:
+        reporter.report("roles or certificates have changed; all must come again")
+    listener.undeclare()  # type: ignore[no-untyped-call]
+    _close(session)
     return changed
+
+
+def _close(session: zenoh.Session) -> None:
+    closing = threading.Thread(target=session.close, name="motord-gateway-close", daemon=True)
+    closing.start()
+    closing.join(CLOSE_S)
+    if closing.is_alive():
+        raise SecurityError("a client that takes nothing holds up the end of all connections")
 
 
 def _count(roles: dict[str, roles_file.Role]) -> str:
