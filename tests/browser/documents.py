@@ -48,6 +48,7 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
         "realtime": {"granted": True, "lines": []},
         "recording": {
             "recording": busy, "path": plan.recording if busy and plan else "",
+            "error": stand_in.unreported,
             "detail": {"ticks": bench.tick, "bytes": 115 * bench.tick, "lost": 0},
         },
         "calibration": {

@@ -46,7 +46,7 @@ class StandIn:
         self.holder: str | None = None
         self.token = ""
         self.silent = False
-        self.barred = ""
+        self.barred = self.unreported = ""
         self.trip: dict[str, Any] | None = None
         self.tracking: dict[str, Any] | None = None
         self.events_so_far: list[Event] = []

@@ -337,6 +337,16 @@ def test_a_bridge_board_that_is_barred_no_more_is_not_shown_as_barred(server, vi
     shows(page, "#health-figures", "Link errors")
 
 
+def test_a_recording_that_may_not_go_on_says_why(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    start_plan(page)
+    press(page, "#tab-health")
+    shows(page, "#health-figures", "calibrate-000.mcap")
+    server.stand_in.do(lambda: setattr(server.stand_in, "unreported", "no report for 8 s"))
+    shows(page, "#health-figures", " MB: no report for 8 s")  # next to the file
+
+
 def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):
     page = visit(server.urls.operator)
     take_command(page)
