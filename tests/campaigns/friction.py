@@ -2,19 +2,23 @@
 
 Prints in how many trials the 95 % intervals hold the truth, and the bias of Coulomb friction; exits
 with 1 if a bound is not kept. `tests/unit/experiments/friction` asks the same of the first seeds.
+
+`python -m tests.campaigns.friction departures 40`: the same of benches that depart.
 """
 
 import sys
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
+from math import radians
 
 import numpy as np
 
 from motord.experiments.friction.coast_down import CoastDown
+from motord.identification import IdentifyError
 from motord.virtual import processors
-from tests.campaigns import seeds
-from tests.unit.experiments.friction.coasting import Rotor, friction, of_seeds
+from tests.campaigns import departed, seeds
+from tests.unit.experiments.friction.coasting import INERTIA, Rotor, friction, of_seeds
 
 SEEDS = 400
 COVERED_MIN = 0.90
@@ -79,5 +83,64 @@ def main(count: int = SEEDS) -> int:
     return int(failed)
 
 
+@dataclass(frozen=True)
+class Rubbing(Rotor):
+    """Coulomb friction that ripples once a turn, in parts."""
+
+    ripple: float = 0.3
+
+    def acceleration(self, angle_rad: np.ndarray, speed_rad_s: np.ndarray) -> np.ndarray:
+        more_Nm = self.ripple * self.coulomb_Nm * np.cos(angle_rad)
+        even = super().acceleration(angle_rad, speed_rad_s)
+        return even - np.sign(speed_rad_s) * more_Nm / INERTIA.kg_m2
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A rotor, and the encoder's errors by order per turn (rad)."""
+
+    rotor: Rotor = field(default_factory=Rotor)
+    encoder_rad: Mapping[int, float] = field(default_factory=dict)
+    named: str = ""
+
+    def trial(self, coasts: list[CoastDown]) -> departed.Trial | None:
+        """Return what coast-downs show, None where they are refused."""
+        try:
+            found = friction(coasts)
+        except IdentifyError:
+            return None
+        (one,), rotor = found.directions, self.rotor
+        pairs = {
+            "Coulomb": (one.coulomb_Nm, rotor.coulomb_Nm),
+            "viscous": (one.viscous_Nm_s_per_rad, rotor.viscous_Nm_s_per_rad),
+        }
+        held = {name: each.low < true < each.high for name, (each, true) in pairs.items()}
+        return departed.Trial(held, [f for f in found.findings if f.name != "one direction"])
+
+
+OTHERS = Rotor().cogging
+DEPARTURES: Mapping[str, Departure] = {
+    "none": Departure(),
+    "encoder 0.1 deg once a turn": Departure(encoder_rad={1: radians(0.1)}),
+    "encoder 0.3 deg once a turn": Departure(encoder_rad={1: radians(0.3)}),
+    "encoder 1 deg once a turn": Departure(encoder_rad={1: radians(1.0)}, named="residual"),
+    "20 mNm once, 10 mNm twice a turn": Departure(
+        Rotor(cogging=((1, 0.02, 0.0), (2, 0.0, 0.01), *OTHERS))
+    ),
+    "friction ripples by 30 % once a turn": Departure(Rubbing()),
+}
+
+
+def departures(count: int = SEEDS) -> int:
+    """Run all departures and print what they show; return the exit code."""
+    kept = []
+    with processors() as pool:
+        for name, one in DEPARTURES.items():
+            taken = of_seeds(seeds.several(count), one.rotor, 8, 1, one.encoder_rad)
+            trials = list(pool.map(one.trial, taken, chunksize=4))
+            kept.append(departed.judge(name, trials, named=one.named))
+    return int(not all(kept))
+
+
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS))
+    sys.exit(departed.run(main, departures))

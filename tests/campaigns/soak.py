@@ -5,14 +5,18 @@ number of repetitions: share of 95 % intervals that hold the slope, share of soa
 that claim one, share of the drifts of 10 standard deviations of a figure that are found, and of
 the soaks that note a correlation beyond what is kept. Exits with 1 if coverage or false drifts are
 not kept up to CORRELATION_MAX.
+
+`python -m tests.campaigns.soak departures 200`: soaks in which half of the figures warm up, or one
+has a step.
 """
 
 import sys
 
 import numpy as np
 
+from motord.experiments.soak.step import FALSE_ALARMS, Step, most_likely_step
 from motord.experiments.soak.trend import CORRELATION_MAX, DriftSlope, drifting, slope
-from tests.campaigns import seeds
+from tests.campaigns import departed, seeds
 
 SOAKS, FIGURES = 400, 12
 REPETITIONS, CORRELATIONS = (6, 8, 10, 20, 50), (0.0, 0.5, 0.8, 0.9, 0.95)
@@ -67,5 +71,50 @@ def main() -> int:
     return int(failed > 0)
 
 
+STEP_REPETITIONS, STEPS = 50, (5.0, 10.0)
+WARM_UPS = (0.05, 0.1, 0.2)
+"""Time constants, in parts of a soak, give or take a quarter; by 5 standard deviations."""
+
+
+def steps_claimed(rng: np.random.Generator, courses: np.ndarray) -> list[Step | None]:
+    """Return the steps of the figures with courses (k, n) and noise, None where none is claimed."""
+    at_h = np.linspace(0.0, courses.shape[1] / 10, courses.shape[1])
+    found = [most_likely_step(at_h, rng.normal(size=at_h.size) + one) for one in courses]
+    p_values = [one.p_value if one else None for one in found]
+    pairs = zip(found, drifting(p_values, FALSE_ALARMS), strict=True)
+    return [one if claimed else None for one, claimed in pairs]
+
+
+def warm_up(part: float, seed: int) -> bool:
+    """Return whether a soak claims a step, in which half of the figures warm up."""
+    rng = np.random.default_rng([seed, round(100 * part)])
+    courses, at = np.zeros((FIGURES, STEP_REPETITIONS)), np.linspace(0.0, 1.0, STEP_REPETITIONS)
+    courses[: FIGURES // 2] = 5.0 * (1 - np.exp(-at / (part * rng.uniform(0.8, 1.25))))
+    return any(one is not None for one in steps_claimed(rng, courses))
+
+
+def stepping(size: float, seed: int) -> tuple[bool, bool]:
+    """Return whether the step of one figure is claimed, and whether its interval holds its size."""
+    rng = np.random.default_rng([seed, round(10 * size)])
+    courses = np.zeros((FIGURES, STEP_REPETITIONS))
+    courses[0, int(rng.integers(4, STEP_REPETITIONS - 4)) :] = size
+    found = steps_claimed(rng, courses)[0]
+    return found is not None, found is not None and abs(found.value - size) <= found.half_width
+
+
+def departures(soaks: int = SOAKS) -> int:
+    """Print the shares of soaks in which a step is claimed; return 1 if a warm-up is one."""
+    share = 0.0
+    for part in WARM_UPS:
+        claimed = float(np.mean([warm_up(part, seed) for seed in seeds.several(soaks)]))
+        share += claimed / len(WARM_UPS)
+        print(f"warm-up, time constant {part} of the soak: a step in {claimed:.1%}", flush=True)
+    print(f"all warm-ups: a step in {share:.1%}")
+    for size in STEPS:
+        found, held = np.sum([stepping(size, seed) for seed in seeds.several(soaks)], axis=0)
+        print(f"step of {size:g}: found in {found / soaks:.0%}, held in {held} of {found}")
+    return int(share > FALSE_DRIFTS)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(departed.run(main, departures))

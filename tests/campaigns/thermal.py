@@ -7,12 +7,14 @@ bench: plan, loop, recording, analysis.
 
 `python -m tests.campaigns.thermal 100`; exit code 1 if a constant is off by more than 2 % in more
 than one trial of 20, or its interval holds the truth in fewer than 90 % or more than 99 % of them.
+
+`python -m tests.campaigns.thermal departures 20`: made-up courses of a bench that departs.
 """
 
 import sys
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,8 @@ from motord.intervals import IntervalEstimate
 from motord.rig.energy.thermal import ThermalNetwork
 from motord.rig.truth import RigTruth, ThermalTruth, load
 from motord.simulate import PlanSource, record_plan
-from tests.campaigns import seeds
+from tests.campaigns import departed, seeds
+from tests.unit.experiments.thermal.courses import COPPER, NETWORKS, course
 
 BENCH = packaged("../../../config/thermal.toml")
 TRIALS = 100
@@ -203,5 +206,62 @@ def main(trials: int = TRIALS) -> int:
     return int(not kept)
 
 
+def misread(nodes: int, seed: int, gain: float = 1.0, offset_K: float = 0.0) -> ThermalCourse:
+    """Return a course whose first thermometer has an error."""
+    true = course(nodes, seed=seed)
+    node, first = next(iter(true.readings.items()))
+    wrong = replace(first, value_C=gain * first.value_C + offset_K)
+    return replace(true, readings={**true.readings, node: wrong})
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Nodes that are measured, the course of a seed, and what is expected of the trials."""
+
+    nodes: int
+    course: Callable[[int], ThermalCourse]
+    least: float = COVERED[0]
+    named: str = ""
+
+    def trial(self, seed: int) -> departed.Trial:
+        """Return what a course shows."""
+        taken, truth = self.course(seed), NETWORKS[self.nodes]
+        found = measure(taken, COPPER)
+        every = figures(found, truth, COPPER.ohm * COPPER.per_K * taken.heating_A2)
+        held = {name: low < true < high for name, (_, low, high, true) in every.items()}
+        return departed.Trial(held, [one for one in found.findings if one.name != "not-steady"])
+
+
+DEPARTURES: Mapping[str, Departure] = {
+    "1 node, none": Departure(1, lambda seed: course(1, seed=seed)),
+    "1 node, sensor 5 s late": Departure(1, lambda seed: course(1, seed=seed, lag_s=5.0)),
+    "1 node, cooling 2 % more": Departure(
+        1, lambda seed: course(1, seed=seed, cooling=1.02), named="cooling-changes"
+    ),
+    "2 nodes, none": Departure(2, lambda seed: course(2, seed=seed)),
+    "2 nodes, sensors 2 s late": Departure(2, lambda seed: course(2, seed=seed, lag_s=2.0)),
+    "2 nodes, sensors 5 s late": Departure(
+        2, lambda seed: course(2, seed=seed, lag_s=5.0), 0.5, "sensor-lag"
+    ),
+    "2 nodes, gain of the winding's thermometer 0.5 %": Departure(
+        2, lambda seed: misread(2, seed, gain=1.005), 0.4
+    ),
+    "2 nodes, offset of the winding's thermometer 0.5 K": Departure(
+        2, lambda seed: misread(2, seed, offset_K=0.5), named="lack-of-fit"
+    ),
+}
+
+
+def departures(trials: int = TRIALS) -> int:
+    """Run all departures and print what they show; return the exit code."""
+    kept = [
+        departed.judge(
+            name, [one.trial(seed) for seed in seeds.several(trials)], one.least, one.named
+        )
+        for name, one in DEPARTURES.items()
+    ]
+    return int(not all(kept))
+
+
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS))
+    sys.exit(departed.run(main, departures))

@@ -5,24 +5,30 @@ analyser have other errors, within what [accuracy] states, in each of many trial
 losses and efficiency are from the truth without these errors, and in how many trials intervals
 hold it; exits with 1 if a bound is not kept. `tests/unit/experiments/torque_speed` asks the same of
 a few points.
+
+`python -m tests.campaigns.torque_speed departures 40`: made-up captures of a bench that departs,
+each as often, torque sensor and power reading within TIGHT.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter, lfilter_zi
 
-from motord.config import AccuracyConfig, Config, load, packaged
+from motord.config import AccuracyConfig, Config, TorqueSensorConfig, load, packaged
 from motord.experiments.plans import build
+from motord.experiments.subject import Subject
 from motord.experiments.torque_speed.estimate import operating_power
-from motord.experiments.torque_speed.findings import IN_STEP
+from motord.experiments.torque_speed.findings import ACCURACIES, IN_STEP, findings
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.result import OperatingPower
 from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.identification.operating_points import PointData, split
 from motord.virtual.mesh import MeshPiece, processors, run_points
-from tests.campaigns import seeds
+from tests.campaigns import departed, seeds
+from tests.unit.experiments.torque_speed.captures import MOTOR, RATE_HZ, Machine
 
 BENCH = packaged("../../../config/efficiency.toml")
 TRIALS = 100
@@ -158,5 +164,109 @@ def main(trials: int = TRIALS) -> int:
     return int(failed)
 
 
+TIGHT = AccuracyConfig(
+    torque_gain_percent=0.05, torque_zero_Nm=0.002, power_gain_percent=0.05, power_zero_W=0.02
+)
+"""Of a good torque sensor and power analyser, next to which departures show."""
+
+Torque = Callable[[np.random.Generator, np.ndarray, np.ndarray], np.ndarray]
+"""Torque that is recorded, of times (s) and of what the sensor shows (n,)."""
+
+
+def as_shown(rng: np.random.Generator, t_s: np.ndarray, torque_Nm: np.ndarray) -> np.ndarray:
+    """Return the torque as the sensor shows it."""
+    return torque_Nm
+
+
+def low_pass(rng: np.random.Generator, t_s: np.ndarray, torque_Nm: np.ndarray) -> np.ndarray:
+    """Return the torque behind a low-pass of 20 Hz."""
+    keep = np.exp(-2 * np.pi * 20.0 / RATE_HZ)
+    b, a = [1 - keep], [1.0, -keep]
+    return np.asarray(lfilter(b, a, torque_Nm, zi=lfilter_zi(b, a) * torque_Nm.mean())[0])
+
+
+@dataclass(frozen=True)
+class Departure:
+    """An encoder's error once a turn, what the sensor shows of a coupling in phase with what that
+    makes of the speed, ticks that are lost (parts), what else becomes of the torque."""
+
+    encoder_deg: float = 0.0
+    coupling_Nm: float = 0.0
+    lost: float = 0.0
+    torque: Torque = as_shown
+    named: str = ""
+
+    def ticks(self, rng: np.random.Generator, machine: Machine, ticks: np.ndarray) -> np.ndarray:
+        """Return the ticks of a capture as they are recorded."""
+        t_s, angle_rad, _, _ = machine.path()
+        turned_rad = angle_rad + rng.uniform(0, 2 * np.pi)
+        read_rad = angle_rad + np.radians(self.encoder_deg) * np.sin(turned_rad)
+        shown_Nm = ticks["torque_Nm"] + self.coupling_Nm * np.cos(turned_rad)
+        ticks["encoder_count"] = np.floor(read_rad / (2 * np.pi) * MOTOR.counts) % MOTOR.counts
+        ticks["torque_Nm"] = self.torque(rng, t_s, shown_Nm)
+        return ticks[rng.random(t_s.size) >= self.lost]
+
+    def trial(self, seed: int) -> departed.Trial:
+        """Return what a capture shows."""
+        rng = np.random.default_rng(seed)
+        machine = Machine(ripple_order=int(rng.integers(3, 30)), speed_Hz=rng.uniform(3, 5))
+        torque_gain, torque_zero, power_gain, power_zero = rng.uniform(-1, 1, 4)
+        point = machine.captured(
+            rng,
+            1 + TIGHT.torque_gain_percent / 100 * torque_gain,
+            TIGHT.torque_zero_Nm * torque_zero,
+        )
+        turns = CapturedTurns.of(replace(point, ticks=self.ticks(rng, machine, point.ticks)), MOTOR)
+        read = machine.readings(rng, rng.uniform(0.1, 0.4), noise_W=0.3)
+        power_W = read.power_W * (1 + TIGHT.power_gain_percent / 100 * power_gain)
+        series = PowerSeries(read.t_s, power_W + TIGHT.power_zero_W * power_zero, means=True)
+        place = machine.torque_Nm, machine.speed_Hz
+        found = operating_power(*place, turns, series, TIGHT, MOTOR.pole_pairs)
+        shaft_W = machine.mechanical_W()
+        efficiency = 100 * shaft_W / (shaft_W + machine.loss_W)
+        held = {
+            "losses": found.loss.low < machine.loss_W < found.loss.high,
+            "efficiency": found.efficiency.low < efficiency < found.efficiency.high,
+        }
+        return departed.Trial(held, findings([found], SUBJECT))
+
+
+SUBJECT = Subject(
+    "made up",
+    MOTOR,
+    TorqueSensorConfig(resonance_Hz=200.0),
+    AccuracyConfig(**{name: getattr(TIGHT, name) for name in ACCURACIES}),
+)
+DEPARTURES: Mapping[str, Departure] = {
+    "none": Departure(),
+    "encoder 1 deg": Departure(1.0),
+    "coupling 0.5 Nm": Departure(0.0, 0.5),
+    "encoder 0.3 deg, coupling 0.5 Nm": Departure(0.3, 0.5, named="shaft-ripple"),
+    "encoder 1 deg, coupling 0.5 Nm": Departure(1.0, 0.5, named="shaft-ripple"),
+    "torque in steps of 0.3 Nm": Departure(
+        torque=lambda _, t_s, shown: np.round(shown / 0.3) * 0.3
+    ),
+    "heavy tails, 50 mNm times t of 2": Departure(
+        torque=lambda rng, t_s, shown: shown + 0.05 * rng.standard_t(2, shown.size)
+    ),
+    "mains hum 0.15 Nm": Departure(
+        torque=lambda rng, t_s, shown: (
+            shown + 0.15 * np.sin(100 * np.pi * t_s + rng.uniform(0, 2 * np.pi))
+        )
+    ),
+    "a tenth of the ticks lost": Departure(lost=0.1),
+    "low-pass 20 Hz": Departure(torque=low_pass),
+}
+
+
+def departures(trials: int = TRIALS) -> int:
+    """Run all departures and print what they show; return the exit code."""
+    kept = [
+        departed.judge(name, [one.trial(seed) for seed in seeds.several(trials)], named=one.named)
+        for name, one in DEPARTURES.items()
+    ]
+    return int(not all(kept))
+
+
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS))
+    sys.exit(departed.run(main, departures))

@@ -10,7 +10,13 @@ from scipy.optimize import minimize_scalar
 from motord.config import MotorConfig
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_rows import CoastDownRows
-from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, bases, partialled_out
+from motord.experiments.friction.two_step_fit import (
+    OWN,
+    TwoStepFit,
+    bases,
+    orthonormal,
+    partialled_out,
+)
 from motord.identification import IdentifyError
 from motord.identification.orders import allowed_orders
 
@@ -113,7 +119,7 @@ class CoastDownFit:
         """
         common, residual = self._with_own_friction
         free = partialled_out(self._bases, more, self.rows.first)
-        q = np.linalg.qr(free - common @ (common.T @ free))[0]
+        q = orthonormal(free - common @ (common.T @ free), more)
         left = residual - q @ (q.T @ residual)
         return float(left @ left)
 
@@ -124,7 +130,7 @@ class CoastDownFit:
             partialled_out(self._bases, x, self.rows.first)
             for x in (self.columns[:, OWN:], self.values)
         )
-        q = np.linalg.qr(common)[0]
+        q = orthonormal(common, self.columns[:, OWN:])
         return q, values - q @ (q.T @ values)
 
     @cached_property

@@ -31,6 +31,10 @@ from motord.identification.cluster_robust_ls import (
 OWN = 2
 """Columns that each coast-down has of its own: Coulomb and viscous friction."""
 
+COLLINEAR = 3e-8
+"""What is left of columns scaled to 1, below which it is rounding: the root of what
+`numpy.linalg.pinv` takes for 0 in normal equations."""
+
 
 @dataclass(frozen=True)
 class TwoStepFit(ClusterFit):
@@ -83,6 +87,16 @@ def bases(own: np.ndarray, first: np.ndarray) -> list[np.ndarray]:
     first (g,): the first row of each coast-down.
     """
     return [np.linalg.qr(x)[0] for x in split(own, first)]
+
+
+def orthonormal(left: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis (n, k) of what is left of columns (n, p) by others.
+
+    What is collinear with those, or with each other, is rounding, and is none.
+    """
+    scaled = left / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    base, singular, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(base[:, singular > COLLINEAR])
 
 
 def partialled_out(own: Sequence[np.ndarray], columns: np.ndarray, first: np.ndarray) -> np.ndarray:

@@ -8,8 +8,9 @@ slope, with n - 3 degrees of freedom. The place is that of the least p-value, ti
 places (Bonferroni), which holds whatever their correlation is. The least difference of two values,
 which may be their resolution, counts as no step: the p-value is of what |c| is beyond it.
 
-A bench that warms up has no step: of c exp(-t/tau), with any tau, in place of c H(i - k) the
-likelihood must be less, twice its logarithm by PREFERRED (Kass and Raftery 1995).
+A bench that warms up has no step: c exp(-t/tau), with any of TIME_CONSTANTS, in place of
+c H(i - k) has as many parameters, so that information criteria differ by twice the difference of
+the log likelihoods; that must be PREFERRED or more.
 """
 
 from dataclasses import dataclass
@@ -42,12 +43,14 @@ TIME_CONSTANTS = np.geomspace(0.01, 0.5, 24)
 """Of a relaxation, in parts of the time from the first value to the last."""
 
 PREFERRED = 6.0
-"""Difference of the information criteria that is evidence, of models with as many parameters."""
+"""Difference of the Bayesian information criteria from which on evidence is strong (Kass and
+Raftery 1995)."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step with half of its 95 % interval, and p-value of none at all.
+    """A step with half of its 95 % interval, and p-value of none at all, 1 where a relaxation
+    explains it as well.
 
     place: the first value after it; hours: the middle between that and the one before; unit: that
     of the values.
@@ -89,12 +92,12 @@ def most_likely_step(t: np.ndarray, y: np.ndarray) -> Step | None:
 
 
 def _relaxes_instead(t: np.ndarray, y: np.ndarray, place: int) -> bool:
-    """Return whether a relaxation explains y (n,) over t (n,) as well as a step at a place."""
+    """Return whether a step at a place of y (n,) over t (n,) is not preferred to a relaxation."""
     line = line_with_step(t - t.mean(), None)
     part = (t - t[0]) / (t[-1] - t[0])
 
     def likelihood(column: np.ndarray) -> float:
-        """Return the largest logarithm of any rho, but for a constant."""
+        """Return the log likelihood with a column next to the line, the largest over rho."""
         white, scales = whitened(t, np.column_stack([line, column, y]))
         size = np.abs(np.linalg.qr(white)[1][:, -1, -1])  # of the residual
         logarithms = -t.size * np.log(np.maximum(size, ROUNDING)) - np.log(scales).sum(axis=1)

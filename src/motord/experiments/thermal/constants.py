@@ -186,8 +186,9 @@ def _notes(found: ThermalConstants) -> list[str]:
             "that heat the motor, too, make resistances look larger"
         )
     notes.append(
-        "what the thermometers are off by is in no interval: a gain of 1 % is as much of all K/W "
-        "and J/K, and one that differs from channel to channel also of the time constants"
+        "errors of the thermometers are in no interval: a gain of all that is off by 1 % makes "
+        "K/W and J/K wrong by as much; gains and offsets that differ from channel to channel move "
+        "time constants, too"
     )
     if not found.ambient_measured:
         notes.append(

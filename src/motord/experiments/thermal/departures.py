@@ -2,13 +2,14 @@
 
     r = W (y - f),   d = c' r / c' c,   u(d) = s / |c|,   shift of the parameters = F^+ c' d
 
-Score tests (Rao 1948): c, the whitened effect of a departure of one unit on the readings, less what
-the parameters take of it; of lags also what others take, as all sensors may have one. Where d is
-no chance (5 %), d^2 - u(d)^2 is variance of the parameters by their shift, departure by departure:
-an effect that is known to be there and is not corrected (GUM, F.2.4.5). So the intervals of
-constants hold it, also where it is too small for a finding. W and s are of the noise that all
-departures together leave of the residuals: an autoregression of the residuals themselves would
-take a part of what departs for noise. F^+ is that of the fit.
+t-tests of an added variable in the linear form of the fit, by feasible generalised least squares:
+c, the whitened effect of a departure of one unit on the readings, less what the parameters take of
+it; of lags also what others take, as all sensors may have one. Where d is no chance (5 %),
+d^2 - u(d)^2 is variance of the parameters by their shift, departure by departure: an effect that is
+known to be there and is not corrected (GUM, F.2.4.5). So the intervals of constants hold it, also
+where it is too small for a finding. W and s are of the noise that all departures together leave of
+the residuals: an autoregression of the residuals themselves would take a part of what departs for
+noise. F^+ is that of the fit.
 """
 
 from collections.abc import Iterator, Sequence

@@ -195,7 +195,11 @@ def _misfit(fit: ThermalFit) -> Iterator[Finding]:
 
 
 def _around(fit: ThermalFit, shown: Sequence[Departure]) -> Iterator[Finding]:
-    """Yield what explains the residuals best: another ambient, or another cooling."""
+    """Yield what explains the residuals best: another ambient, or another cooling.
+
+    A sensor that lags looks like the latter where the current ends; also of a lag that is too small
+    for a finding it is none.
+    """
     rise_K = max(float(np.ptp(one)) for one in fit.fitted_C)
     least = {"ambient": DRIFT_PERCENT / 100 * rise_K, "cooling": COOLING_PERCENT / 100}
     limits = [
@@ -203,7 +207,12 @@ def _around(fit: ThermalFit, shown: Sequence[Departure]) -> Iterator[Finding]:
         for one in shown
         if one.kind in least
     ]
-    beyond = [(one, limit) for one, limit in limits if abs(one.value) > limit]
+    late = max((one.ratio for one in shown if one.kind == "lag" and one.value > 0), default=0.0)
+    beyond = [
+        (one, limit)
+        for one, limit in limits
+        if abs(one.value) > limit and (one.kind != "cooling" or one.ratio > late)
+    ]
     if not beyond:
         return
     best, limit = max(beyond, key=lambda pair: pair[0].ratio)

@@ -158,8 +158,8 @@ RIPPLING = _Excess(
 SHAFT = _Excess(
     "shaft-ripple", "warning",
     "torque and speed ripple together once or twice a turn, by this much of the power: where the "
-    "encoder is eccentric, or the sensor shows a coupling out of line, that is no power; the "
-    "intervals hold both",
+    "encoder is eccentric, or the torque sensor shows a misaligned coupling, that is no power; "
+    "the intervals hold both",
     "centre the encoder's disc, align the coupling",
 )  # fmt: skip
 

@@ -33,7 +33,7 @@ class OperatingPower:
     uncertainty. sampling_W: standard uncertainty of the electrical power that slow readings cause.
     bus_ripple_W: limit of what it lacks where voltage and current of the bus ripple together.
     shaft_ripple_W: standard uncertainty of the mechanical power by torque and speed that ripple
-    together once and twice a turn, as an eccentric encoder or a coupling out of line makes them.
+    together once and twice a turn, as an eccentric encoder or a misaligned coupling makes them.
     loss_drift_W: change of the losses from the beginning to the end, with its standard error.
     in_step: how far readings that are instants fall on the same angles, from 0 to 1.
     tick_s: time between ticks.

@@ -22,7 +22,7 @@ RIPPLE_ORDERS = (1, 2, 6)
 """Electrical orders of the ripple that offsets, gains and switching losses make."""
 
 SHAFT_ORDERS = (1, 2)
-"""Orders per turn of an encoder that is eccentric or oval, and of a shaft out of line."""
+"""Orders per turn of an encoder that is eccentric or oval, and of a misaligned coupling."""
 
 SECTORS = 512
 """Parts of a turn in which the power is averaged over the turns."""
@@ -94,8 +94,8 @@ class CapturedTurns:
         """Return what torque and speed that ripple together at SHAFT_ORDERS make of the power.
 
         Over the whole turns whose first samples, and end, are edges (g,). Of an encoder that is
-        off by e sin(m theta) the speed seems to ripple by m e w cos(m theta), of a coupling that is
-        out of line the sensor shows a torque that does no work.
+        off by e sin(m theta) the speed seems to ripple by m e w cos(m theta); of a misaligned
+        coupling the sensor shows a torque that does no work.
         """
         inside = slice(int(edges[0]), int(edges[-1]))
         even_rad = np.interp(self.t_s[inside], self.t_s[edges], self.angle_rad[edges])

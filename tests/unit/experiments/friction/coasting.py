@@ -1,6 +1,6 @@
 """Coast-downs of a rotor whose friction is known: integrated finely, read by an encoder."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -16,6 +16,7 @@ START_RAD_S, STOP_RAD_S = 12.0, 4.5
 COUNTS = 4096
 INERTIA = Inertia(0.0105, 0.0, "test")
 MOTOR: MotorConfig = load().motor
+NO_ERROR: Mapping[int, float] = {}
 
 
 @dataclass(frozen=True)
@@ -81,18 +82,33 @@ def coast_downs(
 
 
 def of_seeds(
-    seeds: Iterable[int], rotor: Rotor, number: int, longest_step: int
+    seeds: Iterable[int],
+    rotor: Rotor,
+    number: int,
+    longest_step: int,
+    encoder_rad: Mapping[int, float] = NO_ERROR,
 ) -> Iterator[list[CoastDown]]:
     """Yield the `coast_downs` of each seed; those of all are integrated at the same time."""
-    return of_draws([np.random.default_rng(seed) for seed in seeds], rotor, number, longest_step)
+    draws = [np.random.default_rng(seed) for seed in seeds]
+    return of_draws(draws, rotor, number, longest_step, encoder_rad)
 
 
 def of_draws(
-    draws: Sequence[np.random.Generator], rotor: Rotor, number: int, longest_step: int = 1
+    draws: Sequence[np.random.Generator],
+    rotor: Rotor,
+    number: int,
+    longest_step: int = 1,
+    encoder_rad: Mapping[int, float] = NO_ERROR,
 ) -> Iterator[list[CoastDown]]:
-    """Yield the `coast_downs` of each generator, which may be the same one again."""
+    """Yield the `coast_downs` of each generator, which may be the same one again.
+
+    encoder_rad: the encoder's errors by order per turn.
+    """
     begun = np.hstack([_begun(rng, number, START_RAD_S) for rng in draws])
-    every = iter(paths(rotor, *begun, STOP_RAD_S))
+    every = (
+        path + sum(error * np.sin(order * path) for order, error in encoder_rad.items())
+        for path in paths(rotor, *begun, STOP_RAD_S)
+    )
     for rng in draws:
         some = enumerate(islice(every, number))
         yield [_read(rng, index, path, longest_step) for index, path in some]

@@ -10,7 +10,7 @@ from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import CoastDownFit, fitted
 from motord.experiments.friction.coast_down_rows import CoastDownRows
 from motord.experiments.friction.result import DirectionalFriction
-from motord.experiments.friction.two_step_fit import TwoStepFit
+from motord.experiments.friction.two_step_fit import OWN, TwoStepFit
 from motord.identification.cluster_robust_ls import Regressors
 from motord.intervals import t_quantile
 from tests.unit.experiments.friction.coasting import INERTIA, MOTOR, Rotor, friction, of_seeds
@@ -50,6 +50,17 @@ def variances(group: CoastDownFit) -> np.ndarray:
         plain = (influence**2).sum(axis=1) * NUMBER / (NUMBER - 1)
         found += np.array([reduced.solution**2, np.diag(reduced.covariance), plain])
     return found
+
+
+def test_a_column_that_others_make_explains_no_more_than_they() -> None:
+    (coasts,) = of_seeds([1], Rotor(cogging=()), NUMBER, longest_step=5)
+    group = fit(coasts)
+    order = group.rows.projected(group.rows.cogging([1], group.q_rad))
+    none, once = group.residual_squares(order[:, :0]), group.residual_squares(order)
+    assert once < none
+    for more in (0 * order, group.columns[:, :OWN]):
+        assert group.residual_squares(more) == pytest.approx(none, rel=1e-9)
+    assert group.residual_squares(np.hstack([order, order])) == pytest.approx(once, rel=1e-9)
 
 
 def test_the_covariance_is_as_large_as_the_errors_are() -> None:
