@@ -42,8 +42,8 @@ FALSE_ALARMS = 0.01
 TIME_CONSTANTS = np.geomspace(0.01, 0.5, 24)
 """Of a relaxation, in parts of the time from the first value to the last."""
 
-PREFERRED = 6.0
-"""Difference of the Bayesian information criteria from which on evidence is strong (Kass and
+PREFERRED = 10.0
+"""Difference of the Bayesian information criteria from which on evidence is very strong (Kass and
 Raftery 1995)."""
 
 

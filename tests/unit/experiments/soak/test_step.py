@@ -69,7 +69,7 @@ def test_a_slight_warm_up_is_no_step():
         noise = np.random.default_rng(seed).normal(size=HOURS.size)
         found = most_likely_step(HOURS, 6.0 * (1 - np.exp(-HOURS / 0.5)) + noise)
         claimed += found.p_value < FALSE_ALARMS
-    assert claimed <= 4  # 3; 22 by the p-value next to a line alone
+    assert claimed <= 1  # 0; 22 by the p-value next to a line alone
 
 
 @pytest.mark.parametrize(("n", "correlation"), [(10, 0.0), (12, 0.5), (50, 0.8), (50, 0.95)])
