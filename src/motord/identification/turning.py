@@ -86,12 +86,7 @@ def countable(
     LostTurns if the shorter way round may be another than the rotor's somewhere.
     """
     good, faults = sound_counts(count, counts, label)
-    require_counted(t_s[good], unwrap_counts(count[good], counts), counts, label)
-    return good, faults
-
-
-def require_counted(t_s: np.ndarray, position: np.ndarray, counts: int, label: str) -> None:
-    """Raise LostTurns where turns may be lost between samples, see `uncounted`."""
+    t_s, position = t_s[good], unwrap_counts(count[good], counts)
     doubtful, turned = uncounted(t_s, position, counts)
     if doubtful.size:
         worst = int(np.argmax(turned))
@@ -100,6 +95,7 @@ def require_counted(t_s: np.ndarray, position: np.ndarray, counts: int, label: s
             f"{label}: {apart_s:.3g} s without usable samples, in which the rotor made about "
             f"{turned[worst]:.2g} turns: they cannot be counted; record it again"
         )
+    return good, faults
 
 
 def uncounted(t_s: np.ndarray, position: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ from motord.experiments.subject import (
 from motord.identification import CaptureError
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
 from motord.identification.signal_condition import require_change, sound_counts
-from motord.identification.turning import require_counted, unwrap_counts
+from motord.identification.turning import countable, unwrap_counts
 from motord.recording.reader import Run, bounds_of
 from motord.schema import rows_of
 from motord.uncertainty_budget import totals
@@ -178,8 +178,8 @@ def _signals(
     if not ticks.size:
         return _Signals(*(np.empty(0),) * 6), checked
     at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
-    position = unwrap_counts(ticks["encoder_count"], subject.motor.counts)
-    require_counted(at_s, position, subject.motor.counts, label)
+    count = ticks["encoder_count"].astype(np.int64)
+    countable(at_s, count, subject.motor.counts, label)  # next to the time before, few are misread
     speed_wanted, torque_wanted_Nm = _asked_for(at_s, ticks)
     step_rad = subject.motor.encoder_direction * 2 * np.pi / subject.motor.counts
     signals = _Signals(
@@ -188,7 +188,7 @@ def _signals(
         ticks["speed_rad_s"].astype(float) / (2 * np.pi),
         torque_wanted_Nm,
         torque_Nm,
-        step_rad * position,
+        step_rad * unwrap_counts(count, subject.motor.counts),
     )
     return signals, checked
 

@@ -11,10 +11,17 @@ from motord.calibration import Calibration, load
 from motord.config import packaged
 from motord.experiments.plans import build
 from motord.experiments.profile.command import ANALYSIS, estimate
-from motord.experiments.profile.estimate import _asked_for, _cycle, _Signals, measure
+from motord.experiments.profile.estimate import (
+    BEFORE_TIME_CONSTANTS,
+    _asked_for,
+    _cycle,
+    _Signals,
+    measure,
+)
 from motord.experiments.profile.result import ProfileTracking
 from motord.experiments.profile.settings import ProfileConfig
 from motord.experiments.subject import AnalysisError, Recordings
+from motord.identification.signal_condition import MISREAD_IN_ROWS_SHARE
 from motord.recording.reader import bounds_of, open_run
 from motord.results.figures import figures
 from motord.schema import TICK_DTYPE
@@ -291,3 +298,31 @@ def test_a_count_out_of_range_is_left_out_of_a_cycle(played: Played, tmp_path: P
     assert "encoder-out-of-range" in {one.name for one in result.findings}
     [sound, disturbed] = (one.cycles[0] for one in (found(played.on, played.calibration), result))
     assert disturbed.energy_J == pytest.approx(sound.energy_J, rel=1e-3)
+
+
+def test_counts_misread_in_rows_are_many_or_few_in_the_cycle_alone(
+    played: Played, tmp_path: Path
+) -> None:
+    """Next to the time before it, from which its torque is followed, they were too few to see."""
+    run = open_run(played.on)
+    points = run.operating_points()
+    tau_s = Recordings.open([played.on]).subject.sensor.highpass_time_constant_s
+    bounds = bounds_of(points[-1])
+    cycle = run.ticks(("plan_point",), **bounds).size
+    bounds["from_ns"] -= round(BEFORE_TIME_CONSTANTS * tau_s * 1e9)
+    longer = run.ticks(("plan_point",), **bounds).size
+    rows = round(MISREAD_IN_ROWS_SHARE * np.sqrt(cycle * longer)) // 2
+    assert cycle < 2 * rows / MISREAD_IN_ROWS_SHARE < longer
+
+    def change(ticks: np.ndarray) -> np.ndarray:
+        last = ticks["plan_point"] == int(points[-1]["index"])
+        at = np.flatnonzero(last & (np.abs(ticks["speed_rad_s"]) > 1))
+        for first in at[:: at.size // rows][:rows]:
+            ticks["encoder_count"][first : first + 2] ^= 1 << 10
+        return ticks
+
+    path = change_recording(played.on, tmp_path / "changed.mcap", change)
+    result = found(path, played.calibration)
+    assert len(result.cycles) == len(points) - 1
+    [left_out] = [one for one in result.findings if one.name == "points-left-out"]
+    assert "several in a row" in left_out.meaning
