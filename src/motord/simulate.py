@@ -18,6 +18,8 @@ from motord.untrusted import read_text
 from motord.virtual.bench import rig_and_faults
 from motord.virtual.channels import channel_readings
 from motord.virtual.mesh import MeshPiece, run_points
+from motord.virtual.plan import PlanFailed
+from motord.virtual.preflight import BY_HAND
 
 CHUNK_S = 1.0
 """Time that one chunk of a recording spans; nothing here dies, so chunks may be large."""
@@ -69,7 +71,12 @@ def record_plan(
         plan={"name": plan.name, "settings": plan.settings},
         calibration_id=calibration.id if calibration else "",
     )
-    rig_and_faults(config)  # what is wrong is found before a file is begun
+    rig, _ = rig_and_faults(config)  # what is wrong is found before a file is begun
+    if plan.name in BY_HAND and rig.swing is None:
+        raise PlanFailed(
+            f"{plan.name}: the simulated rig has no bar on springs that somebody lets go ([swing] "
+            f"of its rig file); simulate the packaged one: -c {packaged('inertia.toml')}"
+        )
     ticks = number = 0
     progress(0.0)
     with _whole_or_nothing(path), RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:

@@ -36,7 +36,9 @@ def simulate(
     """Run a plan on the simulated rig, much faster than real time, and record it.
 
     Shows what a plan will do on this bench before it is run there, and makes recordings to try
-    analyses on. The recording holds the truth of the simulation besides the ticks.
+    analyses on. The recording holds the truth of the simulation besides the ticks. Of plans in
+    which somebody moves the rotor by hand, inertia-oscillation, the rig has to say how: the
+    packaged inertia.toml has a bar on springs.
     """
     from motord.calibration import load
     from motord.simulate import PlanSource

@@ -54,6 +54,8 @@ def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
         (("calibrate", "--set", "turns=0"), "setting turns"),
         (("calibrate", "--set", "torques_Nm=50"), "above [limits] torque_Nm"),
         (("calibrate", "-c", "/nowhere.toml"), "/nowhere.toml"),
+        (("inertia-oscillation",), "the simulated rig has no bar on springs"),
+        (("inertia-oscillation",), f"packaged one: -c {packaged('inertia.toml')}"),
         (("verify", "--calibration", "/nowhere.json"), "/nowhere.json"),
     ],
 )

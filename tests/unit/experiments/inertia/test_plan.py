@@ -72,7 +72,7 @@ def test_a_bar_that_is_pulled_to_and_fro_and_never_let_go_is_waited_for() -> Non
 
     executor = watch(Bar(pulled), 30.0, repeats=1, timeout_s=20.0)
     assert executor.state is PlanState.FAILED
-    assert "nothing let go within 20 s" in executor.message
+    assert "nothing let go within 20 s: deflect the bar between its springs" in executor.message
 
 
 def test_too_small_a_deflection_is_reported_and_waited_for() -> None:

@@ -75,7 +75,11 @@ def release(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
     """
 
     def late(seen: Observation) -> str:
-        return f"{seen.demand.label}: nothing let go within {own.timeout_s:g} s"
+        return (
+            f"{seen.demand.label}: nothing let go within {own.timeout_s:g} s: deflect the bar "
+            f"between its springs by {own.deflection_min_rad:g} rad or more, hold it still, let "
+            "go; a simulated rig needs such a bar, [swing], as that of the packaged inertia.toml"
+        )
 
     return (yield from within(own.timeout_s, _release_unpowered(point, own), late))
 
