@@ -21,7 +21,7 @@ KEYS = (
     KeyBinding(("p",), "pause", "Pause", "pause the plan (ramps to zero), or resume it"),
     KeyBinding(("a",), "abort", "Abort", "abort the plan: ramps down, disables; asks first"),
     KeyBinding(("n",), "note", "Note", "put a note into events and recording"),
-    KeyBinding(("r",), "reset", "Reset", "leave a trip whose cause is gone"),
+    KeyBinding(("r",), "reset", "Reset", "leave a trip whose cause is gone; start the loop anew"),
     KeyBinding(("l",), "lease", "Lease", "take the lease, or give it back; asks to take over"),
     KeyBinding(("e",), "enable", "Enable", "enable at zero torque, and keep the lease"),
     KeyBinding(("d",), "disable", "Disable", "ramp the torque to zero, then disable"),
