@@ -26,13 +26,26 @@ class Finding:
     meaning: str
     action: str
 
+    def size(self) -> str:
+        """Return value and limit."""
+        unit = self.unit
+        if self.value == 1 and unit.replace(" ", "").isalpha() and len(unit) > 3:
+            unit = _singular(unit)
+        return f"{self.value:.3g} {unit} (limit {self.limit:.3g})"
+
     def figure(self) -> str:
         """Return name, value and limit."""
-        return f"{self.name}, {self.value:.3g} {self.unit} (limit {self.limit:.3g})"
+        return f"{self.name}, {self.size()}"
 
     def to_text(self) -> str:
         """Return the finding as one line of text."""
         return f"{self.severity}: {self.figure()}: {self.meaning}; {self.action}"
+
+
+def _singular(unit: str) -> str:
+    if unit.endswith("ies"):
+        return f"{unit[:-3]}y"
+    return unit.removesuffix("s")
 
 
 def listed(texts: Sequence[str], most: int = 4, between: str = "; ") -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 from motord.experiments.subject import Recordings
 from motord.recording.reader import Run, bounds_of
-from motord.report.html import Page
+from motord.report.html import Page, Verbatim
 
 SHOWN_MAX = 200
 """Notes on a page; further ones are counted."""
@@ -25,10 +25,10 @@ def add_operator_notes(page: Page, recordings: Recordings) -> None:
         return
     page.heading("Notes")
     for remark in filter(None, remarks):
-        page.paragraph(remark)
+        page.paragraph(Verbatim(remark))
     if rows:
         header = ("time (UTC)", "recording", "operating point", "note", "by")
-        page.table(header, rows[:SHOWN_MAX])
+        page.table(header, [[*map(Verbatim, row)] for row in rows[:SHOWN_MAX]])
     if len(rows) > SHOWN_MAX:
         page.paragraph(f"{len(rows) - SHOWN_MAX} more are among the recordings' events.")
 

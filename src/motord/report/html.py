@@ -18,6 +18,9 @@ from motord.report.style import PALETTE, drawing
 _ID = re.compile(r' id="([^"]+)"')
 _USED = re.compile(r'(?:url\(#|href="#)([^")]+)')
 
+_SIGN = re.compile(r"(?:(?<=\d)|(?<=inf)|(?<=nan)) \+- (?=\d|inf|nan)|(?<![^\s(])\+-(?=\d)")
+"""The sign of an interval as `intervals.plus_minus` writes it, and that of "(+-2 %)"."""
+
 _CSS = """
 *{box-sizing:border-box}
 body{margin:0;background:var(--paper);color:var(--ink);
@@ -97,9 +100,7 @@ def _variables(dark: bool) -> str:
 
 def _as_box(finding: Finding) -> str:
     """Return a finding: its name and size, what it means, what to do."""
-    size = (
-        f"{finding.severity} \u00b7 {finding.value:.3g} {finding.unit} (limit {finding.limit:.3g})"
-    )
+    size = f"{finding.severity} \u00b7 {finding.size()}"
     return (
         f'<div class="finding {finding.severity}"><b>{escape(finding.name)}</b> '
         f"<span>{escape(size)}</span><p>{escape(_sentence(finding.meaning))}</p>"
@@ -113,15 +114,27 @@ def _sentence(text: str) -> str:
     return begun + ("" if text.endswith(("?", ".")) else ".")
 
 
-def escape(text: str) -> str:
-    """Return text as markup, with the plus-minus sign; no line ends within an interval."""
-    return escape_markup(text).replace(" +- ", "\u00a0\u00b1\u00a0").replace("+-", "\u00b1")
+class Verbatim(str):
+    """Text of a user, such as a note: it is escaped, and stays as it was written."""
+
+    __slots__ = ()
 
 
 class Markup(str):
     """Text that is markup already, and is not escaped."""
 
     __slots__ = ()
+
+
+def escape(text: str) -> str:
+    """Return text as markup; intervals with the plus-minus sign, and on one line."""
+    if isinstance(text, Verbatim):
+        return escape_markup(text)
+    return _SIGN.sub(_plus_minus_sign, escape_markup(text))
+
+
+def _plus_minus_sign(match: re.Match[str]) -> str:
+    return "\u00a0\u00b1\u00a0" if match[0].startswith(" ") else "\u00b1"
 
 
 def _cell(text: str) -> str:
@@ -131,19 +144,20 @@ def _cell(text: str) -> str:
 class Page:
     """A page that is put together from top to bottom, then written.
 
-    All text is escaped, but for `Markup` in the rows of tables; `lead` is a sentence under the
-    title, `style` CSS after that of all pages.
+    All text is escaped, but for `Markup` in the rows of tables. Titles, leads and tables without a
+    header have names and paths of users, which stay as they are; `Verbatim` does so elsewhere.
+    `lead` is a sentence under the title, `style` CSS after that of all pages.
     """
 
     def __init__(self, title: str, lead: str = "", style: str = "") -> None:
-        self._title = title
+        self._title = Verbatim(title)
         self._style = style
-        self._parts = [f"<h1>{escape(title)}</h1>"]
+        self._parts = [f"<h1>{escape(self._title)}</h1>"]
         self._missing: list[str] = []
         self._findings: list[str] = []
         self._pictures = 0
         if lead:
-            self._parts.append(f'<p class="lead">{escape(lead)}</p>')
+            self._parts.append(f'<p class="lead">{escape(Verbatim(lead))}</p>')
         self._head = len(self._parts)
 
     def missing(self, name: str, lines: Sequence[str], action: str) -> None:
@@ -192,6 +206,8 @@ class Page:
         self, header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = False
     ) -> None:
         """Add a table; with `numbers`, all columns but the first are set right."""
+        if not header:
+            rows = [[c if isinstance(c, Markup) else Verbatim(c) for c in row] for row in rows]
         head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
         body = "".join(
             "<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows

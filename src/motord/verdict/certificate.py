@@ -7,7 +7,7 @@ from typing import Any
 
 from motord.experiments.analysis import encode
 from motord.intervals import plus_minus
-from motord.report.html import Markup, Page
+from motord.report.html import Markup, Page, Verbatim
 from motord.verdict.bar import bar
 from motord.verdict.decision import Figure, FigureVerdict, MotorVerdict
 from motord.verdict.motor_type import MotorType
@@ -92,7 +92,7 @@ class Certificate:
             ("file", "plan", "begun (UTC)", "SHA-256"),
             [
                 (
-                    _short(one.path),
+                    Verbatim(_short(one.path)),
                     _plan(one),
                     one.start.replace("T", " "),
                     Markup(f"<code>{one.sha256}</code>"),
@@ -104,9 +104,9 @@ class Certificate:
 
     def _facts(self) -> list[tuple[str, str]]:
         return [
-            (self.serial, "serial number"),
+            (Verbatim(self.serial), "serial number"),
             (f"{self.time:%Y-%m-%d %H:%M:%S %Z}", "tested"),
-            (self.operator, "by"),
+            (Verbatim(self.operator), "by"),
         ]
 
     def _remarks(self) -> Iterator[str]:

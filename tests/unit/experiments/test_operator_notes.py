@@ -26,11 +26,13 @@ def page_of(path: Path, notes: str, texts: dict[int, str]) -> str:
 
 
 def test_notes_are_listed_in_order_with_time_and_operating_point(tmp_path: Path) -> None:
-    html = page_of(tmp_path / "a.mcap", "new bearing", {70: "over", 40: "it <b>squeals</b>"})
-    assert "<p>new bearing</p>" in html
+    html = page_of(
+        tmp_path / "a.mcap", "new bearing, 3 +- 1", {70: "3 +- 1 over", 40: "it <b>squeals</b>"}
+    )
+    assert "<p>new bearing, 3 +- 1</p>" in html
     assert "<td>2023-11-14 22:13:20.0</td><td>a.mcap</td><td>3: 2 Nm, 0.7 Hz</td>" in html
     assert "<td>it &lt;b&gt;squeals&lt;/b&gt;</td><td>anna@bench</td>" in html
-    assert "<td>a.mcap</td><td></td><td>over</td>" in html
+    assert "<td>a.mcap</td><td></td><td>3 +- 1 over</td>" in html
     assert html.index("squeals") < html.index("over</td>")
     assert "enable" not in html
 

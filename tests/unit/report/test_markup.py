@@ -1,7 +1,9 @@
 """How text becomes markup: what is escaped, what stays as it is, what stays together."""
 
+import pytest
+
 from motord.findings import Finding
-from motord.report.html import Markup, Page, escape
+from motord.report.html import Markup, Page, Verbatim, escape
 
 
 def test_only_markup_is_not_escaped():
@@ -14,7 +16,30 @@ def test_only_markup_is_not_escaped():
 
 def test_no_line_ends_within_an_interval():
     assert escape("0.80 +- 0.02") == "0.80\u00a0\u00b1\u00a00.02"
+    assert escape("3.142 +- inf") == "3.142\u00a0\u00b1\u00a0inf"
     assert escape("(+-1.2 %)") == "(\u00b11.2 %)"
+
+
+def test_names_paths_and_notes_stay_as_they_were_written():
+    assert escape("runs/a+-b.mcap: no +- in it") == "runs/a+-b.mcap: no +- in it"
+    page = Page("pump 3 +- 1", "pump 3 +- 1 on bench +-1")
+    page.table((), [("recordings", "3 +- 1/+-2.mcap")])
+    page.paragraph(Verbatim("turned by 3 +- 1 deg"))
+    assert "\u00b1" not in page.html()
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "size"),
+    [
+        (1, "directions", "1 direction (limit 2)"), (1.0, "quantities", "1 quantity (limit 2)"),
+        (1, "operating points", "1 operating point (limit 2)"), (1, "us", "1 us (limit 2)"),
+        (3, "directions", "3 directions (limit 2)"), (1, "turns/s", "1 turns/s (limit 2)"),
+    ],
+)  # fmt: skip
+def test_one_is_not_spoken_of_as_several(value, unit, size):
+    page = Page("A motor")
+    page.findings([Finding("few", value, 2, unit, "note", "few", "more")])
+    assert f"note \u00b7 {size}<" in page.html()
 
 
 def test_a_finding_spells_a_channel_as_it_is_spelled():

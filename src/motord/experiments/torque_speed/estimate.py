@@ -24,7 +24,7 @@ from motord.experiments.torque_speed.uncertainty import (
     scatter_of,
 )
 from motord.identification import IdentifyError
-from motord.intervals import IntervalEstimate
+from motord.intervals import IntervalEstimate, plus_minus
 
 READINGS_PER_BLOCK = 2
 """Readings of the power that a block of turns has at least."""
@@ -207,7 +207,7 @@ class _Budget:
         if abs(input_W) < LEAST_INPUT * half_width_W or (motoring and input_W < 0):
             return (
                 IntervalEstimate(),
-                f"the input power, {input_W:.3g} W +- {half_width_W:.2g} W, is near zero",
+                f"the input power, ({plus_minus(input_W, half_width_W)}) W, is near zero",
             )
         value, *slopes = self._slopes()
         return self.errors(*slopes).around(value, 100), ""
