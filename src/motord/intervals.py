@@ -121,8 +121,11 @@ def f_tail(ratio: "ArrayLike", numerator: "ArrayLike", denominator: "ArrayLike")
 
 
 def two_digits(value: float) -> str:
-    """Return a value with two digits: "0.034", "160" rather than "1.6e+02"."""
-    return f"{float(f'{value:.2g}'):g}"
+    """Return a value with two digits: "0.034", "2.0", "160" rather than "1.6e+02"."""
+    rounded = float(f"{value:.2g}")
+    if not 1e-4 <= abs(rounded) < 1e6:
+        return f"{rounded:.1e}" if rounded else "0"
+    return f"{rounded:.{max(decimals_of(abs(rounded)), 0)}f}"
 
 
 def decimals_of(half_width: float) -> int:

@@ -54,8 +54,12 @@ def test_figures_have_the_digits_that_mean_something(
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(123.4, "120"), (99.6, "100"), (0.0341, "0.034"), (0.1, "0.1"), (0, "0")]
-)
+    ("value", "text"),
+    [
+        (123.4, "120"), (99.6, "100"), (0.0341, "0.034"), (0.1, "0.10"), (0, "0"), (2.04, "2.0"),
+        (9.96, "10"), (-2.0, "-2.0"), (3e-5, "3.0e-05"), (1.6e7, "1.6e+07"), (float("inf"), "inf"),
+    ],
+)  # fmt: skip
 def test_two_digits_have_no_exponent_where_it_is_readable_without(value, text):
     assert two_digits(value) == text
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from motord.findings import Finding, listed
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import coverage_factor, plus_minus, two_digits
 
 FALSE_ALARMS = 0.005
 """Probability that noise alone makes any of a check's changes count as drift."""
@@ -177,8 +177,8 @@ class CalibrationCheck:
             (
                 one.name,
                 plus_minus(one.value, one.half_width),
-                f"{one.limit:.2g}",
-                f"{one.detectable:.2g}",
+                two_digits(one.limit),
+                two_digits(one.detectable),
                 one.unit,
                 "drifted" if one.drifted else "",
             )
