@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from motord.experiments.check_calibration.result import CalibrationCheck, Change
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus, two_digits
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, SOFT, figure
 
@@ -17,7 +18,7 @@ ROW_IN = 0.24
 def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Check of a calibration", recordings.subject.lead)
-    page.cards([(found.verdict, f"calibration {found.calibration}")])
+    page.cards([(found.verdict, f"calibration {found.calibration}"), *_nearest(found.changes)])
     page.paragraph(found.sentence[:1].upper() + found.sentence[1:] + ".")
     page.heading("What changed since the calibration")
     page.picture(
@@ -40,6 +41,19 @@ def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     )
     page.table((), recordings.facts)
     return page
+
+
+def _nearest(found: Sequence[Change]) -> list[tuple[str, str]]:
+    """Return the change that is nearest to its limit, or furthest beyond, as a key figure."""
+    ranked = sorted(found, key=lambda one: -abs(one.value) / one.limit)
+    return [
+        (
+            f"{plus_minus(one.value, one.half_width)} {one.unit}",
+            f"largest change for its limit, {two_digits(one.limit)} {one.unit}: "
+            f"{one.meaning}, 95 %",
+        )
+        for one in ranked[:1]
+    ]
 
 
 def changes(found: Sequence[Change]) -> Figure:

@@ -1,7 +1,7 @@
 """The report of learning: ripple over the mesh before and after, and pass by pass."""
 
 from collections.abc import Mapping, Sequence
-from math import ceil
+from math import ceil, hypot
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +13,8 @@ from motord.calibration import TorqueSpeed
 from motord.experiments.ilc.analysis import LearnPass
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.subject import Recordings
+from motord.identification.point_ripple import PointRipple
+from motord.intervals import coverage_factor, plus_minus
 from motord.learned import LearnedPoint
 from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
@@ -23,6 +25,7 @@ _TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER
 
 PASS_NUMBERS = 15
 """So many numbers of passes have room below a picture."""
+
 LEAST_PERCENT = 0.02
 """Smallest error that is drawn: less cannot be separated from none."""
 
@@ -32,8 +35,25 @@ def report(done: LearnPass, _: Recordings | None = None) -> Page:
     calibration = done.calibration
     lead = f"{calibration.motor.name}, calibration {calibration.id}"
     made = Page("Learning of torque ripple", lead)
+    made.cards(_key_figures(done.ripples))
     fill(made, done)
     return made
+
+
+def _key_figures(ripples: Sequence[PointRipple]) -> list[tuple[str, str]]:
+    """Return mean and largest RMS error of the pass, with the intervals that noise makes."""
+    figures = []
+    if ripples:
+        stderr = [one.stderr_percent or 0.0 for one in ripples]
+        mean = sum(one.rms_percent for one in ripples) / len(ripples)
+        half_width = coverage_factor() * hypot(*stderr) / len(ripples)
+        figures.append((mean, half_width, "mean RMS error of this pass"))
+        worst = max(ripples, key=lambda one: one.rms_percent)
+        half_width = coverage_factor() * (worst.stderr_percent or 0.0)
+        figures.append((worst.rms_percent, half_width, f"the largest, at {worst.label}"))
+    return [
+        (f"{plus_minus(value, half)} %", f"{what}, 95 % by noise") for value, half, what in figures
+    ]
 
 
 def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float]] = ()) -> None:
@@ -53,8 +73,8 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float
     page.heading("Learning the residual torque ripple")
     page.picture(
         rms_error(panels),
-        f"RMS error of the {meaning}, Poels 2008, eq. (4.16), in percent of rated "
-        "torque at each operating point. One scale for all; the line in it marks 1 %.",
+        f"RMS error of the {meaning.removesuffix(',')}, Poels 2008, eq. (4.16), in percent of "
+        "rated torque at each operating point. One scale for all; the line in it marks 1 %.",
     )
     page.picture(
         convergence(passes),

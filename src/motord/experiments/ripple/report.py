@@ -9,6 +9,7 @@ from motord.config import MotorConfig
 from motord.experiments.ripple.estimate import Explained, MeshRipple, middle_point
 from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import PointRipple, rms_errors
+from motord.intervals import coverage_factor, plus_minus
 from motord.report.html import Page
 from motord.report.plots.mesh import in_percent, rms_error
 from motord.report.plots.torque import TorqueCurve, over_angle_and_order
@@ -26,12 +27,25 @@ Errors = Mapping[TorqueSpeed, float]
 def report(found: MeshRipple, recordings: Recordings) -> Page:
     """Return the page of a verification."""
     page = Page("Verification of torque ripple", recordings.subject.lead)
-    fill_key_figures(page, *before_and_after(found.ripples))
+    fill_key_figures(page, *before_and_after(found.ripples), _worst(found.ripples))
     fill(page, found.ripples, recordings.subject.motor)
     fill_shares(page, found.explained)
     page.heading("About these figures")
     page.table((), recordings.facts)
     return page
+
+
+def _worst(ripples: Sequence[PointRipple]) -> list[tuple[str, str]]:
+    """Return the largest RMS error with its interval, of those with compensation if there are."""
+    known = [one for one in ripples if one.stderr_percent is not None]
+    ranked = sorted(known, key=lambda one: (one.compensate == 0, -one.rms_percent))
+    return [
+        (
+            f"{plus_minus(one.rms_percent, coverage_factor() * (one.stderr_percent or 0.0))} %",
+            f"the largest, at {one.label}, 95 %",
+        )
+        for one in ranked[:1]
+    ]
 
 
 def fill(page: Page, ripples: Sequence[PointRipple], motor: MotorConfig) -> None:

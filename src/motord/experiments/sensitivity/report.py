@@ -50,6 +50,7 @@ def report(result: Sensitivity, _: Recordings) -> Page:
     subject = result.subject
     motor = subject.motor
     page = Page("Sensitivity to errors of a calibration", subject.lead)
+    page.cards(_key_figures(result))
     fill(page, result)
     page.heading("About these figures")
     rows = (
@@ -59,6 +60,24 @@ def report(result: Sensitivity, _: Recordings) -> Page:
     )
     page.table((), rows)
     return page
+
+
+def _key_figures(result: Sensitivity) -> list[tuple[str, str]]:
+    """Return the measured slopes of gain and offset; without any what the theory allows."""
+    theory = result.theory
+    if any(any(one.branches) for one in result.series):
+        return [
+            (f"{slope} %", f"RMS error a unit of {branch}, 95 %; by theory {expected} %")
+            for branch, _, slope, expected in result.slope_rows(SYMBOL, ",")
+            if branch.startswith((SYMBOL["alpha_a"], SYMBOL["beta_a_A"]))
+        ]
+    return [
+        (
+            f"{_number(low)} to {_number(high)}",
+            f"{SYMBOL[what]}, which alone leaves at most {theory.limit_percent:g} % by theory",
+        )
+        for what, (low, high) in theory.within.items()
+    ]
 
 
 def fill(page: Page, result: Sensitivity) -> None:

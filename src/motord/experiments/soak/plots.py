@@ -36,7 +36,7 @@ def _draw(axes: Axes, one: FigureTrend) -> None:
     axes.plot(one.hours, line, color=AFTER, linestyle=style, linewidth=1.1)
     slope = f"{one.to_text()} {one.slope_unit}".replace("+-", "\u00b1")
     axes.set_title(
-        f"{one.name}: {slope}"
+        f"{one.title}: {slope}"
         + (", drifts" if one.drifts else "")
         + (", a step" if one.step else "")
     )

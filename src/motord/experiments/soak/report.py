@@ -1,7 +1,7 @@
 """Page of a soak: figures over the repetitions, and their slopes."""
 
 from motord.experiments.soak.plots import over_time
-from motord.experiments.soak.result import SoakResult
+from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.soak.trend import CORRELATION_MAX
 from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
@@ -10,10 +10,16 @@ from motord.report.html import Page
 HEADER = ("figure", "mean", "unit", "slope an hour", "drift", "step")
 """Of the table of slopes."""
 
+CARDS = 3
+"""Figures whose slopes the page begins with."""
+
 
 def report(found: SoakResult, recordings: Recordings) -> Page:
     """Return the page of a soak."""
-    page = Page("Soak", f"{recordings.subject.lead}: {found.statement}.")
+    page = Page("Soak", recordings.subject.lead)
+    if found.trends:
+        page.cards([_card(one) for one in _foremost(found)])
+    page.paragraph(f"{found.statement}.")
     page.heading("Over the repetitions")
     if not found.trends:
         page.paragraph("No figure has two values: slopes need two repetitions.")
@@ -35,6 +41,17 @@ def report(found: SoakResult, recordings: Recordings) -> Page:
     page.heading("About these figures")
     page.table((), recordings.facts)
     return page
+
+
+def _foremost(found: SoakResult) -> list[FigureTrend]:
+    """Return some figures of whole repetitions, or else of set-points; those that drift first."""
+    whole = [one for one in found.trends if not one.of_point] or found.trends
+    return sorted(whole, key=lambda one: not one.drifts)[:CARDS]
+
+
+def _card(one: FigureTrend) -> tuple[str, str]:
+    level = "" if one.slope.half_width is None else ", 95 %"
+    return f"{one.to_text()} {one.slope_unit}", f"slope of {one.title}{level}"
 
 
 def rows(found: SoakResult) -> list[list[str]]:

@@ -28,6 +28,17 @@ CAUSES = {
 }
 """What to do about the drift of a figure, by its name."""
 
+TITLES = {
+    "rms_error_percent": "RMS error",
+    "noise_rms_percent": "noise, RMS",
+    "torque_mean_Nm": "mean torque",
+    "torque_zero_Nm": "zero of the torque",
+    "torque_gain_percent": "gain of the torque",
+    "inverter_temperature_C": "temperature of the inverter",
+    "missed_ticks": "missed ticks",
+}
+"""What the figures of the ticks are called in pictures; channels have names of their own."""
+
 STEPPED = (
     "look for what was changed at that time, or slipped or came loose at once (the encoder's "
     "magnet, coupling, sensor); the slope is that of before and after"
@@ -75,6 +86,12 @@ class FigureTrend:
     def time_series(self) -> dict[str, np.ndarray]:
         """The values over hours."""
         return {"hours": self.hours, "values": self.values}
+
+    @property
+    def title(self) -> str:
+        """What it is called in pictures."""
+        name, of, point = self.name.partition(" of ")
+        return f"{TITLES.get(name, name)}{of}{point}"
 
     @property
     def slope_unit(self) -> str:

@@ -4,7 +4,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.subject import Recordings
+from motord.experiments.thermal.recordings import STOPPED
 from motord.experiments.thermal.result import ThermalConstants
+from motord.experiments.thermal.watch import STEADY, TEMPERATURE_LIMIT, TIME_LIMIT
 from motord.intervals import IntervalEstimate
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, INK, OTHER, SOFT, figure
@@ -13,6 +15,14 @@ HEADER = ("", "value", "95 % interval", "unit")
 STEADY_HEADER = ("channel", "end of the heat-up (degC)", "steady (degC)", "95 % interval", "")
 
 COLOURS = {"winding": BEFORE, "magnet": OTHER, "housing": AFTER}
+
+ENDED = {
+    STEADY: ", until the temperatures were steady",
+    TIME_LIMIT: ", until its time limit",
+    TEMPERATURE_LIMIT: ", until a temperature was at its limit",
+    STOPPED: ", until it was stopped",
+}
+"""What ended heat-up and cooling, in words."""
 
 DOTS = 250
 """Readings that are drawn of each channel, about."""
@@ -88,13 +98,14 @@ def _interval(one: IntervalEstimate, digits: str) -> str:
 
 
 def _facts(found: ThermalConstants) -> list[tuple[str, str]]:
+    heating, cooling = found.ended_by
     how = "measured" if found.ambient_measured else "fitted"
     ambient = f"{found.ambient_C:.2f} \u00b0C, {how}"
     heat = "" if found.heat_W is None else f", {found.heat_W:.4g} W of copper loss at its end"
     return [
         ("current", f"{found.current_rms_A:.4g} A RMS a phase{heat}"),
-        ("heat-up", f"{found.heating_s:.0f} s, ended by {found.ended_by[0]}"),
-        ("cooling", f"{found.cooling_s:.0f} s, ended by {found.ended_by[1]}"),
+        ("heat-up", f"{found.heating_s:.0f} s{ENDED.get(heating, '')}"),
+        ("cooling", f"{found.cooling_s:.0f} s{ENDED.get(cooling, '')}"),
         (
             "ambient",
             ambient if found.ambient_measured else ambient + found.ambient_error_text("\u00b1"),

@@ -34,14 +34,15 @@ COLOURS = {"motoring": AFTER, "generating": BEFORE, "braking": SOFT}
 def report(found: EfficiencyMap, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Efficiency map", recordings.subject.lead)
-    if best := found.best:
-        highest = best.efficiency.text()
-        page.cards(
-            [
-                (f"{highest} %", f"highest efficiency, at {best.label}"),
-                (f"{len(found.points)}", "operating points"),
-            ]
-        )
+    shown = found.best or found.points[0]
+    figures = [
+        (f"{shown.loss.text()} W", f"losses at {shown.label}, 95 %"),
+        (f"{len(found.points)}", "operating points"),
+    ]
+    if found.best:
+        highest = f"{shown.efficiency.text()} %"
+        figures.insert(0, (highest, f"highest efficiency, at {shown.label}, 95 %"))
+    page.cards(figures)
     page.table([], recordings.facts)
     page.heading("Efficiency over torque and speed")
     page.picture(

@@ -1,6 +1,7 @@
 """The test of a calibration by fresh turns: what it finds, would find, and refuses."""
 
 import json
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -283,7 +284,9 @@ def test_command_prints_the_verdict_and_writes_result_and_page(
     assert code == 0
     assert f"valid: calibration {unchanged.calibration.id} still holds" in " ".join(out.split())
     assert "gain-a" in out
-    assert "What changed since the calibration" in page.read_text()
+    text = page.read_text()
+    assert "What changed since the calibration" in text
+    assert re.search(r"\u00a0\u00b1\u00a0[\d.]+ [^<]+</b><span>largest change for its limit", text)
     code, out, _ = run(analyse, *arguments, "--json")
     content = json.loads(out)
     assert (code, content["verdict"], content["findings"]) == (0, "valid", [])

@@ -1,6 +1,7 @@
 """Learning from recordings: two passes, what is refused, the command, the page."""
 
 import json
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -189,7 +190,9 @@ def test_the_command_writes_the_next_calibration_and_a_page(
     assert code == 0
     assert "2 of 2 points go on" in out
     assert load(tmp_path / "n.json").learned is not None
-    assert "Learning the residual torque ripple" in (tmp_path / "r.html").read_text()
+    page = (tmp_path / "r.html").read_text()
+    assert "Learning the residual torque ripple" in page
+    assert re.search(r"<b>[\d.]+\u00a0\u00b1\u00a0[\d.]+ %</b><span>mean RMS error of this", page)
     code, out, _ = invoke(app, "learn", path, *options[:2], "--finish", "--json")
     result = json.loads(out)
     assert result["schema"] == "motord.learn/1"

@@ -153,6 +153,7 @@ def test_theory_alone_from_the_command_line(recorded: Recorded, tmp_path: Path) 
     page = tmp_path / "theory.html"
     assert run(analyse, *arguments[:-1], "--report", page)[0] == 0
     assert page.read_text().count("<figure>") == 2
+    assert "which alone leaves at most 1 % by theory</span>" in page.read_text()
 
 
 def test_what_has_no_induced_errors_is_refused(recorded: Recorded) -> None:

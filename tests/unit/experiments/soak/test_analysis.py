@@ -1,6 +1,7 @@
 """Recordings of a soak, made up: drifts that are in them are found, others are not claimed."""
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -127,7 +128,16 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
     assert (found["schema"], found["plan"]) == ("motord.soak/1", "verify")
     actions = {one["name"]: one["action"] for one in found["findings"]}
     assert "begin once it is warm" in actions["drift of winding_C"]
-    assert report.read_text().count("<svg") == 1
+    page = report.read_text()
+    assert page.count("<svg") == 1
+    [cards] = re.findall('<div class="cards">.*', page)
+    assert re.findall("<span>([^<]*)<", cards)[:2] == [
+        "slope of RMS error, 95 %", "slope of winding_C, 95 %",
+    ]  # fmt: skip
+    assert "\u00b1" in cards
+    assert trends(drifted)["rms_error_percent of point 1, 1 Nm, 1 Hz"].title == (
+        "RMS error of point 1, 1 Nm, 1 Hz"
+    )
     select = "SELECT unit, low, high, plan, setting_plan, setting_inner_turns FROM results "
     [row] = query(
         ResultsStore(store).read().table, f"{select} WHERE field = 'trends.winding_C'"

@@ -1,6 +1,7 @@
 """The plan in virtual time on a rig that warms up in seconds, and the analysis of its recording."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,9 @@ def test_the_analysis_finds_the_rig(recorded: Path, tmp_path: Path) -> None:
     page = (tmp_path / "t.html").read_text()
     assert "Heat-up and cooling" in page
     assert page.count("<svg") == 1
+    assert re.search(
+        r"<td>heat-up</td><td>\d+ s, until (the temperatures were steady|its time)", page
+    )
 
 
 def test_currents_are_compared_with_those_commanded(recorded: Path) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +74,7 @@ def test_the_map_is_that_of_the_rig_within_half_a_percent(recorded: Path, tmp_pa
     page = report.read_text()
     assert page.count("<svg") == 2
     assert "slow readings of the power" in page
+    assert re.search(r"<b>[\d.]+\u00a0\u00b1\u00a0[\d.]+ W</b><span>losses at ", page)
     kept = {row["field"]: row for row in ResultsStore(store).read().table.to_pylist()}
     one = kept["points.3Nm,6Hz.efficiency_percent"]
     assert one["low"] < one["value"] < one["high"]
