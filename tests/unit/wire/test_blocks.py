@@ -12,7 +12,7 @@ from motord import proto
 from motord.schema import TICK, TICK_DTYPE, TRUTH, Field, Record
 from motord.wire.ticks.blocks import BlockCodec, varint
 from motord.wire.ticks.pattern import ROWS_AT_ONCE
-from motord.wire.ticks.proto_text import descriptor_set, proto_text, read_record
+from motord.wire.ticks.proto_text import LONGEST_BYTES, descriptor_set, proto_text, read_record
 
 WIDE_NUMBERS = Record(
     "Wide",
@@ -206,6 +206,11 @@ def test_descriptors_that_are_not_of_fixed_layout_are_refused():
         read_record(descriptor_set(TICK), "motord.Tock")
     with pytest.raises(ValueError, match="field 'ticks' is not of fixed width"):
         read_record(descriptor_set(TICK), "motord.Ticks")
+    padding = descriptor_set(TICK)
+    while len(padding) <= LONGEST_BYTES:
+        padding += padding
+    with pytest.raises(ValueError, match=r"of \d+ bytes is none of motord's"):
+        read_record(padding, "motord.Tick")
     number = Field(3, "x", "float", "", "")
     for fields, reason in (
         ((number, Field(4, "x", "float", "", "")), "share a name"),

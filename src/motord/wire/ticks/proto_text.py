@@ -22,6 +22,9 @@ _TYPES = {
 }
 _KINDS = {number: kind for kind, number in _TYPES.items()}
 
+LONGEST_BYTES = 16_384
+"""Of a FileDescriptorSet that is read, as those of files are kept; motord's have about 1000."""
+
 
 def file_name(record: Record) -> str:
     """Return the name of the .proto file of `record`, as in `tick.proto`."""
@@ -90,8 +93,11 @@ def read_record(descriptor: bytes, full_name: str) -> Record:
     """Return the record that a FileDescriptorSet defines; units and meanings are not in it.
 
     `full_name` is as in `motord.Tick`. Raises ValueError if the message is not there, has a
-    field that is not a single one of fixed width, or fields that share a name or a number.
+    field that is not a single one of fixed width, or fields that share a name or a number, or if
+    the set has more than `LONGEST_BYTES`.
     """
+    if len(descriptor) > LONGEST_BYTES:
+        raise ValueError(f"a FileDescriptorSet of {len(descriptor)} bytes is none of motord's")
     files = descriptor_pb2.FileDescriptorSet()
     try:
         files.ParseFromString(descriptor)
