@@ -107,6 +107,10 @@ def test_it_starts_as_its_own_user_and_off(facts: dict[str, Any]) -> None:
     assert facts["state"] == "OFF"
 
 
+def test_its_kernels_are_those_of_this_computer(facts: dict[str, Any]) -> None:
+    assert facts["kernels"] == [kernel_cache().name]
+
+
 def test_it_comes_back_off_after_its_loop_stopped(facts: dict[str, Any]) -> None:
     assert facts["enabled"] == "ENABLED"
     assert facts["results"][0] == "watchdog", facts["log"]

@@ -103,6 +103,7 @@ def main() -> None:
     facts["uninstall"] = [removed.returncode, removed.stdout + removed.stderr]
     facts["unit left"] = systemctl("show", UNIT, "--property=LoadState", "--value").stdout.strip()
     facts["bench left"] = Path("/etc/motord/bench.toml").exists()
+    facts["kernels"] = sorted(p.name for p in Path("/var/cache/motord").glob("*/kernels-*"))
     facts["recordings"] = sorted(p.name for p in Path("/var/lib/motord").rglob("*.mcap*"))
     OUT.write_text(json.dumps(facts))
 
