@@ -47,7 +47,9 @@ class LiveService(VirtualService):
             bench=self.bench,
             calibrations=store,
             children=SimpleNamespace(views=dict),
-            recording=SimpleNamespace(view=lambda: RecordingView(recording=False, path="")),
+            recording=SimpleNamespace(
+                path="", view=lambda: RecordingView(recording=False, path="")
+            ),
             loop=SimpleNamespace(realtime=dict, bridge_clock=lambda: None),
             guard=SimpleNamespace(faults={}),
             telemetry=self.telemetry,

@@ -25,6 +25,7 @@ class RecentTicks:
             loop.rate_Hz * max(LEAST_S, loop.enable_timeout_s, loop.supervisor_timeout_s)
         )
         self._parameters: np.record = parameters.build(config)[0][0]
+        self._decay = float(self._parameters.torque_decay)  # in one tick
         self._blocks: deque[np.ndarray] = deque()
         self._count = 0  # of the ticks in the blocks
         self._expected_Nm = self._set_Nm = 0.0  # at the end of the block before the newest
@@ -74,5 +75,4 @@ class RecentTicks:
         change_Nm = float(ticks["torque_set_Nm"][-1]) - self._set_Nm
         before = int(ticks["tick"][0]) - 1 if self._tick is None else self._tick
         passed = int(ticks["tick"][-1]) - before  # the loop may have missed some
-        decay = float(self._parameters.torque_decay) ** max(passed, 0)
-        return decay * self._expected_Nm + change_Nm
+        return self._decay ** max(passed, 0) * self._expected_Nm + change_Nm

@@ -74,11 +74,11 @@ class TorqueError:
         numbers = ticks["tick"].astype(np.int64)
         before = int(numbers[0]) - 1 if self._tick is None else self._tick
         set_Nm = ticks["torque_set_Nm"].astype(float)
-        changes_Nm = np.diff(set_Nm, prepend=self._set_Nm)
         faded = self._decay ** np.maximum(numbers - before, 0)
         expected_Nm = self._expected_Nm * faded
-        changed = changes_Nm != 0.0
-        if changed.any():
+        if (set_Nm != self._set_Nm).any():
+            changes_Nm = np.diff(set_Nm, prepend=self._set_Nm)
+            changed = changes_Nm != 0.0
             left = self._decay ** (numbers[-1] - numbers[changed])
             expected_Nm[:] = expected_Nm[-1] + float((left * changes_Nm[changed]).sum())
         self._tick, self._set_Nm = int(numbers[-1]), float(set_Nm[-1])

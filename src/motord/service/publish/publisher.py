@@ -57,7 +57,7 @@ class Publisher:
 
     def publish_documents(self, now_ns: int) -> None:
         """Publish state and plan if they are due or have changed."""
-        key = change_key(self.bench, self.recording.view().path, now_ns)
+        key = change_key(self.bench, self.recording.path, now_ns)
         if key != self._change_key or now_ns - self._state_ns >= STATE_NS:
             self._change_key, self._state_ns = key, now_ns
             self._state_json = self.state(now_ns).to_json()

@@ -48,6 +48,7 @@ class QueueRunner:
         self._active = self._pausing = self._detached = False
         self._holder = self._message = ""
         self._stops = self._done = self._failed = 0
+        self._shown: dict[str, object] = {}
 
     def load(self) -> None:
         """Take in what is on the disk; a run that was under way is done or interrupted."""
@@ -239,7 +240,7 @@ class QueueRunner:
         self._bench.events.emit("queue", message)
 
     def show(self) -> None:
-        """Make what `bench.queue` shows."""
+        """Make what `bench.queue` shows, unless it is what was shown before."""
         queue, plans, running = self.queue, self._bench.plans, self.queue.running
         left_s = sum(item.estimate_s for item in queue.items)
         message = self._message
@@ -251,18 +252,20 @@ class QueueRunner:
         waiting = self._active and running is None
         state = "pausing" if self._pausing else "waiting" if waiting else "running"
         after = queue.items[1:2] if running is not None else queue.items[:1]
-        self._bench.queue = QueueView(
-            state=state if self._active else "paused",
-            message=message,
-            length=len(queue.items),
-            running=running.id if running is not None else None,
-            next=after[0].id if after else None,
-            next_plan=after[0].plan.name if after else "",
-            done=self._done,
-            failed=self._failed,
-            eta_s=round(left_s, 1),
-            detached=self._detached and self._active,
-        )
+        shown = {
+            "state": state if self._active else "paused",
+            "message": message,
+            "length": len(queue.items),
+            "running": running.id if running is not None else None,
+            "next": after[0].id if after else None,
+            "next_plan": after[0].plan.name if after else "",
+            "done": self._done,
+            "failed": self._failed,
+            "eta_s": round(left_s, 1),
+            "detached": self._detached and self._active,
+        }
+        if shown != self._shown:
+            self._shown, self._bench.queue = shown, QueueView.model_validate(shown)
 
 
 def _name(item: QueueItem) -> str:

@@ -140,6 +140,11 @@ class RecordingControl:
         if self._closing is not None:
             self._closing.unrecorded(self._now_ns, last=True)
 
+    @property
+    def path(self) -> str:
+        """The newest file by its present name."""
+        return self.recorder.report.path
+
     def view(self) -> RecordingView:
         """Return what is recorded now."""
         report = self.recorder.report
