@@ -11,15 +11,15 @@ from motord.schema import rows_of
 
 def countable_ticks(
     ticks: np.ndarray, counts: int, label: str
-) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
-    """Return the ticks (m,) of a capture (n,) with counts that can be, and what is wrong with it.
+) -> tuple[np.ndarray, np.ndarray, tuple[SignalFault, ...]]:
+    """Return the ticks (m,) of a capture (n,) whose counts can be, these unwrapped, and faults.
 
     Raises CaptureError if its turns cannot be counted.
     """
     ticks = sampled_ticks(ticks, label)
     t_s = (ticks["t_ns"].astype(np.int64) - ticks["t_ns"][:1].astype(np.int64)) * 1e-9
-    good, faults = countable(t_s, ticks["encoder_count"].astype(np.int64), counts, label)
-    return rows_of(ticks, good), faults
+    good, position, faults = countable(t_s, ticks["encoder_count"].astype(np.int64), counts, label)
+    return rows_of(ticks, good), position, faults
 
 
 def sampled_ticks(ticks: np.ndarray, label: str) -> np.ndarray:

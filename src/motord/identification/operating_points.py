@@ -182,11 +182,11 @@ def prepare(point: PointData, counts: int) -> Samples:
     else:
         i_A[:] = np.nan
     count = ticks["encoder_count"][good].astype(np.int64)
-    good[good], faults = countable(t_s[good], count, counts, label)
+    good[good], position, faults = countable(t_s[good], count, counts, label)
     if good.all():
         good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
-    turns = continuous_turns(count, counts, label, from_start=point.turns_from_start)
+    turns = continuous_turns(position, counts, label, from_start=point.turns_from_start)
     require_change({"torque_Nm": torque_Nm[good]}, label)
     i_A = np.ascontiguousarray(i_A[good])
     command_A = _commands(ticks, good) if sensed.any() else None

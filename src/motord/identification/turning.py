@@ -79,8 +79,8 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
 
 def countable(
     t_s: np.ndarray, count: np.ndarray, counts: int, label: str
-) -> tuple[np.ndarray, tuple[SignalFault, ...]]:
-    """Return which samples (n,) have a sound count, if turns between these can be counted; faults.
+) -> tuple[np.ndarray, np.ndarray, tuple[SignalFault, ...]]:
+    """Return which samples (n,) have a sound count, these unwrapped (m,), and faults.
 
     t_s (n,): rising; count (n,): of the encoder. Raises CountsOutOfRange, MisreadCounts, or
     LostTurns if the shorter way round may be another than the rotor's somewhere.
@@ -95,7 +95,7 @@ def countable(
             f"{label}: {apart_s:.3g} s without usable samples, in which the rotor made about "
             f"{turned[worst]:.2g} turns: they cannot be counted; record it again"
         )
-    return good, faults
+    return good, position, faults
 
 
 def uncounted(t_s: np.ndarray, position: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:
@@ -198,22 +198,22 @@ def whole_turns(position_rad: np.ndarray) -> list[Turn]:
 
 
 def continuous_turns(
-    count: np.ndarray, counts: int, label: str, *, from_start: bool = False
+    position: np.ndarray, counts: int, label: str, *, from_start: bool = False
 ) -> tuple[tuple[int, int], ...]:
     """Return (first, end) of each turn from zero point to zero point, one after the other.
 
-    count (n,): in range; from_start: from the first sample's position instead, so that short
-    captures lose no part of a turn. For a capture, in which the rotor keeps its direction: a count
-    that trembles at the end of a turn ends none, where `whole_turns` sees it turn back. Raises
-    NoWholeTurn.
+    position (n,): running on, `counts` a turn; from_start: from the first sample's position
+    instead, so that short captures lose no part of a turn. For a capture, in which the rotor keeps
+    its direction: a count that trembles at the end of a turn ends none, where `whole_turns` sees it
+    turn back. Raises NoWholeTurn.
     """
-    position = unwrap_counts(count, counts)
-    if count.size and position[-1] < position[0]:
+    size = position.size
+    if size and position[-1] < position[0]:
         position = -position
-    if from_start and count.size > 1:  # the sample that would come next may end a turn
+    if from_start and size > 1:  # the sample that would come next may end a turn
         position = np.append(position, 2 * position[-1] - position[-2]) - position[0]
-    turn = np.maximum.accumulate(position // counts) if count.size else position
-    first, last = (turn[0] + (not from_start), turn[-1]) if count.size else (0, 0)
+    turn = np.maximum.accumulate(position // counts) if size else position
+    first, last = (turn[0] + (not from_start), turn[-1]) if size else (0, 0)
     edges = np.searchsorted(turn, np.arange(first, last + 1))
     pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
     if not pairs:

@@ -102,7 +102,7 @@ def test_one_count_out_of_range_in_turns_that_can_be_counted_is_left_out(per_sam
     count[1000] = 65535
     if per_sample < 0.1:
         count[1001] = (count[1001] + 1000) % 4096
-    good, _ = countable(t_s, count, 4096, "here")
+    good, *_ = countable(t_s, count, 4096, "here")
     assert np.flatnonzero(~good).tolist() == [1000, 1001][: 1 + (per_sample < 0.1)]
     turned = np.ptp(unwrap_counts(count[good], 4096)) / 4096
     assert turned == pytest.approx(1999 * per_sample, abs=1e-3)
@@ -114,7 +114,7 @@ def test_counts_out_of_range_in_which_a_turn_may_pass_are_refused(direction: int
     count = np.arange(100_000)[::direction] * 8 % 4096
     short, long, t_s = count.copy(), count.copy(), np.arange(100_000) * 1e-3
     short[500:620] = long[500:1020] = 65535
-    good, _ = countable(t_s, short, 4096, "here")
+    good, *_ = countable(t_s, short, 4096, "here")
     assert np.flatnonzero(~good).tolist() == list(range(500, 620))
     with pytest.raises(LostTurns, match=r"here: 0\.521 s .* about 1 turns"):
         countable(t_s, long, 4096, "here")
@@ -125,7 +125,7 @@ def test_a_misread_count_loses_no_turn() -> None:
     turns = np.arange(5000) * 0.01
     count = np.floor(turns * 4096).astype(int) % 4096
     count[[100, 2000, 2500, 4000]] ^= 2048
-    good, _ = countable(np.arange(5000) * 1e-3, count, 4096, "here")
+    good, *_ = countable(np.arange(5000) * 1e-3, count, 4096, "here")
     assert np.flatnonzero(~good).tolist() == [100, 2000, 2500, 4000]
     position = unwrap_counts(count, 4096)
     assert position[-1] - position[0] == pytest.approx(4999 * 0.01 * 4096, abs=1)
@@ -263,15 +263,21 @@ def test_counts_are_unwrapped_by_the_shorter_way(
     assert unwrap_counts(position[:0], counts).size == 0
 
 
+def turns_of(
+    count: np.ndarray, counts: int, *, from_start: bool = False
+) -> tuple[tuple[int, int], ...]:
+    return continuous_turns(unwrap_counts(count, counts), counts, "here", from_start=from_start)
+
+
 @pytest.mark.parametrize("direction", [1, -1])
 def test_turns_of_a_short_capture_count_from_its_first_sample(direction: int) -> None:
     count = (700 + direction * 5 * np.arange(650)) % 1000  # 5 counts a sample, 3.25 turns
-    turns = continuous_turns(count, 1000, "here", from_start=True)
+    turns = turns_of(count, 1000, from_start=True)
     assert turns == ((0, 200), (200, 400), (400, 600))
-    assert len(continuous_turns(count, 1000, "here")) == 2
+    assert len(turns_of(count, 1000)) == 2
     # what comes next would begin the fourth turn: the third has all its samples
-    assert continuous_turns(count[:600], 1000, "here", from_start=True) == turns
-    assert len(continuous_turns(count[:599], 1000, "here", from_start=True)) == 2
+    assert turns_of(count[:600], 1000, from_start=True) == turns
+    assert len(turns_of(count[:599], 1000, from_start=True)) == 2
 
 
 @given(
@@ -291,7 +297,7 @@ def test_turns_from_the_start_lose_no_part_of_a_turn(
     if trembling:
         position += 0.7 * np.sin(np.arange(steps))
     count = np.rint(position).astype(int) % counts
-    found = continuous_turns(count, counts, "here", from_start=True)
+    found = turns_of(count, counts, from_start=True)
     assert len(found) == turns
     assert found[0][0] == 0
     assert all(end == first for (_, end), (first, _) in pairwise(found))
@@ -309,14 +315,14 @@ def test_turns_go_from_zero_point_to_zero_point_unless_asked_otherwise(
 ) -> None:
     position = start * counts + direction * np.arange(3 * turns * counts + 3) / 3
     count = np.rint(position).astype(int) % counts
-    found = continuous_turns(count, counts, "here")
+    found = turns_of(count, counts)
     assert len(found) == turns - 1
     assert all(min(count[first], counts - count[first]) <= 1 for first, _ in found)
-    assert found == continuous_turns(count, counts, "here", from_start=False)
+    assert found == turns_of(count, counts, from_start=False)
 
 
 def test_less_than_a_turn_from_the_start_is_refused() -> None:
     with pytest.raises(IdentifyError, match="here"):
-        continuous_turns(np.arange(70, 165) % 100, 100, "here", from_start=True)
+        turns_of(np.arange(70, 165) % 100, 100, from_start=True)
     with pytest.raises(IdentifyError, match="here"):
-        continuous_turns(np.zeros(0, int), 100, "here", from_start=True)
+        turns_of(np.zeros(0, int), 100, from_start=True)

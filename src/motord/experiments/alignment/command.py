@@ -39,7 +39,7 @@ def found_alignment(runs: Sequence[Run], subject: Subject) -> Alignment:
         for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1):
             label = f"{run.path.name}: sweep {number}"
             with left_out.noted(label, (run.path, number)):
-                good, of_encoder = countable_ticks(ticks, subject.motor.counts, label)
+                good, _, of_encoder = countable_ticks(ticks, subject.motor.counts, label)
                 require_change({"encoder_count": good["encoder_count"]}, label)
                 sweeps.append(good)
                 faults.append((label, of_encoder))

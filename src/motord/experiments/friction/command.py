@@ -95,7 +95,7 @@ def coast_downs(
             with left_out.noted(label, (run.path, index)):
                 if np.any(ticks["torque_set_Nm"] != 0.0):
                     raise CaptureError(f"{label}: a torque was commanded")
-                good, seen = countable_ticks(ticks, motor.counts, label)
+                good, _, seen = countable_ticks(ticks, motor.counts, label)
                 angle_rad = good["encoder_count"].astype(float) * turn_rad
                 place = run.path.name, index
                 found.append(CoastDown.of(*place, good["t_ns"], angle_rad, motor.counts))

@@ -106,7 +106,7 @@ def _read_releases(
     for number, ticks in enumerate(captures, start=1):
         label = f"{run.path.name}: release {number}"
         with left_out.noted(label, (run.path, number)):
-            good, faults = countable_ticks(ticks, counts, label)
+            good, _, faults = countable_ticks(ticks, counts, label)
             seen.append((label, faults))
             # a segment without oscillation is skipped where a recording marks none
             with nullcontext() if marked else suppress(IdentifyError):

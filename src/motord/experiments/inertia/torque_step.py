@@ -89,7 +89,7 @@ def read_step(
     ticks = sampled_ticks(ticks, name)
     _, begin = _since_step(ticks, name)
     at_rest = ticks["encoder_count"][:begin].astype(np.int64)
-    turning, faults = countable_ticks(ticks[begin:], counts, name)
+    turning, _, faults = countable_ticks(ticks[begin:], counts, name)
     ticks = joined([ticks[:begin], turning])
     t_s, begin = _since_step(ticks, name)
     require_change({"torque_Nm": ticks["torque_Nm"]}, name)

@@ -11,7 +11,7 @@ from motord.identification.encoder_ticks import countable_ticks
 from motord.identification.operating_points import PointData
 from motord.identification.resample import rising
 from motord.identification.signal_condition import SignalFault, recorded, require_sound
-from motord.identification.turning import continuous_turns, unwrap_counts
+from motord.identification.turning import continuous_turns
 from motord.schema import rows_of
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm")
@@ -49,13 +49,13 @@ class CapturedTurns:
         if missing := [name for name in REQUIRED if name not in (names or ())]:
             raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
         good = rising(point.ticks["t_ns"]) & recorded(point.ticks["torque_Nm"], "torque_Nm", label)
-        ticks, faults = countable_ticks(rows_of(point.ticks, good), motor.counts, label)
+        ticks, position, faults = countable_ticks(rows_of(point.ticks, good), motor.counts, label)
         count = ticks["encoder_count"].astype(np.int64)
-        turns = continuous_turns(count, motor.counts, label, from_start=point.turns_from_start)
+        turns = continuous_turns(position, motor.counts, label, from_start=point.turns_from_start)
         t0_ns = int(ticks["t_ns"][0])
         t_s = (ticks["t_ns"].astype(np.int64) - t0_ns) * 1e-9
         step_rad = motor.encoder_direction * 2 * np.pi / motor.counts
-        angle_rad = step_rad * unwrap_counts(count, motor.counts)
+        angle_rad = step_rad * position
         torque_Nm = ticks["torque_Nm"].astype(float)
         require_sound({"torque_Nm": torque_Nm}, count, motor.counts, len(turns), label)
         edges = np.array([turns[0][0], *(end for _, end in turns)])

@@ -103,8 +103,8 @@ class TurnWindows:
         self._keep()
         turns: tuple[tuple[int, int], ...] = ()
         try:
-            ticks, _ = countable_ticks(ticks, self._counts, "window")
-            turns = continuous_turns(ticks["encoder_count"].astype(int), self._counts, "window")
+            ticks, position, _ = countable_ticks(ticks, self._counts, "window")
+            turns = continuous_turns(position, self._counts, "window")
         except NoWholeTurn:
             pass
         except CaptureError:
