@@ -158,9 +158,11 @@ class TickWatcher:
         angle_rad = ticks["angle_rad"].astype(float)
         if not self._started:
             self._angle_rad, self._started = float(angle_rad[0]), True
-        steps_rad = angle_rad - np.concatenate(([self._angle_rad], angle_rad[:-1]))
-        steps_rad -= 2 * np.pi * np.round(steps_rad / (2 * np.pi))
-        turned_rad = self._turned_rad + np.cumsum(steps_rad)
+        steps_rad = np.empty_like(angle_rad)
+        steps_rad[0] = angle_rad[0] - self._angle_rad
+        np.subtract(angle_rad[1:], angle_rad[:-1], out=steps_rad[1:])
+        steps_rad -= 2 * np.pi * np.rint(steps_rad / (2 * np.pi))
+        turned_rad = self._turned_rad + steps_rad.cumsum()
         self._watch_point(ticks, turned_rad)
         self._point_temperatures_C = {
             name: self._point_temperatures_C.get(name, TemperatureSpan()).with_reading(one)
@@ -172,7 +174,7 @@ class TickWatcher:
         self._point_ticks += ticks.size
         sum_rad_s = float(speed_rad_s.sum())
         self._point_speed_rad_s += sum_rad_s
-        turn_speed_Hz = self._turn_speed_Hz(turned_rad, speed_rad_s)
+        turn_speed_Hz = self._turn_speed_Hz(turned_rad, speed_rad_s, sum_rad_s)
         slowest_Hz, fastest_Hz = self._range_of_turn_speeds(turn_speed_Hz)
         return Observation(
             t_ns=int(ticks["t_ns"][-1]),
@@ -220,7 +222,9 @@ class TickWatcher:
             self._point_turn_speeds_Hz = min(slowest_Hz, speed_Hz), max(fastest_Hz, speed_Hz)
         return self._point_turn_speeds_Hz or (speed_Hz, speed_Hz)
 
-    def _turn_speed_Hz(self, turned_rad: np.ndarray, speed_rad_s: np.ndarray) -> float:
+    def _turn_speed_Hz(
+        self, turned_rad: np.ndarray, speed_rad_s: np.ndarray, sum_rad_s: float
+    ) -> float:
         """Return the mean of the ticks' speeds over the last turn.
 
         Of the block in which that turn begins only the ticks within it count: with all of them, the
@@ -228,7 +232,7 @@ class TickWatcher:
         """
         turn_rad = WINDOW_TURNS * 2 * np.pi
         self._blocks.append((turned_rad, speed_rad_s))
-        self._block_sums_rad_s.append(float(speed_rad_s.sum()))
+        self._block_sums_rad_s.append(sum_rad_s)
         self._ticks_in_blocks += speed_rad_s.size
         while (
             len(self._blocks) > 2 and abs(self._turned_rad - self._blocks[0][0][-1]) >= turn_rad

@@ -43,7 +43,7 @@ class Setpoint:
         self.channels_beyond = 0
         self.i2t_derating = 0.0
         self.plan_point = -1
-        self.induced = NOTHING_INDUCED
+        self.induced = self._written_induced = NOTHING_INDUCED  # all zero, as the record begins
 
     def request(self, request: Request) -> None:
         """Queue `request`. A stop replaces all others."""
@@ -79,9 +79,11 @@ class Setpoint:
         s["drive_rad_s"] = self.drive_Hz * RAD_PER_TURN
         s["plan_point"] = self.plan_point
         s["compensate"] = int(self.compensate)
-        s["induced_gain"] = [gain - 1.0 for gain in self.induced.gain]
-        s["induced_offset_A"] = self.induced.offset_A
-        s["induced_cogging"] = self.induced.cogging - 1.0
+        if self.induced is not self._written_induced:  # seldom, and arrays take long to write
+            self._written_induced = self.induced
+            s["induced_gain"] = [gain - 1.0 for gain in self.induced.gain]
+            s["induced_offset_A"] = self.induced.offset_A
+            s["induced_cogging"] = self.induced.cogging - 1.0
         self._mailbox.write(self._record)
 
     def _confirmed(self, now_ns: int, seen_seq: int) -> bool:
