@@ -20,7 +20,7 @@ from motord.identification.disturbances import lines_of_points
 from motord.identification.rotor.left_out import PART
 from motord.recording.reader import Run
 from motord.results.figures import figures
-from motord.schema import rows_of
+from motord.schema import joined, rows_of
 from tests.support.plan_recordings import PLANS, PlanFiles
 
 COUNTS = 4096
@@ -90,13 +90,12 @@ class SpoiledRun(Run):
         own = (ticks["plan_point"] == point["index"]) & (ticks["t_ns"] >= point["t_start_ns"])
         own &= ticks["t_ns"] <= point["t_end_ns"]
         [at] = np.nonzero(own)
-        parts = [ticks[: at[0]], spoil(ticks[at]), ticks[at[-1] + 1 :]]
-        self._ticks = np.concatenate(parts)
+        self._ticks = joined([ticks[: at[0]], spoil(rows_of(ticks, own)), ticks[at[-1] + 1 :]])
 
     def ticks(self, columns: Any = None, **bounds: int) -> np.ndarray:
         t_ns = self._ticks["t_ns"]
         first, end = bounds.get("from_ns", t_ns[0]), bounds.get("to_ns", t_ns[-1])
-        chosen = self._ticks[(t_ns >= first) & (t_ns <= end)]
+        chosen = rows_of(self._ticks, (t_ns >= first) & (t_ns <= end))
         return chosen if columns is None else chosen[list(columns)].copy()
 
 
