@@ -25,6 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from motord.identification.cluster_robust_ls import ClusterFit
+from motord.identification.variance_components import MOST_FREEDOM
+from motord.intervals import expanded_uncertainty, freedom_of
 
 LEAST_VARIANCE = 1e-300
 """Of data without noise: what its weight is the inverse of."""
@@ -182,6 +184,18 @@ def delay_with_scatter(
         float(velocity_rad_s.size - 2),
     )
     return Delay(delay.age_s, float(np.sqrt(variance)), float(freedom))
+
+
+def with_known_error(delay: Delay, error_s: float) -> Delay:
+    """Return the age with a further standard error, which is known, unlike the scatter.
+
+    Degrees of freedom are those of the interval that holds both.
+    """
+    if error_s == 0.0:
+        return delay
+    stderr_s = float(np.hypot(delay.stderr_s, error_s))
+    half_s = expanded_uncertainty(delay.stderr_s, delay.freedom, error_s)
+    return Delay(delay.age_s, stderr_s, freedom_of(half_s, stderr_s) or MOST_FREEDOM)
 
 
 def correlated_freedom(*parts: tuple[float, float]) -> float:

@@ -219,17 +219,14 @@ def _result(
     fundamental = int(np.flatnonzero(order == motor.pole_pairs)[0])
     of_turns = Delay(*turns_delay, free) if turns_delay else None
     delay = _delay(of_turns, mean, fundamental, driven, motor) if of_turns else None
-    speed_rad_s = 2 * np.pi * float(np.mean([one.speed_Hz for one in driven]))
-    turned = order * (delay.stderr_s * speed_rad_s if delay else 0.0)
     return MeasuredBackEmf(
         motor=motor,
         order=order,
         line=mean.line,
         stderr=mean.stderr,
         scatter_stderr=scatter_stderr,
-        phase_stderr=np.hypot(mean.across_stderr, np.abs(mean.line) * turned[:, None]),
+        across_stderr=mean.across_stderr,
         mean_stderr=mean.mean_stderr,
-        turned_stderr_rad=turned,
         freedom=mean.freedom,
         phase_freedom=mean.phase_freedom,
         kept=kept,

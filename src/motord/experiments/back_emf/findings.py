@@ -32,6 +32,12 @@ next to the age of the voltages."""
 SPEED_RATIO = 1.3
 """Ratio of the fastest to the slowest speed that separates the voltages' age from the angle."""
 
+CLOCKS_NOT_SEEN = (
+    ", and so do, at so few speeds, clocks of inverter and encoder that run apart, which turn the "
+    "phases"
+)
+"""Why an age that nothing explains leaves the phases in doubt."""
+
 TRENDS = {
     "time": (
         "amplitude-drifts",
@@ -133,12 +139,15 @@ def _age(found: MeasuredBackEmf, driven: Sequence[Driven]) -> Iterator[Finding]:
         )  # fmt: skip
     delay_s, stderr_s, _ = found.delay_s
     if abs(delay_s) > DELAY_MAX_S + 4 * stderr_s:
+        apart = any(one.kind == "clock" and one.tested for one in found.trends)
         yield Finding(
-            "age-of-voltages", 1e3 * abs(delay_s), 1e3 * DELAY_MAX_S, "ms", "warning",
+            "age-of-voltages", 1e3 * abs(delay_s), 1e3 * DELAY_MAX_S, "ms",
+            "warning" if apart else "serious",
             f"the voltages seem {1e3 * delay_s:+.2f} ms older than the recording says: more than "
             "filters and buses explain; a speed or an encoder error that changes with speed looks "
-            "the same",
-            "check the inverter's time stamps and filters",
+            "the same" + CLOCKS_NOT_SEEN * (not apart),
+            "check the inverter's time stamps and filters"
+            + ("" if apart else "; drive at three speeds in both directions"),
         )  # fmt: skip
 
 
@@ -195,8 +204,8 @@ def _trends(found: MeasuredBackEmf) -> Iterator[Finding]:
             yield Finding(
                 "clocks-drift", drift_us, drift_us * one.limit / abs(one.ratio), "us", "serious",
                 "the age of the voltages changed by this much from the first to the last speed: "
-                "the clocks of inverter and encoder run apart; the age is their mean, and phases "
-                "are off by more than their intervals",
+                "the clocks of inverter and encoder run apart; phases are off, and their intervals "
+                "and that of the age hold by how much, roughly",
                 "synchronise the clocks, or take the time of each sample from one of them",
             )  # fmt: skip
     shown = [one for one in significant if one.kind != "clock"]

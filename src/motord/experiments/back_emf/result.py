@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
-from motord.experiments.back_emf.between_speeds import Delay, correlated_freedom
+from motord.experiments.back_emf.between_speeds import Delay, correlated_freedom, with_known_error
 from motord.experiments.back_emf.encoder_error import EncoderError
-from motord.experiments.back_emf.trends import CaptureTrend
+from motord.experiments.back_emf.trends import CaptureTrend, moved_by_clocks
 from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
@@ -46,13 +46,14 @@ class ElectricalHarmonic(PhaseHarmonic):
 class MeasuredBackEmf:
     """k of the phases. Lines: phase p is Re(sum_h line[h, p] exp(j order[h] theta)), V s/rad.
 
-    order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
-    the amplitude; scatter_stderr (n, 3): of the amplitude, without what all phases lose alike;
-    mean_stderr (n, 2): both of the mean of the phases, without the error of the age,
-    turned_stderr_rad (n,); freedom (n, 2): their degrees of freedom; phase_freedom (n, 3): those of
-    the phases' amplitudes; kept (n,): part of the table, the others are noise. offset_V (3,);
-    delay_s: by how much the voltages are older than the recording says, None where the speeds are
-    too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each
+    order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude; across_stderr (n, 3): of
+    the phase times the amplitude, without the error of the age; scatter_stderr (n, 3): of the
+    amplitude, without what all phases lose alike; mean_stderr (n, 2): both of the mean of the
+    phases, without the error of the age; freedom (n, 2): their degrees of freedom;
+    phase_freedom (n, 3): those of the phases' amplitudes; kept (n,): part of the table, the others
+    are noise. offset_V (3,); delay_s: by how much the voltages are older than the recording says,
+    by clocks that run alike, None where the speeds are too much alike to identify it. noise_V (3,).
+    speeds_Hz, turns: of each
     segment.
     encoder: its errors once and twice a turn, trends: of the amplitudes, both in their stderr.
     left_out: what of the points was not used; referred: where k was referred to one temperature of
@@ -70,9 +71,8 @@ class MeasuredBackEmf:
     line: np.ndarray
     stderr: np.ndarray
     scatter_stderr: np.ndarray
-    phase_stderr: np.ndarray
+    across_stderr: np.ndarray
     mean_stderr: np.ndarray
-    turned_stderr_rad: np.ndarray
     freedom: np.ndarray
     phase_freedom: np.ndarray
     kept: np.ndarray
@@ -94,27 +94,55 @@ class MeasuredBackEmf:
         return float(np.abs(self.line[first]).mean())
 
     @property
+    def age(self) -> Delay | None:
+        """Age of the voltages beyond the recorded, with what clocks that run apart make of it."""
+        return self.delay_s and with_known_error(self.delay_s, moved_by_clocks(self.trends)[1])
+
+    @property
+    def age_for_phases(self) -> Delay | None:
+        """The same with the error by which all that turns the phases does so at the mean speed."""
+        moved_rad, _ = moved_by_clocks(self.trends)
+        return self.delay_s and with_known_error(self.delay_s, moved_rad / self.mean_rad_s)
+
+    @property
+    def mean_rad_s(self) -> float:
+        """Mean speed."""
+        return 2 * np.pi * float(np.mean(self.speeds_Hz))
+
+    @property
     def fitted_delay_s(self) -> float | None:
-        """Age of the voltages beyond the recorded."""
-        return self.delay_s.age_s if self.delay_s else None
+        """Value of that age."""
+        return self.age.age_s if self.age else None
 
     @property
     def delay_stderr_s(self) -> float | None:
         """Standard error of that age."""
-        return self.delay_s.stderr_s if self.delay_s else None
+        return self.age.stderr_s if self.age else None
 
     @property
     def delay_degrees_of_freedom(self) -> float | None:
         """Degrees of freedom of that standard error."""
-        return self.delay_s.freedom if self.delay_s else None
+        return self.age.freedom if self.age else None
+
+    @property
+    def turned_stderr_rad(self) -> np.ndarray:
+        """Standard errors (n,) of the phases by the age, and by clocks that run apart."""
+        age = self.age_for_phases
+        return np.asarray(self.order * (age.stderr_s * self.mean_rad_s if age else 0.0))
+
+    @property
+    def phase_stderr(self) -> np.ndarray:
+        """Standard errors (n, 3) of the phases times the amplitudes."""
+        turned = np.abs(self.line) * self.turned_stderr_rad[:, None]
+        return np.asarray(np.hypot(self.across_stderr, turned))
 
     @property
     def delay_us(self) -> str:
         """That age with half of its 95 % interval, as text; "" where it was not fitted."""
-        if self.delay_s is None:
+        if self.age is None:
             return ""
-        half_width_s = coverage_factor(self.delay_s.freedom) * self.delay_s.stderr_s
-        return plus_minus(1e6 * self.delay_s.age_s, 1e6 * half_width_s)
+        half_width_s = coverage_factor(self.age.freedom) * self.age.stderr_s
+        return plus_minus(1e6 * self.age.age_s, 1e6 * half_width_s)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -171,11 +199,11 @@ class MeasuredBackEmf:
         correlated, for which Welch and Satterthwaite's has the square of the sum.
         """
         freedom = float(self.freedom[place, 1])
-        if self.delay_s is None:
+        age = self.age_for_phases
+        if age is None:
             return freedom
-        return correlated_freedom(
-            (across_rad, freedom), (float(self.turned_stderr_rad[place]), self.delay_s.freedom)
-        )
+        turned = float(self.turned_stderr_rad[place]), age.freedom
+        return correlated_freedom((across_rad, freedom), turned)
 
     @property
     def phases(self) -> dict[str, list[PhaseHarmonic]]:

@@ -8,7 +8,9 @@ frequency (a low-pass of the voltages, d the square of its time constant). Or y:
 times that time (clocks of inverter and encoder that run apart), with the velocity, of which the age
 is fitted, as z. The mean of the amplitudes is off by d times the mean of x from what is there at
 the beginning, or without filter. It is not corrected, as it may have another cause; where d is no
-chance (5 %) it is variance of the amplitudes (GUM, F.2.4.5). Of clocks there is a finding alone.
+chance (5 %) it is variance of the amplitudes (GUM, F.2.4.5). Of clocks it is variance of phases and
+age: how far off a fit with that trend has them. Where captures are too few to say what is chance,
+it always is.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,6 +24,9 @@ from motord.intervals import t_quantile
 
 FEWEST = 3
 """Captures that show a trend."""
+
+LEAST_FREEDOM = 2
+"""Degrees of freedom from which on a trend can be told from chance."""
 
 CONFIDENCE_LEVEL = 0.975
 """One-sided, of the test from which on intervals are widened."""
@@ -37,7 +42,8 @@ class CaptureTrend:
     """A trend; part (m,): what the mean amplitude of each order is less by, in parts.
 
     ratio: of the slope to its standard error, positive where amplitudes fall; freedom: its degrees.
-    slope: of clocks by how much the voltages get older in the whole time (s).
+    slope: of clocks by how much the voltages get older in the whole time (s); moved_rad, moved_s:
+    how far off the angle and the age at the beginning are without it.
     """
 
     kind: Kind
@@ -45,6 +51,13 @@ class CaptureTrend:
     ratio: float
     freedom: int
     part: np.ndarray
+    moved_rad: float = 0.0
+    moved_s: float = 0.0
+
+    @property
+    def tested(self) -> bool:
+        """Whether there are captures enough to tell it from chance."""
+        return self.freedom >= LEAST_FREEDOM
 
     @property
     def possible(self) -> bool:
@@ -64,12 +77,23 @@ class CaptureTrend:
     @property
     def significant(self) -> bool:
         """Whether it is a finding."""
-        return self.possible and abs(self.ratio) > self.limit
+        return self.possible and self.freedom > 0 and abs(self.ratio) > self.limit
+
+    @property
+    def beyond_chance(self) -> float:
+        """Share that is more than its standard error makes of it."""
+        return sqrt(max(1 - 1 / self.ratio**2, 0.0)) if self.widens else 0.0
 
     @property
     def part_beyond_chance(self) -> np.ndarray:
         """The part (m,) less what its standard error makes of it."""
-        return self.part * (np.sqrt(max(1 - 1 / self.ratio**2, 0.0)) if self.widens else 0.0)
+        return self.part * self.beyond_chance
+
+    @property
+    def moved(self) -> tuple[float, float]:
+        """Standard errors of angle (rad) and age (s) by clocks: all where chance is not known."""
+        share = self.beyond_chance if self.tested else 1.0
+        return share * abs(self.moved_rad), share * abs(self.moved_s)
 
 
 @dataclass(frozen=True)
@@ -112,23 +136,29 @@ class Captures:
         root = 1 / np.sqrt(variance[known])
         means = np.eye(self.order.size)[np.nonzero(known)[1]][:, known.any(axis=0)]
         others = np.column_stack([means, *([z[known]] if z is not None else [])]) * root[:, None]
-        x_apart, y_apart = (_without(others, one[known] * root) for one in (x, y))
+        both = np.column_stack([x[known], y[known]]) * root[:, None]
+        explained = np.linalg.lstsq(others, both, rcond=None)[0]
+        x_apart, y_apart = (both - others @ explained).T
         freedom = len(y) - 2 - (z is not None)
         square = float(x_apart @ x_apart)
-        if freedom < 1 or not square > 1e-9 * float((x[known] * root) @ (x[known] * root)):
+        if not square > 1e-9 * float(both[:, 0] @ both[:, 0]):
             return CaptureTrend(kind, 0.0, 0.0, max(freedom, 1), 0 * part)
         slope = -float(x_apart @ y_apart) / square
         left = y_apart + slope * x_apart
-        of_orders = np.bincount(np.nonzero(known)[1], left**2) / freedom  # they may have it alike
-        scale = max(float(of_orders.max()), 1.0)
-        return CaptureTrend(kind, slope, slope * sqrt(square / scale), freedom, slope * part)
-
-
-def _without(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return what columns (n, k) leave of values (n,)."""
-    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+        squares = np.bincount(np.nonzero(known)[1], left**2)
+        scale = max(float(squares.max()) / max(freedom, 1), 1.0)  # orders may have it alike
+        apart = explained @ [slope, 1.0]  # means and age, which the captures have as 0 without it
+        moved = (float(apart[0]), float(apart[-1])) if kind == "clock" else (0.0, 0.0)
+        return CaptureTrend(
+            kind, slope, slope * sqrt(square / scale), freedom, slope * part, *moved
+        )
 
 
 def beyond_chance(found: Sequence[CaptureTrend], orders: int) -> np.ndarray:
     """Return what trends make of the amplitudes' error (m,), in parts."""
     return np.sqrt(sum((one.part_beyond_chance**2 for one in found), np.zeros(orders)))
+
+
+def moved_by_clocks(found: Sequence[CaptureTrend]) -> tuple[float, float]:
+    """Return the standard errors of angle (rad) and age (s) by clocks that run apart."""
+    return next((one.moved for one in found if one.kind == "clock"), (0.0, 0.0))

@@ -8,9 +8,14 @@ import pytest
 from motord.experiments.back_emf.encoder_error import LEAST_LOST, encoder_errors, lost
 from motord.experiments.back_emf.estimate import measure
 from motord.experiments.back_emf.trends import Captures
+from motord.experiments.back_emf.voltages import VOLTAGES
+from motord.identification.operating_points import PointData
+from motord.intervals import coverage_factor
 from tests.campaigns.driven_departures import (
     DEPARTURES,
     MOTOR,
+    TURNS,
+    Bench,
     captured,
     errors_over_half_widths,
 )
@@ -53,6 +58,35 @@ def test_clocks_that_run_apart_are_named() -> None:
     [one] = [one for one in found.findings if one.name == finding]
     assert one.severity == "serious"
     assert one.value == pytest.approx(50e-6 * 77e6, rel=0.1)  # 77 s between middles of captures
+
+
+@pytest.mark.parametrize("name", [name for name in DEPARTURES if name.startswith("clocks")])
+def test_phases_and_age_hold_clocks_that_run_apart(name: str) -> None:
+    bench, _ = DEPARTURES[name]
+    found = measure(captured(bench, 3), MOTOR)
+    assert np.abs(errors_over_half_widths(found)[:, 1]).max() < 1.0
+    assert found.fitted_delay_s is not None  # clocks are alike as the first capture begins
+    first_s = bench.clock * (TURNS + 0.5) / abs(bench.speeds_Hz[0]) / 2
+    half_width_s = coverage_factor(found.delay_degrees_of_freedom) * (found.delay_stderr_s or 0.0)
+    assert abs(found.fitted_delay_s - first_s) < half_width_s
+
+
+def with_old_voltages(point: PointData, late: int = 5) -> PointData:
+    """Return a capture whose voltages are older by so many samples than it says."""
+    ticks = point.ticks[late:].copy()
+    for name in VOLTAGES:
+        ticks[name] = point.ticks[name][:-late]
+    return replace(point, ticks=ticks)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "severity"), [(2, "serious"), (3, "serious"), (4, "serious"), (5, "warning")]
+)
+def test_an_age_that_clocks_may_explain_is_serious(speeds: int, severity: str) -> None:
+    bench = Bench(speeds_Hz=(0.53, 0.87, 1.37, 0.7, 1.1)[:speeds])
+    found = measure([with_old_voltages(one) for one in captured(bench, 3)], MOTOR)
+    [age] = [one for one in found.findings if one.name == "age-of-voltages"]
+    assert age.severity == severity
 
 
 def sidebands(x: float, sign: int, order: int = 1) -> np.ndarray:
