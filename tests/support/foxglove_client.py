@@ -65,6 +65,11 @@ class Viewer:
     def close(self) -> None:
         self._stack.close()
 
+    def hang_up(self) -> None:
+        """End the connection at once: one with much to read would wait for the closing handshake."""
+        self._socket.close_socket()
+        self.close()
+
     def send(self, **request: Any) -> None:
         self._socket.send(json.dumps(request))
 

@@ -72,7 +72,8 @@ def flooded_and_killed(running, bridge):
     with running.connect() as client, ExitStack() as stack:
         program, ready = bridge(running)
         for _ in range(20):
-            viewer = stack.enter_context(Viewer(ready["url"]))
+            viewer = Viewer(ready["url"])
+            stack.callback(viewer.hang_up)
             viewer.subscribe("/tick", "/tick_extremes", "/state")  # and reads no more
         host, port = ready["url"].removeprefix("ws://").split(":")
         with socket.create_connection((host, int(port))) as noise:
