@@ -16,7 +16,7 @@ from tools import notebook
 from motord import client as client_package
 from motord.client import connect
 from tests.docs.blocks import PRINTED, RUN, Block, commands, named, of
-from tests.system.daemons import Daemon, daemon, wait_for, write_sim
+from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
 
 pytestmark = pytest.mark.system
 
@@ -29,13 +29,12 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     """A bench of the name that the docs give, which has recorded something."""
     folder = tmp_path_factory.mktemp("docs")
     path = write_sim(folder, "sim")
-    with daemon(folder, path) as recording:
-        with recording.connect() as client, client.lease("docs") as lease:
-            client.rpc("enable", token=lease.token)
-        with recording.connect() as client:
-            wait_for(client, lambda state: state.state != "ENABLED", "disabled")
-        assert recording.end() == 0, recording.said()
     with daemon(folder, path) as running:
+        with running.connect() as client:
+            with client.lease("docs") as lease:
+                client.rpc("enable", token=lease.token)
+            wait_for(client, lambda state: state.state != "ENABLED", "disabled")
+        wait_until(lambda: list((folder / "runs").glob("*.mcap")), "the recording to be closed")
         yield running
 
 
