@@ -1,9 +1,10 @@
 """Encoder tracks that are stuck: compiled.
 
-A reflected Gray code's track b changes every 2^(b+1) counts. One that has not changed over 2.5
-times as much is stuck, even where the jumps that it causes are small enough to be plausible. How
-far the rotor has turned the coarser tracks say: a track changes once in each of their steps. The
-observer, which lags, turns on while a rotor stops.
+A reflected Gray code's track b changes every 2^(b+1) counts, its pattern, in the midst of each. One
+that has not changed over 2.5 patterns is stuck, even where the jumps that it causes are small
+enough to be plausible. How far the rotor has turned the coarser tracks say, which change where a
+pattern ends; what is left of a turn after whole ones is taken for a part of the next turn's first.
+The observer, which lags, turns on while a rotor stops.
 """
 
 import numpy as np
@@ -24,9 +25,9 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     A track may change unseen, twice between two samples, where the rotor turns by half a pattern in
     between: it is left out if the counts say so twice in a row in one direction, less the one that
     they may be off, if a rotor at rest may begin to, or if it has turned so fast on the mean since
-    the track changed, in the midst of a pattern. A jump of a stuck track shows once, or back and
-    forth where the count is not steady. Once found, or after a gap in the samples, the watch starts
-    over, and after `start_over`.
+    it was last left out or changed: by one pattern less than have ended, as the first may have been
+    about to. A jump of a stuck track shows once, or back and forth where the count is not steady.
+    Once found, or after a gap in the samples, the watch starts over, and after `start_over`.
     """
     dt_ns = t_ns - m.tracks_ns
     if dt_ns == 0:
@@ -54,9 +55,9 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     far = False
     for track in range(p.tracks):
         half = 1 << track
-        patterns = turns * ((p.counts + 2 * half - 1) >> track + 1) + (count >> track + 1)
+        patterns = turns * (p.counts >> track + 1) + (count >> track + 1)
         turned = abs(patterns - m.track_patterns[track])
-        quick = step_counts >= half or (2 * turned - 1) * dt_ns >= t_ns - m.track_ns[track]
+        quick = step_counts >= half or 2 * (turned - 1) * dt_ns >= t_ns - m.track_ns[track]
         if changed >> track & 1 or quick:
             m.track_patterns[track], m.track_ns[track] = patterns, t_ns
         elif turned > TRACK_PATTERNS:
