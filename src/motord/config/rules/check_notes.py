@@ -41,12 +41,14 @@ def _hidden_track(bench: Sections) -> Iterator[str]:
     electrical_rad = pole_pairs * unseen_track_rad(bench)
     if electrical_rad <= ELECTRICAL_RAD:
         return
+    slow = bench.model_copy(update={"limits": limits.model_copy(update={"trip_speed_rad_s": 0.0})})
+    lower = pole_pairs * unseen_track_rad(slow) <= ELECTRICAL_RAD
     yield (
         f"an encoder track that is stuck may go unnoticed up to [limits] trip_speed_rad_s = "
         f"{limits.trip_speed_rad_s:g}, for which samples are few: currents may be "
         f"{min(electrical_rad, math.pi):.2g} rad (electrical) off with [motor] pole_pairs = "
-        f"{pole_pairs}, and only torque_error_Nm may show it; raise the rates, or lower "
-        "trip_speed_rad_s"
+        f"{pole_pairs}, and only torque_error_Nm may show it; raise the rates"
+        f"{', or lower trip_speed_rad_s' if lower else ''}"
     )
 
 

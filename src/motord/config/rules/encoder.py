@@ -15,9 +15,9 @@ from motord.config.timing import (
     TURN_PER_SAMPLE_MAX_RAD,
 )
 
-ERROR = 3.0
+ERROR = 3.5
 """Times the rotor's turn between two samples, by which an unseen stuck track may let the angle be
-wrong: 2.6 were found, at constant speeds."""
+wrong: 3.45 were found, at constant speeds."""
 
 
 def speed_resolution_rad_s(config: Sections) -> float:
