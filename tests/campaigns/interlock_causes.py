@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from motord.config.rules.encoder import speed_resolution_rad_s
-from motord.config.timing import RAMP_DOWN_MAX_S, TORQUE_SHARE
+from motord.config.timing import ACCELERATION_RAD_S2, RAMP_DOWN_MAX_S, TORQUE_SHARE
 from motord.control.interlock_table import INTERLOCK, EvidenceSource
 from motord.schema import BridgeStatus, InverterStatus, State, Trip
 from tests.support.random_bench import Departure, PlayedBench, log_uniform
@@ -189,6 +189,34 @@ def no_position(b: PlayedBench) -> Cause | None:
     return Cause(0.0, EvidenceSource.BRIDGE, gaps=5)
 
 
+def stuck_track(b: PlayedBench) -> Cause | None:
+    """It is too coarse to be left out at this speed, and not one of those that are not watched."""
+    counts, period_s = b.config.motor.counts, b.period_ns * 1e-9
+    gap_s = 2 * b.seen_s + (2 * b.seen_s + b.stalled_most * period_s if b.lossy else 0.0)
+    speed_per_s, most_per_s = (
+        counts / (2 * math.pi) * rad_s
+        for rad_s in (abs(b.speed_rad_s), max(abs(b.speed_rad_s), ACCELERATION_RAD_S2 * gap_s))
+    )
+    patterns = 3 if counts.bit_count() == 1 else 4
+    tracks = [
+        track
+        for track in range(counts.bit_length() - 3)
+        if most_per_s * gap_s < 1 << track
+        and patterns * (2 << track) <= speed_per_s * TICKS_MAX * period_s
+    ]
+    if not tracks:
+        return None
+    track, level = int(b.rng.choice(tracks)), int(b.rng.integers(2))
+
+    def depart(b: PlayedBench) -> None:
+        gray = int(b.feedback["encoder_gray"][0])
+        b.feedback["encoder_gray"] = gray & ~(1 << track) | level << track
+
+    b.wrong.append(depart)
+    stated_s = patterns * (2 << track) / speed_per_s
+    return Cause(stated_s, EvidenceSource.BRIDGE, gaps=4, lasting=False)
+
+
 def brake_hot(b: PlayedBench) -> Cause:
     b.setpoint["brake_temperature_C"] = b.config.brake.trip_temperature_C + 0.1
     return Cause(INTERLOCK[Trip.BRAKE_TEMPERATURE].lasts_s(b.config))
@@ -216,5 +244,5 @@ BEGIN: tuple[Begin, ...] = (
     over_current, over_torque, not_a_number, bridge_silent, inverter_silent, board_clock_stuck,
     supervisor_silent, over_temperature, bus_voltage, reported, power_lost, overrun, link_errors,
     dead_drive, current_offset, torque_offset, encoder_jump, no_position, brake_hot, channel,
-    over_speed, over_speed,
+    over_speed, stuck_track,
 )  # fmt: skip
