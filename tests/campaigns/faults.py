@@ -242,17 +242,19 @@ by more than is allowed: by delay of the drive, a tick and a sample.
 Samples that jump count until the speed explains two in a row: of misread samples that come by
 chance, as of one in a hundred, more than of three in a row. A rotor that makes nearly whole turns
 from one sample to the next looks like a slow one, and no rule can tell them apart.
-An encoder track is stuck if it has not changed over 2.5 times its pattern, by what the coarser ones
-say. Tracks too fine for the speed, or for a rotor that begins to turn by 100 rad/s^2 between two
-samples, are left out, and the count starts anew when the bench is enabled or a trip is reset. Of
-tracks about as fine as what the rotor turns between samples one that is stuck may stay unseen, and
-with it an angle that is wrong by up to three times that turn: `motord check` says so where currents
-could be 0.64 rad (electrical) off, a fifth of the torque. The two coarsest tracks are not watched
-in effect: with one of them stuck the rotor seems to turn back and forth, without a jump, which is
-an implausible encoder only if it turns back too quickly for `encoder_jump_rad`. `motord check` also
-says where the sensor's high-pass
-shows a reversal as more than `trip_torque_Nm`, and where encoder or loop are too coarse for the
-pole pairs to make the torque that is set.
+An encoder track is stuck if three of its patterns have ended, by what the coarser ones say, and it
+has not changed, in three samples: at a steady speed, by which the rotor turns by less than half a
+pattern between samples, within 3 patterns and 4 samples; a pattern more where zero is passed and
+`counts` are no power of two. Tracks too fine for the speed, or for a rotor that begins to turn by
+100 rad/s^2 between two samples, are left out, and the count starts anew when the bench is enabled
+or a trip is reset. Of tracks about as fine as what the rotor turns between samples one that is
+stuck may stay unseen, and with it an angle that is wrong by up to 3.5 times that turn
+(`python -m tests.campaigns.stuck_tracks`): `motord check` says so where currents could be 0.64 rad
+(electrical) off, a fifth of the torque. The two coarsest tracks are not watched in effect: with one
+of them stuck the rotor seems to turn back and forth, without a jump, which is an implausible
+encoder only if it turns back too quickly for `encoder_jump_rad`. `motord check` also says where the
+sensor's high-pass shows a reversal as more than `trip_torque_Nm`, and where encoder or loop are too
+coarse for the pole pairs to make the torque that is set.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )
