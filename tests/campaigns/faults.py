@@ -244,7 +244,7 @@ chance, as of one in a hundred, more than of three in a row. A rotor that makes 
 from one sample to the next looks like a slow one, and no rule can tell them apart.
 An encoder track is stuck if three of its patterns have ended, by what the coarser ones say, and it
 has not changed, in three samples: at a steady speed, by which the rotor turns by less than half a
-pattern between samples, within 3 patterns and 4 samples; a pattern more where zero is passed and
+pattern between samples, within 3 patterns and 4 samples, or twice as late where zero is passed and
 `counts` are no power of two. Tracks too fine for the speed, or for a rotor that begins to turn by
 100 rad/s^2 between two samples, are left out, and the count starts anew when the bench is enabled
 or a trip is reset. Of tracks about as fine as what the rotor turns between samples one that is

@@ -197,12 +197,12 @@ def stuck_track(b: PlayedBench) -> Cause | None:
         counts / (2 * math.pi) * rad_s
         for rad_s in (abs(b.speed_rad_s), max(abs(b.speed_rad_s), ACCELERATION_RAD_S2 * gap_s))
     )
-    patterns = 3 if counts.bit_count() == 1 else 4
+    factor = 1 if counts.bit_count() == 1 else 2
     tracks = [
         track
         for track in range(counts.bit_length() - 3)
         if most_per_s * gap_s < 1 << track
-        and patterns * (2 << track) <= speed_per_s * TICKS_MAX * period_s
+        and 3 * factor * (2 << track) <= speed_per_s * TICKS_MAX * period_s
     ]
     if not tracks:
         return None
@@ -213,8 +213,8 @@ def stuck_track(b: PlayedBench) -> Cause | None:
         b.feedback["encoder_gray"] = gray & ~(1 << track) | level << track
 
     b.wrong.append(depart)
-    stated_s = patterns * (2 << track) / speed_per_s
-    return Cause(stated_s, EvidenceSource.BRIDGE, gaps=4, lasting=False)
+    stated_s = 3 * factor * (2 << track) / speed_per_s
+    return Cause(stated_s, EvidenceSource.BRIDGE, gaps=4 * factor, lasting=False)
 
 
 def brake_hot(b: PlayedBench) -> Cause:

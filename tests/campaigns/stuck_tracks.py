@@ -2,10 +2,10 @@
 
 A rotor that ramps, stops, turns back or swings, by ACCELERATION_RAD_S2 at most, is sampled by a
 sound encoder: no track may seem stuck. Then one at a constant speed, up to the limit, has a stuck
-track: it is found within 3 patterns (4 if the counts are no power of two) and 4 samples where the
-rotor turns by less than half a pattern from sample to sample, and where it stays unseen the angle
-is wrong by ERROR such turns at most. Prints how many were played, the worst of each, and each
-finding with its seed; exits with 1 if there is any.
+track: it is found within 3 patterns and 4 samples (twice as late if the counts are no power of two)
+where the rotor turns by less than half a pattern from sample to sample, and where it stays unseen
+the angle is wrong by ERROR such turns at most. Prints how many were played, the worst of each, and
+each finding with its seed; exits with 1 if there is any.
 """
 
 import argparse
@@ -132,7 +132,7 @@ def unseen(rng: np.random.Generator, c: Config) -> Iterator[tuple[float, float, 
     least_rad_s = min(max(begins_rad_s, TWO_PI / counts / dt_s), c.limits.trip_speed_rad_s)
     speed_rad_s = log_uniform(rng, 0.3 * least_rad_s, c.limits.trip_speed_rad_s)
     turn = speed_rad_s * dt_s * counts / TWO_PI
-    first, longest = math.ceil(LEAD_S / dt_s), 3 if counts.bit_count() == 1 else 4
+    first, factor = math.ceil(LEAD_S / dt_s), 1 if counts.bit_count() == 1 else 2
     for track in range(max(math.ceil(math.log2(turn)) - 3, 0), counts.bit_length() - 3):
         patterns = turn / (2 << track)
         if patterns < 0.05:
@@ -144,7 +144,7 @@ def unseen(rng: np.random.Generator, c: Config) -> Iterator[tuple[float, float, 
         gray[first + 1 :] = gray[first + 1 :] & ~(1 << track) | level << track
         at, worst_rad = found(table, new_memory(), t_ns, gray, true_rad, first)
         begins = ACCELERATION_RAD_S2 * dt_s**2 * counts / TWO_PI >= 1 << track
-        stated = -math.inf if begins or patterns >= 0.5 else longest / patterns + 4
+        stated = -math.inf if begins or patterns >= 0.5 else factor * (3 / patterns + 4)
         late = (at - first if at >= 0 else math.inf) - stated if stated > 0 else -math.inf
         yield patterns, late, 0.0 if at >= 0 else worst_rad / dt_s / max(speed_rad_s, begins_rad_s)
 
