@@ -65,8 +65,9 @@ def test_a_strong_brake_does_not_look_like_an_encoder_that_jumps(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """It stops a light rotor within some ticks."""
-    strong = {"torque_max_Nm": 30.0, "critical_speed_rad_s": 25.0, "excitation_time_constant_s": 0}
-    bench_file = {"brake": strong, "limits": {"trip_speed_rad_s": 40.0}}
+    strong = {"torque_max_Nm": 100.0, "critical_speed_rad_s": 25.0, "excitation_time_constant_s": 0}
+    limits = {"trip_speed_rad_s": 40.0, "encoder_jump_rad": 0.05}
+    bench_file = {"brake": strong, "limits": limits}
     config, truth = bench(bench_file, 0)
     settings = {"torque_Nm": 2.0, "stop_speed_Hz": 1.5, "repeats": 2}
     found = outcome("inertia-acceleration", settings, 1, config, truth)
