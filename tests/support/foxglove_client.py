@@ -66,7 +66,7 @@ class Viewer:
         self._stack.close()
 
     def hang_up(self) -> None:
-        """End the connection at once: one with much to read would wait for the closing handshake."""
+        """End the connection at once: one with much to read would wait for the other end."""
         self._socket.close_socket()
         self.close()
 
