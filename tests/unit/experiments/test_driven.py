@@ -106,7 +106,7 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert page.count("<figure>") == 4
     [finding] = result["findings"]
     assert finding["name"] == "one-direction"
-    assert "- note: one-direction, 1 directions (limit 2): friction" in done.output
+    assert "- note: one-direction, 1 direction (limit 2): friction" in done.output
     assert '<div class="finding note"><b>one-direction</b>' in page
     assert page.index("one-direction") < page.index("<h2>")
 

@@ -12,8 +12,10 @@ RATE_Hz, BLOCK = 1000, 50
 class WholeBlocks(TickWatcher):
     """A broken twin: all of the oldest block counts, whether the turn begins in it or before."""
 
-    def _turn_speed_Hz(self, turned_rad: np.ndarray, speed_rad_s: np.ndarray) -> float:
-        super()._turn_speed_Hz(turned_rad, speed_rad_s)
+    def _turn_speed_Hz(
+        self, turned_rad: np.ndarray, speed_rad_s: np.ndarray, sum_rad_s: float
+    ) -> float:
+        super()._turn_speed_Hz(turned_rad, speed_rad_s, sum_rad_s)
         speeds = np.concatenate([speeds for _, speeds in self._blocks])
         return float(speeds.mean() / (2 * np.pi))
 
