@@ -21,6 +21,7 @@ from motord.api.replies import RpcReply, StateReply
 from motord.api.requests import STOP, StopNow
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request, Trip
+from motord.sequencing import Induced
 from motord.service.host import scheduling
 from motord.service.host.events import KEPT, EventLog
 from motord.service.host.log import log_to_stderr
@@ -253,6 +254,25 @@ def test_what_the_mailbox_holds():
     setpoint.write(1, 1)
     assert mailbox.written[-1]["torque_Nm"] == mailbox.written[-1]["drive_rad_s"] == 0.0
     assert mailbox.written[-1]["plan_point"] == -1
+
+
+def test_induced_errors_are_in_the_mailbox_until_the_bench_rests():
+    mailbox = Mailbox()
+    setpoint = Setpoint(mailbox)
+    setpoint.write(0, 0)
+    for induced in (Induced((1.0, 1.1, 0.9), (2.0, -1.0, -1.0), 1.5), Induced(cogging=0.5)):
+        setpoint.induced = induced
+        for now_ns in (1, 2):
+            setpoint.write(now_ns, 0)
+    setpoint.rest()
+    setpoint.write(3, 0)
+    first, *_, last = written = mailbox.written
+    assert [float(w["induced_cogging"]) for w in written] == [0.0, 0.5, 0.5, -0.5, -0.5, 0.0]
+    assert written[2]["induced_gain"] == pytest.approx([0.0, 0.1, -0.1])
+    assert written[2]["induced_offset_A"].tolist() == [2.0, -1.0, -1.0]
+    for each in (first, written[3], last):
+        assert not each["induced_gain"].any()
+        assert not each["induced_offset_A"].any()
 
 
 def test_threads_that_share_the_interpreter_are_lifted(monkeypatch):
