@@ -39,10 +39,10 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     middle = p.counts // 2
     step = (m.encoder_count - m.track_count + middle) % p.counts - middle
     m.track_count = m.encoder_count
-    turned_counts = m.turned_counts + p.encoder_direction * step
-    m.turned_counts = turned_counts
     count = gray_to_count(gray)
-    turns = (turned_counts - count + middle) // p.counts
+    turns = (m.turned_counts - count + middle) // p.counts
+    if m.sound:  # from one that is misread half a turn away the shorter way back may be a turn on
+        m.turned_counts = turns * p.counts + count
     counts_per_s = (step - min(max(step, -1), 1)) / dt_s
     before_per_s = m.track_counts_per_s
     m.track_counts_per_s = counts_per_s

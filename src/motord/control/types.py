@@ -152,7 +152,7 @@ MEMORY = record_dtype(
         ("deviation_Nm", "f8"),  # that, and the most torque that induced offsets make
         ("deviation_mean_Nm", "f8"),  # what the torque sensor's high-pass takes for its mean
         # encoder tracks: time and count of the newest code, by how much it differed from the one
-        # before, counts since the start, and when, and in which pattern, each track changed
+        # before, the newest sound count over all turns, and when and where each track changed
         ("tracks_ns", "i8"),
         ("track_counts_per_s", "f8"),
         ("turned_counts", "i8"),

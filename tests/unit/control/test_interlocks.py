@@ -379,7 +379,7 @@ def test_a_current_that_is_no_number_trips_at_once(number, value) -> None:
 
 def test_tracks_that_are_stuck_trip() -> None:
     watched = Watched()
-    watched.p.tracks = 10
+    watched.p.tracks, watched.m.sound = 10, 1
     trips = []
     for number in range(1, 400):
         count = 6 * number % 4096

@@ -145,6 +145,28 @@ def test_no_track_seems_stuck_as_the_rotor_turns_back(
 
 
 @pytest.mark.kernel
+@pytest.mark.parametrize("direction", [1, -1])
+def test_no_track_seems_stuck_after_two_codes_misread_on_either_side(
+    monkeypatch: pytest.MonkeyPatch, direction: int
+) -> None:
+    """There, across and back by the shorter ways makes a turn that the rotor has not made."""
+    bench = Bench(config_of(1000, 15.0, 4096))
+    bench.run(300)
+    bench.enable()
+    count_at = bench.count_at
+    for _ in range(16):
+        for off in (1925 * direction, -1843 * direction, 0):
+
+            def misread(angle_rad: float, off: int = off) -> int:
+                return (count_at(angle_rad) + off) % 4096
+
+            monkeypatch.setattr(bench, "count_at", misread)
+            bench.run()
+        bench.run(20)
+        assert bench.tick["state"][0] == State.ENABLED
+
+
+@pytest.mark.kernel
 @pytest.mark.parametrize("track", [0, 1])
 @pytest.mark.parametrize("level", [0, 1])
 def test_a_stuck_track_shows_where_the_count_is_not_steady(
