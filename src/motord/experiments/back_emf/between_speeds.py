@@ -186,16 +186,17 @@ def delay_with_scatter(
     return Delay(delay.age_s, float(np.sqrt(variance)), float(freedom))
 
 
-def with_known_error(delay: Delay, error_s: float) -> Delay:
-    """Return the age with a further standard error, which is known, unlike the scatter.
+def with_known_error(stderr: float, freedom: float, error: float) -> tuple[float, float]:
+    """Return the standard error with a further one, which is known, unlike the scatter.
 
-    Degrees of freedom are those of the interval that holds both.
+    And its degrees of freedom: those of the interval that holds both, which is no narrower than
+    that without.
     """
-    if error_s == 0.0:
-        return delay
-    stderr_s = float(np.hypot(delay.stderr_s, error_s))
-    half_s = expanded_uncertainty(delay.stderr_s, delay.freedom, error_s)
-    return Delay(delay.age_s, stderr_s, freedom_of(half_s, stderr_s) or MOST_FREEDOM)
+    if error == 0.0:
+        return stderr, freedom
+    total = float(np.hypot(stderr, error))
+    half_width = expanded_uncertainty(stderr, freedom, error)
+    return total, freedom_of(half_width, total) or MOST_FREEDOM
 
 
 def correlated_freedom(*parts: tuple[float, float]) -> float:

@@ -53,8 +53,7 @@ class MeasuredBackEmf:
     phase_freedom (n, 3): those of the phases' amplitudes; kept (n,): part of the table, the others
     are noise. offset_V (3,); delay_s: by how much the voltages are older than the recording says,
     by clocks that run alike, None where the speeds are too much alike to identify it. noise_V (3,).
-    speeds_Hz, turns: of each
-    segment.
+    speeds_Hz, turns: of each segment.
     encoder: its errors once and twice a turn, trends: of the amplitudes, both in their stderr.
     left_out: what of the points was not used; referred: where k was referred to one temperature of
     the magnets; findings: what is questionable.
@@ -96,13 +95,11 @@ class MeasuredBackEmf:
     @property
     def age(self) -> Delay | None:
         """Age of the voltages beyond the recorded, with what clocks that run apart make of it."""
-        return self.delay_s and with_known_error(self.delay_s, moved_by_clocks(self.trends)[1])
-
-    @property
-    def age_for_phases(self) -> Delay | None:
-        """The same with the error by which all that turns the phases does so at the mean speed."""
-        moved_rad, _ = moved_by_clocks(self.trends)
-        return self.delay_s and with_known_error(self.delay_s, moved_rad / self.mean_rad_s)
+        if self.delay_s is None:
+            return None
+        age_s, stderr_s, freedom = self.delay_s
+        _, moved_s = moved_by_clocks(self.trends)
+        return Delay(age_s, *with_known_error(stderr_s, freedom, moved_s))
 
     @property
     def mean_rad_s(self) -> float:
@@ -126,14 +123,23 @@ class MeasuredBackEmf:
 
     @property
     def turned_stderr_rad(self) -> np.ndarray:
-        """Standard errors (n,) of the phases by the age, and by clocks that run apart."""
-        age = self.age_for_phases
-        return np.asarray(self.order * (age.stderr_s * self.mean_rad_s if age else 0.0))
+        """Standard errors (n,) of the phases by the age."""
+        return np.asarray(
+            self.order * (self.delay_s.stderr_s * self.mean_rad_s if self.delay_s else 0.0)
+        )
+
+    @property
+    def moved_stderr_rad(self) -> np.ndarray:
+        """Standard errors (n,) of the phases by clocks that run apart."""
+        moved_rad, _ = moved_by_clocks(self.trends)
+        return np.asarray(self.order * (moved_rad if self.delay_s else 0.0))
 
     @property
     def phase_stderr(self) -> np.ndarray:
         """Standard errors (n, 3) of the phases times the amplitudes."""
-        turned = np.abs(self.line) * self.turned_stderr_rad[:, None]
+        turned = (
+            np.abs(self.line) * np.hypot(self.turned_stderr_rad, self.moved_stderr_rad)[:, None]
+        )
         return np.asarray(np.hypot(self.across_stderr, turned))
 
     @property
@@ -180,7 +186,11 @@ class MeasuredBackEmf:
         turned = order * self.motor.encoder_offset_rad
         stderr, across = (float(one) for one in self.mean_stderr[place])
         across_rad = across / max(float(np.abs(line)), 1e-300)
-        phase_stderr_rad = float(np.hypot(across_rad, self.turned_stderr_rad[place]))
+        phase_stderr_rad, phase_freedom = with_known_error(
+            float(np.hypot(across_rad, self.turned_stderr_rad[place])),
+            self._phase_freedom(place, across_rad),
+            float(self.moved_stderr_rad[place]),
+        )
         return ElectricalHarmonic(
             order=order // self.motor.pole_pairs,
             amplitude_V_s_per_rad=float(np.abs(line)),
@@ -188,7 +198,7 @@ class MeasuredBackEmf:
             stderr_V_s_per_rad=stderr,
             degrees_of_freedom=float(self.freedom[place, 0]),
             phase_stderr_rad=min(phase_stderr_rad, np.pi),
-            phase_degrees_of_freedom=self._phase_freedom(place, across_rad),
+            phase_degrees_of_freedom=phase_freedom,
             in_table=bool(self.kept[place]),
         )
 
@@ -199,10 +209,9 @@ class MeasuredBackEmf:
         correlated, for which Welch and Satterthwaite's has the square of the sum.
         """
         freedom = float(self.freedom[place, 1])
-        age = self.age_for_phases
-        if age is None:
+        if self.delay_s is None:
             return freedom
-        turned = float(self.turned_stderr_rad[place]), age.freedom
+        turned = float(self.turned_stderr_rad[place]), self.delay_s.freedom
         return correlated_freedom((across_rad, freedom), turned)
 
     @property

@@ -14,6 +14,7 @@ from motord.intervals import coverage_factor
 from tests.campaigns.driven_departures import (
     DEPARTURES,
     MOTOR,
+    ONE_WAY_HZ,
     TURNS,
     Bench,
     captured,
@@ -69,6 +70,17 @@ def test_phases_and_age_hold_clocks_that_run_apart(name: str) -> None:
     first_s = bench.clock * (TURNS + 0.5) / abs(bench.speeds_Hz[0]) / 2
     half_width_s = coverage_factor(found.delay_degrees_of_freedom) * (found.delay_stderr_s or 0.0)
     assert abs(found.fitted_delay_s - first_s) < half_width_s
+
+
+def test_what_clocks_may_make_of_phases_narrows_no_interval() -> None:
+    found = measure(captured(Bench(speeds_Hz=ONE_WAY_HZ), 1), MOTOR)
+    alike = replace(found, trends=())
+    for one, other in zip(found.harmonics, alike.harmonics, strict=True):
+        half, least = (
+            coverage_factor(each.phase_degrees_of_freedom) * each.phase_stderr_rad
+            for each in (one, other)
+        )
+        assert half > least or one.phase_stderr_rad == np.pi
 
 
 def with_old_voltages(point: PointData, late: int = 5) -> PointData:
