@@ -6,15 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from motord.experiments.soak.point_figures import PointFigures
-from motord.experiments.soak.result import FigureTrend, Repetition
+from motord.experiments.soak.result import TITLES, FigureTrend, Repetition
 from motord.experiments.soak.step import FALSE_ALARMS, most_likely_step
 from motord.experiments.soak.trend import drifting, slope
-
-OWN_FIGURES = (
-    "rms_error_percent", "noise_rms_percent", "torque_mean_Nm", "torque_zero_Nm",
-    "torque_gain_percent", "inverter_temperature_C", "missed_ticks",
-)  # fmt: skip
-"""Figures of the ticks; a channel of such a name has "channel" before it."""
 
 
 def repetitions_of(points: Sequence[PointFigures]) -> dict[int, Repetition]:
@@ -68,7 +62,7 @@ def of_repetitions(
             for key, group in groups.items()
         }
         means_read = {key: float(np.mean(one)) for key, one in read.items() if one}
-        found += trend(f"channel {name}" if name in OWN_FIGURES else name, unit, means_read)
+        found += trend(f"channel {name}" if name in TITLES else name, unit, means_read)
     lines = {key: line for key, group in groups.items() if (line := _torque_line(group))}
     found += trend("torque_zero_Nm", "Nm", {key: zero_Nm for key, (zero_Nm, _) in lines.items()})
     found += trend("torque_gain_percent", "%", {key: 100 * k for key, (_, k) in lines.items()})

@@ -37,7 +37,8 @@ TITLES = {
     "inverter_temperature_C": "temperature of the inverter",
     "missed_ticks": "missed ticks",
 }
-"""What the figures of the ticks are called in pictures; channels have names of their own."""
+"""What the figures of the ticks are called in pictures; a channel of such a name has "channel"
+before it."""
 
 STEPPED = (
     "look for what was changed at that time, or slipped or came loose at once (the encoder's "
