@@ -24,6 +24,9 @@ def judge(name: str, trials: list[Trial | None], least: float = 0.9, named: str 
     Return whether intervals hold the truth in `least` of all figures, and all are `named`.
     """
     taken = [one for one in trials if one is not None]
+    if not taken:
+        print(f"{name}: all {len(trials)} refused NOT KEPT", flush=True)
+        return False
     held = {key: float(np.mean([one.held[key] for one in taken])) for key in taken[0].held}
     names = Counter(
         key for one in taken for key in {f"{each.name}, {each.severity}" for each in one.findings}

@@ -101,8 +101,9 @@ def _of_larger_model(fit: ThermalFit, departing: Sequence[list[np.ndarray]]) -> 
         base, sizes, directions = np.linalg.svd(white, full_matrices=False)
         inverse = directions.T / np.maximum(sizes, UNDETERMINED * sizes[0])
         taken = base.T @ fit.whitened_residual
-        square = float(fit.whitened_residual @ fit.whitened_residual - taken @ taken)
-        roots = fit.by_channel(columns @ inverse * np.sqrt(square / fit.freedom))
+        left = fit.whitened_residual - base @ taken
+        scale = np.linalg.norm(left) / np.sqrt(fit.freedom)
+        roots = fit.by_channel(columns @ inverse * scale)
         residuals = fit.by_channel(left_K - columns @ (inverse @ taken))
         noises = tuple(map(Autoregression.of, residuals, roots))
         fit = replace(fit, noises=noises)
@@ -153,9 +154,8 @@ def _departure(
 
     noise: the fit with the noise that counts; others: columns of departures that may be there, too.
     """
-    shift = np.linalg.lstsq(fit.whitened_jacobian, whiten(fit.noises, columns), rcond=UNDETERMINED)[
-        0
-    ]
+    effect = whiten(fit.noises, columns)
+    shift = np.linalg.lstsq(fit.whitened_jacobian, effect, rcond=UNDETERMINED)[0]
     wider = [whiten(noise.noises, one) for one in (columns, *others)]
     known = np.column_stack([noise.whitened_jacobian, *wider[1:]])
     column, residual = (
