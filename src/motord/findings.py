@@ -29,7 +29,8 @@ class Finding:
     def size(self) -> str:
         """Return value and limit."""
         unit = self.unit
-        if self.value == 1 and unit.replace(" ", "").isalpha() and len(unit) > 3:
+        counted = unit.replace(" ", "").isalpha() and len(unit) > 3 and " of " not in unit
+        if self.value == 1 and counted:
             unit = _singular(unit)
         return f"{self.value:.3g} {unit} (limit {self.limit:.3g})"
 

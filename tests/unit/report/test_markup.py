@@ -34,6 +34,7 @@ def test_names_paths_and_notes_stay_as_they_were_written():
         (1, "directions", "1 direction (limit 2)"), (1.0, "quantities", "1 quantity (limit 2)"),
         (1, "operating points", "1 operating point (limit 2)"), (1, "us", "1 us (limit 2)"),
         (3, "directions", "3 directions (limit 2)"), (1, "turns/s", "1 turns/s (limit 2)"),
+        (1, "ratio of speeds", "1 ratio of speeds (limit 2)"),
     ],
 )  # fmt: skip
 def test_one_is_not_spoken_of_as_several(value, unit, size):
