@@ -247,14 +247,15 @@ has not changed, in three samples: at a steady speed, by which the rotor turns b
 pattern between samples, within 3 patterns and 4 samples, or twice as late where zero is passed and
 `counts` are no power of two. Tracks too fine for the speed, or for a rotor that begins to turn by
 100 rad/s^2 between two samples, are left out, and the count starts anew when the bench is enabled
-or a trip is reset. Of tracks about as fine as what the rotor turns between samples one that is
-stuck may stay unseen, and with it an angle that is wrong by up to 3.5 times that turn
-(`python -m tests.campaigns.stuck_tracks`): `motord check` says so where currents could be 0.64 rad
-(electrical) off, a fifth of the torque. The two coarsest tracks are not watched in effect: with one
-of them stuck the rotor seems to turn back and forth, without a jump, which is an implausible
-encoder only if it turns back too quickly for `encoder_jump_rad`. `motord check` also says where the
-sensor's high-pass shows a reversal as more than `trip_torque_Nm`, and where encoder or loop are too
-coarse for the pole pairs to make the torque that is set.
+or a trip is reset, and where samples are missing in which the track may have changed twice. Of
+tracks about as fine as what the rotor turns between samples one that is stuck may stay unseen, and
+with it an angle that is wrong by up to 3.5 times that turn (`python -m
+tests.campaigns.stuck_tracks`): `motord check` says so where currents could be 0.64 rad (electrical)
+off, a fifth of the torque. The two coarsest tracks are not watched in effect: with one of them
+stuck the rotor seems to turn back and forth, without a jump, which is an implausible encoder only
+if it turns back too quickly for `encoder_jump_rad`. `motord check` also says where the sensor's
+high-pass shows a reversal as more than `trip_torque_Nm`, and where encoder or loop are too coarse
+for the pole pairs to make the torque that is set.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )

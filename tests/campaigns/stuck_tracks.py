@@ -38,8 +38,9 @@ SETTLED = 20
 def found(
     table: np.ndarray, memory: np.ndarray, t_ns: np.ndarray, gray: np.ndarray, truth: np.ndarray,
     first: int,
-) -> tuple[int, float]:  # fmt: skip
-    """Return the sample at which a bench enabled at `first` trips, or -1, and the worst error."""
+) -> tuple[int, bool, float]:  # fmt: skip
+    """Return the sample at which a bench enabled at `first` trips, or -1, whether as a track seems
+    stuck, not as the encoder jumps, and the worst error."""
     p, m, worst_rad = table[0], memory[0], 0.0
     for i in range(len(t_ns)):
         if i == first:
@@ -52,10 +53,10 @@ def found(
         if i < first:
             continue
         if stuck or m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking:
-            return i, worst_rad
+            return i, stuck, worst_rad
         if i > first + SETTLED:
             worst_rad = max(worst_rad, abs(wrap_difference(m.angle_rad - truth[i])))
-    return -1, worst_rad
+    return -1, False, worst_rad
 
 
 def ramps(rng: np.random.Generator, most_rad_s: float, times: int, dt_s: float) -> np.ndarray:
@@ -87,7 +88,7 @@ def swing(rng: np.random.Generator, most_rad_s: float, times: int, dt_s: float) 
 
 
 def sampled_s(rng: np.random.Generator, c: Config, dt_s: float) -> np.ndarray:
-    """Return when the samples were taken that ticks see, some late and some lost."""
+    """Return when the samples were taken that ticks see: some late, some lost, some in a row."""
     period_s, interval_s = 1.0 / c.loop.rate_Hz, 1.0 / c.sample_rate_Hz
     taken_s = np.arange(rng.uniform(0, interval_s), PLAYED_S - dt_s, interval_s)
     ticks_s = np.arange(rng.uniform(0, period_s) + interval_s, PLAYED_S - dt_s, period_s)
@@ -96,8 +97,13 @@ def sampled_s(rng: np.random.Generator, c: Config, dt_s: float) -> np.ndarray:
     seen = np.unique(np.searchsorted(taken_s, ticks_s) - 1)
     lost = rng.random(len(seen)) < 0.1 * rng.integers(2)
     lost[1:] &= ~lost[:-1]
-    may_lose = 3 * c.sample_interval_s < min(POSITION_AGE_MAX_S, c.bridge.stale_after_s)
-    return np.asarray(taken_s[seen[~lost] if may_lose else seen])
+    longest_s = min(POSITION_AGE_MAX_S, c.bridge.stale_after_s)
+    may_lose = 3 * c.sample_interval_s < longest_s
+    sampled = np.asarray(taken_s[seen[~lost] if may_lose else seen])
+    for _ in range(rng.integers(20) * rng.integers(2)):
+        begin_s, gap_s = rng.uniform(LEAD_S, PLAYED_S), rng.uniform(0, longest_s)
+        sampled = sampled[(sampled < begin_s) | (sampled > begin_s + gap_s)]
+    return sampled
 
 
 def codes(angle_rad: np.ndarray, c: Config) -> np.ndarray:
@@ -107,7 +113,7 @@ def codes(angle_rad: np.ndarray, c: Config) -> np.ndarray:
 
 
 def seems_stuck(rng: np.random.Generator, c: Config) -> bool:
-    """Return whether a sound encoder trips while its rotor moves as it may."""
+    """Return whether a track of a sound encoder seems stuck while the rotor moves as it may."""
     most_rad_s, dt_s = 0.8 * c.limits.trip_speed_rad_s, min(1e-4, 0.1 / c.loop.rate_Hz)
     times = round(PLAYED_S / dt_s)
     moved = swing if rng.random() < 1 / 3 else ramps
@@ -118,7 +124,7 @@ def seems_stuck(rng: np.random.Generator, c: Config) -> bool:
     t_ns = ((t_s + off_s) * 1e9).astype(np.int64) + EPOCH_NS
     first = int(np.searchsorted(t_s, LEAD_S - 0.05))
     table = parameters.build(c)[0]
-    return found(table, new_memory(), t_ns, codes(true_rad, c), true_rad, first)[0] >= 0
+    return found(table, new_memory(), t_ns, codes(true_rad, c), true_rad, first)[1]
 
 
 def unseen(rng: np.random.Generator, c: Config) -> Iterator[tuple[float, float, float]]:
@@ -142,7 +148,7 @@ def unseen(rng: np.random.Generator, c: Config) -> Iterator[tuple[float, float, 
         t_ns = EPOCH_NS + np.round(np.arange(samples) * dt_s * 1e9).astype(np.int64)
         gray, level = codes(true_rad, c), int(rng.integers(2))
         gray[first + 1 :] = gray[first + 1 :] & ~(1 << track) | level << track
-        at, worst_rad = found(table, new_memory(), t_ns, gray, true_rad, first)
+        at, _, worst_rad = found(table, new_memory(), t_ns, gray, true_rad, first)
         begins = ACCELERATION_RAD_S2 * dt_s**2 * counts / TWO_PI >= 1 << track
         stated = -math.inf if begins or patterns >= 0.5 else factor * (3 / patterns + 4)
         late = (at - first if at >= 0 else math.inf) - stated if stated > 0 else -math.inf

@@ -98,6 +98,7 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.torque_decay = np.exp(-p.period_s / tau_s) if tau_s > 0 else 1.0
     p.brake_trip_C = config.brake.trip_temperature_C
     p.tracks = watched_tracks(config.motor.counts)
+    p.sample_gap_ns = round(1.5e9 * config.sample_interval_s)
     p.bridge_stale_s = config.bridge.stale_after_s
     p.inverter_stale_s = config.inverter.stale_after_s
     p.supervisor_timeout_s = config.loop.supervisor_timeout_s

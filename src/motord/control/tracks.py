@@ -7,6 +7,8 @@ pattern ends; what is left of a turn after whole ones is taken for a part of the
 The observer, which lags, turns on while a rotor stops.
 """
 
+import math
+
 import numpy as np
 
 from motord.config.timing import ACCELERATION_RAD_S2, POSITION_AGE_MAX_S, TRACK_PATTERNS
@@ -26,8 +28,9 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     between: it is left out if the counts say so twice in a row in one direction, less the one that
     they may be off, if a rotor at rest may begin to, or if it has turned so fast on the mean since
     it was last left out or changed: by one pattern less than have ended, as the first may have been
-    about to. A jump of a stuck track shows once, or back and forth where the count is not steady.
-    Once found, or after a gap in the samples, the watch starts over, and after `start_over`.
+    about to. Where samples are missing it is left out if it may have changed twice in between. A
+    jump of a stuck track shows once, or back and forth where the count is not steady. Once found,
+    or after a long gap in the samples, the watch starts over, and after `start_over`.
     """
     dt_ns = t_ns - m.tracks_ns
     if dt_ns == 0:
@@ -48,8 +51,8 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     m.track_counts_per_s = counts_per_s
     onwards = counts_per_s * before_per_s > 0.0
     shown_per_s = min(abs(counts_per_s), abs(before_per_s)) if onwards else 0.0
-    gained_per_s = ACCELERATION_RAD_S2 * dt_s * p.counts / TWO_PI
-    step_counts = max(shown_per_s, gained_per_s) * dt_s + ROUNDING_COUNTS
+    per_s2 = ACCELERATION_RAD_S2 * p.counts / TWO_PI
+    step_counts = max(shown_per_s, per_s2 * dt_s) * dt_s + ROUNDING_COUNTS
     if not 0.0 < dt_s <= POSITION_AGE_MAX_S:
         changed = np.int64(ALL)
     far = False
@@ -57,7 +60,10 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
         half = 1 << track
         patterns = turns * (p.counts >> track + 1) + (count >> track + 1)
         turned = abs(patterns - m.track_patterns[track])
-        quick = step_counts >= half or 2 * (turned - 1) * dt_ns >= t_ns - m.track_ns[track]
+        since_ns = t_ns - m.track_ns[track]
+        quick = step_counts >= half or 2 * (turned - 1) * dt_ns >= since_ns
+        if dt_ns > p.sample_gap_ns:
+            quick |= _may_have_passed(2 * half, turned, since_ns * 1e-9, dt_s, per_s2)
         if changed >> track & 1 or quick:
             m.track_patterns[track], m.track_ns[track] = patterns, t_ns
         elif turned > TRACK_PATTERNS:
@@ -68,6 +74,19 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     m.track_samples = 0
     start_over(m)
     return True
+
+
+@jit
+def _may_have_passed(counts: int, turned: int, since_s: float, dt_s: float, per_s2: float) -> bool:
+    """Return whether a rotor may have turned by a pattern, so many counts, in the last `dt_s`.
+
+    turned: patterns that have ended in the last `since_s`; per_s2: the greatest acceleration. It is
+    fastest now if it has gained speed all the time, or since it was at rest.
+    """
+    turned_counts = (turned + 1) * counts
+    gaining_s = min(since_s, math.sqrt(2 * turned_counts / per_s2))
+    counts_per_s = turned_counts / gaining_s + per_s2 * gaining_s / 2
+    return (counts_per_s + per_s2 * dt_s / 2) * dt_s >= counts
 
 
 @jit

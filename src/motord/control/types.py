@@ -109,6 +109,7 @@ PARAMETERS = record_dtype(
         ("torque_decay", "f8"),  # of the torque sensor's high-pass over a period
         ("brake_trip_C", "f8"),
         ("tracks", "i8"),  # of the encoder, watched for being stuck
+        ("sample_gap_ns", "i8"),  # from one of its samples to the next if some are missing
         ("bridge_stale_s", "f8"),
         ("inverter_stale_s", "f8"),
         ("supervisor_timeout_s", "f8"),
