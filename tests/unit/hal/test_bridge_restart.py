@@ -266,31 +266,32 @@ def test_a_whole_session_that_comes_again_counts_for_nothing() -> None:
     count_for_nothing(link, driver, repeated, (0, 1, 1))
 
 
+def time_and_code(driver: Bridge) -> tuple[int, int]:
+    """Read; return the newest sample's time and encoder code, which is 0 of all in order."""
+    feedback = new_feedback()
+    driver.read(time.time_ns(), feedback)
+    return int(feedback["t_ns"][0]), int(feedback["encoder_gray"][0])
+
+
 def test_a_late_sample_after_a_hello_is_no_new_one() -> None:
     """With its clock anew the age of what was on the way is not known."""
     link, driver = opened()
     assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
-    feedback = new_feedback()
-    driver.read(time.time_ns(), feedback)
-    before_ns = int(feedback["t_ns"][0])
+    before = time_and_code(driver)
     late = link.board.sample(time.monotonic_ns(), 0x123, 0, False)
     start_anew(link)
     link.arrive(late)
-    driver.read(time.time_ns(), feedback)
-    assert (feedback["t_ns"][0], feedback["encoder_gray"][0]) == (before_ns, 0)
+    assert time_and_code(driver) == before
 
 
 def test_a_sample_of_before_without_a_hello_is_no_new_one() -> None:
     """Repeated after more than half a turn of the frames' numbers, which do not show it then."""
     link, driver = opened()
     assert [tick(driver, link, enable) for enable in (0, 1, 1)][-1]
-    feedback = new_feedback()
-    driver.read(time.time_ns(), feedback)
-    before_ns = int(feedback["t_ns"][0])
+    before = time_and_code(driver)
     link.board.streaming = False
     link.arrive(link.board.sample(time.monotonic_ns() - 40 * SECOND_NS, 0x123, 0, False))
-    driver.read(time.time_ns(), feedback)
-    assert (feedback["t_ns"][0], feedback["encoder_gray"][0]) == (before_ns, 0)
+    assert time_and_code(driver) == before
 
 
 def test_a_board_whose_clock_stepped_back_counts_again_once_it_was_asked() -> None:
@@ -312,12 +313,9 @@ def test_a_board_that_starts_anew_counts_one_round_trip_later() -> None:
     """Or a bench that is READY would trip: until the next Status the samples would be stale."""
     link, driver = opened()
     assert not tick(driver, link, 0)
-    feedback = new_feedback()
     start_anew(link)
-    driver.read(time.time_ns(), feedback)
-    before_ns = int(feedback["t_ns"][0])
-    driver.read(time.time_ns(), feedback)
-    assert feedback["t_ns"][0] > before_ns
+    before = time_and_code(driver)
+    assert time_and_code(driver)[0] > before[0]
 
 
 def test_a_line_is_not_closed_on_the_word_of_a_board_that_acknowledges_no_heartbeat() -> None:
