@@ -44,7 +44,10 @@ class AliveCounter:
         return taken
 
     def _starts_anew(self, number: int) -> bool:
-        """Return whether an old frame and those before it are a new stream."""
+        """Return whether an old frame and those before it are a new stream.
+
+        Not with the newest frame that was taken: with it ends what is repeated.
+        """
         follows = self._in_a_row > 0 and number == (self._behind + 1) % self._modulus
         self._in_a_row = self._in_a_row + 1 if follows else 1
         self._behind = number
