@@ -32,9 +32,9 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 INVERTER_TIMEOUT_S = STALE_S
 ZERO_A = 1e-6
 RAMP_S = 0.2
+"""From 2 Nm at 10 Nm/s."""
 BRAKE_STEP = 1e-4
 """Of the brake's register."""
-"""From 2 Nm at 10 Nm/s."""
 STANDS_RAD = 1.5 * 2 * np.pi / 4096
 """Counts over which a rotor that stands is read."""
 LAG_RAD = 0.5
