@@ -241,7 +241,11 @@ it shows, with one sample lost, or a ramp at `torque_rate_Nm_per_s` in which the
 by more than is allowed: by delay of the drive, a tick and a sample.
 Samples that jump count until the speed explains two in a row: of misread samples that come by
 chance, as of one in a hundred, more than of three in a row. A rotor that makes nearly whole turns
-from one sample to the next looks like a slow one, and no rule can tell them apart.
+from one sample to the next looks like a slow one, and no rule can tell them apart. Where the bridge
+samples twice to three times as often as the loop reads it, the encoder has few counts and the
+observer is about as quick as the samples, two samples that are close together may make a speed by
+which the next one seems to jump, and three such in a row trip (`python -m
+tests.campaigns.interlock_search --seed 50019 --draws 1`).
 An encoder track is stuck if three of its patterns have ended, by what the coarser ones say, and it
 has not changed, in three samples: at a steady speed, by which the rotor turns by less than half a
 pattern between samples, within 3 patterns and 4 samples, or twice as late where zero is passed and

@@ -206,13 +206,15 @@ def test_a_file_cut_off_anywhere_gives_its_whole_chunks(whole, tmp_path_factory,
 def test_one_wrong_byte_costs_at_most_a_chunk(whole, unfinished, tmp_path_factory, place, bits):
     for origin in (whole, unfinished):
         content = bytearray(origin.read_bytes())
-        content[int(place * len(content))] ^= bits
+        at = int(place * len(content))
+        content[at] ^= bits
         path = tmp_path_factory.getbasetemp() / f"flipped-{origin.name}"
         path.write_bytes(content)
         try:
             run = open_run(path)
         except RecordError as error:
-            assert "not an MCAP" in str(error) or "is of format" in str(error)  # noqa: PT017
+            no_mcap = "not an MCAP" in str(error) and (origin is whole or at < len(MAGIC))
+            assert no_mcap or "is of format" in str(error)  # noqa: PT017
             continue
         assert len(check_survivors(run)) >= COUNT - ROWS
         run.check()
