@@ -377,7 +377,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--connection", choices=("independent", "star"))
     parser.add_argument("--size", choices=("1", "third"))
     parser.add_argument("--clean", type=int, help="trials without a departure")
-    parser.add_argument("--full", action="store_true", help="the mesh of the bench file: ten times")
+    parser.add_argument("--full", action="store_true", help="the mesh of the bench file")
     parser.add_argument("--one-process", action="store_true", help="leave the others alone")
     asked = parser.parse_args(arguments)
     connections = (asked.connection,) if asked.connection else ("independent", "star")

@@ -37,34 +37,30 @@ class CoastDownRows:
     @cached_property
     def t_s(self) -> np.ndarray:
         """Return the time since the first sample of each (n,)."""
-        return self.joined([one.t_s for one in self.coasts])
+        return np.concatenate([one.t_s for one in self.coasts])
 
     @cached_property
     def q_rad(self) -> np.ndarray:
         """Return the angles in the direction of turning (n,), by the encoder."""
-        return self.joined([one.q_rad for one in self.coasts])
+        return np.concatenate([one.q_rad for one in self.coasts])
 
     def smooth_rad(self) -> np.ndarray:
         """Return a polynomial through q of each (n,), which the first round begins with."""
-        return self.joined([one.smooth_rad() for one in self.coasts])
+        return np.concatenate([one.smooth_rad() for one in self.coasts])
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return rows (n, ...) of each coast-down."""
         return split(values, self.first)
 
-    def joined(self, parts: Sequence[np.ndarray]) -> np.ndarray:
-        """Return rows of each coast-down as those of all (n, ...)."""
-        return np.concatenate(parts)
-
     def speed_rad_s(self, q_rad: np.ndarray) -> np.ndarray:
         """Return the speed (n,) of angles (n,)."""
         pairs = zip(self.split(q_rad), self.coasts, strict=True)
-        return self.joined([np.gradient(q, one.t_s) for q, one in pairs])
+        return np.concatenate([np.gradient(q, one.t_s) for q, one in pairs])
 
     def projected(self, columns: np.ndarray) -> np.ndarray:
         """Return columns (n,) or (n, p) less what a + v t of each coast-down explains of them."""
         pairs = zip(self._nuisance, self.split(columns), strict=True)
-        return self.joined([x - q @ (q.T @ x) for q, x in pairs])
+        return np.concatenate([x - q @ (q.T @ x) for q, x in pairs])
 
     def friction(self, q_rad: np.ndarray) -> np.ndarray:
         """Return the columns (n, 2) of F/J and b/J; q_rad (n,): the angle within the integrals."""

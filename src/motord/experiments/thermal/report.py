@@ -22,7 +22,7 @@ ENDED = {
     TEMPERATURE_LIMIT: ", until a temperature was at its limit",
     STOPPED: ", until it was stopped",
 }
-"""What ended heat-up and cooling, in words."""
+"""What ended heat-up or cooling, by the reason that the recording has."""
 
 DOTS = 250
 """Readings that are drawn of each channel, about."""
