@@ -54,15 +54,15 @@ def trial(n: int, correlation: float, seed: int) -> tuple[float, float, float, f
     )
 
 
-def main() -> int:
+def main(soaks: int = SOAKS) -> int:
     """Print the shares; return 1 if those up to CORRELATION_MAX are not kept."""
     failed = 0
-    most = FALSE_DRIFTS + SLACK * np.sqrt(FALSE_DRIFTS * (1 - FALSE_DRIFTS) / SOAKS)
-    least = COVERED - SLACK * np.sqrt(COVERED * (1 - COVERED) / (SOAKS * FIGURES))
+    most = FALSE_DRIFTS + SLACK * np.sqrt(FALSE_DRIFTS * (1 - FALSE_DRIFTS) / soaks)
+    least = COVERED - SLACK * np.sqrt(COVERED * (1 - COVERED) / (soaks * FIGURES))
     print("repetitions   rho  covered  false drifts  found  noted")
     for n in REPETITIONS:
         for correlation in CORRELATIONS:
-            trials = [trial(n, correlation, seed) for seed in seeds.several(SOAKS)]
+            trials = [trial(n, correlation, seed) for seed in seeds.several(soaks)]
             covered, false, found, noted = np.mean(trials, axis=0)
             kept = covered >= least and false <= most
             failed += not kept and correlation <= CORRELATION_MAX
