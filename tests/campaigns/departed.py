@@ -47,5 +47,6 @@ def judge(name: str, trials: list[Trial | None], least: float = 0.9, named: str 
 def run(main: Callable[..., int], departures: Callable[..., int]) -> int:
     """Run what the command line asks for, `[departures] [COUNT]`; return the exit code."""
     asked = sys.argv[1:]
-    task = departures if asked[:1] == ["departures"] else main
-    return task(*(int(one) for one in asked if one.isdigit()))
+    if asked[:1] == ["departures"]:
+        return departures(*map(int, asked[1:]))
+    return main(*map(int, asked))
