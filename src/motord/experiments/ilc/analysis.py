@@ -175,7 +175,7 @@ def learn(
         unreached=tuple(one for each in seen for one in unreached(each, orders)),
         reach=tuple(reach_text(one_each[speed], subject.sensor) for speed in sorted(one_each)),
         limit_Nm=learning.limit_share * motor.rated_torque_Nm,
-        ripples=tuple(each.ripple for each in seen if each.ripple is not None),
+        ripples=tuple(seen),
     )
 
 

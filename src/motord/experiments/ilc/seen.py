@@ -26,34 +26,17 @@ NO_CURRENTS = np.empty((0, 3))
 """Of points of which angle and torque alone are kept."""
 
 
-@dataclass(frozen=True)
-class SeenRipple:
-    """Ripple of an operating point: orders 1 to n.
+@dataclass(frozen=True, kw_only=True)
+class SeenRipple(PointRipple):
+    """Ripple of an operating point: orders 1 to n, and how far it is learned.
 
-    even_odd_Nm (2, n): complex lines of even and of odd turns; noise_Nm (n,): standard error of
-    their mean. band: highest order that the currents follow at this speed, turns_Hz as it was;
-    highest: the highest to learn. ripple: the same over all orders, with the lines that are not
-    locked to the rotor, whose part is in noise_Nm; None where it was not looked for.
+    noise_Nm has the part of lines that are not locked to the rotor. turns_Hz: speed as it was;
+    band: highest order that the currents follow at that speed; highest: the highest to learn.
     """
 
-    torque_Nm: float
-    speed_Hz: float
     turns_Hz: float
-    even_odd_Nm: np.ndarray
-    noise_Nm: np.ndarray
     band: int
     highest: int
-    ripple: PointRipple | None = None
-
-    @property
-    def order(self) -> np.ndarray:
-        """The orders (n,)."""
-        return np.arange(1, self.noise_Nm.size + 1)
-
-    @property
-    def line_Nm(self) -> np.ndarray:
-        """Complex amplitudes (n,): order h is Re(line exp(j h theta))."""
-        return np.asarray(self.even_odd_Nm.mean(axis=0))
 
 
 def band_order(samples: Samples, hold: ZeroOrderHold | None) -> int:
@@ -76,21 +59,15 @@ def seen_points(
     highest_order: int,
 ) -> list[SeenRipple]:
     """Return the ripple of each point, see `seen_by`, with what lines that others show leave."""
-    found, detected, turns = [], [], []
+    found, turns = [], []
     for samples in points:
-        found.append(seen_by(samples, motor, sensor, gain, hold, highest_order))
-        detected.append(DetectedLines.of(samples, motor.counts))
+        seen = seen_by(samples, motor, sensor, gain, hold, highest_order)
+        found.append((seen, DetectedLines.of(samples, motor.counts)))
         turns.append(replace(samples, i_A=NO_CURRENTS, command_A=NO_CURRENTS))
-    pairs = zip(found, detected, strict=True)
-    plain = [(one.ripple, lines) for one, lines in pairs if one.ripple is not None]
-    ripples = with_asynchronous(plain, turns, motor, sensor)
+    ripples = with_asynchronous(found, turns, motor, sensor)
     return [
-        replace(
-            one,
-            noise_Nm=np.hypot(one.noise_Nm, noise_of_lines(ripple, samples, motor, sensor)),
-            ripple=ripple,
-        )
-        for one, ripple, samples in zip(found, ripples, turns, strict=True)
+        replace(one, noise_Nm=np.hypot(one.noise_Nm, noise_of_lines(one, samples, motor, sensor)))
+        for one, samples in zip(ripples, turns, strict=True)
     ]
 
 
@@ -109,20 +86,14 @@ def seen_by(
         even_odd_Nm = even_odd_Nm - aliased_ripple(samples, gain, motor, sensor, hold, ripple.order)
     rms_Nm, stderr_Nm = repeating_rms(even_odd_Nm, ripple.noise_Nm)
     percent, band = 100 / motor.rated_torque_Nm, band_order(samples, hold)
+    known = {
+        **vars(ripple),
+        "rms_percent": percent * rms_Nm,
+        "stderr_percent": percent * stderr_Nm,
+        "noise_stderr_percent": percent * stderr_Nm,
+        "line_Nm": even_odd_Nm.mean(axis=0),
+        "even_odd_Nm": even_odd_Nm,
+    }
     return SeenRipple(
-        torque_Nm=samples.torque_set_Nm,
-        speed_Hz=samples.speed_set_Hz,
-        turns_Hz=samples.speed_Hz,
-        even_odd_Nm=even_odd_Nm,
-        noise_Nm=ripple.noise_Nm,
-        band=band,
-        highest=min(band, highest_order),
-        ripple=replace(
-            ripple,
-            rms_percent=percent * rms_Nm,
-            stderr_percent=percent * stderr_Nm,
-            noise_stderr_percent=percent * stderr_Nm,
-            line_Nm=even_odd_Nm.mean(axis=0),
-            even_odd_Nm=even_odd_Nm,
-        ),
+        **known, turns_Hz=samples.speed_Hz, band=band, highest=min(band, highest_order)
     )

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from math import hypot
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from motord.identification.point_ripple import (
     even_and_odd,
     response_of_orders,
 )
+
+Ripple = TypeVar("Ripple", bound=PointRipple)
 
 COVERAGE_FACTOR = 2.0
 """Standard errors that the amplitude is taken to be larger."""
@@ -93,12 +95,12 @@ def _as_large_as_its_order(
 
 
 def with_leakage(
-    ripple: PointRipple,
+    ripple: Ripple,
     lines: Sequence[AsynchronousLine],
     samples: Samples,
     motor: MotorConfig,
     sensor: TorqueSensorConfig,
-) -> PointRipple:
+) -> Ripple:
     """Return the ripple with what the lines may have left in it, in its standard error.
 
     At an unknown phase an error of b at most has a standard deviation of b / sqrt(2); 1.96 of that

@@ -9,9 +9,9 @@ from typing import NamedTuple, Self
 
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.disturbances.asynchronous_line import asynchronous_lines
-from motord.identification.disturbances.leakage import lines_in_average, with_leakage
+from motord.identification.disturbances.leakage import Ripple, lines_in_average, with_leakage
 from motord.identification.operating_points import Samples
-from motord.identification.point_ripple import AsynchronousLine, PointRipple
+from motord.identification.point_ripple import AsynchronousLine
 
 
 class DetectedLines(NamedTuple):
@@ -29,11 +29,11 @@ class DetectedLines(NamedTuple):
 
 
 def with_asynchronous(
-    found: Sequence[tuple[PointRipple, DetectedLines]],
+    found: Sequence[tuple[Ripple, DetectedLines]],
     points: Iterable[Samples],
     motor: MotorConfig,
     sensor: TorqueSensorConfig,
-) -> list[PointRipple]:
+) -> list[Ripple]:
     """Return the ripples of points with the lines that are not locked to the rotor.
 
     found: of each point the ripple and the lines that are detected there; points: their samples,

@@ -27,7 +27,22 @@ def ripple(
     even_odd_Nm = NOISE_NM * (parts[0] + 1j * parts[1])
     for order, size_Nm in lines_Nm.items():
         even_odd_Nm[:, order - 1] += size_Nm
-    return SeenRipple(3.0, 0.7, 0.7, even_odd_Nm, np.full(HIGHEST, NOISE_NM), band, highest)
+    return SeenRipple(
+        torque_Nm=3.0,
+        speed_Hz=0.7,
+        compensate=3,
+        turns=8,
+        rms_percent=1.0,
+        stderr_percent=0.1,
+        raw_percent=1.0,
+        order=np.arange(1, HIGHEST + 1),
+        line_Nm=even_odd_Nm.mean(axis=0),
+        noise_Nm=np.full(HIGHEST, NOISE_NM),
+        even_odd_Nm=even_odd_Nm,
+        turns_Hz=0.7,
+        band=band,
+        highest=highest,
+    )
 
 
 def test_noise_is_rarely_taken_for_an_order() -> None:
