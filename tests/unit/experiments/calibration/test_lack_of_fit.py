@@ -15,9 +15,9 @@ from motord.experiments.calibration.estimate.lack_of_fit.analysis import (
     residual_orders,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.findings import findings
-from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import ResidualRows
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, smooth_noise
+from motord.experiments.subject import Subject
 from motord.rig.truth import load as load_truth
 from tests.campaigns.departures import DEPARTURES, Departure, calibrated, errors_over_half_widths
 
@@ -112,7 +112,7 @@ def test_two_points_do_not_show_how_what_is_left_grows() -> None:
         fit = LackOfFit(
             np.arange(1.0, points + 1), lines, lines, (), lines, lines, (), (left,), 1.0, ()
         )
-        bench = BenchFile(load().motor, load().torque_sensor)
+        bench = Subject.of_config(load())
         one, *more = findings(fit, bench, (0.0, 1e-6), 0.0, 1e-3, None)
         assert [other.name for other in more] == ["few-points"] * few
         assert ("2 operating points do not show how it depends" in one.meaning) == few

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING
-from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
+from motord.experiments.calibration.estimate.lack_of_fit.meanings import fundamental
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import EffectSensitivity
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
@@ -23,9 +23,10 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult, triple
 from motord.experiments.magnet_temperature import ReferredBackEmf
+from motord.experiments.subject import Subject
 from motord.uncertainty_budget import Contribution
 
-Limits = Callable[[float, BenchFile], "float | np.ndarray"]
+Limits = Callable[[float, Subject], "float | np.ndarray"]
 """Half-widths of an effect's sizes, one or one of each term: of a limit of the bench file."""
 
 
@@ -39,29 +40,29 @@ class Source:
     effects: tuple[str, ...]
     limits: Limits = lambda limit, _: limit
 
-    def limit(self, bench: BenchFile) -> float:
+    def limit(self, bench: Subject) -> float:
         """Return the limit that the bench file has, stated or assumed."""
         return float(getattr(bench.accuracy, self.field))
 
-    def half_widths(self, bench: BenchFile, terms: int) -> np.ndarray:
+    def half_widths(self, bench: Subject, terms: int) -> np.ndarray:
         """Return the half-widths (terms,) of an effect's sizes."""
         return np.full(terms, self.limits(self.limit(bench), bench), float)
 
 
-def _percent(limit: float, _: BenchFile) -> float:
+def _percent(limit: float, _: Subject) -> float:
     return limit / 100
 
 
-def _of_rated_torque(limit: float, bench: BenchFile) -> float:
+def _of_rated_torque(limit: float, bench: Subject) -> float:
     return limit / 100 * bench.motor.rated_torque_Nm
 
 
-def _curve(limit: float, bench: BenchFile) -> np.ndarray:
+def _curve(limit: float, bench: Subject) -> np.ndarray:
     rated_A = bench.motor.rated_current_A()
     return np.repeat(limit / 100 / np.array([rated_A, rated_A**2]), 3)
 
 
-def _rate(limit: float, bench: BenchFile) -> float:
+def _rate(limit: float, bench: Subject) -> float:
     tau_s = bench.sensor.highpass_time_constant_s
     return limit / 100 / tau_s if tau_s else 0.0
 
@@ -78,7 +79,7 @@ SOURCES = (
     Source("encoder once and twice a turn", "encoder_error_rad", "rad",
            ("encoder-error-order-1", "encoder-error-order-2")),
     Source("harmonics of the back-EMF", "back_emf_harmonics_percent", "% of the fundamental",
-           ("back-emf",), lambda limit, bench: limit / 100 * bench.fundamental),
+           ("back-emf",), lambda limit, bench: limit / 100 * fundamental(bench.motor)),
     Source("saturation", "saturation_percent", "% at rated current",
            ("back-emf-load", "cogging-load"),
            lambda limit, bench: limit / 100 / bench.motor.rated_current_A()),
@@ -103,7 +104,7 @@ def budget(
     result: CalibrationResult,
     fitted: JointFit,
     sensitivities: Sequence[EffectSensitivity],
-    bench: BenchFile,
+    bench: Subject,
     back_emf: ReferredBackEmf | None = None,
 ) -> tuple[Contribution, ...]:
     """Return what each source contributes: Type A first, then Type B as the bench file lists it.
@@ -167,7 +168,7 @@ class _Linear:
             rows[7 + n, cogging_place(n)] = along
         return cls(rows @ fitted.derivative, rows @ fitted.gain_shift)
 
-    def scaled(self, source: Source, result: CalibrationResult, bench: BenchFile) -> np.ndarray:
+    def scaled(self, source: Source, result: CalibrationResult, bench: Subject) -> np.ndarray:
         """Return the variances (v,) of a gain that scales the result, or that is assumed to be 1.
 
         A gain of the torque sensor scales offsets and cogging torque, one of the back-EMF offsets.
@@ -181,7 +182,7 @@ class _Linear:
         return np.asarray((source.half_widths(bench, 1) * shift) ** 2 / 3)
 
     def squares(
-        self, source: Source, sensitivities: Sequence[EffectSensitivity], bench: BenchFile
+        self, source: Source, sensitivities: Sequence[EffectSensitivity], bench: Subject
     ) -> np.ndarray:
         """Return the variances (v,) that a source contributes; its effects are independent."""
         total = np.zeros(len(self.derivative))
@@ -207,7 +208,7 @@ def _fewest(
     return alpha, beta, delta_epsilon, cogging
 
 
-def _friction(bench: BenchFile) -> Contribution:
+def _friction(bench: Subject) -> Contribution:
     """Return what friction that ripples adds, where the rotor turned one way: it counts as cogging
     torque."""
     [source] = [one for one in SOURCES if one.field == "friction_ripple_percent"]
@@ -216,7 +217,7 @@ def _friction(bench: BenchFile) -> Contribution:
     return _contribution(source, squares, bench)
 
 
-def _contribution(source: Source, squares: np.ndarray, bench: BenchFile) -> Contribution:
+def _contribution(source: Source, squares: np.ndarray, bench: Subject) -> Contribution:
     u = np.sqrt(squares)
     stated = source.field in bench.accuracy.model_fields_set
     return Contribution(

@@ -23,7 +23,6 @@ from motord.experiments.calibration.estimate.joint_result import (
 )
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, misfit
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
-from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit, fit
 from motord.experiments.calibration.estimate.least_squares.kirchhoff import (
     kirchhoff_agreement,
@@ -91,7 +90,7 @@ class Calibrator:
         """again: gives the points once more, where the data ask for more orders than expected."""
         self._motor, self._sensor, self._again = motor, sensor, again
         self._progress = progress
-        self._bench = BenchFile(motor, sensor, accuracy or AccuracyConfig())
+        self._bench = Subject("", motor, sensor, accuracy or AccuracyConfig())
         self._orders = allowed_orders(
             motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
         )

@@ -18,7 +18,6 @@ from motord.calibration import DegreesOfFreedom, Harmonic
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 from motord.experiments.calibration.estimate.lack_of_fit.findings import findings
-from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit
 from motord.experiments.calibration.estimate.least_squares.kirchhoff import Kirchhoff
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
@@ -30,6 +29,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     cogging_place,
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult, cogging_table
+from motord.experiments.subject import Subject
 from motord.identification.point_ripple import PointRipple
 from motord.intervals import coverage_factor, plus_minus
 
@@ -119,7 +119,7 @@ def with_lack_of_fit(
     result: CalibrationResult,
     fit: LackOfFit,
     kirchhoff: Kirchhoff | None,
-    bench: BenchFile,
+    bench: Subject,
     period_s: float,
 ) -> CalibrationResult:
     """Return the result with findings, and standard errors that account for them."""

@@ -10,10 +10,10 @@ from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfF
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import (
     MEANINGS,
-    BenchFile,
     fitted_time_constant_s,
 )
 from motord.experiments.calibration.estimate.least_squares.kirchhoff import Kirchhoff
+from motord.experiments.subject import Subject
 from motord.findings import Finding
 
 AGE_PERIODS = 1.0
@@ -66,7 +66,7 @@ of orders that do not come from the poles."""
 
 def findings(
     fit: LackOfFit,
-    bench: BenchFile,
+    bench: Subject,
     current_age_s: tuple[float, float],
     explained_age_s: float,
     period_s: float,
@@ -89,7 +89,7 @@ def findings(
     )
 
 
-def _of_cause(cause: Cause, bench: BenchFile, age_s: float, points: int) -> Finding:
+def _of_cause(cause: Cause, bench: Subject, age_s: float, points: int) -> Finding:
     meaning = MEANINGS.get(cause.name) or MEANINGS["encoder-error"]
     size = meaning.size(cause, bench)
     text = meaning.text.format(

@@ -1,27 +1,19 @@
 """Departures of a bench, described: how large, what they usually mean, what to do."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
+from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
+from motord.experiments.subject import Subject
 
 
-@dataclass(frozen=True)
-class BenchFile:
-    """What the bench file says of motor and torque sensor, and of accuracies."""
-
-    motor: MotorConfig
-    sensor: TorqueSensorConfig
-    accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
-
-    @property
-    def fundamental(self) -> float:
-        """Amplitude of the back-EMF's fundamental (V s/rad)."""
-        k = self.motor.back_emf_table()[:, 0]
-        return float(2 * abs(np.fft.rfft(k)[self.motor.pole_pairs]) / k.size)
+def fundamental(motor: MotorConfig) -> float:
+    """Return the amplitude of the back-EMF's fundamental (V s/rad)."""
+    k = motor.back_emf_table()[:, 0]
+    return float(2 * abs(np.fft.rfft(k)[motor.pole_pairs]) / k.size)
 
 
 @dataclass(frozen=True)
@@ -32,51 +24,51 @@ class Meaning:
     """
 
     unit: str
-    size: Callable[[Cause, BenchFile], float]
+    size: Callable[[Cause, Subject], float]
     text: str
     action: str
 
 
-def _percent(cause: Cause, _: BenchFile) -> float:
+def _percent(cause: Cause, _: Subject) -> float:
     return 100 * float(np.linalg.norm(cause.size[:2]))
 
 
-def _largest_percent(cause: Cause, _: BenchFile) -> float:
+def _largest_percent(cause: Cause, _: Subject) -> float:
     return 100 * float(np.abs(cause.size).max())
 
 
-def _degrees(cause: Cause, _: BenchFile) -> float:
+def _degrees(cause: Cause, _: Subject) -> float:
     return float(np.degrees(np.linalg.norm(cause.size)))
 
 
-def _microseconds(cause: Cause, _: BenchFile) -> float:
+def _microseconds(cause: Cause, _: Subject) -> float:
     return 1e6 * float(cause.size[0])
 
 
-def _twice_degrees(cause: Cause, bench: BenchFile) -> float:
+def _twice_degrees(cause: Cause, bench: Subject) -> float:
     return 2 * _degrees(cause, bench)
 
 
-def _percent_at_rated(cause: Cause, bench: BenchFile) -> float:
+def _percent_at_rated(cause: Cause, bench: Subject) -> float:
     return 100 * bench.motor.rated_current_A() * abs(float(cause.size[0]))
 
 
-def _curve_percent(cause: Cause, bench: BenchFile) -> float:
+def _curve_percent(cause: Cause, bench: Subject) -> float:
     """Return the largest change of a phase's gain between no current and the rated one."""
     i_A = bench.motor.rated_current_A()
     linear, square = cause.size[:3] * i_A, cause.size[3:] * i_A**2
     return 100 * float(np.abs([linear + square, linear - square]).max())
 
 
-def _of_fundamental(cause: Cause, bench: BenchFile) -> float:
-    return 100 * float(np.linalg.norm(cause.size)) / bench.fundamental
+def _of_fundamental(cause: Cause, bench: Subject) -> float:
+    return 100 * float(np.linalg.norm(cause.size)) / fundamental(bench.motor)
 
 
-def _of_rated_torque(cause: Cause, bench: BenchFile) -> float:
+def _of_rated_torque(cause: Cause, bench: Subject) -> float:
     return 100 * float(np.linalg.norm(cause.size)) / bench.motor.rated_torque_Nm
 
 
-def _corner_percent(cause: Cause, bench: BenchFile) -> float:
+def _corner_percent(cause: Cause, bench: Subject) -> float:
     """Return by how much the corner frequency differs from what the bench file says.
 
     Where it says that there is none, of 1 rad/s.
@@ -84,7 +76,7 @@ def _corner_percent(cause: Cause, bench: BenchFile) -> float:
     return 100 * abs(float(cause.size[0])) * (bench.sensor.highpass_time_constant_s or 1.0)
 
 
-def fitted_time_constant_s(cause: Cause, bench: BenchFile) -> float:
+def fitted_time_constant_s(cause: Cause, bench: Subject) -> float:
     """Return the time constant of the torque sensor's high-pass that fits; inf for none (s)."""
     stated_s = bench.sensor.highpass_time_constant_s
     rate = float(cause.size[0]) + (1 / stated_s if stated_s else 0.0)
