@@ -1,5 +1,6 @@
 """95 % intervals by Student's t, and figures with the digits that these allow."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, hypot, inf, isfinite, log10
 from typing import TYPE_CHECKING, NamedTuple
@@ -118,6 +119,20 @@ def f_tail(ratio: "ArrayLike", numerator: "ArrayLike", denominator: "ArrayLike")
     from scipy.special import fdtrc
 
     return np.asarray(fdtrc(numerator, denominator, np.maximum(ratio, 0.0)))
+
+
+def beyond_chance(p_values: Sequence[float | None], false_alarms: float) -> list[bool]:
+    """Return which of the p-values are no chance, all judged together (Holm 1979).
+
+    One that is not finite, or None, is none, and does not count among the others.
+    """
+    known = sorted((p, place) for place, p in enumerate(p_values) if p is not None and isfinite(p))
+    significant = [False] * len(p_values)
+    for rank, (p, place) in enumerate(known):
+        if p > false_alarms / (len(known) - rank):
+            break
+        significant[place] = True
+    return significant
 
 
 def two_digits(value: float) -> str:

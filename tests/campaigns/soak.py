@@ -15,7 +15,8 @@ import sys
 import numpy as np
 
 from motord.experiments.soak.step import FALSE_ALARMS, Step, most_likely_step
-from motord.experiments.soak.trend import CORRELATION_MAX, DriftSlope, drifting, slope
+from motord.experiments.soak.trend import CORRELATION_MAX, DriftSlope, slope
+from motord.intervals import beyond_chance
 from tests.campaigns import departed, seeds
 
 SOAKS, FIGURES = 400, 12
@@ -37,7 +38,7 @@ def residuals(rng: np.random.Generator, n: int, correlation: float) -> np.ndarra
 
 def claimed(slopes: list[DriftSlope]) -> list[bool]:
     """Return which of the figures of a soak are said to drift."""
-    return drifting([one.p_value for one in slopes], FALSE_DRIFTS)
+    return beyond_chance([one.p_value for one in slopes], FALSE_DRIFTS)
 
 
 def trial(n: int, correlation: float, seed: int) -> tuple[float, float, float, float]:
@@ -83,7 +84,7 @@ def steps_claimed(rng: np.random.Generator, courses: np.ndarray) -> list[Step | 
     at_h = np.linspace(0.0, courses.shape[1] / 10, courses.shape[1])
     found = [most_likely_step(at_h, rng.normal(size=at_h.size) + one) for one in courses]
     p_values = [one.p_value if one else None for one in found]
-    pairs = zip(found, drifting(p_values, FALSE_ALARMS), strict=True)
+    pairs = zip(found, beyond_chance(p_values, FALSE_ALARMS), strict=True)
     return [one if claimed else None for one, claimed in pairs]
 
 

@@ -15,7 +15,7 @@ from math import hypot, inf, isinf, pi, remainder
 import numpy as np
 from scipy.special import stdtr
 
-from motord.intervals import LEVEL, coverage_factor, standard_uncertainty
+from motord.intervals import LEVEL, beyond_chance, coverage_factor, standard_uncertainty
 from motord.results.figures import ResultFigure
 
 FALSE_ALARMS = 1 - LEVEL
@@ -84,7 +84,9 @@ def compare(
 
     Several figures of one key are results that are averaged.
     """
-    return _judged([_difference(key, a[key], b[key]) for key in a if key in b])
+    found = [_difference(key, a[key], b[key]) for key in a if key in b]
+    changed = beyond_chance([one.p_value for one in found], FALSE_ALARMS)
+    return [replace(one, changed=its) for one, its in zip(found, changed, strict=True)]
 
 
 def mean_of(results: Sequence[ResultFigure]) -> MeanFigure:
@@ -119,19 +121,6 @@ def _difference(key: Key, of_a: Sequence[ResultFigure], of_b: Sequence[ResultFig
     p_value = 2 * float(stdtr(freedom, -t))
     half = coverage_factor(None if isinf(freedom) else freedom) * u
     return Difference(*key, a, b, difference, half, p_value)
-
-
-def _judged(found: Sequence[Difference]) -> list[Difference]:
-    """Return the differences, with those marked that are no chance, all of them together."""
-    known = sorted(
-        (one.p_value, place) for place, one in enumerate(found) if one.p_value is not None
-    )
-    changed = set()
-    for rank, (p_value, place) in enumerate(known):
-        if p_value > FALSE_ALARMS / (len(known) - rank):
-            break
-        changed.add(place)
-    return [replace(one, changed=place in changed) for place, one in enumerate(found)]
 
 
 def _uncertainty(one: ResultFigure) -> tuple[float | None, float]:

@@ -14,10 +14,9 @@ from motord.experiments.soak.point_figures import PointFigures, points_of, with_
 from motord.experiments.soak.point_ripples import changed_behind_noise, ripple_findings
 from motord.experiments.soak.result import SoakResult
 from motord.experiments.soak.settings import NAME
-from motord.experiments.soak.trend import drifting
 from motord.experiments.subject import AnalysisError, Recordings, check_plan
 from motord.identification import IdentifyError
-from motord.intervals import LEVEL
+from motord.intervals import LEVEL, beyond_chance
 from motord.recording.reader import Run
 
 OF_TORQUE = (
@@ -53,7 +52,7 @@ def soak_trends(recordings: Recordings) -> SoakResult:
         one.with_scale(scale) if one.name.partition(" of ")[0] in OF_TORQUE else one
         for one in with_steps(plain)
     ]
-    drifts = drifting([one.slope.p_value for one in trends], 1 - LEVEL)
+    drifts = beyond_chance([one.slope.p_value for one in trends], 1 - LEVEL)
     judged = tuple(replace(one, drifts=its) for one, its in zip(trends, drifts, strict=True))
     ripples = [(one.label, one.repetition, one.ripple) for one in points if one.ripple is not None]
     questionable = (

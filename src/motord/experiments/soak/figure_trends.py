@@ -8,7 +8,8 @@ import numpy as np
 from motord.experiments.soak.point_figures import PointFigures
 from motord.experiments.soak.result import TITLES, FigureTrend, Repetition
 from motord.experiments.soak.step import FALSE_ALARMS, most_likely_step
-from motord.experiments.soak.trend import drifting, slope
+from motord.experiments.soak.trend import slope
+from motord.intervals import beyond_chance
 
 
 def repetitions_of(points: Sequence[PointFigures]) -> dict[int, Repetition]:
@@ -111,7 +112,7 @@ def of_points(
 def with_steps(trends: Sequence[FigureTrend]) -> list[FigureTrend]:
     """Return the trends, those of which a step is no chance with it, all judged together."""
     steps = [most_likely_step(one.hours, one.values) for one in trends]
-    known = drifting([None if one is None else one.p_value for one in steps], FALSE_ALARMS)
+    known = beyond_chance([None if one is None else one.p_value for one in steps], FALSE_ALARMS)
     return [
         replace(
             one,

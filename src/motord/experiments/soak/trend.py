@@ -13,7 +13,7 @@ Not that of `thermal.steadiness`, which takes rho as known: of 8 values at 0.5 i
 """
 
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 
 import numpy as np
 from scipy.special import stdtr
@@ -135,17 +135,3 @@ def _by_correlation(
     likelihood = (np.linalg.slogdet(inverse)[1] - freedom * np.log(variance)) / 2
     likelihood -= np.log(scales).sum(axis=1)
     return likelihood, estimate[:, 1, 0], variance * inverse[:, 1, 1]
-
-
-def drifting(p_values: "list[float | None]", false_alarms: float) -> list[bool]:
-    """Return which of the slopes are no chance, all judged together (Holm 1979).
-
-    One without a finite p-value is none, and does not count among the others.
-    """
-    known = sorted((p, place) for place, p in enumerate(p_values) if p is not None and isfinite(p))
-    significant = [False] * len(p_values)
-    for rank, (p, place) in enumerate(known):
-        if p > false_alarms / (len(known) - rank):
-            break
-        significant[place] = True
-    return significant

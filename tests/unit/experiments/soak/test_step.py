@@ -7,7 +7,8 @@ from motord.experiments.analysis import encode
 from motord.experiments.soak.figure_trends import with_steps
 from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.soak.step import FALSE_ALARMS, LEAST, most_likely_step
-from motord.experiments.soak.trend import drifting, slope
+from motord.experiments.soak.trend import slope
+from motord.intervals import beyond_chance
 from motord.results.figures import figures
 from tests.unit.experiments.soak.test_trend import wandering
 
@@ -80,7 +81,7 @@ def test_without_a_step_few_soaks_claim_one(n, correlation):
         found = most_likely_step(at, wandering(rng, n, correlation))
         return found and found.p_value
 
-    claimed = [any(drifting([p_value() for _ in range(12)], FALSE_ALARMS)) for _ in range(100)]
+    claimed = [any(beyond_chance([p_value() for _ in range(12)], FALSE_ALARMS)) for _ in range(100)]
     assert sum(claimed) <= 4  # 1, and 3 standard deviations
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from motord.experiments.soak.result import FigureTrend, SoakResult
 from motord.experiments.soak.step import most_likely_step
-from motord.experiments.soak.trend import LEAST, drifting, slope
+from motord.experiments.soak.trend import LEAST, slope
+from motord.intervals import beyond_chance
 
 
 def wandering(rng, n: int, correlation: float) -> np.ndarray:
@@ -38,9 +39,9 @@ def test_without_a_drift_few_are_claimed_and_a_clear_one_is_found():
     claimed = found = 0
     for _ in range(100):
         steady = [slope(hours, wandering(rng, 24, 0.5)).p_value for _ in range(5)]
-        claimed += any(drifting(steady, 0.05))
+        claimed += any(beyond_chance(steady, 0.05))
         drift = slope(hours, 6.0 * hours + wandering(rng, 24, 0.5)).p_value
-        found += drifting([*steady, drift], 0.05)[-1]
+        found += beyond_chance([*steady, drift], 0.05)[-1]
     assert claimed <= 11
     assert found >= 90
 
@@ -83,9 +84,9 @@ def test_of_too_few_values_no_interval_is_stated():
     few = slope(np.arange(LEAST - 1.0), np.array([1.0, 2.0, 2.5, 4.0, 5.0]))
     assert few.value == pytest.approx(1.0, rel=0.1)
     assert (few.stderr, few.half_width, few.p_value) == (None, None, None)
-    assert drifting([None, 1e-9], 0.05) == [False, True]
-    assert drifting([0.03, 0.5, 0.9], 0.05) == [False] * 3
-    assert drifting([0.03, 0.01], 0.05) == [True, True]
+    assert beyond_chance([None, 1e-9], 0.05) == [False, True]
+    assert beyond_chance([0.03, 0.5, 0.9], 0.05) == [False] * 3
+    assert beyond_chance([0.03, 0.01], 0.05) == [True, True]
 
 
 @pytest.mark.parametrize("level", [22.1, -1e-9, 3e12])
@@ -95,7 +96,7 @@ def test_constant_values_have_a_slope_of_unknown_error_and_hide_no_drift_of_othe
         still = slope(hours, np.full(n, level))
         assert (still.value, still.half_width, still.p_value) == (0.0, None, None)
     drift = slope(hours, 40.0 * hours + wandering(np.random.default_rng(3), n, 0.3))
-    assert drifting([still.p_value, drift.p_value], 0.05) == [False, True]
+    assert beyond_chance([still.p_value, drift.p_value], 0.05) == [False, True]
     assert slope(np.arange(3.0), np.full(3, level)).value == 0.0
 
 
@@ -107,7 +108,7 @@ def test_values_that_creep_by_less_than_their_rounding_have_a_slope():
 
 
 def test_what_is_not_finite_is_no_drift_and_hides_none():
-    assert drifting([float("nan"), 1e-9, 0.9], 0.05) == [False, True, False]
+    assert beyond_chance([float("nan"), 1e-9, 0.9], 0.05) == [False, True, False]
 
 
 def test_a_slope_is_the_same_in_any_unit():
@@ -122,7 +123,7 @@ def test_a_slope_is_the_same_in_any_unit():
 def test_of_strongly_correlated_repetitions_few_soaks_claim_a_drift(n):
     rng, at = np.random.default_rng(n), np.linspace(0.0, 1.0, n)
     claimed = [
-        any(drifting([slope(at, wandering(rng, n, 0.8)).p_value for _ in range(12)], 0.05))
+        any(beyond_chance([slope(at, wandering(rng, n, 0.8)).p_value for _ in range(12)], 0.05))
         for _ in range(100)
     ]
     assert sum(claimed) <= 10  # 5, and 2.5 standard deviations
