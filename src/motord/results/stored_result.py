@@ -78,14 +78,8 @@ class StoredResult(_Analysed):
     def rows(self) -> list[ResultRow]:
         """Return the rows of the table, one a figure."""
         settings = _canonical(self.settings)
-        return [
-            ResultRow(
-                self.experiment, self.motor, self.serial, self.bench, self.run, self.time,
-                self.version, settings,
-                one.field, one.unit, one.value, one.stderr, one.low, one.high,
-            )
-            for one in self.figures
-        ]  # fmt: skip
+        common = {one.name: getattr(self, one.name) for one in fields(_Analysed)}
+        return [ResultRow(**common, settings=settings, **vars(one)) for one in self.figures]
 
     @property
     def file_name(self) -> str:

@@ -101,13 +101,9 @@ class CalibrationCheck:
         """Whether the calibration still holds."""
         if self.drifted:
             return "drifted"
-        return "undecided" if self._doubts else "valid"
+        return "undecided" if any(self._doubts()) else "valid"
 
-    @property
-    def _doubts(self) -> tuple[Finding, ...]:
-        return tuple(self._speaks_against())
-
-    def _speaks_against(self) -> Iterator[Finding]:
+    def _doubts(self) -> Iterator[Finding]:
         """Yield what leaves a verdict in doubt that nothing has changed."""
         if not self.misfit <= MISFIT_LIMIT:
             yield Finding(
@@ -138,7 +134,7 @@ class CalibrationCheck:
     def findings(self) -> tuple[Finding, ...]:
         """What has changed, and what speaks against the test."""
         changed = tuple(one.finding for one in self.drifted)
-        return (*changed, *self._doubts, *self.more_findings)
+        return (*changed, *self._doubts(), *self.more_findings)
 
     @property
     def sentence(self) -> str:
@@ -152,7 +148,7 @@ class CalibrationCheck:
         if self.verdict == "undecided":
             return (
                 f"undecided: calibration {self.calibration} was not found to have changed, but "
-                f"{self._doubts[0].meaning}"
+                f"{next(self._doubts()).meaning}"
             )
         return f"valid: calibration {self.calibration} still holds; {self.power}"
 
