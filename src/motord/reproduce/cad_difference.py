@@ -24,9 +24,6 @@ DIFFERENCE = CAD_KG_M2 / MEASURED_KG_M2 - 1
 
 SPRING_N_PER_M, LEVER_M, SPRING_KG, BAR_KG_M2 = 100 / 3, 0.5, 0.0065, 0.00866
 
-STIFFNESS_ERROR_N_PER_M, LEVER_ERROR_M, WEIGHING_ERROR_KG = 1.0, 0.0025, 0.001
-"""What it calls realistic: 3 % of a spring, 0.5 % of a lever, 1 g in the weight of all springs."""
-
 
 def reports_setup() -> SpringSetup:
     """Return the report's set-up, with its tolerances and effective mass m / 3."""

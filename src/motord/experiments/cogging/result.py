@@ -101,10 +101,6 @@ class DirectionDifference:
     per component; limit_Nm: what chance alone gives; phase_rad: phase forwards less backwards.
     """
 
-    JSON: ClassVar[tuple[str, ...]] = (
-        "order", "forward_Nm", "backward_Nm", "phase_rad", "difference_Nm", "stderr_Nm", "limit_Nm",
-    )  # fmt: skip
-
     order: int
     forward_Nm: float
     backward_Nm: float

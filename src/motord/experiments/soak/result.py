@@ -50,8 +50,6 @@ STEPPED = (
 class Repetition:
     """A repetition: hours since the first one; complete: whether all of its points are there."""
 
-    JSON: ClassVar = ("repetition", "run", "hours", "points", "complete")
-
     repetition: int
     run: str
     hours: float
