@@ -152,16 +152,13 @@ class LimitsConfig(Section):
 
     @model_validator(mode="after")
     def _trip_above_limit(self) -> "LimitsConfig":
-        if self.trip_current_A <= self.current_A:
-            raise ValueError(
-                f"trip_current_A = {self.trip_current_A:g} must be above "
-                f"current_A = {self.current_A:g}, or every full command would trip"
-            )
-        if self.trip_torque_Nm <= self.torque_Nm:
-            raise ValueError(
-                f"trip_torque_Nm = {self.trip_torque_Nm:g} must be above "
-                f"torque_Nm = {self.torque_Nm:g}, or every full torque would trip"
-            )
+        for name, what in (("current_A", "command"), ("torque_Nm", "torque")):
+            trip, limit = getattr(self, f"trip_{name}"), getattr(self, name)
+            if trip <= limit:
+                raise ValueError(
+                    f"trip_{name} = {trip:g} must be above {name} = {limit:g}, or every full "
+                    f"{what} would trip"
+                )
         if self.bus_V_max <= self.bus_V_min:
             raise ValueError("bus_V_max must be above bus_V_min")
         return self

@@ -6,8 +6,8 @@ Drivers in other packages join through the entry-point group `motord.drivers`, n
 `hal.base` describes it.
 """
 
-from importlib import import_module
 from importlib.metadata import entry_points
+from pkgutil import resolve_name
 from typing import Any, Literal, cast
 
 from motord.config import Config
@@ -34,7 +34,7 @@ SIMULATED_RIG = "motord.hal.sim.rig:SimRig"
 def make_rig(config: Config) -> Rig:
     """Return the rig of a bench, not yet opened. Raises DeviceError, ConfigError."""
     if config.simulated:
-        return cast("Rig", _load(SIMULATED_RIG)(config))
+        return cast("Rig", resolve_name(SIMULATED_RIG)(config))
     inverter, bridge = config.inverter.driver, config.bridge.driver
     return WireRig(_driver("inverter", inverter)(config), _driver("bridge", bridge)(config))
 
@@ -65,14 +65,9 @@ def _driver(kind: str, name: str) -> Any:
             )
         target = next(iter(found)).value
     try:
-        return _load(target)
-    except (ImportError, AttributeError) as error:
+        return resolve_name(target)
+    except (ImportError, AttributeError, ValueError) as error:
         raise DeviceError(
             f'[{kind}] driver = "{name}": cannot load {target}: {error}; '
             "is the package that brings it installed completely?"
         ) from error
-
-
-def _load(target: str) -> Any:
-    module, _, name = target.partition(":")
-    return getattr(import_module(module), name)

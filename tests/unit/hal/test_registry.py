@@ -1,4 +1,5 @@
 from importlib.metadata import EntryPoint
+from pkgutil import resolve_name
 
 import pytest
 
@@ -88,4 +89,4 @@ def test_a_driver_that_cannot_be_loaded(name: str) -> None:
 
 def test_every_built_in_driver_can_be_loaded() -> None:
     for target in (*registry.BUILT_IN.values(), registry.SIMULATED_RIG):
-        assert callable(registry._load(target))
+        assert callable(resolve_name(target))

@@ -1,5 +1,6 @@
 """`[inverter] [bridge]`: drivers, wires and timing of the devices in the loop."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -76,9 +77,13 @@ class CanConfig(CanBusConfig):
 
 
 class DeviceConfig(Section):
-    """What the tables of all devices share; motord's own drivers (`OWN`) have no settings."""
+    """What the tables of all devices share.
 
-    OWN: ClassVar[tuple[str, ...]] = ()
+    OWN: motord's own drivers, which have no settings, and the key that each needs, as a message
+    names it.
+    """
+
+    OWN: ClassVar[Mapping[str, tuple[str, str] | None]] = {}
 
     driver: str = "sim"
     """A driver of motord, or of another package by the name of its entry point."""
@@ -86,11 +91,14 @@ class DeviceConfig(Section):
     """Settings of a driver of another package, which states what they are."""
 
     @model_validator(mode="after")
-    def _settings_are_of_a_driver_that_has_them(self) -> "DeviceConfig":
+    def _has_what_its_driver_needs(self) -> "DeviceConfig":
         if self.settings and self.driver in self.OWN:
             raise ValueError(
                 f'driver = "{self.driver}" has no settings; they are for drivers of other packages'
             )
+        needed = self.OWN.get(self.driver)
+        if needed is not None and not getattr(self, needed[0]):
+            raise ValueError(f'driver = "{self.driver}" needs {needed[1]}')
         return self
 
     @model_serializer(mode="wrap")
@@ -110,7 +118,9 @@ class InverterConfig(DeviceConfig):
     for one that takes currents along the rotor's axes.
     """
 
-    OWN = ("sim", "can", "can-dq")
+    OWN: ClassVar = {"sim": None} | dict.fromkeys(
+        ("can", "can-dq"), ("can", "a table [inverter.can]")
+    )
 
     can: CanConfig | None = None
     """Bus, DBC and signals of a drive on CAN."""
@@ -135,11 +145,9 @@ class InverterConfig(DeviceConfig):
         return self
 
     @model_validator(mode="after")
-    def _needs_can(self) -> "InverterConfig":
-        if self.driver not in ("can", "can-dq"):
-            return self
+    def _takes_what_its_driver_sends(self) -> "InverterConfig":
         if self.can is None:
-            raise ValueError(f'driver = "{self.driver}" needs a table [inverter.can]')
+            return self
         if self.driver == "can" and self.can.signals.rotating:
             raise ValueError(
                 'driver = "can" takes phase currents: can.signals needs command_i_A, or take '
@@ -206,7 +214,11 @@ class BridgeCanConfig(CanBusConfig):
 class BridgeConfig(DeviceConfig):
     """`[bridge]`: the board that samples encoder and torque sensor, by serial port or CAN."""
 
-    OWN = ("sim", "can", "serial")
+    OWN: ClassVar = {
+        "sim": None,
+        "can": ("can", "a table [bridge.can]"),
+        "serial": ("port", 'port, for example port = "/dev/ttyACM0"'),
+    }
 
     can: BridgeCanConfig | None = None
     """Bus and identifiers of a board on CAN."""
@@ -229,15 +241,3 @@ class BridgeConfig(DeviceConfig):
     def place(self) -> str:
         """Where the board is, for messages; "" for a simulated one."""
         return self.can.place if self.driver == "can" and self.can is not None else self.port
-
-    @model_validator(mode="after")
-    def _needs_port(self) -> "BridgeConfig":
-        if self.driver == "serial" and not self.port:
-            raise ValueError('driver = "serial" needs port, for example port = "/dev/ttyACM0"')
-        return self
-
-    @model_validator(mode="after")
-    def _needs_can(self) -> "BridgeConfig":
-        if self.driver == "can" and self.can is None:
-            raise ValueError('driver = "can" needs a table [bridge.can]')
-        return self

@@ -1,6 +1,6 @@
 """`[brake] [drive]`: the devices that the supervisor talks to, by Modbus."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -108,7 +108,9 @@ def shares_line(one: ModbusLinkConfig, other: ModbusLinkConfig) -> bool:
 
 
 class _ModbusDevice(DeviceConfig):
-    OWN = ("sim", "none", "modbus")
+    OWN: ClassVar = {
+        "sim": None, "none": None, "modbus": ("modbus", "a table [brake.modbus] or [drive.modbus]")
+    }  # fmt: skip
 
     modbus: ModbusConfig | None = None
     """Transport and registers, for `driver = "modbus"`."""
@@ -117,12 +119,6 @@ class _ModbusDevice(DeviceConfig):
     stale_after_s: Annotated[float, Field(gt=0, le=SLOW_SILENCE_MAX_S)] = 1.0
     """Without an answer for so long torque goes to zero, an external drive stops, and a plan is
     aborted."""
-
-    @model_validator(mode="after")
-    def _needs_modbus(self) -> "_ModbusDevice":
-        if self.driver == "modbus" and self.modbus is None:
-            raise ValueError('driver = "modbus" needs a table [brake.modbus] or [drive.modbus]')
-        return self
 
 
 class BrakeConfig(_ModbusDevice):

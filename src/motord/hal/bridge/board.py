@@ -257,7 +257,9 @@ class Bridge:
             for left_s in countdown_s(_REPEAT_S):
                 link.wait(left_s)
                 received = [frame for _, frame in link.receive()]
-                self._check_identity(received)
+                for found in received:
+                    if isinstance(found, frames.Hello) and (wrong := self._identity.wrong(found)):
+                        raise self._error(wrong)
                 for found in received:
                     if isinstance(found, response):
                         if isinstance(found, frames.Status):
@@ -274,12 +276,6 @@ class Bridge:
                 else "nothing at all; is the board powered, and is this where it is?"
             )
         )
-
-    def _check_identity(self, received: list[frames.Frame]) -> None:
-        """Raise DeviceError if a Hello is of a board that cannot be used, or of a second one."""
-        for frame in received:
-            if isinstance(frame, frames.Hello) and (wrong := self._identity.wrong(frame)):
-                raise self._error(wrong)
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"{self._name}: {what}")
