@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from motord.api.errors import RpcError
 from motord.api.plan_messages import PlanView
-from motord.api.queue_messages import QueuedPlan
+from motord.api.queue_messages import QueuedPlan, QueueView
 from motord.schema import State
 from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.queue_file import QueueFile
@@ -97,7 +97,8 @@ class QueueMachine(RuleBasedStateMachine):
         if self.plans.view is not None and not self.plans.view.over:
             self.plans.view = self.plans.view.model_copy(update={"state": "interrupted"})
         self.bench = SimpleNamespace(
-            stops=0, state=State.OFF, fault="", device_fault="", queue=None, plans=self.plans,
+            stops=0, state=State.OFF, fault="", device_fault="", plans=self.plans,
+            queue=QueueView(),
             lease=SimpleNamespace(holder=lambda now_ns: None),
             events=SimpleNamespace(emit=self.note_event),
             monitor=SimpleNamespace(trip_summary=lambda: "OVER_SPEED"),

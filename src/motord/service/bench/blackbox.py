@@ -5,6 +5,7 @@ asked again, and the ring still has the ticks.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from motord.api.messages import Event
@@ -21,22 +22,16 @@ OPEN_NS = round((AFTER_S + 1.0) * 1e9)
 ASKED_MAX = 4
 
 
+@dataclass
 class BlackBoxTrigger:
     """Requests black boxes and reports on them. `about` returns a recording's metadata."""
 
-    def __init__(
-        self,
-        config: Config,
-        events: EventLog,
-        about: Callable[[], dict[str, Any]],
-        unix_ns: Callable[[], int],
-    ) -> None:
-        self._config = config
-        self._events = events
-        self._about = about
-        self._link: RecorderLink | None = None
-        self._asked: dict[str, BlackBoxRequest] = {}
-        self._unix_ns = unix_ns
+    config: Config
+    events: EventLog
+    about: Callable[[], dict[str, Any]]
+    unix_ns: Callable[[], int]
+    _link: RecorderLink | None = None
+    _asked: dict[str, BlackBoxRequest] = field(default_factory=dict)
 
     def trip(self, t_ns: int, tick: int, report: Mapping[str, Any]) -> str:
         """Ask for the box of a trip in `tick` at `t_ns` (Unix ns); return the name of its file."""
@@ -54,9 +49,9 @@ class BlackBoxTrigger:
             "action": "the reason says what ended the loop process, if not see the system's log; "
             "`motord reset` starts it again, OFF",
         }
-        t_ns = self._unix_ns()
+        t_ns = self.unix_ns()
         path = self._ask(t_ns, None, 0.0, account)
-        self._events.emit("blackbox", f"asked for a black box: {why}", t_ns, path=path)
+        self.events.emit("blackbox", f"asked for a black box: {why}", t_ns, path=path)
 
     def event(self, event: Event) -> None:
         """Add an event to the boxes that are open."""
@@ -87,21 +82,21 @@ class BlackBoxTrigger:
             if wanted is None:
                 continue
             message = f"no black box of the trip: {outcome}" if outcome else f"black box: {path}"
-            self._events.emit("blackbox", message, path=path, cause=wanted.account["cause"])
+            self.events.emit("blackbox", message, path=path, cause=wanted.account["cause"])
 
     def _ask(self, t_ns: int, tick: int | None, after_s: float, account: dict[str, Any]) -> str:
-        rate_Hz = self._config.loop.rate_Hz
+        rate_Hz = self.config.loop.rate_Hz
         earlier: list[Mapping[str, Any]] = [
             event.model_dump(mode="json")
-            for event in self._events.recent()
+            for event in self.events.recent()
             if t_ns - round(BEFORE_S * 1e9) <= event.t_ns <= t_ns
         ]
         wanted = BlackBoxRequest(
-            path=path_of(self._config, t_ns),
+            path=path_of(self.config, t_ns),
             tick=tick,
             ticks_before=round(BEFORE_S * rate_Hz),
             ticks_after=round(after_s * rate_Hz),
-            metadata=self._about(),
+            metadata=self.about(),
             account={**account, "t_ns": t_ns, "tick": tick},
             events=earlier,
         )

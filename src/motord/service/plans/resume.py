@@ -64,37 +64,31 @@ class RemainingPlan:
     mesh: MeshView
 
 
+@dataclass
 class Resumption:
     """Keeps a plan's progress, and knows whether it can go on and with which points.
 
     Progress is passed on to `recording` first, then to the journal.
     """
 
-    def __init__(
-        self,
-        config: Config,
-        recording: RecordingControl,
-        journal: Journal,
-        calibration_id: Callable[[], str],
-        events: EventLog,
-        unix_ns: Callable[[], int],
-    ) -> None:
-        self._config = config
-        self._recording = recording
-        self._journal = journal
-        self._calibration_id = calibration_id
-        self._events = events
-        self._unix_ns = unix_ns
-        self._journal_error = ""
-        self._under_way = False
-        self._recorded_in_full = True  # no recorder has died over the plan
-        self._resumable = True
-        self._parts = bench_parts(config)  # a large back-EMF table takes a while
+    config: Config
+    recording: RecordingControl
+    journal: Journal
+    calibration_id: Callable[[], str]
+    events: EventLog
+    unix_ns: Callable[[], int]
+    _journal_error: str = ""
+    _under_way: bool = False
+    _recorded_in_full: bool = True  # no recorder has died over the plan
+    _resumable: bool = True
+
+    def __post_init__(self) -> None:
+        self._parts = bench_parts(self.config)  # a large back-EMF table takes a while
 
     @property
     def interrupted(self) -> bool:
         """True if the journal's plan neither ended nor can be under way: ask when none is."""
-        log = self._journal.log
+        log = self.journal.log
         return log is not None and not log.state
 
     def plan_started(
@@ -104,14 +98,14 @@ class Resumption:
 
         One that is not resumable leaves nothing in the journal, neither of itself nor of another.
         """
-        path = self._recording.plan_started(plan, view, notes)
+        path = self.recording.plan_started(plan, view, notes)
         self._resumable, self._recorded_in_full = resumable, True
         self._under_way = True
         if not resumable:
-            self._journal.forget()
+            self.journal.forget()
             return path
         if view.continues:
-            self._journal.resumed(path, view.started_by, self._unix_ns())
+            self.journal.resumed(path, view.started_by, self.unix_ns())
         else:
             note = PlanNote(
                 run_id=view.run_id,
@@ -120,46 +114,46 @@ class Resumption:
                 points=len(plan.points),
                 points_digest=plan.points_digest,
                 bench_parts=self._parts,
-                calibration=self._calibration_id(),
+                calibration=self.calibration_id(),
                 started_by=view.started_by,
                 notes=notes,
                 serial=view.serial,
-                t_ns=self._unix_ns(),
+                t_ns=self.unix_ns(),
             )
-            self._journal.begin(note, path)
+            self.journal.begin(note, path)
         return path
 
     def plan_checked(self, view: PlanView, found: str) -> None:
         """What the check before a plan has found, which now begins."""
-        self._events.emit("plan", f"{view.plan} begins, the calibration was checked: {found}")
+        self.events.emit("plan", f"{view.plan} begins, the calibration was checked: {found}")
 
     def plan_point(self, point: dict[str, Any]) -> None:
         """An operating point was captured."""
-        self._recording.plan_point(point)
+        self.recording.plan_point(point)
         if self._resumable:
-            self._journal.point(point)
+            self.journal.point(point)
 
     def plan_progress(self, view: PlanView) -> None:
         """Progress, at every look while a plan is under way."""
-        self._recording.plan_progress(view)
-        error = self._journal.error
+        self.recording.plan_progress(view)
+        error = self.journal.error
         if error and error != self._journal_error:
-            self._events.emit(
+            self.events.emit(
                 "journal", f"cannot write it: {error}; a crash now would cost the plan its place"
             )
         self._journal_error = error
 
     def plan_closing(self, view: PlanView) -> None:
         """The plan ends, with the state and message of `view`: its recording is closed."""
-        self._recording.plan_progress(view)
-        self._recording.plan_closing(view)
+        self.recording.plan_progress(view)
+        self.recording.plan_closing(view)
 
     def unrecorded(self) -> str | None:
         """Return that, and why, a plan that is closing is not recorded in full, or may not be.
 
         "" if it is, None: not known yet.
         """
-        why = self._recording.unrecorded()
+        why = self.recording.unrecorded()
         if why:
             self.points_missing()
             return f"not recorded in full: {why}"
@@ -168,27 +162,27 @@ class Resumption:
     def points_missing(self) -> None:
         """Note that points may be missing in the recording: the journal does not count."""
         if self._resumable:
-            self._journal.recorder_died(self._unix_ns(), unrecorded=True)
+            self.journal.recorder_died(self.unix_ns(), unrecorded=True)
 
     def plan_over(self, view: PlanView) -> None:
         """The plan has ended as `view` says."""
-        self._recording.plan_over(view)
+        self.recording.plan_over(view)
         self._under_way = False
         if not view.recorded:
-            self._events.emit("plan", f"{view.plan} {view.state}: {view.message}")
+            self.events.emit("plan", f"{view.plan} {view.state}: {view.message}")
         if self._resumable:
-            self._journal.end(str(view.state), view.message, self._unix_ns())
+            self.journal.end(str(view.state), view.message, self.unix_ns())
 
     def recorder(self, link: RecorderLink | None) -> None:
         """A recorder was started, or has ended: in the midst of a plan, one has died."""
         if link is None and self._under_way:
             self._recorded_in_full = False
             if self._resumable:
-                self._journal.recorder_died(self._unix_ns())
+                self.journal.recorder_died(self.unix_ns())
 
     def summary(self) -> str:
         """Return what was interrupted and how it can go on, in one line; "" if nothing can."""
-        log = self._journal.log
+        log = self.journal.log
         if log is None or log.state == "done":
             return ""
         plan, last = log.plan, log.segments[-1]
@@ -200,7 +194,7 @@ class Resumption:
 
     def view(self) -> PlanView | None:
         """Return the plan in the journal as clients see it, None if there is none."""
-        log = self._journal.log
+        log = self.journal.log
         if log is None:
             return None
         plan, done = log.plan, len(log.taken)
@@ -227,14 +221,14 @@ class Resumption:
 
     def complete(self) -> None:
         """Note that nothing is missing of the interrupted plan."""
-        self._journal.end("done", "all points had been taken", self._unix_ns())
+        self.journal.end("done", "all points had been taken", self.unix_ns())
 
     def discard(self) -> str:
         """Forget the plan that could be resumed; return its name. Raises RpcError without one."""
-        log = self._journal.log
+        log = self.journal.log
         if log is None or log.state == "done":
             raise RpcError("refused", "there is no interrupted plan")
-        self._journal.forget()
+        self.journal.forget()
         return log.plan.name
 
     def remaining(self) -> RemainingPlan:
@@ -242,7 +236,7 @@ class Resumption:
 
         Raises RpcError if there is nothing to resume or the bench is not the same any more.
         """
-        log = self._journal.log
+        log = self.journal.log
         if log is None or log.state == "done":
             raise RpcError("refused", "no plan is under way, and none was interrupted")
         plan = self._same_plan(log.plan)
@@ -255,7 +249,7 @@ class Resumption:
 
     def mesh(self) -> MeshView | None:
         """Return the points of the plan in the journal, None if it cannot be made again."""
-        log = self._journal.log
+        log = self.journal.log
         if log is None:
             return None
         try:
@@ -274,7 +268,7 @@ class Resumption:
                 f"{what}: {', '.join(changed)} of the bench file changed since; change it back, "
                 "or discard the plan",
             )
-        calibration = self._calibration_id()
+        calibration = self.calibration_id()
         if calibration != note.calibration:
             way_out = "install the one before, or " if note.calibration else ""
             raise RpcError(
@@ -283,7 +277,7 @@ class Resumption:
                 f"{calibration or 'none'} is in force; {way_out}discard the plan",
             )
         try:
-            plan = build_plan(note.name, self._config, note.settings)
+            plan = build_plan(note.name, self.config, note.settings)
         except PlanError as error:
             raise RpcError("refused", f"{what}: {error}; discard it") from None
         if plan.points_digest != note.points_digest:

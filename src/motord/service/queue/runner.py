@@ -9,6 +9,7 @@ start.
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass, field
 from functools import partial
 from uuid import uuid4
 
@@ -24,31 +25,24 @@ Submit = Callable[[Callable[[], BeginPlan]], "Future[BeginPlan]"]
 """Has something done by a thread that may wait."""
 
 
+@dataclass
 class QueueRunner:
     """The queue and where it stands; `bench.queue` shows it. `unix_ns`: the computer's own time."""
 
-    def __init__(
-        self,
-        bench: Bench,
-        plans: QueuedPlanStarter,
-        file: QueueFile,
-        value_of: ChannelValue,
-        unix_ns: Callable[[], int],
-        submit: Submit,
-    ) -> None:
-        self._bench = bench
-        self._plans = plans
-        self.file = file
-        self.value_of = value_of
-        self._unix_ns = unix_ns
-        self._submit = submit
-        self.queue = PlanQueue()
-        self._attempt: Attempt | None = None
-        self._waits: tuple[tuple[int, int], Waits] | None = None
+    bench: Bench
+    plans: QueuedPlanStarter
+    file: QueueFile
+    value_of: ChannelValue
+    unix_ns: Callable[[], int]
+    submit: Submit
+    queue: PlanQueue = field(default_factory=PlanQueue)
+    _attempt: Attempt | None = None
+    _waits: tuple[tuple[int, int], Waits] | None = None
+
+    def __post_init__(self) -> None:
         self._active = self._pausing = self._detached = False
         self._holder = self._message = ""
         self._stops = self._done = self._failed = 0
-        self._shown: dict[str, object] = {}
 
     def load(self) -> None:
         """Take in what is on the disk; a run that was under way is done or interrupted."""
@@ -57,7 +51,7 @@ class QueueRunner:
             self._event(wrong)
         item = self.queue.running
         if item is not None:
-            run = self._plans.run_of(item.run_id)
+            run = self.plans.run_of(item.run_id)
             if run is None:
                 self._event(f"{_name(item)} is run from its beginning: it left nothing to resume")
                 self.change(self.queue.with_first(state="queued", run_id=""))
@@ -70,8 +64,8 @@ class QueueRunner:
 
     def start(self, holder: str, *, detached: bool) -> None:
         """Begin with the first item, or go on; the caller has checked that this is possible."""
-        plans, attempt = self._bench.plans, self._attempt
-        self._stops = self._bench.stops
+        plans, attempt = self.bench.plans, self._attempt
+        self._stops = self.bench.stops
         self._detached = detached or (self._active and self._detached)
         if not self._active:
             self._holder = holder
@@ -115,7 +109,7 @@ class QueueRunner:
 
     def _obstacle(self, now_ns: int) -> str:
         """Return what keeps the queue from going on by itself, "" for nothing."""
-        bench = self._bench
+        bench = self.bench
         if bench.stops != self._stops:
             return "the bench was stopped"
         if bench.state is State.TRIPPED:
@@ -128,7 +122,7 @@ class QueueRunner:
 
     def _next(self, now_ns: int) -> None:
         """Wait for the conditions of the first item, then prepare its plan."""
-        item, unix_ns = self.queue.first, self._unix_ns()
+        item, unix_ns = self.queue.first, self.unix_ns()
         if item is None:
             self.pause("all plans have been run")
             return
@@ -144,7 +138,7 @@ class QueueRunner:
         except WaitFailedError as failed:
             self._ended("failed", str(failed))
             return
-        known = self._plans.run_of(item.run_id) if item.run_id else None
+        known = self.plans.run_of(item.run_id) if item.run_id else None
         if known is not None and known.state == "done":  # resumed manually meanwhile
             self._ended("done", known.message, item.run_id, known.recording)
             return
@@ -154,8 +148,8 @@ class QueueRunner:
         if item.run_id and not resume:
             self._event(f"{_name(item)} is run from its beginning: it left nothing to resume")
         run_id = item.run_id if resume else uuid4().hex
-        work = partial(self._plans.prepare_queued, item.plan, run_id, resume=resume)
-        self._attempt = Attempt(item, run_id, self._submit(work))
+        work = partial(self.plans.prepare_queued, item.plan, run_id, resume=resume)
+        self._attempt = Attempt(item, run_id, self.submit(work))
         self.queue = self.queue.with_first(state="running", run_id=run_id)
 
     def _carry_on(self, attempt: Attempt, now_ns: int) -> None:
@@ -183,12 +177,12 @@ class QueueRunner:
             self._message = f"{name} waits for its start: {refused}"
             return
         self._message = ""
-        attempt.began_ns = self._unix_ns()
+        attempt.began_ns = self.unix_ns()
         self._follow(attempt)
 
     def _follow(self, attempt: Attempt) -> None:
         """Note how the plan has ended, if it has."""
-        plans, view = self._bench.plans, self._bench.plans.view
+        plans, view = self.bench.plans, self.bench.plans.view
         ours = view if view is not None and view.run_id == attempt.run_id else None
         if ours is not None and not plans.concluded:
             return
@@ -213,7 +207,7 @@ class QueueRunner:
             {
                 "id": item.id, "plan": item.plan.name, "state": state, "message": message,
                 "run_id": run_id, "recording": recording,
-                "began_ns": began_ns, "ended_ns": self._unix_ns(),
+                "began_ns": began_ns, "ended_ns": self.unix_ns(),
             }
         )  # fmt: skip
         self._attempt = self._waits = None
@@ -237,17 +231,17 @@ class QueueRunner:
         self.file.save(queue)
 
     def _event(self, message: str) -> None:
-        self._bench.events.emit("queue", message)
+        self.bench.events.emit("queue", message)
 
     def show(self) -> None:
         """Make what `bench.queue` shows, unless it is what was shown before."""
-        queue, plans, running = self.queue, self._bench.plans, self.queue.running
+        queue, plans, running = self.queue, self.bench.plans, self.queue.running
         left_s = sum(item.estimate_s for item in queue.items)
         message = self._message
         if running is not None and not plans.concluded and plans.view is not None:
             left_s += plans.view.eta_s - running.estimate_s
         elif self._waits is not None and self._active and running is None:
-            left_s += self._waits[1].left_s(self._unix_ns())
+            left_s += self._waits[1].left_s(self.unix_ns())
             message = self._waits[1].message
         waiting = self._active and running is None
         state = "pausing" if self._pausing else "waiting" if waiting else "running"
@@ -264,8 +258,8 @@ class QueueRunner:
             "eta_s": round(left_s, 1),
             "detached": self._detached and self._active,
         }
-        if shown != self._shown:
-            self._shown, self._bench.queue = shown, QueueView.model_validate(shown)
+        if shown != vars(self.bench.queue):  # to make a view of it takes ten times as long
+            self.bench.queue = QueueView.model_validate(shown)
 
 
 def _name(item: QueueItem) -> str:

@@ -11,6 +11,7 @@ import select
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Protocol
@@ -54,26 +55,20 @@ class Tracker(Protocol):
         """Return the calibration as it is tracked. Raises CalibrationError if that is nothing."""
 
 
+@dataclass
 class Tracking:
     """Follows the ring with a tracker and answers the supervisor's lines.
 
     What the tracker raises goes on, after a report that says so.
     """
 
-    def __init__(
-        self,
-        config: Config,
-        run_dir: RunDir,
-        reports: LineWriter,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        self._config = config
-        self._run_dir = run_dir
-        self._reports = reports
-        self._monotonic_ns = monotonic_ns
-        self._tracker: Tracker | None = None
-        self._source: RingSource | None = None
-        self._report_ns = 0
+    config: Config
+    run_dir: RunDir
+    reports: LineWriter
+    monotonic_ns: Callable[[], int] = time.monotonic_ns
+    _tracker: Tracker | None = None
+    _source: RingSource | None = None
+    _report_ns: int = 0
 
     def handle(self, line: bytes) -> None:
         """Carry out a command. Raises CalibrationError if there is no such file."""
@@ -95,8 +90,8 @@ class Tracking:
             ticks = self._source.read().block
             if len(ticks):
                 self._tracker.take(ticks)
-            if self._monotonic_ns() >= self._report_ns:
-                self._report_ns = self._monotonic_ns() + REPORT_NS
+            if self.monotonic_ns() >= self._report_ns:
+                self._report_ns = self.monotonic_ns() + REPORT_NS
                 tracked = self._tracker.tracked()
                 self._report(tracked=ReportedTracking.of(tracked) if tracked else None)
         except Exception as error:
@@ -105,14 +100,14 @@ class Tracking:
         return len(ticks) == READ_AT_ONCE
 
     def _start(self, tracker: str, calibration: Path) -> None:
-        self._source = RingSource(self._run_dir.ring, "now", at_once=READ_AT_ONCE)
+        self._source = RingSource(self.run_dir.ring, "now", at_once=READ_AT_ONCE)
         made = resolve_name(tracker)
-        self._tracker = made(self._config, load(calibration), self._config.tracking.memory_s)
+        self._tracker = made(self.config, load(calibration), self.config.tracking.memory_s)
 
     def _adopt(self, tracker: Tracker, number: int) -> None:
         obstacle = ""
         try:
-            tracker.adopted().save(self._run_dir.adopted)
+            tracker.adopted().save(self.run_dir.adopted)
         except CalibrationError as error:
             obstacle = str(error)[:OBSTACLE_MAX]
         self._report(adopted=AdoptedReport(number=number, obstacle=obstacle))
@@ -128,7 +123,7 @@ class Tracking:
         obstacle: str = "",
     ) -> None:
         report = TrackerReport(tracked=tracked, adopted=adopted, obstacle=obstacle)
-        self._reports.write(to_line(report.model_dump()))
+        self.reports.write(to_line(report.model_dump()))
 
 
 def run(tracking: Tracking, commands: int) -> None:
