@@ -53,7 +53,11 @@ def simulate(
         applied = load(calibration) if calibration else None
         if applied:
             applied.check_motor(source.config.motor)
-        _need_calibration(plan, applied)
+        if applied is None and plan.settings.get("compensate", "off") != "off":
+            fail(
+                f"{plan.name} compensates, and no calibration is named; name one with "
+                "--calibration, or --set compensate=off"
+            )
         chosen = source.config.bench.seed if seed is None else seed
         result = _record(source, plan, path, chosen, applied, silent=as_json)
     except OSError as error:
@@ -72,14 +76,6 @@ def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":
     own = getattr(source.config.plans, name.replace("-", "_"), None)
     defaults = own.model_dump(mode="json") if own is not None else {}
     return build(name, source.config, parse_settings(given, defaults))
-
-
-def _need_calibration(plan: "Plan", calibration: "Calibration | None") -> None:
-    if calibration is None and plan.settings.get("compensate", "off") != "off":
-        fail(
-            f"{plan.name} compensates, and no calibration is named; name one with --calibration, "
-            "or --set compensate=off"
-        )
 
 
 def _record(

@@ -5,6 +5,7 @@ kind's own duration if left out), and the parameters of the kind.
 """
 
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -157,14 +158,13 @@ class Fault(Section):
         return {"kind": self.kind, "at_s": self.at_s, "for_s": self.duration_s, **self.parameters()}
 
 
-def _in_order(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
-    return tuple(sorted(faults, key=lambda fault: fault.at_s))
-
-
 class Timeline(Section):
     """Faults in the order of their beginnings."""
 
-    fault: Annotated[tuple[Fault, ...], AfterValidator(_in_order)] = ()
+    fault: Annotated[
+        tuple[Fault, ...],
+        AfterValidator(lambda faults: tuple(sorted(faults, key=attrgetter("at_s")))),
+    ] = ()
 
     def check_place(self, place: str, where: str = "") -> None:
         """Raise ConfigError for a fault that a bench of this kind cannot have, after `where`."""

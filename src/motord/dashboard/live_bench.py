@@ -103,8 +103,7 @@ class LiveBench:
 
     def set_document(self, kind: str, document: bytes) -> None:
         """Keep the newest document of a kind and publish it."""
-        message = self.documents[kind] = encode_document(kind, document)
-        self.publish(kind, message)
+        self._set(kind, encode_document(kind, document))
 
     def _add(self, block: Block) -> None:
         if len(block) == 0:

@@ -122,13 +122,10 @@ def _run(app: Starlette, listener: socket.socket) -> None:
             timeout_graceful_shutdown=CLOSING_S,
         )
     )
-    logging.getLogger("uvicorn.error").addFilter(_is_no_refusal)
+    logging.getLogger("uvicorn.error").addFilter(  # a handshake that is refused is no error
+        lambda record: "without completing handshake" not in record.getMessage()
+    )
     asyncio.run(server.serve(sockets=[listener]))
-
-
-def _is_no_refusal(record: logging.LogRecord) -> bool:
-    """Return False for what uvicorn logs as an error when a handshake is refused."""
-    return "without completing handshake" not in record.getMessage()
 
 
 class _HttpProtocol(H11Protocol):

@@ -12,13 +12,16 @@ _US_PER_NS = 1e-3
 
 @dataclass(frozen=True)
 class Signal:
-    """A signal: `scale` times a field of the tick. `group`: signals that share a plot."""
+    """A signal: `scale` times a field of the tick, by default that of its name.
+
+    group: signals that share a plot.
+    """
 
     name: str
     label: str
     unit: str
     group: str
-    field: str
+    field: str = ""
     scale: float = 1.0
 
     def described(self) -> dict[str, str]:
@@ -26,31 +29,25 @@ class Signal:
         return {"name": self.name, "label": self.label, "unit": self.unit, "group": self.group}
 
 
-def _signal(
-    name: str, label: str, unit: str, group: str, field: str = "", scale: float = 1.0
-) -> Signal:
-    return Signal(name, label, unit, group, field or name, scale)
-
-
 SIGNALS = (
-    _signal("torque_Nm", "measured", "Nm", "torque"),
-    _signal("torque_set_Nm", "set-point", "Nm", "torque"),
-    _signal("cogging_comp_Nm", "cogging compensation", "Nm", "torque"),
-    _signal("i_a_A", "phase a", "A", "current"),
-    _signal("i_b_A", "phase b", "A", "current"),
-    _signal("i_c_A", "phase c", "A", "current"),
-    _signal("i_cmd_a_A", "phase a, commanded", "A", "current"),
-    _signal("i_cmd_b_A", "phase b, commanded", "A", "current"),
-    _signal("i_cmd_c_A", "phase c, commanded", "A", "current"),
-    _signal("speed_Hz", "measured", "Hz", "speed", "speed_rad_s", _TURNS_PER_RAD),
-    _signal("speed_set_Hz", "set-point", "Hz", "speed", "speed_set_rad_s", _TURNS_PER_RAD),
-    _signal("angle_rad", "angle", "rad", "angle"),
-    _signal("u_bus_V", "bus voltage", "V", "supply"),
-    _signal("temperature_C", "inverter", "degC", "temperature"),
-    _signal("brake_temperature_C", "brake", "degC", "temperature"),
-    _signal("brake_set", "brake excitation", "1", "brake"),
-    _signal("wake_late_us", "wake-up lateness", "us", "loop", "wake_late_ns", _US_PER_NS),
-    _signal("work_us", "work", "us", "loop", "work_ns", _US_PER_NS),
+    Signal("torque_Nm", "measured", "Nm", "torque"),
+    Signal("torque_set_Nm", "set-point", "Nm", "torque"),
+    Signal("cogging_comp_Nm", "cogging compensation", "Nm", "torque"),
+    Signal("i_a_A", "phase a", "A", "current"),
+    Signal("i_b_A", "phase b", "A", "current"),
+    Signal("i_c_A", "phase c", "A", "current"),
+    Signal("i_cmd_a_A", "phase a, commanded", "A", "current"),
+    Signal("i_cmd_b_A", "phase b, commanded", "A", "current"),
+    Signal("i_cmd_c_A", "phase c, commanded", "A", "current"),
+    Signal("speed_Hz", "measured", "Hz", "speed", "speed_rad_s", _TURNS_PER_RAD),
+    Signal("speed_set_Hz", "set-point", "Hz", "speed", "speed_set_rad_s", _TURNS_PER_RAD),
+    Signal("angle_rad", "angle", "rad", "angle"),
+    Signal("u_bus_V", "bus voltage", "V", "supply"),
+    Signal("temperature_C", "inverter", "degC", "temperature"),
+    Signal("brake_temperature_C", "brake", "degC", "temperature"),
+    Signal("brake_set", "brake excitation", "1", "brake"),
+    Signal("wake_late_us", "wake-up lateness", "us", "loop", "wake_late_ns", _US_PER_NS),
+    Signal("work_us", "work", "us", "loop", "work_ns", _US_PER_NS),
 )
 """In the order in which the page lists them."""
 
@@ -62,5 +59,5 @@ def values(block: NDArray[Any]) -> NDArray[np.float32]:
     """Return the signals of ticks (n,), shape (signals, n)."""
     out = np.empty((len(SIGNALS), len(block)), np.float32)
     for row, signal in zip(out, SIGNALS, strict=True):
-        np.multiply(block[signal.field], signal.scale, out=row, casting="unsafe")
+        np.multiply(block[signal.field or signal.name], signal.scale, out=row, casting="unsafe")
     return out

@@ -124,15 +124,12 @@ class TurnAverager:
         step, self._turn = turn - self._turn, turn
         if step == 0:
             return
-        if self._whole and abs(step) == 1 and step == self._entered_from:
-            self._complete()
-        self._begin()
-        self._whole, self._entered_from = abs(step) == 1, step
-
-    def _complete(self) -> None:
-        if np.count_nonzero(self._visits) >= FILLED_MIN:
+        passed = self._whole and abs(step) == 1 and step == self._entered_from
+        if passed and np.count_nonzero(self._visits) >= FILLED_MIN:
             self._turns.append(BinnedTurn(self._visits, self._sums, self._set_Nm))
             self.completed += 1
+        self._begin()
+        self._whole, self._entered_from = abs(step) == 1, step
 
     def _gather(self, block: Block, unwrapped_rad: Floats) -> None:
         place = (unwrapped_rad / (2 * np.pi) % 1 * POINTS).astype(int) % POINTS

@@ -75,6 +75,7 @@ def run_test(
     of the measurement, 1 for errors. Ctrl-C aborts the plan under way, ramping down; it ends
     --station, as the end of its input does, then with 0 if each test came to a verdict, else 1.
     """
+    from motord.cli.analysis_command import print_files, print_text
     from motord.verdict.serial import check_serial
 
     tests = MotorTests(motor_type, operator, store, connection, force, silent=as_json)
@@ -95,7 +96,8 @@ def run_test(
     if as_json:
         print_json({**tested.certificate.to_json(), "certificate": str(tested.path)})
     else:
-        _print(tested.certificate, tested.path)
+        print_text(_text(tested.certificate))
+        print_files(tested.path)
     if tested.not_stored:
         fail(tested.not_stored)
     raise typer.Exit(EXIT_CODES[tested.certificate.verdict.decision])
@@ -119,13 +121,6 @@ def _require_folder(folder: Path) -> None:
         fail(f"{folder}: no such folder for the certificate")
     if not os.access(folder, os.W_OK):
         fail(f"{folder}: no permission to write the certificate there")
-
-
-def _print(made: "Certificate", path: Path) -> None:
-    from motord.cli.analysis_command import print_files, print_text
-
-    print_text(_text(made))
-    print_files(path)
 
 
 def _text(made: "Certificate") -> "Iterator[str | TextTable]":

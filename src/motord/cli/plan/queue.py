@@ -18,7 +18,7 @@ from motord.cli.plan.queue_progress import follow_queue
 from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
-    from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
+    from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun
     from motord.api.queue_requests import QueueContent
 
 HISTORY_SHOWN = 10
@@ -186,7 +186,10 @@ def start(
         end = follow_queue(client, session.commander, quiet=as_json)
         answer = client.queue()
         print_answer(answer.content(), _text(answer), as_json)
-        _fail_unless_done(end)
+        if end.length:
+            fail(f"the queue is paused: {end.message}")
+        if end.failed:
+            fail(f"the queue is empty; {end.failed} runs have failed: see motord queue list")
 
 
 @app.command()
@@ -199,13 +202,6 @@ def pause(
     """Begin no further plan; the one under way runs to its end."""
     ask = methodcaller("pause_queue", now=now)
     command(ask, connection, lambda a: in_short(a.queue), force=force, as_json=as_json)
-
-
-def _fail_unless_done(end: "QueueView") -> None:
-    if end.length:
-        fail(f"the queue is paused: {end.message}")
-    if end.failed:
-        fail(f"the queue is empty; {end.failed} runs have failed: see motord queue list")
 
 
 def _text(answer: "QueueContent") -> str:

@@ -129,7 +129,7 @@ def export(
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
     """Yield the facts as text, one a line."""
     points = facts["operating_points"]
-    motor, plan = facts.get("motor"), facts.get("plan")
+    motor, plan, recovered = facts.get("motor"), facts.get("plan"), facts.get("recovered")
     shown = {
         "file": f"{facts['file']}, {facts['bytes'] / 1e6:.1f} MB in {facts['chunks']} chunks",
         "bench": facts.get("bench"),
@@ -142,9 +142,11 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         "ticks": _ticks(facts),
         "timing": facts["timing"]["words"] if facts["timing"] else None,
         "events": facts["events"],
-        "channels": _channels(facts["channels"]),
+        "channels": ", ".join(
+            f"{c['name']} ({c['readings']} readings, {c['unit']})" for c in facts["channels"]
+        ),
         "operating points": f"{len(points)}" if points else None,
-        "recovered": _recovered(facts.get("recovered")),
+        "recovered": recovered and f"from {recovered['from']}, without {recovered['missing']}",
         "missing": f"\n{'':18}".join(facts["losses"]) or "nothing",
     }
     for name, value in shown.items():
@@ -155,10 +157,6 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             f"  {p['index']:>3}  {p['torque_Nm']:6.2f} Nm {p['speed_Hz']:6.3f} Hz  "
             f"{p.get('turns') or 0:5.1f} turns  {p.get('quality', '')}"
         )
-
-
-def _channels(channels: list[dict[str, Any]]) -> str:
-    return ", ".join(f"{c['name']} ({c['readings']} readings, {c['unit']})" for c in channels)
 
 
 def _motor(motor: dict[str, Any]) -> str:
@@ -183,10 +181,6 @@ def _black_box(account: object) -> dict[str, object]:
         "all causes": ", ".join(account.get("causes", [])),
         "suggested": account.get("action"),
     }
-
-
-def _recovered(account: dict[str, Any] | None) -> str | None:
-    return None if account is None else f"from {account['from']}, without {account['missing']}"
 
 
 def _ticks(facts: dict[str, Any]) -> str:

@@ -27,7 +27,7 @@ def as_csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return the rows as CSV with a heading, without the last line's end."""
     from motord.recording.export.csv_text import csv_lines
 
-    cells = ([_csv_cell(value) for value in row] for row in rows)
+    cells = ([v if isinstance(v, float) else _flat(plain(v)) for v in row] for row in rows)
     return csv_lines([columns, *cells]).removesuffix("\n")
 
 
@@ -47,10 +47,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
     return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
-def _csv_cell(value: Any) -> Any:
-    return value if isinstance(value, float) else _flat(plain(value))
 
 
 def _text(value: Any) -> str:

@@ -88,15 +88,14 @@ def _print(by: str, one: "Trend") -> None:
             f"  results resemble those before: correlation {one.chart.correlation:.2f}, by chance "
             f"up to {one.chart.correlation_limit:.2f}; the limits are too narrow for such results"
         )
-    marked = [at for at, rules in enumerate(one.violated) if rules]
-    if not marked:
-        print_line("  no rule is violated")
-        return
     rows = [
         (one.rows[at].time, one.rows[at].run, float(one.values[at]), ", ".join(map(str, rules)))
         for at, rules in enumerate(one.violated)
         if rules
     ]
+    if not rows:
+        print_line("  no rule is violated")
+        return
     for line in aligned(("time", "run", "value", "rules"), rows):
         print_line(f"  {line}")
     for rule in RULES:

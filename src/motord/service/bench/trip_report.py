@@ -85,10 +85,6 @@ def _largest_A(window: TripWindow) -> float:
     return float(np.abs(window.currents_A()).max())
 
 
-def _inverter_age_s(window: TripWindow) -> float:
-    return 1e-9 * (int(window.last["sample_age_ns"]) + int(window.last["i_age_ns"]))
-
-
 def _jump_rad(window: TripWindow) -> float:
     counts = int(window.parameters.counts)
     steps = np.diff(window.ticks["encoder_count"][-JUMP_TICKS:].astype(np.int64))
@@ -102,10 +98,6 @@ def _faulty_s(window: TripWindow) -> float:
     holds = (status & InverterStatus.FAULT != 0) | unpowered
     holds[-1] = True  # the state is that after the trip
     return window.held_s(holds)
-
-
-def _missed(window: TripWindow) -> float:
-    return float(np.diff(window.ticks["missed"][-2:].astype(np.int64)).sum())
 
 
 def _silent_s(window: TripWindow) -> float:
@@ -178,13 +170,19 @@ _QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
         "torque not valid, for s", _bits_set("bridge_status", BridgeStatus.TORQUE_INVALID), ""
     ),
     Trip.INVERTER_STALE: (
-        "age of the inverter's feedback, s", _inverter_age_s, "inverter_stale_s"
+        "age of the inverter's feedback, s",
+        lambda window: 1e-9 * (int(window.last["sample_age_ns"]) + int(window.last["i_age_ns"])),
+        "inverter_stale_s",
     ),
     Trip.INVERTER_FAULT: ("fault or no power, for s", _faulty_s, ""),
     Trip.BUS_OFF: (
         "off the bus, for s", _bits_set("inverter_status", InverterStatus.BUS_OFF), ""
     ),
-    Trip.LOOP_OVERRUN: ("periods missed in a row", _missed, "overrun_ticks"),
+    Trip.LOOP_OVERRUN: (
+        "periods missed in a row",
+        lambda window: float(np.diff(window.ticks["missed"][-2:].astype(np.int64)).sum()),
+        "overrun_ticks",
+    ),
     Trip.SUPERVISOR_STALE: ("since the last set-point, s", _silent_s, "supervisor_timeout_s"),
     Trip.TEMPERATURE: (
         "inverter temperature, degC", _field("temperature_C"), "trip_temperature_C"

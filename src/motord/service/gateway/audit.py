@@ -128,11 +128,8 @@ class Throttle:
             self._seen[message] = since_ns, held + 1
             return None
         if message not in self._seen and len(self._seen) >= self.MOST:
-            self._forget(now_ns)
+            self._seen = {m: s for m, s in self._seen.items() if now_ns - s[0] < self.AGAIN_NS}
             if len(self._seen) >= self.MOST:
                 return None
         self._seen[message] = now_ns, 0
         return f"{message} ({held} more times before)" if held else message
-
-    def _forget(self, now_ns: int) -> None:
-        self._seen = {m: s for m, s in self._seen.items() if now_ns - s[0] < self.AGAIN_NS}

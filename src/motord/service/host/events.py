@@ -35,17 +35,13 @@ class EventLog:
         self._kept.append(event)
         _LOG.log(10 * event_level(kind), "%s: %s", kind, _one_line(message))
         for listener in self.listeners:
-            self._notify(listener, event)
+            try:
+                listener(event)
+            except Exception as error:  # it does not keep the event from the others
+                if listener not in self._failed:
+                    self._failed.append(listener)
+                    log_error("in a listener to events", error)
         return event
-
-    def _notify(self, listener: Listener, event: Event) -> None:
-        """Pass an event on; a listener that fails does not keep it from the others."""
-        try:
-            listener(event)
-        except Exception as error:
-            if listener not in self._failed:
-                self._failed.append(listener)
-                log_error("in a listener to events", error)
 
     def recent(self) -> list[Event]:
         """Return the kept events, the oldest first. May be called from any thread."""

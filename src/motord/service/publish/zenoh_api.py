@@ -74,9 +74,10 @@ class Api:
             self.close()
             raise ApiError(f"[zenoh] {error}") from None
         except zenoh.ZError as error:
+            reason = str(error).split(" at /")[0].strip().rstrip("!.")  # not where in its source
             raise ApiError(
                 f"[zenoh] listen = {', '.join(listen)}: cannot listen there "
-                f"({_reason(error)}); is another daemon running?"
+                f"({reason}); is another daemon running?"
             ) from None
         for name in WATCHED:
             self._publishers[name] = session.declare_publisher(
@@ -123,8 +124,3 @@ class Api:
         self._declared.append(
             self._session.declare_queryable(full, Callback(guarded, indirect=False), complete=True)
         )
-
-
-def _reason(error: zenoh.ZError) -> str:
-    """Return what a Zenoh error says, without the place in its source."""
-    return str(error).split(" at /")[0].strip().rstrip("!.")

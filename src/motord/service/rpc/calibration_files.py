@@ -84,15 +84,13 @@ class CalibrationFiles:
         """Return what is in the newest files, as far as they were read."""
         with self._lock:
             there = self._there()
-            new = [path for path, known in there.items() if self._known(path) != known]
+            known = {path: seen for path, (seen, _) in self._found.items()}
+            new = [path for path, seen in there.items() if known.get(path) != seen]
             if new:
                 read = self._read(new)
                 self._found |= {path: (there[path], found) for path, found in read.items()}
             self._found = {path: self._found[path] for path in there if path in self._found}
             return {path: found for path, (_, found) in self._found.items()}
-
-    def _known(self, path: Path) -> _Known | None:
-        return self._found[path][0] if path in self._found else None
 
     def _there(self) -> dict[Path, _Known]:
         """Return the newest files of the folder, the newest first."""

@@ -80,7 +80,9 @@ class QueueOperation:
             try:
                 same_serial(self.bench, plan.serial or "")
                 estimates.append((plan, estimate_s_of(self.bench, prepared)))
-                self._check_channels(plan)
+                for wait in plan.wait:
+                    if wait.channel is not None and self.runner.value_of(wait.channel) is None:
+                        raise RpcError("invalid", valueless(wait.channel))
             except RpcError as error:
                 raise _of_plan(n, plan, error) from None
         queue = self.runner.queue.added(estimates, context.holder)
@@ -137,11 +139,6 @@ class QueueOperation:
         """Return all of it."""
         return self._all()
 
-    def _check_channels(self, plan: QueuedPlan) -> None:
-        for wait in plan.wait:
-            if wait.channel is not None and self.runner.value_of(wait.channel) is None:
-                raise RpcError("invalid", valueless(wait.channel))
-
     def _changed(
         self, queue: PlanQueue, what: str, context: RpcContext, added: Sequence[int] = ()
     ) -> Wait[rpc.QueueContent]:
@@ -149,7 +146,7 @@ class QueueOperation:
         runner = self.runner
         runner.change(queue)
         runner.show()
-        self._emit(what, context)
+        self.bench.events.emit("queue", f"{what} by {context.holder}")
 
         def written() -> rpc.QueueContent | None:
             if not runner.file.idle:
@@ -173,9 +170,6 @@ class QueueOperation:
         return rpc.QueueContent(
             queue=self.bench.queue, items=[*queue.items], history=[*queue.history], added=[*added]
         )
-
-    def _emit(self, what: str, context: RpcContext) -> None:
-        self.bench.events.emit("queue", f"{what} by {context.holder}")
 
 
 def _of_plan(number: int, plan: QueuedPlan, error: RpcError) -> RpcError:
