@@ -6,7 +6,6 @@ comes, it takes what the loop still writes, closes the file and ends; when stdin
 supervisor died, it follows the loop until that has ramped down and ended.
 """
 
-import argparse
 import os
 import select
 import signal
@@ -17,6 +16,7 @@ from pathlib import Path
 
 from motord.config import Config, ConfigError, load_started
 from motord.process.allocator import allocate_from_one_heap
+from motord.process.bench_options import bench_options
 from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
@@ -106,7 +106,9 @@ def run(
 
 def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int = 1) -> int:
     """Run the recorder process on two descriptors, stdin and stdout; return its exit code."""
-    options = _options(arguments)
+    parser = bench_options("recorder")
+    parser.add_argument("--out", type=Path, help="record at once, to OUT-000.mcap and so on")
+    options = parser.parse_args(arguments)
     allocate_from_one_heap()  # every recording has a thread
     try:
         run_dir = RunDir.at(options.dir)
@@ -136,16 +138,6 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     )
     recovery.stop()
     return 0
-
-
-def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m motord.recorder.main", description="Record the ticks of a running bench."
-    )
-    parser.add_argument("--config", type=Path, required=True, help="the bench")
-    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
-    parser.add_argument("--out", type=Path, help="record at once, to OUT-000.mcap and so on")
-    return parser.parse_args(arguments)
 
 
 def _record_daemon_death(

@@ -7,7 +7,6 @@ on its stdout, one JSON object a line, who comes, goes or is refused. When roles
 change, all connections end and come back under the new ones; when its stdin ends, it ends.
 """
 
-import argparse
 import os
 import select
 import signal
@@ -15,7 +14,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import IO
 
 import zenoh
@@ -24,6 +22,7 @@ from motord import config as config_file
 from motord.api.endpoints import gateway_config
 from motord.config import Config, ConfigError
 from motord.config.zenoh import TlsConfig
+from motord.process.bench_options import bench_options
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.security import roles as roles_file
@@ -192,10 +191,7 @@ def _count(roles: dict[str, roles_file.Role]) -> str:
 
 def main() -> int:
     """Run the gateway of the bench file that `--config` names."""
-    parser = argparse.ArgumentParser(description="The gateway for other machines.")
-    parser.add_argument("--config", type=Path, required=True)
-    parser.add_argument("--dir", type=Path, required=True)
-    options = parser.parse_args()
+    options = bench_options("gateway").parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

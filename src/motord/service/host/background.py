@@ -1,14 +1,13 @@
 """What child processes that only report have in common: options, priority, stdout."""
 
-import argparse
 import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from motord.calibration import CalibrationError
 from motord.config import Config, ConfigError, load_started
+from motord.process.bench_options import bench_options
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
 from motord.service.host import scheduling
 from motord.shm.run_directory import RunDir
@@ -32,10 +31,7 @@ def run(
     the process' priority, given the loop's processor. `blocking`: whether a report waits for a
     supervisor that does not read; else `serve` has to flush the writer.
     """
-    parser = argparse.ArgumentParser(prog=f"motord {name}")
-    parser.add_argument("--config", type=Path, required=True, help="the bench")
-    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
-    options = parser.parse_args(arguments)
+    options = bench_options(name).parse_args(arguments)
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     try:
