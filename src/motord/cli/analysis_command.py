@@ -14,7 +14,7 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.cli.batch_analysis import Rehash, Retry, Scheduler, Workers, analyse_batch, of_each
-from motord.cli.common_options import ResultAsJson, bench_file
+from motord.cli.common_options import ResultAsJson, bench_file, output_file
 from motord.cli.console import (
     CommandGroup,
     group,
@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from motord.experiments.analysis import Analysis
     from motord.report.text import TextTable
 
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the result, JSON.")
-]
+Output = Annotated[Path | None, output_file("Write the result, JSON.")]
 Report = Annotated[
     Path | None, typer.Option("--report", metavar="FILE", help="Write a page with pictures, HTML.")
 ]

@@ -11,6 +11,11 @@ def bench_file(meaning: str) -> Any:
     return typer.Option("--config", "-c", metavar="FILE", help=meaning)
 
 
+def output_file(meaning: str, metavar: str = "FILE") -> Any:
+    """Return the option --output, -o of a command to which it means this."""
+    return typer.Option("--output", "-o", metavar=metavar, help=meaning)
+
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 ResultAsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 ReadyAsJson = Annotated[bool, typer.Option("--json", help="Print one line of JSON when ready.")]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.common_options import PlanSettings, ResultAsJson, bench_file
+from motord.cli.common_options import PlanSettings, ResultAsJson, bench_file, output_file
 from motord.cli.console import explain_first_run, fail, print_result, progress_bar
 
 if TYPE_CHECKING:
@@ -20,10 +20,7 @@ def simulate(
     config: Annotated[
         Path | None, bench_file("Bench file; its rig is simulated whatever drivers it names.")
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="RUN.mcap", help="Default: the plan's name."),
-    ] = None,
+    output: Annotated[Path | None, output_file("Default: the plan's name.", "RUN.mcap")] = None,
     settings: PlanSettings = None,
     calibration: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Calibration that the loop applies.")

@@ -9,7 +9,7 @@ import typer
 from motord.cli.bench.wording import tracked_lines
 from motord.cli.calibration.export import export
 from motord.cli.calibration.in_force import CalibrationFile, load_in_force
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, output_file
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result, remark
 from motord.cli.output_files import check_output_files
@@ -203,10 +203,7 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
 
 @app.command()
 def adopt(
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Write the calibration, JSON, too."),
-    ] = None,
+    output: Annotated[Path | None, output_file("Write the calibration, JSON, too.")] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what is tracked against it; change nothing.")
     ] = False,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.calibration.in_force import CalibrationFile, load_in_force
-from motord.cli.common_options import AsJson, Overwrite, bench_file
+from motord.cli.common_options import AsJson, Overwrite, bench_file, output_file
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_json, remark
 from motord.cli.output_files import bench_files, check_output_files
@@ -24,10 +24,7 @@ def export(
         str, typer.Option("--format", metavar="NAME", help=f"One of {', '.join(NAMES)}.")
     ],
     file: CalibrationFile = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Write it there; default: print it."),
-    ] = None,
+    output: Annotated[Path | None, output_file("Write it there; default: print it.")] = None,
     config: Annotated[
         Path | None, bench_file("The bench: its back-EMF makes amperes of Nm.")
     ] = None,

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, output_file
 from motord.cli.console import fail_with, group, print_result, remark
 from motord.cli.record.importing import import_recording
 
@@ -63,10 +63,7 @@ def info(
 @app.command()
 def recover(
     run: RunFile,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Default: RUN.recovered.mcap."),
-    ] = None,
+    output: Annotated[Path | None, output_file("Default: RUN.recovered.mcap.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a clean recording from a damaged or unfinished one."""
@@ -92,12 +89,7 @@ def recover(
 @app.command()
 def export(
     run: RunFile,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="Ends with .csv, .parquet, .mf4 or .mat."
-        ),
-    ] = None,
+    output: Annotated[Path | None, output_file("Ends with .csv, .parquet, .mf4 or .mat.")] = None,
     columns: Annotated[
         str | None,
         typer.Option(

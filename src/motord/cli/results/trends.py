@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from motord.atomic_write import write_whole
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, output_file
 from motord.cli.console import fail, print_json, print_line
 from motord.cli.results.printing import aligned, plain
 from motord.cli.results.store_options import StoreReading, StoreToRead
@@ -36,10 +36,7 @@ def trend(
         typer.Option("--by", help="What has a chart of its own."),
     ] = "serial",
     where: Where = "",
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Draw the charts: .svg or .png."),
-    ] = None,
+    output: Annotated[Path | None, output_file("Draw the charts: .svg or .png.")] = None,
     store: StoreToRead = None,
     as_json: AsJson = False,
 ) -> None:
