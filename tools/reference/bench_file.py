@@ -9,7 +9,6 @@ from tools.reference.models import fields
 
 from motord.config import (
     BackEmfHarmonic,
-    BackEmfTable,
     BridgeCanConfig,
     CanBusConfig,
     CanConfig,
@@ -18,8 +17,6 @@ from motord.config import (
     ChannelConfig,
     DqConfig,
     ModbusConfig,
-    SpringConfig,
-    TlsConfig,
 )
 from motord.config.channel_sources import (
     CanSource,
@@ -29,7 +26,10 @@ from motord.config.channel_sources import (
     SimulatedSource,
 )
 from motord.config.experiments import plan_kinds
+from motord.config.motor.back_emf import BackEmfTable
+from motord.config.plans.inertia import SpringConfig
 from motord.config.sections import Sections
+from motord.config.zenoh import TlsConfig
 from motord.importing.mapping import Column, CsvMap, ImportMap, MdfMap, SplitMap, TdmsMap
 
 Tables = dict[str, tuple[type[BaseModel], BaseModel | None]]

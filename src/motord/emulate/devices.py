@@ -66,7 +66,6 @@ class RegisterDevice:
         self.value = 0.0
         self.status = DeviceStatus.READY
         self.silent = False  # a fault: requests get no answer
-        self.watchdog_drops = 0
         self._limits = (low, high)
         self._read_table = config.read_table
         self._watchdog_ns = round(config.watchdog_s * 1e9)
@@ -115,7 +114,6 @@ class RegisterDevice:
             return
         self._silent_ns = None
         self._words = dict.fromkeys(self._words, 0)
-        self.watchdog_drops += self.setpoint != 0.0
         self.setpoint = 0.0
 
     def measure(self, value: float, status: DeviceStatus = DeviceStatus.READY) -> None:

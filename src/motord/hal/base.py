@@ -10,9 +10,6 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from motord.schema import BridgeStatus as BridgeStatus
-from motord.schema import InverterStatus as InverterStatus
-
 
 class DeviceError(Exception):
     """A device that cannot be opened or used; the message says which, what and what to do."""

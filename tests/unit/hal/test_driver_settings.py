@@ -6,9 +6,9 @@ import pytest
 from pydantic import ValidationError
 
 from motord import config
-from motord.config import BridgeConfig, InverterConfig
+from motord.config import InverterConfig
 from motord.config.base import Positive, Section
-from motord.config.devices import DeviceConfig
+from motord.config.devices import BridgeConfig, DeviceConfig
 from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
 from motord.hal.base import DeviceError
 from motord.hal.driver_settings import read_settings

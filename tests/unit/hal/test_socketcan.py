@@ -123,7 +123,7 @@ def test_error_frames_go_to_the_state(pair: Pair) -> None:
     other.send(classic_frame(ERROR | 0x40, bytes(8)))
     other.send(classic_frame(ERROR | 0x04, b"\0\x20"))
     assert bus.receive() == []
-    assert (bus.state.off, bus.state.passive, bus.state.errors) == (True, True, 2)
+    assert (bus.state.off, bus.state.errors) == (True, 2)
     other.send(classic_frame(0x100, b""))
     assert len(bus.receive()) == 1
     assert (bus.state.off, bus.state.errors) == (False, 2)

@@ -18,7 +18,7 @@ FRAMES_AT_ONCE = 1024
 REFUSED_MAX = 5
 """Sends refused on end after which the bus counts as off."""
 
-_PASSIVE, _ACTIVE_AGAIN = 0x30, 0x40
+_ACTIVE_AGAIN = 0x40
 """The controller's state in an error frame: linux/can/error.h."""
 
 
@@ -26,13 +26,12 @@ class BusState:
     """What went wrong on a bus so far, counted, and whether its controller takes part.
 
     `off` follows the controller's error frames and the sends that the bus refuses; a frame received
-    or a restart ends the one, a frame sent the other. `passive` is the step before off.
+    or a restart ends the one, a frame sent the other.
     """
 
     def __init__(self) -> None:
         self.error_frames = 0
         self.failures = 0
-        self.passive = False
         self.last = ""
         """The last failure, as text."""
         self._controller_off = False
@@ -50,15 +49,13 @@ class BusState:
 
     def error_frame(self, classes: int, detail: int) -> None:
         """Take an error frame: its identifier, and byte 1 of its data (the controller's state)."""
-        if classes & ERROR_CONTROLLER:
-            self.passive = bool(detail & _PASSIVE)
-            if classes == ERROR_CONTROLLER and detail == _ACTIVE_AGAIN:
-                return
+        if classes == ERROR_CONTROLLER and detail == _ACTIVE_AGAIN:
+            return
         self.error_frames += 1
         if classes & ERROR_BUS_OFF:
             self._controller_off = True
         elif classes & ERROR_RESTARTED:
-            self._controller_off = self.passive = False
+            self._controller_off = False
 
     def received(self) -> None:
         """Take that a frame arrived."""

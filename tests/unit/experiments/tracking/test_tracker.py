@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from motord.calibration import Calibration, CalibrationError
-from motord.config import Config, TrackingConfig, load
+from motord.config import Config, load
+from motord.config.sections import TrackingConfig
 from motord.control import parameters
 from motord.experiments.check_calibration.quantities import Quantity
 from motord.experiments.check_calibration.result import Change
