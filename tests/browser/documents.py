@@ -13,12 +13,17 @@ TABLE = 1024
 
 def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str, Any]:
     """Return the full state."""
-    bench, newest = stand_in.bench, stand_in.bench.newest
+    bench = stand_in.bench
+    newest = {} if stand_in.loop_ended else bench.newest
+    fault, remedy = (
+        (LOOP_ENDED, "`motord reset` starts it again") if stand_in.loop_ended else ("", "")
+    )
     plan = stand_in.plan
     busy = plan is not None and not plan.over
     return {
         "bench": "sim", "motor": "axial-flux 48/16 sim-1", "simulated": True, "version": "0",
-        "t_ns": newest.get("t_ns", 0), "uptime_s": uptime_s, "state": bench.state.name, "fault": "",
+        "t_ns": newest.get("t_ns", 0), "uptime_s": uptime_s, "state": bench.state.name,
+        "fault": fault, "remedy": remedy,
         "trips": [{"name": "OVER_CURRENT", "meaning": OVER_CURRENT}] if stand_in.trip else [],
         "first_trip": "OVER_CURRENT" if stand_in.trip else "", "trip": stand_in.trip,
         "tick": _tick(newest) if newest else None,
@@ -96,6 +101,7 @@ def tracking(*departed: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
+LOOP_ENDED = "the loop ended: killed by SIGKILL"
 OVER_CURRENT = "a phase current was above limits.trip_current_A"
 
 

@@ -15,7 +15,8 @@ const { StopTracker } = await load("stop.js");
 const { fieldsOf, parse, typeOf } = await load("plan_form.js");
 const { grid, shade } = await load("mesh.js");
 const { barLength, quantities } = await load("precision.js");
-const { largest } = await load("turns.js");
+const { troubles } = await load("status_bar.js");
+const { largest, spread } = await load("turns.js");
 const { Marks } = await load("marks.js");
 const { attemptsText, place, policyText, settingsText, timeText, waitText, waitsOf, whole } = await load("queue_items.js");
 const overview = await load("bench_texts.js");
@@ -356,6 +357,28 @@ test("text on the mesh has contrast", () => {
     const luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
     assert.ok((light ? 1.05 / (luminance + 0.05) : (luminance + 0.05) / 0.05) >= 4.5, `${share}: ${rgb}`);
   }
+});
+
+test("a turn in which the set-point moved says so, in place of a set-point", () => {
+  const plain = (steady, mean) => spread(1.404, { set_Nm: 2.567, steady }, mean).replaceAll("\u00a0", " ");
+  assert.equal(plain(true, true), "1.40 Nm p-p about 2.57 Nm");
+  assert.equal(plain(true, false), "1.40 Nm p-p at 2.57 Nm (no mean)");
+  assert.equal(plain(false, true), "1.40 Nm p-p as the set-point moved");
+});
+
+test("an axis that ends at the newest tick of before does not say now", () => {
+  assert.equal(format.beforeNow(0, 2, 10, true), "newest");
+  assert.equal(format.beforeNow(-2, 2, 10, true), format.beforeNow(-2, 2, 10));
+});
+
+test("what is wrong with recording, processes and parts of the daemon; the loop's end once", () => {
+  const process = { running: true, exit: "" };
+  const state = { fault: "", recording: { error: "" }, processes: { loop: process, recorder: process }, faults: {} };
+  assert.deepEqual(troubles(state), []);
+  const ended = { running: false, exit: "exit code 1" };
+  assert.deepEqual(troubles({ ...state, fault: "the loop ended", processes: { loop: ended, recorder: process } }), []);
+  assert.deepEqual(troubles({ ...state, recording: { error: "disk full" }, processes: { loop: process, recorder: ended }, faults: { queue: "no file" } }),
+    ["Recording: disk full", "The process recorder does not run: exit code 1", "Fault in queue: no file"]);
 });
 
 test("the largest orders, without the mean and what is small", () => {

@@ -45,7 +45,8 @@ class StandIn:
         self.bench = SyntheticBench(rate_Hz)
         self.holder: str | None = None
         self.token = ""
-        self.silent = False
+        self.silent = self.loop_ended = False
+        self.why_silent = "the daemon publishes nothing"
         self.barred = self.unreported = ""
         self.trip: dict[str, Any] | None = None
         self.tracking: dict[str, Any] | None = None
@@ -109,7 +110,7 @@ class StandIn:
         """Return whether it publishes."""
         age_s = time.monotonic() - self._received_s
         alive = age_s < SILENT_S
-        return Connectivity(alive, age_s, "" if alive else "the daemon publishes nothing")
+        return Connectivity(alive, age_s, "" if alive else self.why_silent)
 
     def close(self) -> None:
         """Nothing to close."""
@@ -269,7 +270,7 @@ class StandIn:
         count = int((now_s - self._due_s) * self.bench.rate_Hz)
         self._due_s += count / self.bench.rate_Hz
         items: list[Item] = []
-        if count:
+        if count and not self.loop_ended:
             items.append(("ticks", self.bench.ticks(count, time.time_ns())))
         self._take(items)
         if self.holder is not None and now_s > self._lease_until_s:

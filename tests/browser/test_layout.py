@@ -17,6 +17,7 @@ NARROW = {"width": 1100, "height": 880}
 LAPTOP = {"width": 1280, "height": 800}
 CHART_HEIGHT_px = 90
 """With less of it a chart shows nothing any more."""
+LINE_px = 16
 LONG = "axial-flux 48/16, laboratory prototype number 2 with the wound stator of the year before"
 
 
@@ -63,6 +64,29 @@ def test_on_a_phone_state_and_stop_stay_alone_however_much_stands_above_them(
         expect(page.locator(part)).to_be_in_viewport(ratio=1)
     assert page.locator("#lease").evaluate("e => e.getBoundingClientRect().bottom") <= 1
     assert page.locator("#link").evaluate("e => e.getBoundingClientRect().bottom") <= 1
+
+
+def test_why_the_daemon_is_silent_takes_no_room_from_the_head(
+    server: Server, visit: Watched
+) -> None:
+    why = "the daemon of bench 'browser' at tcp/127.0.0.1:29825 publishes nothing; no motord there"
+    page = visit(server.urls.operator, NARROW)
+    height_px = page.locator("header").evaluate("e => e.clientHeight")
+    server.stand_in.why_silent = f"{why} for bench 'browser': is `motord run` running there?"
+    server.stand_in.do(lambda: setattr(server.stand_in, "silent", True))
+    shows(page, "#gone", "is `motord run` running there?")
+    grown_px = page.locator("header").evaluate("e => e.clientHeight") - height_px
+    assert grown_px < LINE_px
+    assert inside(page.locator("#link-text"), page.locator("#link"))
+    server.stand_in.do(lambda: setattr(server.stand_in, "silent", False))
+    expect(page.locator("#gone")).to_be_hidden()
+
+
+def test_in_one_wide_column_the_scale_of_the_torque_stays_small(
+    server: Server, visit: Watched
+) -> None:
+    page = visit(server.urls.operator, {"width": 1000, "height": 900})
+    assert page.locator("#ramp").evaluate("e => e.getBoundingClientRect().height") < 50
 
 
 def test_a_page_that_was_not_let_in_claims_nothing(server: Server, visit: Watched) -> None:

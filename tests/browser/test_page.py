@@ -345,6 +345,39 @@ def test_a_recording_that_may_not_go_on_says_why(server, visit: Watched):
     shows(page, "#health-figures", "calibrate-000.mcap")
     server.stand_in.do(lambda: setattr(server.stand_in, "unreported", "no report for 8 s"))
     shows(page, "#health-figures", " MB: no report for 8 s")  # next to the file
+    press(page, "#tab-page")
+    shows(page, "#trouble", "Recording: no report for 8 s")
+    server.stand_in.do(lambda: setattr(server.stand_in, "unreported", ""))
+    expect(page.locator("#trouble")).to_be_hidden()
+
+
+def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Watched):
+    page = visit(server.urls.operator)
+    press(page, "#take")
+    shows(page, "#lease-text", "You are in command")
+    expect(page.locator("#enable")).to_be_enabled()
+    waits(page, "() => document.body.dataset.ticksStale === undefined")
+    server.stand_in.do(lambda: setattr(server.stand_in, "loop_ended", True))
+    shows(page, "#no-ticks", "the loop does not run")
+    expect(page.locator("body")).not_to_have_attribute("data-stale", "true")  # the state is live
+    expect(page.locator("#enable")).to_be_disabled()
+    expect(page.locator("#reset")).to_be_enabled()
+    pale = page.locator("#plots canvas").first
+    assert float(pale.evaluate("e => getComputedStyle(e).opacity")) < 0.6
+    server.stand_in.do(lambda: setattr(server.stand_in, "loop_ended", False))
+    expect(page.locator("#no-ticks")).to_be_empty()
+
+
+def test_a_mesh_whose_plan_was_stopped_takes_no_point(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    server.stand_in.points_max = 1
+    start_plan(page)
+    expect(page.locator("#mesh td.done")).to_have_count(1)
+    expect(page.locator("#mesh td.now")).to_have_count(1)
+    page.keyboard.press("Escape")
+    shows(page, "#plan-state", "aborted")
+    expect(page.locator("#mesh td.now")).to_have_count(0)
 
 
 def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):

@@ -130,6 +130,7 @@ class LiveBench:
             "orders": ORDERS + 1,
             "calibrated": self.calibrated,
             "set_Nm": self.turns.set_Nm(),
+            "steady": self.turns.steady(),
             "t_s": self.history.end * self.history.period_s,
         }
         parts = by_bin.ravel(), self.turns.amplitudes_Nm(), self.turns.compensation()

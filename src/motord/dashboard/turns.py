@@ -92,6 +92,11 @@ class TurnAverager:
         newest = self._turns[-1]
         return float(newest.sums[2].sum() / newest.visits.sum())
 
+    def steady(self) -> bool:
+        """Return whether the torque set-point was one and the same all over the newest turn."""
+        low_Nm, high_Nm = self._turns[-1].set_Nm
+        return low_Nm == high_Nm
+
     def amplitudes_Nm(self) -> NDArray[np.float32]:
         """Return the amplitude at each order (ORDERS + 1,) over the last turns; order 0: the mean.
 

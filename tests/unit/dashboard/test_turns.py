@@ -70,6 +70,9 @@ def test_torque_is_over_the_angle_the_newest_turn_last():
         np.testing.assert_allclose(turn, torque_Nm(middle_rad) + number, atol=0.02)
     assert turns.compensation() == pytest.approx(np.full(BINS, 0.25))
     assert turns.set_Nm() == pytest.approx(1.5)
+    assert turns.steady()
+    ticks["torque_set_Nm"] = np.linspace(1.0, 2.0, len(ticks))
+    assert not gathered(ticks).steady()
 
 
 def test_the_newest_turns_are_kept():

@@ -2,6 +2,7 @@
 
 import { byId, element, setText } from "./dom.js";
 import { niceStep, number, significant } from "./format.js";
+import { underWay } from "./state.js";
 
 /** Cividis, which people see alike with and without colour vision: dark is small. */
 const STOPS = [[0, 34, 78], [53, 69, 109], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
@@ -52,7 +53,8 @@ export class Mesh {
   _show() {
     const mesh = this._bench.mesh;
     const points = /** @type {Point[]} */ (mesh?.points ?? []);
-    const key = JSON.stringify(mesh);
+    const taking = underWay(this._bench.plan); // the mesh of one that has ended says what it was at
+    const key = JSON.stringify([mesh, taking]);
     if (key === this._key) return;
     this._key = key;
     byId("mesh-box").hidden = points.length === 0;
@@ -62,20 +64,20 @@ export class Mesh {
     const highest = Math.max(0.5, ...errors);
     const step = niceStep(highest / 5);
     const top = Math.ceil(highest / step) * step;
-    byId("mesh").replaceChildren(...this._rows(points, mesh.by_magnitude === true, top));
+    byId("mesh").replaceChildren(...this._rows(points, mesh.by_magnitude === true, top, taking));
     setText(byId("scale-top"), `${significant(top, 2)} %`);
     const summary = errors.length ? `mean ${number(errors.reduce((a, b) => a + b, 0) / errors.length, 2)} %, worst ${number(Math.max(...errors), 2)} %` : "nothing measured yet";
     setText(byId("mesh-summary"), `${mesh.plan}: ${errors.length} of ${points.length} points, ${summary}`);
   }
 
-  /** @param {Point[]} points @param {boolean} byMagnitude @param {number} top */
-  _rows(points, byMagnitude, top) {
+  /** @param {Point[]} points @param {boolean} byMagnitude @param {number} top @param {boolean} taking */
+  _rows(points, byMagnitude, top, taking) {
     const { speeds, torques, at } = grid(points, byMagnitude);
     const single = torques.length === 1 && torques[0] === 0;
     const head = element("tr", {}, element("td", {}), ...speeds.map((speed) => element("th", { scope: "col" }, number(speed, decimals(speeds)))));
     const rows = torques.map((torque) => element("tr", {},
       element("th", { scope: "row" }, single ? "\u2013" : number(torque, decimals(torques))),
-      ...speeds.map((speed) => cell(at(torque, speed), top))));
+      ...speeds.map((speed) => cell(at(torque, speed), top, taking))));
     return [element("thead", {}, head), element("tbody", {}, ...rows)];
   }
 }
@@ -83,14 +85,14 @@ export class Mesh {
 /** @param {number[]} values */
 const decimals = (values) => Math.min(3, Math.max(...values.map((value) => (String(Math.round(value * 1000) / 1000).split(".")[1] ?? "").length)));
 
-/** @param {Point | undefined} point @param {number} top */
-function cell(point, top) {
+/** @param {Point | undefined} point @param {number} top @param {boolean} taking */
+function cell(point, top, taking) {
   if (point === undefined) return element("td", { class: "none" });
   const error = point.rms_error_percent ?? null;
   const poor = point.state === "poor" || (point.quality && point.quality !== "ok");
-  const now = point.state === "taking";
+  const now = taking && point.state === "taking";
   const text = error !== null ? number(error, error < 9.95 ? 2 : 1) : now ? "\u25b6" : "\u00b7";
-  const about = `${point.torque_Nm} Nm, ${point.speed_Hz} Hz: ${error !== null ? `${number(error, 3)} %` : now ? "being taken" : "to come"}${poor ? `; ${point.quality}` : ""}${point.takes > 1 ? `; taken ${point.takes} times` : ""}`;
+  const about = `${point.torque_Nm} Nm, ${point.speed_Hz} Hz: ${error !== null ? `${number(error, 3)} %` : now ? "being taken" : taking ? "to come" : "not taken"}${poor ? `; ${point.quality}` : ""}${point.takes > 1 ? `; taken ${point.takes} times` : ""}`;
   const made = element("td", { class: `${now ? "now" : ""} ${poor ? "poor" : ""} ${error === null ? "open" : "done"}`, title: about }, text + (poor ? " !" : ""));
   if (error !== null) {
     const { rgb, light } = shade(error / top);

@@ -10,7 +10,7 @@ export const STATES = {
   TRIPPED: { sign: "\u2716", meaning: "An interlock took the current away." },
 };
 
-/** @typedef {"hello" | "state" | "plan" | "mesh" | "queue" | "event" | "events" | "connection" | "lease" | "timing" | "turns" | "link" | "error"} Kind */
+/** @typedef {"hello" | "state" | "plan" | "mesh" | "queue" | "event" | "events" | "connection" | "lease" | "timing" | "turns" | "link" | "age" | "error"} Kind */
 
 /** Whether a plan is under way, by its state. @param {{state: string} | null | undefined} plan */
 export const underWay = (plan) => ["running", "pausing", "paused", "ending"].includes(plan?.state ?? "");
@@ -98,6 +98,11 @@ export class Bench {
   /** Whether what is shown is not what is. */
   get stale() {
     return this.link.status !== "open" || !this.connection.alive || this.age_s > STALE_S;
+  }
+
+  /** Whether the loop gives no ticks: what was drawn of them is not what is. */
+  get ticksStale() {
+    return this.stale || this.state === null || this.state.tick === null || this.state.loop.age_s > STALE_S;
   }
 
   /** Whether the torque sensor measures a steady torque; a piezoelectric one does not. */

@@ -4,6 +4,9 @@ import { allow, byId, element, setAttribute, setText } from "./dom.js";
 import { age, clock, duration, significant } from "./format.js";
 import { STATES } from "./state.js";
 
+/** After so long what is known of why the daemon is silent has a line of its own; a hiccup moves nothing. */
+const GONE_S = 2;
+
 export class StatusBar {
   /** @param {import("./state.js").Bench} bench @param {import("./messages.js").Messages} messages */
   constructor(bench, messages) {
@@ -14,6 +17,7 @@ export class StatusBar {
     this._wasOpen = false;
     this._alive = true;
     this._trip = "";
+    this._ticksStale = false;
     bench.on("hello", (hello) => this._hello(hello));
     bench.on("state", (state) => this._state(state));
     bench.on("lease", () => this._lease());
@@ -43,6 +47,9 @@ export class StatusBar {
     setText(byId("motor"), state.motor + (state.simulated ? " \u00b7 simulated" : ""));
     setAttribute(byId("identity"), "title", `${state.bench}: ${byId("motor").textContent}`);
     this._trips(state);
+    const wrong = troubles(state).join("; ");
+    byId("trouble").hidden = wrong === "";
+    setText(byId("trouble"), wrong);
     if (state.uptime_s < this._uptime_s - 1) {
       this._messages.say("warning", `The daemon was restarted at ${clock(state.t_ns / 1e9 - state.uptime_s)}. It begins OFF; nothing was commanded.`);
     }
@@ -117,17 +124,34 @@ export class StatusBar {
 
   /** Ten times a second: what is stale is grey within half a second, and says so. */
   tick() {
-    const { link, connection, stale, age_s } = this._bench;
+    const { link, connection, stale, ticksStale, age_s } = this._bench;
     setAttribute(document.body, "data-stale", stale ? "true" : null);
+    setAttribute(document.body, "data-ticks-stale", ticksStale ? "true" : null);
+    setText(byId("no-ticks"), ticksStale && !stale ? "no ticks: the loop does not run, the newest are shown" : "");
+    if (ticksStale !== this._ticksStale) this._bench.emit("age", null);
+    this._ticksStale = ticksStale;
+    const gone = link.status === "open" && !connection.alive && age_s > GONE_S;
+    byId("gone").hidden = !gone;
+    setText(byId("gone"), gone ? connection.message : "");
     const text =
       link.status === "refused" ? "not let in"
       : link.status !== "open" ? `no connection${link.message ? `: ${link.message}` : ""}; trying again`
-      : !connection.alive ? connection.message || "the daemon does not answer"
+      : !connection.alive ? "the daemon publishes nothing"
       : stale ? "stale" : "live";
     setText(byId("link-text"), text);
     setText(byId("link-age"), stale && Number.isFinite(age_s) ? `; last state ${age(age_s)} ago` : "");
     setAttribute(byId("link"), "data-stale", String(stale));
   }
+}
+
+/** What is wrong with recording, processes and parts of the daemon, whichever tab is open; the loop's end is in the state. Pure. @param {any} state @returns {string[]} */
+export function troubles(state) {
+  const ended = Object.entries(state.processes).filter(([name, process]) => !process.running && !(name === "loop" && state.fault));
+  return [
+    ...(state.recording.error ? [`Recording: ${state.recording.error}`] : []),
+    ...ended.map(([name, process]) => `The process ${name} does not run: ${process.exit || "not started"}`),
+    ...Object.entries(state.faults ?? {}).map(([name, fault]) => `Fault in ${name}: ${fault}`),
+  ];
 }
 
 /** @param {import("./state.js").Bench} bench @param {string} name @param {any} [state] */

@@ -11,7 +11,7 @@ const LEAST_WIDTH = { Nm: 0.2, A: 0.5, Hz: 0.05, rad: 0.1 };
 const FONT = '11px system-ui, "DejaVu Sans", sans-serif';
 export const AXIS_PX = 46;
 export const SYNC = "motord";
-const NO_AXES = { from_s: NaN, to_s: NaN, min: NaN, max: NaN, live: false };
+const NO_AXES = { from_s: NaN, to_s: NaN, min: NaN, max: NaN, live: false, old: false };
 
 /** @typedef {import("./signals.js").Trace} Trace */
 /** @typedef {import("./buckets.js").Buckets} Buckets */
@@ -23,7 +23,7 @@ export class TracePlot {
    * @param {string} group
    * @param {Trace[]} traces those shown
    * @param {{limits: () => Limit[], marks: () => Mark[], axis: boolean,
-   *   time: (t_s: number, step_s: number) => string, select: (from: number, to: number) => void,
+   *   old: () => boolean, time: (t_s: number, step_s: number) => string, select: (from: number, to: number) => void,
    *   cursor: (at: number | null) => void, shown: () => void}} host selection and cursor as shares of the window
    */
   constructor(group, traces, host) {
@@ -137,8 +137,9 @@ export class TracePlot {
   _drawAxes(from_s, to_s, live) {
     const [min, max] = this._range;
     const { uplot, _axes: axes } = this;
-    if (axes.from_s === from_s && axes.to_s === to_s && axes.min === min && axes.max === max && axes.live === live) return;
-    this._axes = { from_s, to_s, min, max, live };
+    const old = this._host.old();
+    if (axes.from_s === from_s && axes.to_s === to_s && axes.min === min && axes.max === max && axes.live === live && axes.old === old) return;
+    this._axes = { from_s, to_s, min, max, live, old };
     uplot.batch(() => {
       uplot.setScale("x", { min: from_s, max: to_s });
       uplot.setScale("y", { min, max });

@@ -39,6 +39,7 @@ export class Traces {
     this._area = byId("plots");
     this._controls();
     onTheme(() => this._rebuild());
+    bench.on("age", () => this.refresh());
     new ResizeObserver(() => this._resized()).observe(this._area);
   }
 
@@ -128,6 +129,7 @@ export class Traces {
       limits: () => this._limits(group),
       marks: () => this._marks.all,
       axis: i === shown.length - 1,
+      old: () => this._bench.ticksStale,
       time: (t_s, step_s) => this._time(t_s, step_s),
       select: (from, to) => this._change(() => this._window.select(this._at(from), this._at(to))),
       cursor: (at) => this._moved(at),
@@ -168,7 +170,7 @@ export class Traces {
   /** A time of the axis as text: live it counts from now. @param {number} t_s @param {number} step_s */
   _time(t_s, step_s) {
     const { live, span_s } = this._window;
-    return live ? beforeNow(t_s, step_s, span_s) : clock(this._bench.epoch_s + t_s, Math.min(4, decimals(step_s)));
+    return live ? beforeNow(t_s, step_s, span_s, this._bench.ticksStale) : clock(this._bench.epoch_s + t_s, Math.min(4, decimals(step_s)));
   }
 
   /** The time at a share of the window as it is drawn. @param {number} share */

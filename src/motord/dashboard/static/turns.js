@@ -44,7 +44,7 @@ export class Turns {
   }
 
   _summarise() {
-    const { turns, bins, orders, set_Nm } = this._header;
+    const { turns, bins, orders, calibrated } = this._header;
     byId("turns-empty").hidden = turns > 0;
     if (turns === 0) return;
     let [low, high] = [Infinity, -Infinity];
@@ -54,9 +54,9 @@ export class Turns {
     }
     this._largest = largest(orders, (order) => this._amplitude(order), LABELLED);
     const main = this._largest[0];
-    const about = this._bench.sensorPassesMean ? `about ${number(set_Nm, 2)} Nm` : `at ${number(set_Nm, 2)} Nm (no mean)`;
-    setText(byId("turns-caption"), `last ${turns === 1 ? "turn" : `${turns} turns`}: ${number(high - low, 2)} Nm p-p ${about}`);
-    setText(byId("orders-caption"), main === undefined ? "no turn at a steady set-point" : `order ${main}: ${number(this._amplitude(main), 3)} Nm; \u25b4 calibrated`);
+    setText(byId("turns-caption"), `newest of ${turns}: ${spread(high - low, this._header, this._bench.sensorPassesMean)}`);
+    const marked = calibrated.length ? "; \u25b4\u00a0calibrated" : "";
+    setText(byId("orders-caption"), main === undefined ? "no turn at a steady set-point" : `order\u00a0${main}: ${number(this._amplitude(main), 3)}\u00a0Nm${marked}`);
     setAttribute(byId("turns-chart"), "aria-label", `Torque over angle: ${byId("turns-caption").textContent}`);
     setAttribute(byId("orders-chart"), "aria-label", `Amplitude by order: ${byId("orders-caption").textContent}`);
   }
@@ -105,6 +105,13 @@ export class Turns {
       if (order < orders) this._spectrum.text(`${calibrated.includes(order) ? "\u25b4" : ""}${order}`, order, this._amplitude(order) || 0);
     }
   }
+}
+
+/** What a turn's torque spans and about which set-point; a moved one is in it. Pure. @param {number} span_Nm @param {{set_Nm: number, steady: boolean}} header @param {boolean} mean */
+export function spread(span_Nm, { set_Nm, steady }, mean) {
+  const set = `${number(set_Nm, 2)}\u00a0Nm`;
+  const about = !steady ? "as the set-point moved" : mean ? `about ${set}` : `at ${set} (no\u00a0mean)`;
+  return `${number(span_Nm, 2)}\u00a0Nm\u00a0p-p ${about}`;
 }
 
 const degrees = (/** @type {number} */ value) => `${value}\u00b0`;
