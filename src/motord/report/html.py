@@ -144,8 +144,8 @@ def _cell(text: str) -> str:
 class Page:
     """A page that is put together from top to bottom, then written.
 
-    All text is escaped, but for `Markup` in the rows of tables. Titles, leads and tables without a
-    header have names and paths of users, which stay as they are; `Verbatim` does so elsewhere.
+    All text is escaped, but for `Markup` in the rows of tables. Titles, leads and facts have names
+    and paths of users, which stay as they are; `Verbatim` does so elsewhere.
     `lead` is a sentence under the title, `style` CSS after that of all pages.
     """
 
@@ -206,14 +206,20 @@ class Page:
         self, header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = False
     ) -> None:
         """Add a table; with `numbers`, all columns but the first are set right."""
-        if not header:
-            rows = [[c if isinstance(c, Markup) else Verbatim(c) for c in row] for row in rows]
         head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
+        kind = ' class="numbers"' if numbers else ""
+        self._table(kind, f"<thead><tr>{head}</tr></thead>", rows)
+
+    def facts(self, rows: Sequence[Sequence[str]]) -> None:
+        """Add a table of names and what they are, without a header; its text stays as it is."""
+        self._table(
+            "", "", [[c if isinstance(c, Markup) else Verbatim(c) for c in r] for r in rows]
+        )
+
+    def _table(self, kind: str, head: str, rows: Sequence[Sequence[str]]) -> None:
         body = "".join(
             "<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows
         )
-        head = f"<thead><tr>{head}</tr></thead>" if header else ""
-        kind = ' class="numbers"' if numbers else ""
         self._parts.append(
             f'<div class="wide"><table{kind}>{head}<tbody>{body}</tbody></table></div>'
         )

@@ -22,6 +22,12 @@ class Colour:
     dark: str
 
 
+_STEPS = (
+    ("#46085c", "#287d8e"), ("#482576", "#21918c"), ("#423f85", "#20a486"), ("#39568c", "#37b878"),
+    ("#2f6c8e", "#5ec962"), ("#26818e", "#90d743"), ("#1f948c", "#c8e020"), ("#22a884", "#fde725"),
+)  # fmt: skip
+"""Of viridis, on either page those that stand out against it."""
+
 PALETTE = {
     "ink": Colour("#20242b", "#e7e9ec"),
     "soft": Colour("#626b78", "#a3abb7"),
@@ -33,8 +39,10 @@ PALETTE = {
     "paper": Colour("#fefefe", "#15181d"),
     "warning": Colour("#d9a62e", "#e5bd5b"),
     "serious": Colour("#b3261e", "#f2857b"),
+    **{f"step{number}": Colour(*both) for number, both in enumerate(_STEPS)},
 }
-"""before and after compensation; reference is the truth or the last calibration; of findings."""
+"""before and after compensation; reference is the truth or the last calibration; of findings;
+steps of what has an order, such as speeds, from low to high."""
 
 INK = PALETTE["ink"].light
 SOFT = PALETTE["soft"].light
@@ -45,6 +53,9 @@ REFERENCE = PALETTE["reference"].light
 OTHER = PALETTE["other"].light
 PAPER = PALETTE["paper"].light
 SERIOUS = PALETTE["serious"].light
+
+ON_FILL = "#111111"
+"""Lines on areas that are filled with the same colours on every page."""
 
 WIDTH_IN = 9.0
 """Width of a picture that fills the page."""
@@ -84,6 +95,21 @@ SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "motord",
     "path.simplify": True,
 }
+
+
+def steps(number: int) -> list[str]:
+    """Return the colours of `number` curves from low to high; many curves share some."""
+    last = len(_STEPS) - 1
+    return [_STEPS[round(last * at / max(number - 1, 1))][0] for at in range(number)]
+
+
+def luminance(red: float, green: float, blue: float) -> float:
+    """Return the relative luminance of a colour of parts 0 to 1, as WCAG 2 defines it."""
+    linear = [
+        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
+        for part in (red, green, blue)
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 drawing = partial(mpl.rc_context, SETTINGS)

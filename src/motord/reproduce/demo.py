@@ -164,7 +164,7 @@ def write_report(demo: Demo) -> None:
     calibration_report.fill(page, estimates, ("truth", truth))
     page.heading("About these figures")
     page.points(demo.calibration.observable)
-    page.table((), _facts(demo))
+    page.facts(_facts(demo))
     page.write(demo.files["report"])
 
 

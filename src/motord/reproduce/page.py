@@ -50,7 +50,7 @@ def write_page(folder: Path, found: Results, keep_recordings: bool) -> Path:
     sensitivity.fill(made, found.sensitivity)
     _remains(made, found)
     made.heading("About these figures")
-    made.table((), _facts(found, keep_recordings))
+    made.facts(_facts(found, keep_recordings))
     path = folder / "reproduce.html"
     made.write(path)
     save_summary(folder / "reproduce.json", found, as_json(found))

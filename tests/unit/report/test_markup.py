@@ -23,7 +23,7 @@ def test_no_line_ends_within_an_interval():
 def test_names_paths_and_notes_stay_as_they_were_written():
     assert escape("runs/a+-b.mcap: no +- in it") == "runs/a+-b.mcap: no +- in it"
     page = Page("pump 3 +- 1", "pump 3 +- 1 on bench +-1")
-    page.table((), [("recordings", "3 +- 1/+-2.mcap")])
+    page.facts([("recordings", "3 +- 1/+-2.mcap")])
     page.paragraph(Verbatim("turned by 3 +- 1 deg"))
     assert "\u00b1" not in page.html()
 

@@ -31,7 +31,7 @@ def report(result: Alignment, recordings: Recordings) -> Page:
         ]
     )
     page.paragraph(f"{result.agreement[0].upper()}{result.agreement[1:]}.")
-    page.table([], recordings.facts)
+    page.facts(recordings.facts)
     page.heading("Encoder and phases, found by turning a current vector")
     page.table(
         ["[motor]", "found", "bench file"],

@@ -20,7 +20,7 @@ def report(found: MeasuredBackEmf, recordings: Recordings) -> Page:
     page = Page("Back-EMF of a driven rotor", recordings.subject.lead)
     fundamental = f"{_amplitude(found.harmonics[0])} mV s/rad"
     page.cards([(fundamental, "fundamental of a phase, peak, 95 %")])
-    page.table([], recordings.facts)
+    page.facts(recordings.facts)
     fill(page, found)
     return page
 

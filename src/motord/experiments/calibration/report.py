@@ -56,7 +56,7 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
         ("method", f"{c.method}, condition number {c.condition_number:.3g}"),
         ("delta epsilon", f"{c.delta_epsilon:.4f} ({c.delta_epsilon_source})"),
     ]
-    page.table((), [*recordings.facts, *rows])
+    page.facts([*recordings.facts, *rows])
     return page
 
 

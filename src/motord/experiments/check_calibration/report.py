@@ -39,7 +39,7 @@ def report(found: CalibrationCheck, recordings: Recordings) -> Page:
         f"orders of the model: {found.misfit:.2g} times what noise and the model's accuracy are "
         "expected to leave there, mean square."
     )
-    page.table((), recordings.facts)
+    page.facts(recordings.facts)
     return page
 
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -13,7 +12,7 @@ from motord.experiments.cogging.result import Comparison, MeanHarmonic, Measured
 from motord.experiments.driven_rotor import left_out_lines
 from motord.experiments.subject import Recordings
 from motord.report.html import Page
-from motord.report.style import AFTER, BEFORE, GRID, REFERENCE, figure
+from motord.report.style import AFTER, BEFORE, GRID, REFERENCE, figure, steps
 
 PERIODS_SHOWN = 6
 """Periods of the main order in the close view."""
@@ -32,7 +31,7 @@ def report(measured: MeasuredCogging, recordings: Recordings) -> Page:
     ]
     peak_to_peak_mNm = 1e3 * np.ptp(measured.tau_cog_Nm)
     page.cards([*figures, (f"{peak_to_peak_mNm:.4g} mNm", "peak to peak over a turn")])
-    page.table([], recordings.facts)
+    page.facts(recordings.facts)
     fill(page, measured)
     return page
 
@@ -193,7 +192,7 @@ def spectra(speeds: Sequence[tuple[str, np.ndarray]], allowed: Sequence[int]) ->
         highest = max(amplitude.size for _, amplitude in speeds)
         for marked in allowed:
             axes.axvline(marked, color=GRID, linewidth=4.0, zorder=0)
-        for (label, amplitude), colour in zip(speeds, _shades(len(speeds)), strict=True):
+        for (label, amplitude), colour in zip(speeds, steps(len(speeds)), strict=True):
             order = np.arange(1, amplitude.size + 1)
             axes.plot(order, amplitude, color=colour, linewidth=0.9, label=label)
         axes.set(yscale="log", xlim=(0, highest))
@@ -221,7 +220,7 @@ def errors(speeds: Sequence[tuple[str, np.ndarray]], span_deg: float) -> Figure:
     """Return errors in percent of the peak (counts,) over `span_deg`, one line a speed."""
     with figure(3.0) as picture:
         axes = picture.subplots()
-        for (label, error), colour in zip(speeds, _shades(len(speeds)), strict=True):
+        for (label, error), colour in zip(speeds, steps(len(speeds)), strict=True):
             degrees, percent = _closed(error)
             axes.plot(degrees, percent, color=colour, linewidth=0.9, label=label)
         _over_span(axes, span_deg, "error (% of peak)")
@@ -260,11 +259,6 @@ def _closed(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     values = np.append(turn[::step], turn[0])
     degrees = np.append(360.0 * np.arange(0, turn.size, step) / turn.size, 360.0)
     return degrees, values
-
-
-def _shades(number: int) -> list[tuple[float, float, float, float]]:
-    """Return colours from slow to fast."""
-    return [colormaps["viridis"](x) for x in np.linspace(0.1, 0.85, max(number, 2))][:number]
 
 
 def _speeds_legend(picture: Figure, axes: Axes) -> None:

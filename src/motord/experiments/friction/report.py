@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from motord.experiments.friction.result import CoastFit, CurvePoint, DirectionalFriction, Friction
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
+from motord.intervals import plus_minus, two_digits
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, figure
 
@@ -38,12 +38,12 @@ def report(found: Friction, recordings: Recordings) -> Page:
             for one in found.directions
         ]
     )
-    page.table([], recordings.facts)
+    page.facts(recordings.facts)
     page.heading("Friction torque over speed")
     page.picture(
         friction_over_speed(found.directions),
         "Friction torque (mNm) over speed in both directions of turning, from the coast-downs "
-        "with their 95 % interval (shaded), over the speeds that were seen. Dashed: Coulomb "
+        "with their 95 % interval (shaded), over the speeds that were seen. Dotted: Coulomb "
         "friction alone. Right: half of that interval, and dashed the combined standard "
         "uncertainty, which is in the table of the points.",
     )
@@ -85,7 +85,7 @@ def _curve_row(point: CurvePoint) -> list[str]:
     torque, low, high = (1e3 * value for value in (point.torque_Nm, point.low_Nm, point.high_Nm))
     half = max(high - torque, torque - low)
     number, _, width = plus_minus(torque, half).partition(" +- ")
-    return [f"{point.speed_rad_s:.4g}", number, f"{1e3 * point.stderr_Nm:.2g}", width]
+    return [f"{point.speed_rad_s:.2f}", number, two_digits(1e3 * point.stderr_Nm), width]
 
 
 def _cogging_rows(found: Friction) -> list[list[str]]:
@@ -109,7 +109,7 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
             coulomb_mNm = 1e3 * np.sign(value[0]) * (one.coulomb_Nm.value or 0.0)
             left.plot(
                 [0, speed[np.argmax(np.abs(speed))]], [coulomb_mNm, coulomb_mNm],
-                color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)),
+                color=SOFT, linewidth=1.2, linestyle=(0, (1, 2)),
             )  # fmt: skip
             right.plot(np.abs(speed), (high - low) / 2, color=colour)
             right.plot(np.abs(speed), stderr, color=colour, linestyle="dashed")

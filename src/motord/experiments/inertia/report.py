@@ -32,7 +32,7 @@ def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     rows = recordings.facts
     if isinstance(found, Oscillation):
         rows.append(("set-up", _described(found.setup)))
-    page.table((), rows)
+    page.facts(rows)
     return page
 
 

@@ -53,7 +53,7 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
     page.points(found.notes)
     page.heading("About these figures")
     rows = [("profile", found.file), ("SHA-256 of its content", found.sha256)]
-    page.table((), [*recordings.facts, *rows])
+    page.facts([*recordings.facts, *rows])
     return page
 
 

@@ -31,7 +31,7 @@ def report(found: MeshRipple, recordings: Recordings) -> Page:
     fill(page, found.ripples, recordings.subject.motor)
     fill_shares(page, found.explained)
     page.heading("About these figures")
-    page.table((), recordings.facts)
+    page.facts(recordings.facts)
     return page
 
 

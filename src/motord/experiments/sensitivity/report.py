@@ -14,7 +14,7 @@ from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
-from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, figure
+from motord.report.style import AFTER, ON_FILL, OTHER, REFERENCE, SOFT, figure
 
 POELS2008_INDUCED = np.array([0.8, 1.118, 1.118, 1.0, -0.5, -0.5])
 POELS2008_FOUND = np.array([0.7717, 1.1035, 1.0884, 0.9994, -0.5078, -0.6205])
@@ -58,7 +58,7 @@ def report(result: Sensitivity, _: Recordings) -> Page:
         ("motor", f"{motor.name}, {motor.rated_torque_Nm:g} Nm rated, {motor.connection}"),
         ("recordings", ", ".join(result.runs) or "none"),
     )
-    page.table((), rows)
+    page.facts(rows)
     return page
 
 
@@ -243,7 +243,7 @@ def slices(volume: Volume, limit_percent: float) -> Figure:
                 x, y = values[across], values[up]
                 filled = axes.contourf(x, y, rms, levels, cmap=colours, norm=norm)
                 if rms.min() < limit_percent < rms.max():
-                    axes.contour(x, y, rms, [limit_percent], colors=[INK], linewidths=1.6)
+                    axes.contour(x, y, rms, [limit_percent], colors=[ON_FILL], linewidths=1.6)
                 axes.set(title=_at(fixed, float(values[fixed][place])), xlabel=NAMES[across])
                 axes.grid(visible=False)
             grid[fixed, 0].set_ylabel(NAMES[up])

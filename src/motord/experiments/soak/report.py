@@ -39,7 +39,7 @@ def report(found: SoakResult, recordings: Recordings) -> Page:
         "all the same no interval is known (?): a drift may be below their resolution."
     )
     page.heading("About these figures")
-    page.table((), recordings.facts)
+    page.facts(recordings.facts)
     return page
 
 

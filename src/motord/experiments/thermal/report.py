@@ -1,5 +1,7 @@
 """The report of a heat-up and its cooling: temperatures with the fit, constants, residuals."""
 
+from math import isfinite
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -7,12 +9,12 @@ from motord.experiments.subject import Recordings
 from motord.experiments.thermal.recordings import STOPPED
 from motord.experiments.thermal.result import ThermalConstants
 from motord.experiments.thermal.watch import STEADY, TEMPERATURE_LIMIT, TIME_LIMIT
-from motord.intervals import IntervalEstimate
+from motord.intervals import IntervalEstimate, decimals_of
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, INK, OTHER, SOFT, figure
 
 HEADER = ("", "value", "95 % interval", "unit")
-STEADY_HEADER = ("channel", "end of the heat-up (degC)", "steady (degC)", "95 % interval", "")
+STEADY_HEADER = ("channel", "end of the heat-up (degC)", "steady (degC)", "95 % interval", "is")
 
 COLOURS = {"winding": BEFORE, "magnet": OTHER, "housing": AFTER}
 
@@ -36,7 +38,7 @@ def report(found: ThermalConstants, recordings: Recordings) -> Page:
     if ambient_K_per_W := found.resistance_K_per_W.text():
         cards.append((f"{ambient_K_per_W} K/W", f"{found.nodes[0]} to ambient"))
     page.cards(cards)
-    page.table([], [*recordings.facts, *_facts(found)])
+    page.facts([*recordings.facts, *_facts(found)])
     page.heading("Heat-up and cooling")
     page.picture(
         temperatures(found),
@@ -53,22 +55,22 @@ def report(found: ThermalConstants, recordings: Recordings) -> Page:
 def rows(found: ThermalConstants) -> list[list[str]]:
     """Return the constants as rows under HEADER."""
     table = [
-        _row(f"time constant {one.number}, {one.phase}", one.time_constant_s, "s")
+        constant_row(f"time constant {one.number}, {one.phase}", one.time_constant_s, "s")
         for one in found.time_constants
     ]
     if found.resistance_K_per_W.value is not None:
         name = f"{found.nodes[0]} to ambient, all paths"
-        table.append(_row(name, found.resistance_K_per_W, "K/W"))
+        table.append(constant_row(name, found.resistance_K_per_W, "K/W"))
     else:
         name = f"{found.nodes[0]} above ambient for each A\u00b2"
-        table.append(_row(name, found.rise, "K/A\u00b2"))
+        table.append(constant_row(name, found.rise, "K/A\u00b2"))
     lost = {True: "", False: ", not separated"}
     table += [
-        _row(one.between, one.resistance_K_per_W, f"K/W{lost[one.separated]}")
+        constant_row(one.between, one.resistance_K_per_W, f"K/W{lost[one.separated]}")
         for one in found.resistances
     ]
     table += [
-        _row(one.node, one.capacity_J_per_K, f"J/K{lost[one.separated]}")
+        constant_row(one.node, one.capacity_J_per_K, f"J/K{lost[one.separated]}")
         for one in found.capacities
     ]
     return table
@@ -89,8 +91,13 @@ def steady_rows(found: ThermalConstants) -> list[list[str]]:
     ]
 
 
-def _row(name: str, one: IntervalEstimate, unit: str) -> list[str]:
-    return [name, f"{one.value:.4g}", _interval(one, ".4g"), unit]
+def constant_row(name: str, one: IntervalEstimate, unit: str) -> list[str]:
+    """Return a constant with the digits that its interval has two of, four if it has none."""
+    low, high = one.low, one.high
+    if low is None or high is None or not isfinite(high - low) or high <= low:
+        return [name, f"{one.value:#.4g}".rstrip("."), _interval(one, ".4g"), unit]
+    digits = f".{max(decimals_of((high - low) / 2), 0)}f"
+    return [name, f"{one.value:{digits}}", _interval(one, digits), unit]
 
 
 def _interval(one: IntervalEstimate, digits: str) -> str:

@@ -15,7 +15,7 @@ from motord.experiments.subject import Recordings
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.intervals import two_digits
 from motord.report.html import Page
-from motord.report.style import AFTER, BEFORE, INK, PAPER, SERIOUS, SOFT, figure
+from motord.report.style import INK, ON_FILL, PAPER, SERIOUS, figure, steps
 
 HEADER = ("set-points", "mechanical (W)", "electrical (W)", "losses (W)", "efficiency (%)")
 
@@ -28,7 +28,7 @@ GRID_POINTS = 120
 """Points of the grid that contours are drawn on, in each direction."""
 
 LEVELS = 12
-COLOURS = {"motoring": AFTER, "generating": BEFORE, "braking": SOFT}
+LINES = {"motoring": "o-", "generating": "s--", "braking": "^:"}
 
 
 def report(found: EfficiencyMap, recordings: Recordings) -> Page:
@@ -43,7 +43,7 @@ def report(found: EfficiencyMap, recordings: Recordings) -> Page:
         highest = f"{shown.efficiency.text()} %"
         figures.insert(0, (highest, f"highest efficiency, at {shown.label}, 95 %"))
     page.cards(figures)
-    page.table([], recordings.facts)
+    page.facts(recordings.facts)
     page.heading("Efficiency over torque and speed")
     page.picture(
         efficiency_contours(found.points),
@@ -155,7 +155,7 @@ def _contours(
     given_W = mechanical_W + lost_W
     part = mechanical_W / given_W if points[0].mode == "motoring" else given_W / mechanical_W
     filled = axes.contourf(*grid, 100 * part, levels, cmap=_MAP, extend="min")
-    axes.contour(*grid, 100 * part, levels, colors=INK, linewidths=0.4, alpha=0.5)
+    axes.contour(*grid, 100 * part, levels, colors=ON_FILL, linewidths=0.4, alpha=0.5)
     return filled
 
 
@@ -201,9 +201,8 @@ def losses(points: Sequence[OperatingPower]) -> Figure:
     with figure(3.6) as picture:
         axes = picture.subplots()
         speeds_Hz = sorted({one.speed_Hz for one in points})
-        shades = np.linspace(0.55, 1.0, len(speeds_Hz))
-        for speed_Hz, shade in zip(speeds_Hz, shades, strict=True):
-            for mode, colour in COLOURS.items():
+        for speed_Hz, colour in zip(speeds_Hz, steps(len(speeds_Hz)), strict=True):
+            for mode, style in LINES.items():
                 line = sorted(
                     (one for one in points if one.speed_Hz == speed_Hz and one.mode == mode),
                     key=lambda one: one.torque_mean_Nm,
@@ -212,8 +211,8 @@ def losses(points: Sequence[OperatingPower]) -> Figure:
                 high = np.array([one.loss.high for one in line], float)
                 if line:
                     axes.errorbar(
-                        [one.torque_mean_Nm for one in line], value, high - value, color=colour,
-                        alpha=shade, capsize=2.5, marker="o", markersize=3.0, linewidth=1.0,
+                        [one.torque_mean_Nm for one in line], value, high - value, fmt=style,
+                        color=colour, capsize=2.5, markersize=3.0, linewidth=1.0,
                         label=f"{speed_Hz:g} turns/s, {mode}",
                     )  # fmt: skip
         axes.set(xlabel="torque (Nm)", ylabel="losses (W)", ylim=(0, None))

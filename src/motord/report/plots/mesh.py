@@ -9,12 +9,15 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from motord.calibration import TorqueSpeed
-from motord.report.style import INK, PAPER, figure
+from motord.report.style import ON_FILL, PAPER, figure, luminance
 
 _MAP = LinearSegmentedColormap.from_list(
     "ripple", ["#0d4f7c", "#3f8fbe", "#a9cfe3", "#f3e6c8", "#ec9a62", "#b23a1e", "#6d1410"]
 )
 """Blue is smooth, red is rough; the turn from one to the other lies at 1 %."""
+
+WHITE_BELOW = 0.179
+"""The luminance at which white and black text have the same contrast, 4.6 : 1."""
 
 RANGE_PERCENT = (0.03, 30.0)
 
@@ -33,7 +36,7 @@ def rms_error(panels: Sequence[tuple[str, Mapping[TorqueSpeed, float]]]) -> Figu
         bar.set_ticks([0.1, 1.0, 10.0], labels=["0.1", "1", "10"])
         bar.set_label("RMS error (% of rated)")
         bar.outline.set_visible(False)
-        bar.ax.axhline(1.0, color=INK, linewidth=1.0)
+        bar.ax.axhline(1.0, color=ON_FILL, linewidth=1.0)
         return picture
 
 
@@ -47,10 +50,9 @@ def _heat_map(axes: Axes, values: Mapping[TorqueSpeed, float], norm: LogNorm) ->
     for row, column in np.argwhere(np.isfinite(grid)):
         value = grid[row, column]
         red, green, blue, _ = _MAP(float(norm(value)))
-        dark = 0.3 * red + 0.59 * green + 0.11 * blue < 0.55
         axes.text(
             column + 0.5, row + 0.5, in_percent(value), ha="center", va="center", fontsize=9.5,
-            color="white" if dark else "black",
+            color="white" if luminance(red, green, blue) < WHITE_BELOW else "black",
         )  # fmt: skip
     axes.set_xticks(np.arange(len(speeds_Hz)) + 0.5, [f"{speed:g}" for speed in speeds_Hz])
     axes.set_yticks(np.arange(len(torques_Nm)) + 0.5, [f"{torque:g}" for torque in torques_Nm])
