@@ -127,7 +127,8 @@ def test_a_line_that_is_cut_says_so(glyphs):
     lines = shown(snapshot(state(plan=PLAN)), width=40, glyphs=glyphs)
     cut = [line for line in lines if line.startswith(("calibration", "             late"))]
     assert [line[-1] for line in cut] == [glyphs.ellipsis] * 2, lines
-    assert "speed        0.700 Hz" in lines  # only blanks are cut off
+    narrower = shown(snapshot(state(plan=PLAN)), width=30, glyphs=glyphs)
+    assert "speed        0.700 Hz" in narrower  # only blanks are cut off
 
 
 def test_a_trip_of_many_causes_says_what_to_do_and_every_value_is_whole():
@@ -284,3 +285,16 @@ def test_what_has_departed_goes_on_below():
 
 def test_what_is_not_tracked_takes_no_line():
     assert not any("tracked" in line for line in shown(snapshot(state()), height=40))
+
+
+def test_a_narrow_screen_has_sparklines_without_halves_of_numbers_and_says_how_to_stop():
+    history = MinMaxHistory()
+    history.add(ticks(60.0, 2.0))
+    lines = shown(snapshot(state(), columns=history.columns), width=40, height=12)
+    sparks = [line for line in lines if line.startswith(("torque", "speed", "current"))]
+    assert len(sparks) == 5
+    assert not any(line.endswith(UNICODE.ellipsis) for line in sparks), sparks
+    assert any(line.endswith("now") for line in lines)
+    assert lines[-1] == "Esc: stop, q: quit, ?: all keys"
+    wide = shown(snapshot(state(), columns=history.columns))
+    assert any(line.endswith("max 2.000") for line in wide)

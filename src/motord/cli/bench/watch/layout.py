@@ -2,7 +2,7 @@
 
 from rich.text import Text
 
-from motord.cli.bench.watch import panels, plan_panel
+from motord.cli.bench.watch import keys, panels, plan_panel
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS
 from motord.cli.bench.watch.snapshot import Snapshot
@@ -14,7 +14,7 @@ SIGNAL_ROWS_MAX = 6
 
 def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Return `height` lines of at most `width` cells; what is no longer true for sure is dimmed."""
-    title, bottom = panels.title(seen, width, glyphs), [*_message(seen), panels.footer()]
+    title, bottom = panels.title(seen, width, glyphs), [*_message(seen), _footer(width)]
     known = [panels.drive_state(seen, width, glyphs)]
     room = height - 1 - len(bottom)
     if seen.state is not None:
@@ -36,6 +36,16 @@ def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]
 def _message(seen: Snapshot) -> list[Text]:
     """Return what became of the last command; without one, the events have the line."""
     return [Text(seen.message, panels.ALARM if seen.alarming else "bold")] if seen.message else []
+
+
+def _footer(width: int) -> Text:
+    """Return the keys: the capital of each word; the two that lead on where not all have room."""
+    line = Text()
+    for key in keys.KEYS:
+        if key.label:
+            line.append(key.label[0], "bold underline").append(f"{key.label[1:]} ")
+    line.append("help  (Esc: stop)")
+    return line if line.cell_len <= width else Text("Esc: stop, q: quit, ?: all keys")
 
 
 def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:

@@ -9,15 +9,17 @@ from rich.text import Text
 
 from motord.api.messages import BenchState
 from motord.cli.bench import wording
-from motord.cli.bench.watch import keys
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS, column_count, column_of
 from motord.cli.bench.watch.snapshot import Snapshot
 from motord.cli.bench.watch.sparkline import axis_limits, columns_per_character, sparkline
 
+NOW = " now"
 LABEL_WIDTH = 13
 VALUE_WIDTH = 16
 EDGE_WIDTH = 15
+EDGES_FROM_WIDTH = 60
+"""A narrower screen, where nothing of the edges but their signs had room, has none."""
 STATE_STYLE = {
     "OFF": "reverse",
     "READY": "bold black on cyan",
@@ -126,7 +128,10 @@ def signals(seen: Snapshot, width: int, rows: int, glyphs: Glyphs) -> list[Text]
         limits = axis_limits(low, high, FLOOR * scale)
         gap = int(rows > 2)  # between sparklines that would touch
         drawn = sparkline(low, high, limits, rows - gap, braille=glyphs.braille) + [""] * gap
-        edges = _edges(low, high, rows - gap, decimals(scale)) + [""] * gap
+        shown = width >= EDGES_FROM_WIDTH
+        edges = (
+            _edges(low, high, rows - gap, decimals(scale)) + [""] * gap if shown else [""] * rows
+        )
         values = _values(seen.state, signal, decimals(scale))
         for index, (part, edge) in enumerate(zip(drawn, edges, strict=True)):
             label, value = values[index] if index < len(values) else ("", "")
@@ -135,7 +140,7 @@ def signals(seen: Snapshot, width: int, rows: int, glyphs: Glyphs) -> list[Text]
                     (f"{label:<{LABEL_WIDTH}}", HEADING if index else "none"),
                     (f"{value:<{VALUE_WIDTH}}", "none" if index else "bold"),
                     f"{part:>{characters}}",
-                    (f"{edge:<{EDGE_WIDTH}}", HEADING),
+                    (edge, HEADING),
                 )
             )
     return lines
@@ -143,7 +148,8 @@ def signals(seen: Snapshot, width: int, rows: int, glyphs: Glyphs) -> list[Text]
 
 def sparkline_width(width: int) -> int:
     """Return how many characters of a line of `width` are for a sparkline."""
-    return max(width - LABEL_WIDTH - VALUE_WIDTH - EDGE_WIDTH, 8)
+    edge = EDGE_WIDTH if width >= EDGES_FROM_WIDTH else len(NOW)
+    return max(width - LABEL_WIDTH - VALUE_WIDTH - edge, 4)
 
 
 def decimals(scale: float) -> int:
@@ -205,7 +211,7 @@ def time_axis(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
             behind = (used - 1 - column) // each
             axis[characters - 1 - behind] = MARKS[event.kind]
     left = f"{'':<{LABEL_WIDTH}}{'last 60 s':>{VALUE_WIDTH - 1}} "
-    return Text(f"{left}{''.join(axis)} now", HEADING)
+    return Text(f"{left}{''.join(axis)}{NOW}", HEADING)
 
 
 def kept(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
@@ -289,12 +295,3 @@ def events(seen: Snapshot, rows: int) -> list[Text]:
             )
         )
     return lines
-
-
-def footer() -> Text:
-    """Return the keys: the capital of each word."""
-    line = Text()
-    for key in keys.KEYS:
-        if key.label:
-            line.append(key.label[0], "bold underline").append(f"{key.label[1:]} ")
-    return line.append("help  (Esc: stop)")
