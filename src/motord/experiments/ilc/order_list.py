@@ -16,7 +16,7 @@ from motord.config import TorqueSensorConfig
 from motord.experiments.ilc.seen import SeenRipple
 from motord.identification import IdentifyError
 from motord.identification.torque_sensor import MOUNT_SHARE
-from motord.intervals import f_tail
+from motord.intervals import f_tail, two_digits
 from motord.learned import MAX_ORDERS
 
 FALSE_SHARE = 0.002
@@ -132,4 +132,4 @@ def reach_text(point: SeenRipple, sensor: TorqueSensorConfig) -> str:
     if sensor.highpass_time_constant_s and weak.size:
         words.append(f"noise is larger up to order {int(weak[-1]) + 1} (the sensor's high-pass)")
     least_mNm = 1e3 * float(np.median(point.noise_Nm))
-    return ", ".join(words) + f"; noise {least_mNm:.2g} mNm an order"
+    return ", ".join(words) + f"; noise {two_digits(least_mNm)} mNm an order"

@@ -5,7 +5,6 @@ from math import ceil, hypot
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -18,10 +17,7 @@ from motord.intervals import coverage_factor, plus_minus
 from motord.learned import LearnedPoint
 from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
-from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, figure
-
-_TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER, BEFORE])
-"""Colours from the lowest to the highest torque."""
+from motord.report.style import INK, SOFT, figure, steps
 
 PASS_NUMBERS = 15
 """So many numbers of passes have room below a picture."""
@@ -80,7 +76,8 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float
         convergence(passes),
         f"RMS error of the {meaning} in each pass, one line an operating point. The "
         "first pass has the calibration alone; each of the others has what was learned in those "
-        "before it. A point that gains no more keeps its best correction. Lines at 1 and at 0.2 %.",
+        "before it. A point that gains no more keeps its best correction. Lines at 1 and at 0.2 %; "
+        f"what is less than {LEAST_PERCENT:g} % stands there.",
     )
     page.picture(
         corrections(done.learned.orders, learned),
@@ -115,15 +112,12 @@ def _panels(
     return [("Without compensation", before), *panels] if measured and before else panels
 
 
-def _colours(points: Sequence[TorqueSpeed]) -> dict[float, tuple[float, float, float, float]]:
+def _colours(points: Sequence[TorqueSpeed]) -> dict[float, str]:
     torques_Nm = sorted({torque_Nm for torque_Nm, _ in points})
-    places = np.linspace(0, 1, len(torques_Nm)).tolist()
-    return dict(zip(torques_Nm, map(_TORQUES, places), strict=True))
+    return dict(zip(torques_Nm, steps(len(torques_Nm)), strict=True))
 
 
-def _legend(
-    picture: Figure, axes: Axes, colours: Mapping[float, tuple[float, float, float, float]]
-) -> None:
+def _legend(picture: Figure, axes: Axes, colours: Mapping[float, str]) -> None:
     for torque_Nm, colour in colours.items():
         axes.plot([], [], color=colour, marker="o", markersize=4, label=f"{torque_Nm:g} Nm")
     picture.legend(loc="outside upper right", ncols=min(len(colours), 8))

@@ -58,7 +58,7 @@ def rows(found: SoakResult) -> list[list[str]]:
     """Return a row for each figure."""
     return [
         [
-            one.name, f"{one.mean:.4g}", one.unit, one.to_text(),
+            one.name, f"{one.mean:#.4g}".rstrip("."), one.unit, one.to_text(),
             "yes" if one.drifts else "no" if one.slope.p_value is not None else "?",
             plus_minus(one.step.value, one.step.half_width) if one.step else "",
         ]

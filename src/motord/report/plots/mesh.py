@@ -29,7 +29,7 @@ def rms_error(panels: Sequence[tuple[str, Mapping[TorqueSpeed, float]]]) -> Figu
         all_axes = picture.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         norm = LogNorm(*RANGE_PERCENT, clip=True)
         for axes, (title, values) in zip(all_axes, panels, strict=True):
-            image = _heat_map(axes, values, norm)
+            image = _heat_map(axes, torques_Nm, values, norm)
             axes.set_title(title)
         all_axes[0].set_ylabel("torque set-point (Nm)")
         bar = picture.colorbar(image, ax=list(all_axes), pad=0.02, aspect=18)
@@ -40,8 +40,10 @@ def rms_error(panels: Sequence[tuple[str, Mapping[TorqueSpeed, float]]]) -> Figu
         return picture
 
 
-def _heat_map(axes: Axes, values: Mapping[TorqueSpeed, float], norm: LogNorm) -> QuadMesh:
-    torques_Nm = sorted({torque_Nm for torque_Nm, _ in values})
+def _heat_map(
+    axes: Axes, torques_Nm: Sequence[float], values: Mapping[TorqueSpeed, float], norm: LogNorm
+) -> QuadMesh:
+    """Draw values; torques_Nm: those of all panels, which share the rows."""
     speeds_Hz = sorted({speed_Hz for _, speed_Hz in values})
     grid = np.full((len(torques_Nm), len(speeds_Hz)), np.nan)
     for (torque_Nm, speed_Hz), value in values.items():
