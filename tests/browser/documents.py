@@ -22,7 +22,8 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
     busy = plan is not None and not plan.over
     return {
         "bench": "sim", "motor": "axial-flux 48/16 sim-1", "simulated": True, "version": "0",
-        "t_ns": newest.get("t_ns", 0), "uptime_s": uptime_s, "state": bench.state.name,
+        "t_ns": newest.get("t_ns", 0), "uptime_s": uptime_s,
+        "state": "OFF" if stand_in.loop_ended else bench.state.name,
         "fault": fault, "remedy": remedy,
         "trips": [{"name": "OVER_CURRENT", "meaning": OVER_CURRENT}] if stand_in.trip else [],
         "first_trip": "OVER_CURRENT" if stand_in.trip else "", "trip": stand_in.trip,

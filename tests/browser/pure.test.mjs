@@ -366,8 +366,8 @@ test("a turn in which the set-point moved says so, in place of a set-point", () 
   assert.equal(plain(false, true), "1.40 Nm p-p as the set-point moved");
 });
 
-test("an axis that ends at the newest tick of before does not say now", () => {
-  assert.equal(format.beforeNow(0, 2, 10, true), "newest");
+test("an axis that ends at the last tick, of before, does not say now", () => {
+  assert.equal(format.beforeNow(0, 2, 10, true), "last");
   assert.equal(format.beforeNow(-2, 2, 10, true), format.beforeNow(-2, 2, 10));
 });
 

@@ -80,6 +80,7 @@ def test_why_the_daemon_is_silent_takes_no_room_from_the_head(
     assert inside(page.locator("#link-text"), page.locator("#link"))
     server.stand_in.do(lambda: setattr(server.stand_in, "silent", False))
     expect(page.locator("#gone")).to_be_hidden()
+    shows(page, "#messages", "The daemon publishes again, after ")
 
 
 def test_in_one_wide_column_the_scale_of_the_torque_stays_small(

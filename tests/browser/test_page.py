@@ -351,12 +351,23 @@ def test_a_recording_that_may_not_go_on_says_why(server, visit: Watched):
     expect(page.locator("#trouble")).to_be_hidden()
 
 
+NOTE_DRAWN_TEXTS = """() => {
+  window.drawn = [];
+  const {prototype} = CanvasRenderingContext2D, fillText = prototype.fillText;
+  prototype.fillText = function (text, ...at) {
+    window.drawn.push(text);
+    fillText.call(this, text, ...at);
+  };
+}"""
+
+
 def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Watched):
     page = visit(server.urls.operator)
     press(page, "#take")
     shows(page, "#lease-text", "You are in command")
     expect(page.locator("#enable")).to_be_enabled()
     waits(page, "() => document.body.dataset.ticksStale === undefined")
+    page.evaluate(NOTE_DRAWN_TEXTS)
     server.stand_in.do(lambda: setattr(server.stand_in, "loop_ended", True))
     shows(page, "#no-ticks", "the loop does not run")
     expect(page.locator("body")).not_to_have_attribute("data-stale", "true")  # the state is live
@@ -364,6 +375,7 @@ def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Wa
     expect(page.locator("#reset")).to_be_enabled()
     pale = page.locator("#plots canvas").first
     assert float(pale.evaluate("e => getComputedStyle(e).opacity")) < 0.6
+    waits(page, "() => window.drawn.includes('last')")  # in the place of "now"
     server.stand_in.do(lambda: setattr(server.stand_in, "loop_ended", False))
     expect(page.locator("#no-ticks")).to_be_empty()
 

@@ -92,9 +92,9 @@ const MINUTES_FROM_S = 120;
 /** Decimals that multiples of a step of 1, 2 or 5 by a power of ten have. @param {number} step */
 export const decimals = (step) => Math.max(0, Math.min(8, Math.ceil(-Math.log10(step) - 1e-9)));
 
-/** A time before now, on the axis of a window that ends now. @param {number} t_s at most 0 @param {number} step_s between two @param {number} span_s of the window @param {boolean} [old] whether it ends at the newest tick of before */
+/** A time before now, on the axis of a window that ends now. @param {number} t_s at most 0 @param {number} step_s between two @param {number} span_s of the window @param {boolean} [old] whether it ends at the last tick, of before */
 export function beforeNow(t_s, step_s, span_s, old = false) {
-  if (Math.abs(t_s) < step_s / 2) return old ? "newest" : "now";
+  if (Math.abs(t_s) < step_s / 2) return old ? "last" : "now";
   if (span_s <= MINUTES_FROM_S || step_s < 30) return `${number(t_s, decimals(step_s))} s`;
   return `${number(t_s / 60, step_s < 60 ? 1 : 0)} min`;
 }

@@ -16,6 +16,8 @@ export class StatusBar {
     this._lostAt_ms = 0;
     this._wasOpen = false;
     this._alive = true;
+    this._gone = false; // and it was said so
+    this._silent_ms = performance.now();
     this._trip = "";
     this._ticksStale = false;
     bench.on("hello", (hello) => this._hello(hello));
@@ -116,7 +118,9 @@ export class StatusBar {
 
   _connection() {
     const { alive } = this._bench.connection;
-    if (alive !== this._alive && alive) this._messages.say("info", "The daemon publishes again.");
+    if (this._alive && !alive) this._silent_ms = performance.now();
+    if (alive && this._gone) this._messages.say("info", `The daemon publishes again, after ${duration((performance.now() - this._silent_ms) / 1000)}.`);
+    if (alive) this._gone = false;
     this._alive = alive;
     this.tick();
     this._lease();
@@ -127,11 +131,12 @@ export class StatusBar {
     const { link, connection, stale, ticksStale, age_s } = this._bench;
     setAttribute(document.body, "data-stale", stale ? "true" : null);
     setAttribute(document.body, "data-ticks-stale", ticksStale ? "true" : null);
-    setText(byId("no-ticks"), ticksStale && !stale ? "no ticks: the loop does not run, the newest are shown" : "");
+    setText(byId("no-ticks"), ticksStale && !stale ? "no ticks: the loop does not run; the last ones are shown" : "");
     if (ticksStale !== this._ticksStale) this._bench.emit("age", null);
     this._ticksStale = ticksStale;
     const gone = link.status === "open" && !connection.alive && age_s > GONE_S;
     byId("gone").hidden = !gone;
+    this._gone ||= gone;
     setText(byId("gone"), gone ? connection.message : "");
     const text =
       link.status === "refused" ? "not let in"

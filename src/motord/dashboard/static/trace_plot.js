@@ -144,6 +144,7 @@ export class TracePlot {
       uplot.setScale("x", { min: from_s, max: to_s });
       uplot.setScale("y", { min, max });
     });
+    if (axes.old !== old) uplot.redraw(false, true); // the same scales with another name at their end
   }
 
   /** Values at a time, from minimum to maximum, or the newest. @param {Buckets} buckets @param {number | null} t_s */
