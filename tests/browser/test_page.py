@@ -369,7 +369,7 @@ def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Wa
     waits(page, "() => document.body.dataset.ticksStale === undefined")
     page.evaluate(NOTE_DRAWN_TEXTS)
     server.stand_in.do(lambda: setattr(server.stand_in, "loop_ended", True))
-    shows(page, "#no-ticks", "the loop does not run")
+    shows(page, "#no-ticks", "no ticks come from the loop")
     expect(page.locator("body")).not_to_have_attribute("data-stale", "true")  # the state is live
     expect(page.locator("#enable")).to_be_disabled()
     expect(page.locator("#reset")).to_be_enabled()

@@ -131,7 +131,7 @@ export class StatusBar {
     const { link, connection, stale, ticksStale, age_s } = this._bench;
     setAttribute(document.body, "data-stale", stale ? "true" : null);
     setAttribute(document.body, "data-ticks-stale", ticksStale ? "true" : null);
-    setText(byId("no-ticks"), ticksStale && !stale ? "no ticks: the loop does not run; the last ones are shown" : "");
+    setText(byId("no-ticks"), ticksStale && !stale ? "no ticks come from the loop; the last ones are shown" : "");
     if (ticksStale !== this._ticksStale) this._bench.emit("age", null);
     this._ticksStale = ticksStale;
     const gone = link.status === "open" && !connection.alive && age_s > GONE_S;
