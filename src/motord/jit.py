@@ -9,8 +9,12 @@ from enum import Enum
 from pathlib import Path
 from typing import IO, Any, TypeVar, cast
 
-import numba
 import numpy as np
+
+from motord.process.hidden_packages import hidden
+
+with hidden("coverage"):  # numba would load it to count lines that it compiles
+    import numba
 from numba.core import caching
 from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic

@@ -4,17 +4,9 @@ Where asammdf is installed, `import can` loads it for these, and with it pandas 
 of processor time in each process that talks CAN, the loop's among them.
 """
 
-import sys
+from motord.process.hidden_packages import hidden
 
-MF4_PACKAGE = "asammdf"
-
-_hides = MF4_PACKAGE not in sys.modules
-if _hides:
-    sys.modules[MF4_PACKAGE] = None  # type: ignore[assignment]  # "not installed", to an import
-try:
+with hidden("asammdf"):
     import can
-finally:
-    if _hides:
-        del sys.modules[MF4_PACKAGE]
 
 __all__ = ["can"]

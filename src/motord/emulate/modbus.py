@@ -7,9 +7,12 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
+from motord.process.hidden_packages import hidden
+
+with hidden("aiohttp"):  # the web page of pymodbus' simulator would load it
+    from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import NoSuchIdException
-from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.base import ModbusBaseServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.transport import ModbusProtocol
