@@ -28,6 +28,7 @@ class RecentTicks:
         self._decay = float(self._parameters.torque_decay)  # in one tick
         self._blocks: deque[np.ndarray] = deque()
         self._count = 0  # of the ticks in the blocks
+        self._second: np.ndarray | None = None  # ticks of the last second, once asked for
         self._expected_Nm = self._set_Nm = 0.0  # at the end of the block before the newest
         self._tick: int | None = None  # the last of that block
 
@@ -39,24 +40,28 @@ class RecentTicks:
             self._set_Nm = float(newest["torque_set_Nm"][-1])
             self._tick = int(newest["tick"][-1])
         self._blocks.append(block)
+        self._second = None
         self._count += len(block)
         while self._count - len(self._blocks[0]) > self._kept:
             self._count -= len(self._blocks.popleft())
 
     def last_second(self, name: str) -> np.ndarray:
         """Return a field of the ticks of the last second, shape (n,)."""
-        parts, count = [], 0
-        for block in reversed(self._blocks):
-            parts.append(block[name])
-            count += len(block)
-            if count >= self._rate_Hz:
-                break
-        return np.concatenate(parts[::-1])
+        if self._second is None:  # joined once: a state needs ten fields of a hundred blocks
+            parts, count = [], 0
+            for block in reversed(self._blocks):
+                parts.append(block)
+                count += len(block)
+                if count >= self._rate_Hz:
+                    break
+            self._second = joined(parts[::-1])
+        second: np.ndarray = self._second[name]
+        return second
 
     def forget(self) -> None:
         """Start anew."""
         self._blocks.clear()
-        self._count = 0
+        self._count, self._second = 0, None
         self._expected_Nm, self._set_Nm, self._tick = 0.0, 0.0, None
 
     def until(self, row: int) -> TripWindow:
