@@ -230,6 +230,20 @@ def test_the_torque_expected_goes_through_the_high_pass():
     assert recent.until(0).expected_Nm == 0.0
 
 
+def test_the_last_second_ends_with_the_newest_block():
+    recent, kept = RecentTicks(load()), load().loop.rate_Hz
+    ticks = np.zeros(2 * kept, TICK_DTYPE)
+    ticks["tick"] = np.arange(2 * kept)
+    for first in range(0, len(ticks), BLOCK):
+        recent.add(ticks[first : first + BLOCK])
+        seen = recent.last_second("tick")
+        assert seen[-1] == first + BLOCK - 1
+    assert seen.tolist() == list(range(kept, 2 * kept))
+    recent.forget()
+    recent.add(ticks[:1])
+    assert recent.last_second("tick").tolist() == [0]
+
+
 @pytest.mark.parametrize("missed", [0, 500])
 def test_the_high_pass_forgets_over_ticks_that_were_missed(missed):
     recent = RecentTicks(load())
