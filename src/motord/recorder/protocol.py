@@ -69,15 +69,15 @@ M = TypeVar("M", bound=Message)
 class MessageReader(Generic[M]):
     """Messages of type `model` out of a pipe, at most `lines.LINES_AT_ONCE` at a call.
 
-    `bad`: lines so far that were none, `newest_bad` the last of them in short. `flooded` is True
-    once more has come than `Allowance` lets pass: the process behind it is not sound.
+    `good`: messages so far, `bad`: lines that were none, `newest_bad` the last of them in short.
+    `flooded` is True once more has come than `Allowance` lets pass: the process is not sound.
     """
 
     def __init__(self, descriptor: int, model: type[M]) -> None:
         self._lines = LineReader(descriptor)
         self._model = model
         self._allowance = Allowance(RATE_PER_S, BURST)
-        self._bad = 0
+        self._bad = self.good = 0
         self.newest_bad = ""
         self.flooded = False
 
@@ -98,8 +98,10 @@ class MessageReader(Generic[M]):
         KiB = (self._lines.received - before) / 1024
         if not self._allowance.spend(max(len(lines), KiB), now_ns):
             self.flooded = True
-        found = (self._parse(line) for line in lines)
-        return [message for message in found if message is not None]
+        parsed = (self._parse(line) for line in lines)
+        found = [message for message in parsed if message is not None]
+        self.good += len(found)
+        return found
 
     def _parse(self, line: bytes) -> M | None:
         try:

@@ -20,8 +20,9 @@ from motord.schema import State
 from motord.service.bench.channels import HELD_NS, NOTHING_YET, Channel, i2t_derating
 from motord.service.bench.trip_report import DERATING
 from motord.service.channels import process
-from motord.service.channels.link import SILENT_NS, ChannelLink
+from motord.service.channels.link import ChannelLink
 from motord.service.channels.protocol import ReadingMessage, ReadingsMessage
+from motord.service.host.child_pipes import SILENT_NS
 from tests.support.played_process import PlayedProcess
 from tests.unit.service.virtual_service import VirtualService
 

@@ -20,7 +20,8 @@ from motord.security import authority, identity
 from motord.security.roles import Role, SecurityError
 from motord.service.gateway import process
 from motord.service.gateway.audit import AuditLog
-from motord.service.gateway.link import GATEWAY, SILENT_NS, GatewayLink
+from motord.service.gateway.link import GATEWAY, GatewayLink
+from motord.service.host.child_pipes import SILENT_NS, START_NS
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
@@ -273,19 +274,41 @@ def test_a_gateway_that_shows_nothing_is_ended_and_started_again():
     link = GatewayLink(children, events)
     children.start_all(0)
     stopped = children.process(GATEWAY)
-    for now_ns in (0, SILENT_NS):
+    for now_ns in (0, START_NS):
         link.step(now_ns)
+    assert children.poll(START_NS) == []
+    link.step(START_NS + 1)
+    assert stopped.wait(PATIENCE_S) == -signal.SIGKILL
+    [end] = children.poll(START_NS + 1)
+    children.poll(START_NS + 1 + round(end.again_s * 1e9))
+    assert children.process(GATEWAY) not in (None, stopped)
+    link.step(2 * START_NS)  # of the first
+    link.step(2 * START_NS)  # of the next one, whose time begins now
+    link.step(3 * START_NS)
+    link.stop(3 * START_NS)
+    assert [e.message for e in events.recent()] == [
+        "gate has sent nothing for 60 s since it was started; it is ended"
+    ]
+
+
+def test_a_gateway_that_was_up_is_ended_sooner():
+    children, events = (
+        in_its_place('print(\'{"message":"up"}\', flush=True); input()'),
+        EventLog(lambda: 0),
+    )
+    link, end_s = GatewayLink(children, events), time.monotonic() + PATIENCE_S
+    children.start_all(0)
+    while not events.recent() and time.monotonic() < end_s:
+        link.step(0)
+    process = children.process(GATEWAY)
+    link.step(SILENT_NS)
     assert children.poll(SILENT_NS) == []
     link.step(SILENT_NS + 1)
-    assert stopped.wait(PATIENCE_S) == -signal.SIGKILL
-    [end] = children.poll(SILENT_NS + 1)
-    children.poll(SILENT_NS + 1 + round(end.again_s * 1e9))
-    assert children.process(GATEWAY) not in (None, stopped)
-    link.step(2 * SILENT_NS)  # of the first
-    link.step(2 * SILENT_NS)  # of the next one, whose time begins now
-    link.step(3 * SILENT_NS)
-    link.stop(3 * SILENT_NS)
-    assert [e.message for e in events.recent()] == ["gate has sent nothing for 10 s; it is ended"]
+    assert process.wait(PATIENCE_S) == -signal.SIGKILL
+    link.stop(SILENT_NS + 1)
+    assert [e.message for e in events.recent()] == [
+        "up", "gate has sent nothing for 10 s; it is ended",
+    ]  # fmt: skip
 
 
 FLOODS = {

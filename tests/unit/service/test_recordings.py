@@ -308,6 +308,21 @@ def test_the_state_says_that_a_recorder_is_silent(played):
     assert played.state()["recording"]["error"] == ""
 
 
+def test_a_recorder_that_is_silent_is_ended_while_the_ring_has_what_it_missed(played):
+    played.up()
+    played.step(2, State.ENABLED)
+    first = played.recorders[0]
+    first.report(ticks=3)
+    played.step(990, State.ENABLED)
+    assert first.code is None
+    played.step(20, State.ENABLED)
+    assert first.code == -signal.SIGKILL
+    played.step(20, State.ENABLED)
+    assert played.recorders[1].received("start")[0]["resume"]
+    said = [event.message for event in played.supervisor.bench.events.recent()]
+    assert "recorder has sent nothing for 10 s; it is ended" in said
+
+
 def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"required": False})
     played.up()

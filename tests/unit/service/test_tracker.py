@@ -282,6 +282,7 @@ def test_a_process_that_dies_is_started_again_and_begins_anew(linked, sig):
     assert (linked.link.view.turns, linked.link.view.obstacle) == (0, ENDED)
     linked.step(0.2)
     assert len(linked.started) == 2
+    assert linked.link.view.obstacle == NOTHING_YET
     linked.started[1].begun()
     linked.started[1].track(name, turns=1)
     linked.step()
@@ -332,7 +333,7 @@ def test_one_that_is_stopped_is_ended_with_an_event(linked):
     linked.step()
     assert played.code == -signal.SIGKILL
     [said] = linked.messages("process")
-    assert said == "tracker has sent nothing for 300 s; it is ended"
+    assert said == "tracker has sent nothing for 300 s since it was started; it is ended"
     assert linked.step(0.5) == [("killed by SIGKILL", 0.1)]
     assert len(linked.started) == 2
 

@@ -11,9 +11,6 @@ from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 
 CHANNELS = "channels"
-SILENT_NS = 10_000_000_000
-"""Without a message for so long the process is ended, and started again: it was stopped, or a
-driver in it holds the interpreter."""
 
 
 class ChannelLink:
@@ -43,7 +40,7 @@ class ChannelLink:
                     content = channel.content(now_ns)
                     self._record(channel.config, now_ns - reading.t_ns, content)
         if not self._pipes.closed():
-            self._pipes.end_if_silent(now_ns, SILENT_NS)
+            self._pipes.end_if_silent(now_ns)
 
     def stop(self) -> None:
         """End the process."""

@@ -14,6 +14,9 @@ from motord.service.host.events import EventLog
 
 ESTIMATOR = "estimator"
 ENDED = "the estimator process has ended, and is not started again while the plan runs"
+SILENT_NS = 30_000_000_000
+"""A capture that is not answered for so long is said; it is still waited for."""
+SILENT = f"the estimator has not answered a capture for {SILENT_NS / 1e9:g} s: stopped, or too slow"
 
 
 class EstimatorLink:
@@ -28,6 +31,8 @@ class EstimatorLink:
         self._pipes = ChildPipes(ESTIMATOR, PrecisionReport, children, events)
         self._plan: Plan | None = None
         self._run = self._run_followed = ""
+        self._unanswered = 0
+        self._waits_from_ns: int | None = None
         self.precision: Precision | None = None
 
     def begin(self, plan: Plan) -> None:
@@ -35,10 +40,12 @@ class EstimatorLink:
         self._plan = plan if plan.estimator else None
         self._run = uuid4().hex if plan.estimator else ""
         self.precision = None
+        self._unanswered, self._waits_from_ns = 0, None
 
     def captured(self, point: Mapping[str, Any]) -> None:
         """Pass on what the topic `/operating_point` says of a capture."""
         self._pipes.send({"do": "point", "content": point})
+        self._unanswered += 1
 
     def end(self) -> None:
         """The plan is over; what its estimator may still say is not wanted any more."""
@@ -51,8 +58,10 @@ class EstimatorLink:
         for report in self._pipes.messages(now_ns):
             if report.run == self._run:
                 self.precision = report.precision
+                self._unanswered, self._waits_from_ns = max(0, self._unanswered - 1), None
+        self._note_silence(now_ns)
         if self._pipes.closed():
-            self._note_end()
+            self._note_obstacle(ENDED)
 
     def stop(self) -> None:
         """End the process, if there is one."""
@@ -65,12 +74,21 @@ class EstimatorLink:
             return
         self._children.start(ESTIMATOR, now_ns)
         if not self._pipes.opened():
-            self._note_end()
+            self._note_obstacle(ENDED)
             return
         about = {"estimator": plan.estimator, "targets": plan.targets}
         options = dict(plan.estimator_options)
         self._pipes.send({"do": "start", "run": self._run, **about, "options": options})
 
-    def _note_end(self) -> None:
+    def _note_silence(self, now_ns: int) -> None:
+        if not self._unanswered:
+            return
+        if self._waits_from_ns is None:
+            self._waits_from_ns = now_ns
+        elif now_ns - self._waits_from_ns > SILENT_NS:
+            self._note_obstacle(SILENT)
+
+    def _note_obstacle(self, why: str) -> None:
         known = self.precision or Precision(0)
-        self.precision = replace(known, obstacle=known.obstacle or ENDED)
+        kept = "" if known.obstacle == SILENT else known.obstacle
+        self.precision = replace(known, obstacle=kept or why)

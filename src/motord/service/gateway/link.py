@@ -16,9 +16,6 @@ EVENTS_PER_S, EVENTS_BURST = 5.0, 100.0
 """The gateway itself passes on 50 different messages in 10 s."""
 MESSAGE_MAX, DATA_MAX = 2000, 1000
 """Characters of a message, and of each value of its data."""
-SILENT_NS = 10_000_000_000
-"""Without a message for so long the process is ended, and started again: it was stopped, or hangs,
-and nobody gets in."""
 
 Datum = Annotated[str, Field(max_length=DATA_MAX)]
 
@@ -58,7 +55,7 @@ class GatewayLink:
             if message.message:
                 self._emit(message, now_ns)
         if not self._pipes.closed():
-            self._pipes.end_if_silent(now_ns, SILENT_NS)
+            self._pipes.end_if_silent(now_ns)
 
     def _emit(self, message: AccessMessage, now_ns: int) -> None:
         """Emit a message as an event, or count it if more come than EVENTS_PER_S."""

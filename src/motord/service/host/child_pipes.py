@@ -1,6 +1,7 @@
 """The supervisor's end of the pipes to a child process that the bench can do without.
 
-Faults in what a child sends are counted and reported now and then; a flood of them ends it.
+Faults in what a child sends are counted and reported now and then; a flood of them ends it, and so
+does silence.
 """
 
 import signal
@@ -14,6 +15,10 @@ from motord.service.host.events import EventLog
 
 REPORT_NS = 10_000_000_000
 """Time between two events of the same kind about the same child."""
+SILENT_NS = 10_000_000_000
+"""Without a message for so long a child is ended: it was stopped, or hangs."""
+START_NS = 60_000_000_000
+"""The same before its first message: a busy or slow computer takes long to start a process."""
 
 
 class _Tally:
@@ -53,13 +58,17 @@ class ChildFaults:
         self._reader: MessageReader[Any] | None = None
         self._bad, self._dropped = _Tally(), _Tally()
         self._ended = False
+        self._good, self._good_ns = 0, 0
 
     def step(self, reader: MessageReader[Any], now_ns: int, dropped: int = 0) -> None:
         """Look at what came from the process that `reader` reads, and at what it did not take."""
         if reader is not self._reader:
             self._reader, self._ended = reader, False
+            self._good, self._good_ns = 0, now_ns
             self._bad.restart()
             self._dropped.restart()
+        if reader.good > self._good:
+            self._good, self._good_ns = reader.good, now_ns
         self._bad.update(reader.bad)
         self._dropped.update(dropped)
         self._children.count(self._name, self._bad.total, self._dropped.total)
@@ -71,9 +80,20 @@ class ChildFaults:
             )
         if new := self._dropped.due(now_ns):
             self._emit(f"did not take its commands in time: {new} were dropped")
-        if reader.flooded and not self._ended:
+        if reader.flooded:
+            self._end("sends more than can be meant")
+
+    def end_if_silent(self, now_ns: int, silent_ns: int = SILENT_NS) -> None:
+        """End a process without a message for so long, before its first at least `START_NS`."""
+        limit_ns = silent_ns if self._good else max(silent_ns, START_NS)
+        if self._reader is not None and now_ns - self._good_ns > limit_ns:
+            since = "" if self._good else " since it was started"
+            self._end(f"has sent nothing for {limit_ns / 1e9:g} s{since}")
+
+    def _end(self, why: str) -> None:
+        if not self._ended:
             self._ended = True
-            self._emit("sends more than can be meant; it is ended")
+            self._emit(f"{why}; it is ended")
             self._children.signal(self._name, signal.SIGKILL)
 
     def _emit(self, what: str) -> None:
@@ -94,7 +114,6 @@ class ChildPipes(Generic[M]):
         self._faults = ChildFaults(name, children, events)
         self._process: Any = None
         self._pipes: PipedChild[M] | None = None
-        self._received_ns: int | None = None
 
     def opened(self) -> bool:
         """Open the pipes to a process that has none yet; return whether there is one."""
@@ -102,7 +121,6 @@ class ChildPipes(Generic[M]):
         if self._pipes is not None or process is None:
             return False
         self._process, self._pipes = process, PipedChild(process, self._model)
-        self._received_ns = None
         return True
 
     def closed(self) -> bool:
@@ -122,20 +140,13 @@ class ChildPipes(Generic[M]):
         if self._pipes is None:
             return []
         found = self._pipes.reports(now_ns)
-        if found or self._received_ns is None:
-            self._received_ns = now_ns
         self._faults.step(self._pipes.received, now_ns, self._pipes.commands.dropped)
         return found
 
-    def end_if_silent(self, now_ns: int, silent_ns: int) -> None:
-        """End a process that has sent nothing for so long: it was stopped, or hangs."""
-        if self._pipes is None or self._received_ns is None:
-            return
-        if now_ns - self._received_ns > silent_ns:
-            self._received_ns = now_ns
-            text = f"{self._name} has sent nothing for {silent_ns / 1e9:g} s; it is ended"
-            self._events.emit("process", text, process=self._name)
-            self._children.signal(self._name, signal.SIGKILL)
+    def end_if_silent(self, now_ns: int, silent_ns: int = SILENT_NS) -> None:
+        """End a process that has sent nothing for so long."""
+        if self._pipes is not None:
+            self._faults.end_if_silent(now_ns, silent_ns)
 
     def kill(self) -> None:
         """End the process, if there is one; it is not started again."""

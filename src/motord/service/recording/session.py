@@ -110,6 +110,7 @@ class RecorderSession:
             return
         self._take_reports(self.link, now_ns)
         self._faults.step(self.link.received, now_ns, self.link.commands.dropped)
+        self._faults.end_if_silent(now_ns)
         commands = self.link.commands
         if commands.dropped > self._dropped and not commands.waiting:
             self._dropped = commands.dropped

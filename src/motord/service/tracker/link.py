@@ -127,6 +127,7 @@ class TrackerLink:
             self._follow_calibration(now_ns)
         if self._pipes.opened():
             self._running, self._failure = True, ""
+            self._show_nothing(NOTHING_YET)
             about = {"tracker": self._implementation, "calibration": str(self._file)}
             self._pipes.send({"do": "start", **about})
         for answer in self._asked():
