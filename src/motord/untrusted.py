@@ -55,8 +55,20 @@ def parse_toml(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         place = re.search(r"at line (\d+), column \d+\)$", str(error))
         line = text.split("\n")[int(place[1]) - 1].strip() if place else ""
-        raise ValueError(f"{error}: {line[:LINE_SHOWN]}" if line else str(error)) from None
+        shown = f": {line[:LINE_SHOWN]}{_toml_hint(line)}" if line else ""
+        raise ValueError(f"{error}{shown}") from None
     return content
+
+
+def _toml_hint(line: str) -> str:
+    """Return what is usually meant by a value that TOML does not have."""
+    value = line.partition("=")[2].strip()
+    hints = (
+        (r"[-+]?\d+,\d", "a number has a decimal point, not a comma"),
+        (r"(?i)(yes|no|on|off|true|false)\b", "it is true or false, in small letters"),
+        (r"[^\W\d]", 'text is in quotes, "..."'),
+    )
+    return next((f"; {hint}" for pattern, hint in hints if re.match(pattern, value)), "")
 
 
 def _parsed(parse: Callable[[_Text], Any], text: _Text) -> Any:

@@ -41,7 +41,9 @@ def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read it: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not a text file in UTF-8 (byte {error.start})") from error
+        raise ConfigError(
+            f"{path}: not a text file in UTF-8 (byte {error.start}); save it as UTF-8"
+        ) from error
     try:
         return text, parse_toml(text)
     except ValueError as error:
@@ -107,7 +109,8 @@ def _explain(error: ValidationError, model: type[Section], path: Path, text: str
         where = f"{path}:{_line_of(text, keys)}" if _line_of(text, keys) else str(path)
         what = message(item)
         if item["type"] == "extra_forbidden":
-            what = "unknown key" + _suggestion(model, item["loc"])
+            is_table = isinstance(item["input"], dict)
+            what = "unknown key" + _suggestion(model, item["loc"], is_table=is_table)
         elif item["type"] == "missing":
             what = "missing"
         elif item["type"] in ("tuple_type", "list_type"):
@@ -135,8 +138,11 @@ def _keys(place: Place, *, whole: bool) -> list[str]:
     return [*kept, last] if whole and last and last not in kept[-1:] else kept
 
 
-def _suggestion(model: type[BaseModel], place: Place) -> str:
-    """Return the key that is meant by the last part of a place, or all that its table knows."""
+def _suggestion(model: type[BaseModel], place: Place, *, is_table: bool) -> str:
+    """Return what is meant by the last part of a place, or all that the table there knows."""
+    name = str(place[-1])
+    if is_table and len(place) > 1 and name in model.model_fields:
+        return f"; did you mean [{name}]?"
     tables: list[type[BaseModel]] = [model]
     for part in place[:-1]:
         if is_type(part):
@@ -148,7 +154,23 @@ def _suggestion(model: type[BaseModel], place: Place) -> str:
     if len(tables) != 1:
         return ""
     known = list(tables[0].model_fields)
-    return suggestion(str(place[-1]), known) or f"; known: {', '.join(known)}"
+    if near := suggestion(name, known):
+        return near
+    sections = _sections_with(model, name)
+    return (
+        f"; it is a key of {' and of '.join(sections)}"
+        if sections
+        else (f"; known: {', '.join(known)}")
+    )
+
+
+def _sections_with(model: type[BaseModel], key: str) -> list[str]:
+    """Return the sections that have this key."""
+    return [
+        f"[{name}]"
+        for name, field in model.model_fields.items()
+        if any(key in table.model_fields for table in _tables(field.annotation))
+    ]
 
 
 def _tables(kind: Any) -> Iterator[type[BaseModel]]:

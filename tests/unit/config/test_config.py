@@ -77,6 +77,9 @@ def test_without_a_file_it_is_the_simulated_bench() -> None:
     [
         ("rate_Hz = 1000", "rate_hz = 1000", 5, "loop.rate_hz: unknown key; did you mean rate_Hz"),
         ("[limits]", "[limit]", 16, "limit: unknown key; did you mean limits"),
+        ("[limits]", "[motor.limits]", 16, "motor.limits: unknown key; did you mean [limits]?"),
+        ("rate_Hz = 1000", "bus_V_min = 9.0", 5, "bus_V_min: unknown key; it is a key of [limits]"),
+        ("[limits]", "[modbus]\n[limits]", 16, "it is a key of [brake] and of [drive]"),
         ("rate_Hz = 1000", "rate_Hz = 50", 5, "greater than or equal to 100, got 50"),
         ("rate_Hz = 1000", 'rate_Hz = "fast"', 5, "loop.rate_Hz: "),
         ("current_A = 20.0", "current_A = -1.0", 17, "limits.current_A: "),
@@ -331,8 +334,22 @@ def test_a_lease_too_short_for_the_ramp_is_refused_with_what_it_needs(tmp_path: 
 
 def test_not_toml(tmp_path: Path) -> None:
     said = complaint(tmp_path, '[bench]\nname = bench 3\nnotes = ""\n')
-    assert said.endswith("not valid TOML: Invalid value (at line 2, column 8): name = bench 3")
+    assert "not valid TOML: Invalid value (at line 2, column 8): name = bench 3; text is in" in said
     assert "not valid TOML" in complaint(tmp_path, "[bench\nname=3")
+
+
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("rate_Hz = 1000,0  # of the loop", "a number has a decimal point, not a comma"),
+        ("rate_Hz = -1,5", "a number has a decimal point, not a comma"),
+        ("auto = yes", "it is true or false, in small letters"),
+        ("auto = True", "it is true or false, in small letters"),
+        ("name = north", 'text is in quotes, "..."'),
+    ],
+)
+def test_what_is_usually_meant_by_what_is_not_toml(tmp_path: Path, line: str, hint: str) -> None:
+    assert complaint(tmp_path, f"{line}\n").endswith(f": {line}; {hint}")
 
 
 def test_not_text(tmp_path: Path) -> None:
