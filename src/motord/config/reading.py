@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -143,13 +143,16 @@ def _suggestion(model: type[BaseModel], place: Place, *, is_table: bool) -> str:
     name = str(place[-1])
     if is_table and len(place) > 1 and name in model.model_fields:
         return f"; did you mean [{name}]?"
-    tables: list[type[BaseModel]] = [model]
+    tables, of_names = [model], False
     for part in place[:-1]:
         if is_type(part):
             named = [one for one in tables if one.__name__ in str(part)]
             tables = named or [one for one in tables if one.__name__.startswith(str(part))]
+        elif of_names:  # a name that the file gives: of a column, say
+            of_names = False
         elif isinstance(part, str):
             field = tables[0].model_fields.get(part) if len(tables) == 1 else None
+            of_names = field is not None and get_origin(field.annotation) is dict
             tables = [] if field is None else list(_tables(field.annotation))
     if len(tables) != 1:
         return ""

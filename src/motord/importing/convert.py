@@ -157,7 +157,7 @@ class _Job:
             self.survey.segments,
             split.min_turns if split else 1,
             self.motor_file.torque_sensor.passes_mean,
-            motor.rated_torque_Nm,
+            motor,
         )
         for rows in usable_rows(self.column_map, self.column_map.fields, problems):
             ticks = maker.take(rows, problems)
@@ -173,6 +173,7 @@ class _Job:
         remarks = [
             *_on_rows(problems, seen),
             *_on_torque(given, points, maker.torque_largest_Nm, motor.rated_torque_Nm),
+            *_on_currents(builder.of_currents),
             *_on_speed(given, points),
             *_on_points(points, split is not None),
         ]
@@ -213,6 +214,17 @@ def _on_torque(
         yield f"the torque reaches {largest_Nm:g} Nm, {rated_Nm:g} Nm is rated: is its scale right?"
     if "torque_set_Nm" not in given and points:
         yield f"torque of the operating points: {points[0]['torque_source']}"
+
+
+def _on_currents(different: Sequence[tuple[int, float, float]]) -> Iterator[str]:
+    """Yield a remark on the first point of which the currents do not make the torque."""
+    for index, torque_Nm, made_Nm in different[:1]:
+        yield (
+            f"by position, currents and back-EMF operating point {index} makes {made_Nm:.3g} Nm, "
+            f"its torque is {torque_Nm:.3g} Nm: are order, sign and scale of the currents, zero "
+            "and direction of the position, and back_emf (amplitude and phase_rad) right? A "
+            "calibration from it would be wrong"
+        )
 
 
 def _on_speed(given: Set[str], points: Sequence[dict[str, Any]]) -> Iterator[str]:

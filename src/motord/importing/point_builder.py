@@ -7,9 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from motord.identification.operating_points import GOOD
+from motord.config import MotorConfig
+from motord.identification.operating_points import CURRENTS, GOOD, stacked
 from motord.importing.segments import ConstantSegment
 from motord.schema import Compensate, Flag
+
+NO_TORQUE = 0.1
+"""Torque, in parts of the rated one, below which that of the currents says nothing."""
+TORQUE_RATIO = 2.0
+"""Torque of the currents, in parts of the torque or its inverse, that no error of gain explains."""
 
 
 @dataclass
@@ -22,13 +28,18 @@ class _Sums:
     total: dict[str, float] = field(default_factory=dict)
     known: dict[str, int] = field(default_factory=dict)
 
-    def add(self, ticks: np.ndarray) -> None:
+    def add(self, ticks: np.ndarray, back_emf: np.ndarray) -> None:
         if not self.rows:
             self.first = ticks[0].copy()
         self.last = ticks[-1].copy()
         self.rows += ticks.size
-        for name in ("torque_Nm", "torque_set_Nm", "speed_set_rad_s"):
-            values = ticks[name].astype(float)
+        i_A = stacked(ticks, CURRENTS)
+        torques = {
+            "of_currents_Nm": (i_A * back_emf).sum(axis=1),
+            "largest_Nm": np.linalg.norm(i_A, axis=1) * np.linalg.norm(back_emf, axis=1),
+        }
+        for name in ("torque_Nm", "torque_set_Nm", "speed_set_rad_s", *torques):
+            values = torques[name] if name in torques else ticks[name].astype(float)
             finite = values[np.isfinite(values)]
             self.total[name] = self.total.get(name, 0.0) + float(finite.sum())
             self.known[name] = self.known.get(name, 0) + finite.size
@@ -41,7 +52,8 @@ class PointBuilder:
     """Yields the record of each operating point once its last tick has been seen.
 
     min_turns: whole turns that a good one has; torque_passes: whether the torque sensor passes
-    the mean; rated_torque_Nm: gives the digits of a mean torque.
+    the mean. `of_currents` has of each point with currents: its number, its torque, and the mean
+    torque that its currents make by the back-EMF, where these are far from each other (Nm).
     """
 
     def __init__(
@@ -49,11 +61,13 @@ class PointBuilder:
         segments: tuple[ConstantSegment, ...],
         min_turns: int,
         torque_passes: bool,
-        rated_torque_Nm: float,
+        motor: MotorConfig,
     ) -> None:
         self._segments, self._min_turns = segments, min_turns
         self._torque_passes = torque_passes
-        self._digits = 2 - math.floor(math.log10(rated_torque_Nm))
+        self._rated_Nm, self._back_emf = motor.rated_torque_Nm, motor.back_emf_table()
+        self._digits = 2 - math.floor(math.log10(motor.rated_torque_Nm))
+        self.of_currents: list[tuple[int, float, float]] = []
         self._row = 0
         self._next = 0
         self._sums = _Sums()
@@ -65,7 +79,8 @@ class PointBuilder:
             first = max(segment.first - self._row, 0)
             end = min(segment.end - self._row, ticks.size)
             if first < end:
-                self._sums.add(ticks[first:end])
+                part = ticks[first:end]
+                self._sums.add(part, self._back_emf[part["encoder_count"]])
             if segment.end - self._row > ticks.size:
                 break
             yield self._record(segment)
@@ -79,6 +94,7 @@ class PointBuilder:
         mean_Hz = segment.turns / duration_s
         set_rad_s = sums.mean("speed_set_rad_s")
         torque_Nm, source = self._torque()
+        self._compare_with_currents(torque_Nm)
         flags = int(sums.last["flags"])
         return {
             "index": self._next,
@@ -103,6 +119,16 @@ class PointBuilder:
         if measured is not None and self._torque_passes:
             return round(measured, self._digits), "mean of the measured torque"
         return 0.0, "not known"
+
+    def _compare_with_currents(self, torque_Nm: float) -> None:
+        """Note a torque that the currents do not make, though they could, or that they exceed."""
+        made_Nm, largest_Nm = self._sums.mean("of_currents_Nm"), self._sums.mean("largest_Nm")
+        if made_Nm is None or largest_Nm is None or abs(torque_Nm) < NO_TORQUE * self._rated_Nm:
+            return
+        ratio = made_Nm / torque_Nm
+        driven = largest_Nm < abs(torque_Nm) / TORQUE_RATIO  # from outside, with hardly a current
+        if not driven and not 1 / TORQUE_RATIO < ratio < TORQUE_RATIO:
+            self.of_currents.append((self._next, torque_Nm, made_Nm))
 
     def _quality(self, whole: int) -> str:
         if whole >= self._min_turns:

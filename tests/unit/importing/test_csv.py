@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.config import ConfigError
+from motord.config import ConfigError, load_motor
 from motord.recording.errors import RecordError
 from motord.schema import Flag
 from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv, write_motor
@@ -456,3 +456,54 @@ def test_channels_of_a_table_may_be_in_other_units(tmp_path: Path) -> None:
     assert ticks["speed_rad_s"] == pytest.approx(2 * np.pi)
     assert ticks["speed_set_rad_s"] == pytest.approx(2 * np.pi)
     assert (ticks["state"] == 2).all()
+
+
+@pytest.mark.parametrize(
+    ("turned", "scale", "makes"),
+    [
+        (0.0, 1.0, None), (0.0, 1.3, None), (0.0, 1e3, "1.5e+03 Nm"), (np.pi, 1.0, "-1.5 Nm"),
+        (np.pi / 2, 1.0, "e-"), (0.0, 0.0, None),
+    ],
+)  # fmt: skip
+def test_currents_that_do_not_make_the_torque_are_pointed_out(
+    tmp_path: Path, turned: float, scale: float, makes: str | None
+) -> None:
+    """Without a current the rotor is driven from outside: nothing is to be made."""
+    write_motor(tmp_path)
+    motor = tmp_path / "motor.toml"
+    motor.write_text(f"{motor.read_text()}[torque_sensor]\nhighpass_time_constant_s = 0.0\n")
+    columns = turning(4000)
+    k = load_motor(motor).motor.back_emf_table()
+    count = np.rint(columns["Position[rad]"] * 4096 / (2 * np.pi) + turned * 512 / (2 * np.pi))
+    back_emf = k[count.astype(int) % 4096]
+    text = MAP
+    for number, phase in enumerate("abc"):
+        columns[f"I{phase}"] = scale * 1.5 * back_emf[:, number] / (back_emf**2).sum(axis=1)
+        text += f'i_{phase}_A = "I{phase}"\n'
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    said = [note for note in done.notes if "by position, currents and back-EMF" in note]
+    assert len(said) == (makes is not None)
+    assert makes is None or f"{makes}" in said[0].partition("its torque")[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"PAR1\0", "read_parquet"), (b"MATLAB 5.0 MAT-file", "loadmat"), (b"\x89HDF", "h5py"),
+        (b"PK\3\4x", "Save it as CSV"), (b"\x89MCAP0", "motord record info"),
+        (b"a\0b", "where it is from"),
+    ],
+)  # fmt: skip
+def test_another_format_is_answered_with_how_to_make_csv_of_it(
+    tmp_path: Path, content: bytes, said: str
+) -> None:
+    source = tmp_path / "run.bin"
+    source.write_bytes(content)
+    with pytest.raises(RecordError, match=said):
+        imported(tmp_path, source)
+
+
+def test_a_key_of_a_column_that_is_not_known_has_a_suggestion(tmp_path: Path) -> None:
+    text = MAP.replace("scale", "skale")
+    with pytest.raises(ConfigError, match=r"columns.torque_Nm.skale: unknown key; did .* scale\?"):
+        imported(tmp_path, write_csv(tmp_path / "a.csv", turning()), text)

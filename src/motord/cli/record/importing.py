@@ -30,7 +30,7 @@ def import_recording(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make a run of a recording from elsewhere; every `analyse` works on it."""
+    """Make a run of a recording from elsewhere; most of `analyse` works on it."""
     from motord.importing.convert import import_run
 
     try:

@@ -162,16 +162,25 @@ def _encoding(raw: bytes) -> str:
     return "utf-8"
 
 
+FROM_ITS_PROGRAM = "write it as one of these where it is from"
+OTHER_FORMATS = {
+    b"PAR1": "pandas.read_parquet(FILE).to_csv(CSV, index=False) makes CSV of Parquet",
+    b"MATLAB 5.0 MAT-file": "scipy.io.loadmat(FILE) reads it, pandas.DataFrame.to_csv writes CSV",
+    b"\x89HDF": "h5py reads it, pandas.DataFrame.to_csv writes CSV",
+    b"PK\3\4": "is it a spreadsheet? Save it as CSV",
+    b"\x89MCAP": "a recording in MCAP, which `motord record info` and `analyse` take as it is",
+}
+"""First bytes of what is often meant to be imported, and what to do."""
+
+
 def _lines(path: Path, raw: bytes, encoding: str, whole: bool) -> list[str]:
     try:
         text = raw.decode(encoding, errors="replace")
     except (LookupError, UnicodeError) as error:
         raise RecordError(f"{path}: cannot be read as {encoding}: {error}") from error
-    if "\0" in text:
-        raise RecordError(
-            f"{path}: not a table of text, nor a TDMS or MDF 4 file; "
-            "write it as one of these where it is from"
-        )
+    known = (way for begins, way in OTHER_FORMATS.items() if raw.startswith(begins))
+    if way := next(known, FROM_ITS_PROGRAM if "\0" in text else ""):
+        raise RecordError(f"{path}: not a table of text, nor a TDMS or MDF 4 file; {way}")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if not whole:
         lines.pop()

@@ -77,7 +77,7 @@ class Api:
             reason = str(error).split(" at /")[0].strip().rstrip("!.")  # not where in its source
             raise ApiError(
                 f"[zenoh] listen = {', '.join(listen)}: cannot listen there "
-                f"({reason}); is another daemon running?"
+                f"({reason}); is another daemon running? Each bench needs a port of its own"
             ) from None
         for name in WATCHED:
             self._publishers[name] = session.declare_publisher(
