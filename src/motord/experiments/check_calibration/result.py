@@ -117,7 +117,8 @@ class CalibrationCheck:
             yield Finding(
                 "not-tested", len(self.unseen), 0, "quantities", "warning",
                 f"these turns do not show {listed(self.unseen, 1)}",
-                "take the turns by `motord plan start check-calibration`, in both directions",
+                "take the turns by `motord plan start check-calibration`, in both directions; if "
+                "they are, more of them, by --set turns=10",
             )  # fmt: skip
         weakest = self.weakest
         if weakest is not None and not weakest.ripple_percent <= self.needed_percent:

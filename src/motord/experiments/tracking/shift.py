@@ -68,7 +68,8 @@ def operating_points(windows: Sequence[WindowLines], config: Config, memory_s: f
     count = sum(map(len, points))
     if count < ALL_WINDOWS:
         raise IdentifyError(
-            f"{count} windows of turns at torques that recur, at least {ALL_WINDOWS} are needed"
+            f"{count} windows of turns at torques that recur, at least {ALL_WINDOWS} are needed: "
+            "hold steady torques, again and again, with compensation on"
         )
     return points
 

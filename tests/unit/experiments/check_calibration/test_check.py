@@ -219,6 +219,7 @@ def test_one_direction_at_one_torque_does_not_separate_gains_from_cogging() -> N
     found = taken.checked(points=taken.points[:2])
     assert found.verdict == "undecided"
     assert found.findings[0].name == "not-tested"
+    assert "in both directions; if they are, more of them" in found.findings[0].action
     assert not {"gain-a", "gain-b", "gain-c"} & {one.name for one in found.changes}
 
 

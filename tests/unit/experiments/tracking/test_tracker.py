@@ -254,7 +254,8 @@ def test_nothing_is_tracked_before_there_are_enough_turns(quiet: np.ndarray) -> 
     found = few.tracked()
     assert found is not None
     assert (found.quantities, found.turns > 0) == ((), True)
-    assert found.obstacle.endswith("windows of turns at torques that recur, at least 8 are needed")
+    assert "windows of turns at torques that recur, at least 8 are needed" in found.obstacle
+    assert found.obstacle.endswith("hold steady torques, again and again, with compensation on")
     with pytest.raises(CalibrationError, match=f"nothing to adopt: {found.obstacle}"):
         few.adopted()
 
