@@ -115,7 +115,7 @@ class Departure:
             "viscous": (one.viscous_Nm_s_per_rad, rotor.viscous_Nm_s_per_rad),
         }
         held = {name: each.low < true < each.high for name, (each, true) in pairs.items()}
-        return departed.Trial(held, [f for f in found.findings if f.name != "one direction"])
+        return departed.Trial(held, [f for f in found.findings if f.name != "one-direction"])
 
 
 OTHERS = Rotor().cogging

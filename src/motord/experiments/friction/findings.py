@@ -73,7 +73,7 @@ def _windage(one: DirectionalFriction) -> Iterator[Finding]:
 
 def _one_alone(one: DirectionalFriction) -> Iterator[Finding]:
     yield Finding(
-        "one direction", 1.0, 2.0, "directions", "warning",
+        "one-direction", 1.0, 2.0, "directions", "warning",
         f"all coast-downs turn {one.direction}: a constant torque, such as that "
         "of gravity or of a cable, looks like friction",
         "take coast-downs in the other direction, too",

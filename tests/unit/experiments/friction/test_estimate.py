@@ -211,7 +211,7 @@ def test_standard_errors_have_one_degree_of_freedom_less_than_there_are_coast_do
 def test_few_coast_downs_of_one_direction_are_findings() -> None:
     found = friction(coast_downs(np.random.default_rng(7), Rotor(), 3))
     names = {finding.name for finding in found.findings}
-    assert {"few coast-downs", "one direction"} <= names
+    assert {"few coast-downs", "one-direction"} <= names
     for finding in encode(found)["findings"]:
         assert set(finding) == {
             "name", "value", "limit", "unit", "severity", "meaning", "action",
