@@ -2,12 +2,20 @@
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from motord.findings import Finding
+from motord.identification import IdentifyError
+
+Given = TypeVar("Given")
+
+HELD = 0.95
+SLACK = 2.5
+"""Standard deviations of a share over few trials by which it may lie below HELD."""
 
 
 @dataclass(frozen=True)
@@ -18,30 +26,47 @@ class Trial:
     findings: Iterable[Finding] = ()
 
 
-def judge(name: str, trials: list[Trial | None], least: float = 0.9, named: str = "") -> bool:
+def attempted(trial: Callable[[Given], Trial], given: Given) -> Trial | None:
+    """Return what a trial shows, None where the analysis refuses it."""
+    try:
+        return trial(given)
+    except IdentifyError:
+        return None
+
+
+def judge(
+    name: str,
+    trials: Sequence[Trial | None],
+    *,
+    named: str = "",
+    lost: Collection[str] = (),
+    refused: bool = False,
+) -> bool:
     """Print what the trials of a departure show, None of one that was refused.
 
-    Return whether intervals hold the truth in `least` of all figures, and all are `named`.
+    Return whether the intervals of each figure hold the truth but of those that are `lost`, all
+    trials are `named`, and none is refused but where `refused` says so.
     """
     taken = [one for one in trials if one is not None]
-    if not taken:
-        print(f"{name}: all {len(trials)} refused NOT KEPT", flush=True)
-        return False
-    held = {key: float(np.mean([one.held[key] for one in taken])) for key in taken[0].held}
+    left_out = len(trials) - len(taken)
+    held = {
+        key: float(np.mean([one.held[key] for one in taken]))
+        for key in (taken[0].held if taken else ())
+    }
+    least = HELD - SLACK * np.sqrt(HELD * (1 - HELD) / max(len(taken), 1))
     names = Counter(
         key for one in taken for key in {f"{each.name}, {each.severity}" for each in one.findings}
     )
-    refused = len(trials) - len(taken)
-    found = [f"{key}: {number}" for key, number in sorted(names.items())]
-    mean = float(np.mean(list(held.values())))
     said = sum(any(each.name == named for each in one.findings) for one in taken)
-    kept = mean >= least and (not named or said == len(taken))
-    print(
-        f"{name}: {mean:.0%} held ({', '.join(f'{key} {part:.0%}' for key, part in held.items())})"
-        f"; of {len(trials)}: {'; '.join([*found, f'refused: {refused}'])}",
-        *("NOT KEPT",) * (not kept), flush=True,
-    )  # fmt: skip
-    return kept
+    missed = [key for key, part in held.items() if part < least and key not in lost]
+    failures = [f"{key} NOT KEPT" for key in missed]
+    failures += [f"{named} in {said} of {len(taken)} NOT KEPT"] * bool(named and said < len(taken))
+    failures += ["refused NOT KEPT"] * (not taken or (left_out > 0 and not refused))
+    shares = ", ".join(f"{key} {part:.0%}" for key, part in held.items())
+    found = [f"{key}: {number}" for key, number in sorted(names.items())]
+    counts = "; ".join([*found, f"refused: {left_out}"])
+    print(f"{name}: held {shares or 'none'}; of {len(trials)}: {counts}", *failures, flush=True)
+    return not failures
 
 
 def run(main: Callable[..., int], departures: Callable[..., int]) -> int:
