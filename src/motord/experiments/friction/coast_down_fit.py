@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from motord.config import MotorConfig
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_rows import CoastDownRows
+from motord.experiments.friction.linearisation import Linearisation
 from motord.experiments.friction.two_step_fit import (
     OWN,
     TwoStepFit,
@@ -51,7 +52,8 @@ STRIBECK_ROUNDS = 3
 class CoastDownFit:
     """Coast-downs of one direction, fitted without a Stribeck part.
 
-    q_rad, values (n,), columns (n, p): rows of all coast-downs; q_rad: angles by the fit.
+    q_rad, values (n,), columns (n, p): rows of all coast-downs; q_rad: angles by the fit. around:
+    what they are linearised around; None while the angles of the fit have not settled.
     """
 
     rows: CoastDownRows
@@ -60,6 +62,7 @@ class CoastDownFit:
     values: np.ndarray
     columns: np.ndarray
     fit: TwoStepFit
+    around: Linearisation | None = None
 
     @classmethod
     def of(
@@ -91,13 +94,31 @@ class CoastDownFit:
             "rotor; raise stop_speed_Hz"
         )
 
+    def linearised(self, at_rad_s: float) -> "CoastDownFit":
+        """Return the fit without a Stribeck part of w_s `at_rad_s`, to first order around this."""
+        rows, orders, residual_rad = self.rows, self.orders.tolist(), self.fit.common.residual
+        q_rad = rows.q_rad - residual_rad
+        around = Linearisation.around(rows, orders, q_rad, self.fit.solution, at_rad_s)
+        parts = [rows.friction(q_rad), rows.cogging(orders, q_rad), q_rad[:, None]]
+        changes = around.changes(np.hstack(parts))
+        columns = around.projected(changes[:, :-1])
+        values = around.projected(changes[:, -1] + residual_rad)
+        fit = TwoStepFit.of(columns, rows.first, values)
+        return CoastDownFit(rows, self.orders, q_rad, values, columns, fit, around)
+
+    def explained_by(self, columns: np.ndarray) -> np.ndarray:
+        """Return what columns (n, m) of the model explain of the values (n, m)."""
+        if self.around is None:
+            return self.rows.projected(columns)
+        return self.around.projected(self.around.changes(columns))
+
     def speed_rad_s(self) -> np.ndarray:
         """Return the speed (n,) by the fit."""
         return self.rows.speed_rad_s(self.q_rad)
 
     def gain(self, order: int) -> float:
         """Return by how much the Bayesian information criterion falls with one more order."""
-        return self.gain_with(self.rows.projected(self.rows.cogging([order], self.q_rad)))
+        return self.gain_with(self.explained_by(self.rows.cogging([order], self.q_rad)))
 
     def gain_with(self, more: np.ndarray) -> float:
         """Return by how much the Bayesian information criterion falls with two more parameters.
@@ -146,7 +167,11 @@ class CoastDownFit:
 
     def stribeck(self, speed_rad_s: np.ndarray, at_rad_s: float, scale: float = 0.0) -> np.ndarray:
         """Return the columns of a Stribeck part (n, 1), with `scale` (n, 2)."""
-        return self.rows.projected(self.rows.stribeck(speed_rad_s, at_rad_s, scale))
+        return self.explained_by(self.rows.stribeck(speed_rad_s, at_rad_s, scale))
+
+    def windage(self, speed_rad_s: np.ndarray) -> np.ndarray:
+        """Return the column of a torque with the square of the speed (n, 1)."""
+        return self.explained_by(self.rows.windage(speed_rad_s)[:, None])
 
     def best_stribeck(self, speed_rad_s: np.ndarray, tried: np.ndarray) -> float:
         """Return the w_s that fits best, near the best of those `tried` (n,), rising."""
@@ -187,8 +212,7 @@ def fitted(coasts: tuple[CoastDown, ...], motor: MotorConfig) -> tuple[CoastDown
         for _ in range(ROUNDS_PER_ORDER):
             group = CoastDownFit.of(rows, taken, group.q_rad, at_rad_s)
     group = group.settled(at_rad_s)
-    plain = CoastDownFit.of(rows, taken, group.q_rad) if at_rad_s else group
-    return plain, group.speed_rad_s()
+    return group.linearised(at_rad_s), group.speed_rad_s()
 
 
 def stribeck_speeds(low_rad_s: float, high_rad_s: float) -> np.ndarray:

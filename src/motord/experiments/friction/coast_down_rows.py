@@ -84,6 +84,23 @@ class CoastDownRows:
                 column[:] = self.integral(means, direction * wave(order * angle_rad))
         return columns.T
 
+    def stiffness(
+        self, orders: Sequence[int], lines: np.ndarray, q_rad: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the slope of the cogging torque over q: its mean between rows (n - 1,), at rows.
+
+        lines (2 m,): C/J and D/J of each order.
+        """
+        angle_rad = self._start_rad + self.coasts[0].direction * q_rad
+        number, (c, d) = np.array(orders, int)[:, None], lines.reshape(-1, 2, 1).swapaxes(0, 1)
+
+        def slope(at_rad: np.ndarray, way_rad: np.ndarray | float) -> np.ndarray:
+            wave = d * np.cos(number * at_rad) - c * np.sin(number * at_rad)
+            return np.asarray((number * np.sinc(number * way_rad / (2 * pi)) * wave).sum(axis=0))
+
+        middle_rad = (angle_rad[1:] + angle_rad[:-1]) / 2
+        return slope(middle_rad, np.diff(angle_rad)), slope(angle_rad, 0.0)
+
     def stribeck(self, speed_rad_s: np.ndarray, at_rad_s: float, scale: float = 0.0) -> np.ndarray:
         """Return the column (n, 1) of S/J; speed (n,) of the rotor.
 
@@ -106,18 +123,18 @@ class CoastDownRows:
         """
         means = (values[1:] + values[:-1]) / 2
         if derivative is not None:
-            means -= self._steps_s * np.diff(derivative) / 12
+            means -= self.steps_s * np.diff(derivative) / 12
         return self._once(means)
 
     def _once(self, means: np.ndarray) -> np.ndarray:
         """Return the integral (n,) of means (n - 1,) between rows, from each's first row on."""
         whole = np.empty(means.size + 1)
         whole[0] = 0.0
-        np.cumsum(self._steps_s * means, out=whole[1:])
+        np.cumsum(self.steps_s * means, out=whole[1:])
         return np.asarray(whole - self._of_first(whole))
 
     @cached_property
-    def _steps_s(self) -> np.ndarray:
+    def steps_s(self) -> np.ndarray:
         """Return the time between rows (n - 1,)."""
         return np.diff(self.t_s)
 

@@ -1,10 +1,12 @@
 """Lack of fit of the coast-downs of one direction: a torque with the square of the speed.
 
 How coast-downs differ says nothing of what the model lacks in all of them alike, such as windage,
-s W q'^2. Next to a Coulomb and a viscous part of its own each coast-down gives a coefficient
-W_g/J; their mean, by information, is tested by t with one degree of freedom less than there are
-coast-downs. Friction that differs from one to the next does not matter to it. What a column x of
-coefficient W/J, left out, adds to the fitted figures is what the fit makes of x W/J as values.
+s W q'^2. Its column is one more that they have in common, next to cogging torque and a Stribeck
+part; with Coulomb and viscous friction of each coast-down its own, what friction differs by does
+not matter to it. W/J is tested by t, its variance by how coast-downs differ (CR2), or that of white
+noise, if that is more: few may be alike by chance. An error of the cogging torque, which all have
+alike, is in it. What a column x of coefficient W/J, left out, adds to the fitted figures is what
+the fit makes of x W/J as values.
 """
 
 from dataclasses import dataclass
@@ -13,6 +15,7 @@ import numpy as np
 
 from motord.experiments.friction.coast_down_fit import CoastDownFit
 from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, bases, partialled_out
+from motord.identification.cluster_robust_ls import Regressors
 from motord.intervals import t_quantile
 
 LEVEL = 0.002
@@ -68,24 +71,25 @@ def lack_of_fit(
 
     speed_rad_s (n,): of the rows; at_rad_s, scale: w_s and S/J of that part, 0 for none.
     """
-    columns = group.columns
+    columns, square = group.columns, group.windage(speed_rad_s)
     if at_rad_s:
         columns = np.hstack([columns, group.stribeck(speed_rad_s, at_rad_s, scale)])
-    square = group.rows.projected(group.rows.windage(speed_rad_s))
-    own = np.column_stack([columns[:, :OWN], square])
-    coefficients, information = _of_each(own, columns[:, OWN:], group.values, group.rows.first)
-    weight = information / information.sum()
-    mean = float(weight @ coefficients)
-    number = len(group.rows.coasts)
-    variance = float((weight**2 * (coefficients - mean) ** 2).sum()) * number / (number - 1)
-    fastest_rad_s = float(speed_rad_s.max())
-    rounding = ROUNDING * abs(float(group.fit.solution[0])) / fastest_rad_s**2
-    stderr = max(float(np.sqrt(variance)), rounding)
+    first = group.rows.first
+    own_bases = bases(columns[:, :OWN], first)
+    common = partialled_out(own_bases, np.hstack([columns[:, OWN:], square]), first)
+    values = partialled_out(own_bases, group.values, first)
+    regressors = Regressors.of(common, first)
+    fit = regressors.fit_bias_reduced(values)
+    last = np.eye(fit.solution.size)[-1]
+    freedom = min(fit.freedom(last), first.size - 1.0)
+    rounding = ROUNDING * abs(float(group.fit.solution[0])) / float(speed_rad_s.max()) ** 2
+    white = fit.noise * np.sqrt(regressors.inverse[-1, -1])
+    stderr = max(float(np.sqrt(fit.covariance[-1, -1])), float(white), rounding)
     return WindageFit(
-        mean,
-        t_quantile(1 - LEVEL / 2, number - 1) * stderr,
-        t_quantile(0.975, number - 1) * stderr,
-        -TwoStepFit.of(columns, group.rows.first, square).solution,
+        float(fit.solution[-1]),
+        t_quantile(1 - LEVEL / 2, freedom) * stderr,
+        t_quantile(0.975, freedom) * stderr,
+        -TwoStepFit.of(columns, first, square[:, 0]).solution,
     )
 
 
@@ -96,29 +100,10 @@ def windage_instead(
 
     By the Bayesian information criterion, the latter with its w_s having a parameter more.
     """
-    square = group.rows.projected(group.rows.windage(speed_rad_s))
+    square = group.windage(speed_rad_s)
     stribeck = group.stribeck(speed_rad_s, at_rad_s, scale)
     by_square, by_stribeck = (
-        max(group.residual_squares(more), 1e-300) for more in (square[:, None], stribeck)
+        max(group.residual_squares(more), 1e-300) for more in (square, stribeck)
     )
     number = group.values.size
     return bool(number * np.log(by_square / by_stribeck) < np.log(number))
-
-
-def _of_each(
-    own: np.ndarray, common: np.ndarray, values: np.ndarray, first: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the coefficient of the last own column (g,), and its information.
-
-    Each coast-down has coefficients of its own columns; those of the others are common to all.
-    """
-    own_bases = bases(own, first)
-    partial, partial_values = (partialled_out(own_bases, x, first) for x in (common, values))
-    shared = np.linalg.lstsq(partial, partial_values)[0] if common.shape[1] else np.zeros(0)
-    found = []
-    less_common = np.split(values - common @ shared, first[1:])
-    for x, y in zip(np.split(own, first[1:]), less_common, strict=True):
-        q, r = np.linalg.qr(x)
-        found.append((q[:, -1] @ y / r[-1, -1], r[-1, -1] ** 2))
-    coefficients, information = np.array(found).T
-    return coefficients, information
