@@ -145,10 +145,18 @@ def _steady_Nm(b: PlayedBench) -> float | None:
 
 
 def dead_drive(b: PlayedBench) -> Cause | None:
-    error_A = b.config.limits.greatest_current_error_A
+    """No current flows any more: feedback says so once it is of currents measured since then."""
+    error_A, begun_ns = b.config.limits.greatest_current_error_A, b.now_ns
     if not _steady_Nm(b) or 0.86 * max(map(abs, b.truth_A)) < 1.05 * error_A:
         return None
-    return _wrong(b, value("i_A", 0.0), Trip.CURRENT_IMPLAUSIBLE, b.config.inverter.settling_s)
+
+    def depart(b: PlayedBench) -> None:
+        if b.feedback["t_inverter_ns"][0] >= begun_ns:
+            b.feedback["i_A"] = 0.0
+
+    inverter = b.config.inverter
+    late_s = inverter.feedback_age_s + inverter.settling_s
+    return _wrong(b, depart, Trip.CURRENT_IMPLAUSIBLE, late_s)
 
 
 def current_offset(b: PlayedBench) -> Cause | None:

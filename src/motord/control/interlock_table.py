@@ -6,7 +6,8 @@ that they are the same at every loop and sample rate: a condition trips with the
 that it has held for `lasts_s`. Evidence is a new sample of its source; between two samples a
 condition is neither confirmed nor refuted, and a source that falls silent has an interlock of its
 own. So a cause is found within `lasts_s` and two intervals between samples of its source, whatever
-these are, or the source is stale.
+these are, or the source is stale, from when the first evidence of it arrives: of the currents this
+is `inverter.feedback_age_s` after they were measured, and a command's have settled by then.
 """
 
 from dataclasses import dataclass

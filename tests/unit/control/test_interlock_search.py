@@ -2,9 +2,14 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
 
-from tests.campaigns.interlock_search import play
+from motord.schema import State
+from tests.campaigns.interlock_causes import dead_drive
+from tests.campaigns.interlock_search import Operation, play
+from tests.support.random_bench import PlayedBench
+from tests.unit.control.bench import make_config
 
 
 @pytest.mark.parametrize("seeds", [range(1, 31), (60, 67, 139, 148, 263, 11013, 82000499)])
@@ -15,3 +20,33 @@ def test_interlocks_keep_their_times_on_random_legal_benches(seeds: range | tupl
     played = [play(seed, refused) for seed in seeds]
     assert sum(map(bool, played)) > len(played) // 2
     assert len(refused) > 3
+
+
+@pytest.mark.parametrize(
+    ("rate_Hz", "age_s", "lasts_s"), [(113, 0.487, 0.00885), (232, 0.207, 0.0282), (500, 0.0, 0.02)]
+)
+def test_a_dead_drive_is_found_as_late_as_its_feedback(
+    rate_Hz: int, age_s: float, lasts_s: float
+) -> None:
+    """As it dies, feedback is of before any current was commanded: no current is right then."""
+    timing = {"feedback_age_s": age_s, "stale_after_s": age_s + 0.1, "actuation_delay_s": 2e-4}
+    config = make_config(
+        loop={"rate_Hz": rate_Hz},
+        inverter=timing,
+        bridge={"stale_after_s": 0.05},
+        limits={"current_error_s": lasts_s, "torque_rate_Nm_per_s": 2000.0, "torque_error_s": 0.1},
+    )
+    operation = Operation(PlayedBench(config, np.random.default_rng(1)))
+    bench = operation.b
+    operation.run_s(0.15 + age_s)
+    operation.enable()
+    bench.setpoint["torque_Nm"] = 5.0
+    operation.run_s(0.05)
+    operation.faulty, bench.acceleration_rad_s2 = True, 0.0
+    bench.note_gaps()
+    cause, died_ns = dead_drive(bench), bench.now_ns
+    assert cause is not None
+    while bench.now_ns - died_ns < age_s * 1e9:
+        operation.run()
+        assert bench.state == State.ENABLED
+    operation.suffer(cause, "torque")
