@@ -38,8 +38,8 @@ ACCELERATION_RAD_S2 = 100.0
 SPEED_RESOLUTION_MAX = 0.2
 """Of the speed limit: by no more may the speed be off that the encoder's counts show. Set-points
 end so far below it."""
-TRACK_PATTERNS = 2.5
-"""Of an encoder track, over which it has not changed if it is stuck."""
+TRACK_PATTERNS = 3
+"""So many patterns of an encoder track have ended without a change of it where it is stuck."""
 SAMPLE_TIME_S = 100e-6
 """By so much the time of a bridge's sample may be wrong: of a heartbeat's way half is known."""
 TURN_PER_SAMPLE_MAX_RAD = math.pi / 4

@@ -1,7 +1,7 @@
 """Encoder tracks that are stuck: compiled.
 
 A reflected Gray code's track b changes every 2^(b+1) counts, its pattern, in the midst of each. One
-that has not changed over 2.5 patterns is stuck, even where the jumps that it causes are small
+that has not changed while three have ended is stuck, even where the jumps that it causes are small
 enough to be plausible. How far the rotor has turned the coarser tracks say, which change where a
 pattern ends; what is left of a turn after whole ones is taken for a part of the next turn's first.
 The observer, which lags, turns on while a rotor stops.
@@ -66,7 +66,7 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
             quick |= _may_have_passed(2 * half, turned, since_ns * 1e-9, dt_s, per_s2)
         if changed >> track & 1 or quick:
             m.track_patterns[track], m.track_ns[track] = patterns, t_ns
-        elif turned > TRACK_PATTERNS:
+        elif turned >= TRACK_PATTERNS:
             far = True
     m.track_samples = m.track_samples + 1 if far else 0
     if m.track_samples < STUCK_SAMPLES:
