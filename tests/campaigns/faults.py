@@ -231,8 +231,10 @@ for the choice of sensor and mount; with less than 5 ms single disturbed samples
 the newest position is older than @AGE ms no torque is commanded (flag
 `POSITION_AGED`). Bench files whose limits, ages, rates and timeouts would not leave every
 interlock its time are refused. Currents are compared with the commands that can have been in force
-when they were measured (`i_age_ns`), and between these while a current settles: wrong ones trip as
-much later as their feedback is late, right ones not at any age up to `inverter.stale_after_s`. The
+when they were measured (`i_age_ns`), and between these while a current settles: a drive that makes
+no current any more is found `inverter.feedback_age_s` later than the times above, and by
+`actuation_delay_s` and 3 `lag_s` where its command is new; right currents do not trip at any age up
+to `inverter.stale_after_s`. The
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
@@ -242,10 +244,11 @@ by more than is allowed: by delay of the drive, a tick and a sample.
 Samples that jump count until the speed explains two in a row: of misread samples that come by
 chance, as of one in a hundred, more than of three in a row. A rotor that makes nearly whole turns
 from one sample to the next looks like a slow one, and no rule can tell them apart. Where the bridge
-samples twice to three times as often as the loop reads it, the encoder has few counts and the
-observer is about as quick as the samples, two samples that are close together may make a speed by
-which the next one seems to jump, and three such in a row trip (`python -m
-tests.campaigns.interlock_search --seed 50019 --draws 1`).
+samples more often than the loop reads it, two samples that are read one after the other may be as
+close together as the bridge takes them. An observer that is as quick makes a speed of the count by
+which they differ, so `trip_speed_rad_s` and `encoder_jump_rad` have to be larger, or
+`observer_bandwidth_Hz` lower: a bench file is refused in which a sound encoder could seem to jump,
+or a rotor at a set-point to be beyond its limit.
 An encoder track is stuck if three of its patterns have ended, by what the coarser ones say, and it
 has not changed, in three samples: at a steady speed, by which the rotor turns by less than half a
 pattern between samples, within 3 patterns and 4 samples, or twice as late where zero is passed and

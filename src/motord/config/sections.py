@@ -60,7 +60,8 @@ class LoopConfig(Section):
     spin: bool = True
     """Sleep until shortly before each deadline and spin until it; `false` sleeps all the way."""
     observer_bandwidth_Hz: Annotated[float, Field(ge=15, le=10_000)] = 30.0
-    """Bandwidth of the observer that estimates angle and speed from the encoder."""
+    """Bandwidth of the observer that estimates angle and speed from the encoder: the higher, the
+    more a count and the times of samples move the speed, so limits have to be larger."""
     supervisor_timeout_s: Annotated[float, Field(ge=SUPERVISOR_TIMEOUT_MIN_S, le=SILENCE_MAX_S)] = (
         0.25
     )

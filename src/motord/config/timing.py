@@ -36,8 +36,8 @@ POSITION_AGE_MAX_S = 0.03
 ACCELERATION_RAD_S2 = 100.0
 """No rotor that accelerates by so much may seem to jump, at any setting of the encoder's check."""
 SPEED_RESOLUTION_MAX = 0.2
-"""Of the speed limit: by no more may the speed be off that the encoder's counts show. Set-points
-end so far below it."""
+"""Of the speed limit: by no more may the speed be off that the encoder shows, by its counts and the
+times of its samples. Set-points end so far below it."""
 TRACK_PATTERNS = 3
 """So many patterns of an encoder track have ended without a change of it where it is stuck."""
 SAMPLE_TIME_S = 100e-6

@@ -205,9 +205,9 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("bridge", "heartbeat_timeout_s = 0.0019", "heartbeats come every 0.001 s"),
         ("limits", "trip_torque_Nm = 6.0", "or every full torque would trip"),
         ("limits", "encoder_jump_rad = 1.6", "limits.encoder_jump_rad"),
-        ("limits", "encoder_jump_rad = 0.0016", "make it at least 0.0147"),
-        ("limits", "encoder_jump_rad = 0.0146", "make it at least 0.0147"),
-        ("limits", "encoder_jump_rad = 0.0147\ntrip_speed_rad_s = 60", "make it at least 0.0193"),
+        ("limits", "encoder_jump_rad = 0.0016", "make it at least 0.0157"),
+        ("limits", "encoder_jump_rad = 0.0156", "make it at least 0.0157"),
+        ("limits", "encoder_jump_rad = 0.0157\ntrip_speed_rad_s = 60", "make it at least 0.0219"),
         ("limits", "current_error_s = 0.00099", "make it at least 0.001"),
         ("limits", "torque_error_s = 0.0037", "make it at least 0.0038"),
         ("loop", "enable_timeout_s = 0.0219", "make it at least 0.022"),
@@ -217,7 +217,7 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         (
             "limits",
             "trip_speed_rad_s = 0.53",
-            "at least 0.533, or lower [loop] observer",
+            "at least 0.639, or lower [loop] observer",
         ),
         ("limits", "link_errors_per_s = 2001.0", "lets more frames be lost than the loop needs"),
         ("limits", "trip_speed_rad_s = 786.0", "make it at most 785"),
@@ -241,7 +241,7 @@ def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, lin
 @pytest.mark.parametrize(
     ("section", "lines"),
     [
-        ("limits", "encoder_jump_rad = 0.0147\ncurrent_error_s = 0.001\ntorque_error_s = 0.0038"),
+        ("limits", "encoder_jump_rad = 0.0157\ncurrent_error_s = 0.001\ntorque_error_s = 0.0038"),
         ("limits", "link_errors_per_s = 1.0"),
         ("limits", "link_errors_per_s = 2000.0"),
         ("loop", "enable_timeout_s = 0.022"),
@@ -308,7 +308,7 @@ def test_a_bench_whose_encoder_always_seems_to_jump_is_refused(tmp_path: Path) -
     """One count of an encoder of 16 is 0.39 rad: no jump that is legal would do."""
     coarse = BENCH.replace("counts = 4096", "counts = 16").replace("1000", "5000")
     coarse += "encoder_jump_rad = 1.57\ntrip_speed_rad_s = 3000.0\n"
-    read(tmp_path, coarse.replace("[motor]", "observer_bandwidth_Hz = 100.0\n[motor]"))
+    read(tmp_path, coarse.replace("[motor]", "observer_bandwidth_Hz = 80.0\n[motor]"))
     quick = coarse.replace("[motor]", "observer_bandwidth_Hz = 200.0\n[motor]")
     assert "lower observer_bandwidth_Hz or trip_speed_rad_s" in complaint(tmp_path, quick)
 

@@ -127,7 +127,7 @@ def test_a_rotor_that_is_too_fast_from_the_start_is_over_speed(
 @pytest.mark.parametrize(("rate_Hz", "least"), [(100, 0.6), (1000, 0.95), (20_000, 0.99)])
 def test_a_random_encoder_stays_implausible(rate_Hz: int, least: float, counts: int) -> None:
     """It was so after every fourth sample only. At 100 Hz 0.4 rad are plausible between samples."""
-    config = config_of(rate_Hz, 40.0, counts, jump_rad=0.2)
+    config = config_of(rate_Hz, 45.0, counts, jump_rad=0.2)
     bench, draw = turning(config, 0.0), np.random.default_rng(rate_Hz + counts)
     bench.run(100)
     bench.count_at = lambda angle_rad: int(draw.integers(0, counts))
