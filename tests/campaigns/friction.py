@@ -15,6 +15,7 @@ from math import radians
 import numpy as np
 
 from motord.experiments.friction.coast_down import CoastDown
+from motord.experiments.friction.result import DirectionalFriction
 from motord.virtual import processors
 from tests.campaigns import departed, seeds
 from tests.unit.experiments.friction.coasting import INERTIA, Rotor, friction, of_seeds
@@ -47,8 +48,13 @@ def recordings(rotor: Rotor, several: Iterable[int]) -> Iterator[list[CoastDown]
 
 
 def trial(rotor: Rotor, coasts: list[CoastDown]) -> tuple[bool, bool, float]:
-    """Return whether the intervals hold Coulomb and viscous friction, and the former's error."""
+    """Return what `held` says of the only direction of coast-downs."""
     (one,) = friction(coasts).directions
+    return held(rotor, one)
+
+
+def held(rotor: Rotor, one: DirectionalFriction) -> tuple[bool, bool, float]:
+    """Return whether the intervals hold Coulomb and viscous friction, and the former's error."""
     return (
         one.coulomb_Nm.low < rotor.coulomb_Nm < one.coulomb_Nm.high,
         one.viscous_Nm_s_per_rad.low < rotor.viscous_Nm_s_per_rad < one.viscous_Nm_s_per_rad.high,

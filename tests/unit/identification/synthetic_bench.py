@@ -162,13 +162,13 @@ class Bench:
     def _back_emf(self, angle_rad: np.ndarray) -> np.ndarray:
         """Return k (n, 3) from the harmonics, not from the table."""
         k = np.zeros((3, angle_rad.size)).T  # phases one after the other in memory: sums are quick
+        first = np.exp(1j * self.motor.pole_pairs * angle_rad)
         for h in self.motor.back_emf:
-            wave = h.amplitude_V_s_per_rad * np.exp(
-                1j * (h.order * self.motor.pole_pairs * angle_rad + h.phase_rad)
-            )
+            wave = first**h.order
             for p in range(3):
-                late = np.exp(-1j * h.order * p * 2 * np.pi / 3)
-                k[:, p] += late.imag * wave.real + late.real * wave.imag
+                phase_rad = h.phase_rad - h.order * p * 2 * np.pi / 3
+                line = h.amplitude_V_s_per_rad * np.exp(1j * phase_rad)
+                k[:, p] += line.imag * wave.real + line.real * wave.imag
         return k
 
     def _command(
