@@ -59,17 +59,23 @@ class Autoregression:
 
     @classmethod
     def _predicting(cls, valid: np.ndarray, covariance: np.ndarray, order: int) -> "Autoregression":
-        """Return the best linear predictions by the covariance (n,) of each lag."""
+        """Return the best linear predictions by the covariance (n,) of each lag.
+
+        Those of the same lags, as all between gaps are, have the same coefficients.
+        """
         number = np.arange(valid.size)[:, None] - 1 - np.arange(order)
-        there, before = number >= 0, valid[np.maximum(number, 0)]
+        before = valid[np.maximum(number, 0)]
+        every = np.where(number >= 0, valid[:, None] - before, 0)
+        lags, same = np.unique(every, axis=0, return_inverse=True)
+        there = lags > 0
         both = there[:, :, None] & there[:, None, :]
-        matrix = np.where(both, covariance[np.abs(before[:, :, None] - before[:, None, :])], 0.0)
+        matrix = np.where(both, covariance[np.abs(lags[:, :, None] - lags[:, None, :])], 0.0)
         matrix += (~there * covariance[0])[:, :, None] * np.eye(order)
-        wanted = np.where(there, covariance[valid[:, None] - before], 0.0)
+        wanted = np.where(there, covariance[lags], 0.0)
         coefficients = np.linalg.solve(matrix, wanted[:, :, None])[:, :, 0]
         left = covariance[0] - np.einsum("vp,vp->v", coefficients, wanted)
         scale = np.sqrt(np.maximum(left, LEAST_PART * covariance[0]))
-        return cls(valid, before, coefficients, scale)
+        return cls(valid, before, coefficients[same], scale[same])
 
     def whitened(self, column: np.ndarray) -> np.ndarray:
         """Return the valid ones (v,) of a column (n,), whitened."""
