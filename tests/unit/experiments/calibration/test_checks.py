@@ -1,6 +1,7 @@
 """Operating points that can, and that cannot, separate gains from cogging torque."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -22,9 +23,15 @@ HALVED = (BALANCED, (0.5, 1.0, 1.0), (1.0, 0.5, 1.0), (1.0, 1.0, 0.5))
 BASIS = Basis.of(motor(counts=64), (16,))
 
 
-def point(
-    torque_Nm: float, gain: tuple[float, float, float] = BALANCED, turns: int = 2
-) -> TurnProducts:
+Point = Callable[[], TurnProducts]
+
+
+def point(torque_Nm: float, gain: tuple[float, float, float] = BALANCED, turns: int = 2) -> Point:
+    """Return what computes a point, which its test does: not every process that collects tests."""
+    return partial(products, torque_Nm, gain, turns)
+
+
+def products(torque_Nm: float, gain: tuple[float, float, float], turns: int) -> TurnProducts:
     angle_rad = 2 * np.pi * np.arange(turns * PER_TURN) / PER_TURN
     i_A = 3 * torque_Nm * np.array(gain) * np.cos(angle_rad[:, None] - PHASES)
     return accumulate(
@@ -54,8 +61,8 @@ def point(
     ],
     ids=["phase by phase", "both directions", "one phase", "two torques"],
 )
-def test_a_phase_with_more_and_with_less_current_will_do(points: Sequence[TurnProducts]) -> None:
-    check_points(points)
+def test_a_phase_with_more_and_with_less_current_will_do(points: Sequence[Point]) -> None:
+    check_points([one() for one in points])
 
 
 @pytest.mark.parametrize(
@@ -71,10 +78,10 @@ def test_a_phase_with_more_and_with_less_current_will_do(points: Sequence[TurnPr
     ],
 )
 def test_the_others_are_refused_with_what_is_missing(
-    points: Sequence[TurnProducts], expected: str
+    points: Sequence[Point], expected: str
 ) -> None:
     with pytest.raises(IdentifyError, match=expected):
-        check_points(points)
+        check_points([one() for one in points])
 
 
 @pytest.mark.parametrize(
