@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.config import ConfigError, load_motor
+from motord.config import ConfigError
+from motord.config.reading import load_motor
 from motord.recording.errors import RecordError
 from motord.schema import Flag
 from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv, write_motor
