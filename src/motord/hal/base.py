@@ -10,6 +10,9 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from motord.schema import BridgeStatus as BridgeStatus  # drivers of other packages take it here
+from motord.schema import InverterStatus as InverterStatus
+
 
 class DeviceError(Exception):
     """A device that cannot be opened or used; the message says which, what and what to do."""

@@ -65,9 +65,12 @@ def _driver(kind: str, name: str) -> Any:
             )
         target = next(iter(found)).value
     try:
-        return resolve_name(target)
+        made = resolve_name(target)
+        if not callable(made):
+            raise ValueError("it names no class or function")
     except (ImportError, AttributeError, ValueError) as error:
         raise DeviceError(
             f'[{kind}] driver = "{name}": cannot load {target}: {error}; '
             "is the package that brings it installed completely?"
         ) from error
+    return made

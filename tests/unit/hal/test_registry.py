@@ -26,13 +26,14 @@ class Foreign:
 FOREIGN = EntryPoint("inverter.foreign", f"{__name__}:Foreign", registry.GROUP)
 BROKEN = EntryPoint("inverter.broken", "no.such.module:Driver", registry.GROUP)
 NAMELESS = EntryPoint("inverter.nameless", f"{__name__}:Missing", registry.GROUP)
+MODULE = EntryPoint("inverter.module", __name__, registry.GROUP)
 
 
 @pytest.fixture(autouse=True)
 def others(monkeypatch: pytest.MonkeyPatch) -> None:
     def found(group: str, name: str | None = None) -> list[EntryPoint]:
         assert group == "motord.drivers"
-        return [e for e in (FOREIGN, BROKEN, NAMELESS) if name in (None, e.name)]
+        return [e for e in (FOREIGN, BROKEN, NAMELESS, MODULE) if name in (None, e.name)]
 
     monkeypatch.setattr(registry, "entry_points", found)
 
@@ -74,14 +75,14 @@ def test_the_message_on_an_unknown_driver_names_the_known_ones() -> None:
         registry.make_rig(with_driver("telepathy"))
     assert str(caught.value) == (
         '[inverter] driver = "telepathy" is not known; known: broken, can, can-dq, '
-        "foreign, nameless, sim"
+        "foreign, module, nameless, sim"
     )
     setup = Config(motor=MOTOR, brake=BrakeConfig(driver="anvil"))
     with pytest.raises(DeviceError, match="known: modbus, none, sim"):
         registry.make_setpoint_device("brake", setup)
 
 
-@pytest.mark.parametrize("name", ["broken", "nameless"])
+@pytest.mark.parametrize("name", ["broken", "nameless", "module"])
 def test_a_driver_that_cannot_be_loaded(name: str) -> None:
     with pytest.raises(DeviceError, match="installed completely"):
         registry.make_rig(with_driver(name))
@@ -90,3 +91,19 @@ def test_a_driver_that_cannot_be_loaded(name: str) -> None:
 def test_every_built_in_driver_can_be_loaded() -> None:
     for target in (*registry.BUILT_IN.values(), registry.SIMULATED_RIG):
         assert callable(resolve_name(target))
+
+
+def test_what_a_driver_of_another_package_imports_is_where_it_was() -> None:
+    names = {
+        "motord.hal.base": (
+            "BridgeDriver BridgeStatus DeviceError DeviceReading InverterDriver InverterStatus "
+            "SetpointDevice"
+        ),
+        "motord.config": (
+            "BridgeConfig ChannelConfig Config Finite Fraction InverterConfig NonNegative "
+            "Positive Section load"
+        ),
+    }
+    for module, wanted in names.items():
+        for name in wanted.split():
+            assert resolve_name(f"{module}:{name}") is not None
