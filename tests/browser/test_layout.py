@@ -66,6 +66,38 @@ def test_on_a_phone_state_and_stop_stay_alone_however_much_stands_above_them(
     assert page.locator("#link").evaluate("e => e.getBoundingClientRect().bottom") <= 1
 
 
+@pytest.mark.parametrize("size", [PHONE, {"width": 1000, "height": 900}, NARROW])
+def test_stop_stays_where_it_is_whatever_goes_wrong(
+    server: Server, visit: Watched, size: dict[str, int]
+) -> None:
+    page = visit(server.urls.operator, size)
+    stand_in = server.stand_in
+    stop = page.locator("#stop")
+    before = stop.bounding_box()
+    assert before is not None
+
+    def stays() -> None:
+        now = stop.bounding_box()
+        assert now is not None
+        assert (now["x"], now["y"], now["width"]) == (before["x"], before["y"], before["width"])
+        assert now["height"] >= before["height"]
+
+    take_command(page)
+    stand_in.do(lambda: setattr(stand_in, "unreported", "no report for 8 s"))
+    stand_in.do(stand_in.trip_over_current)
+    shows(page, "#trip", "What to do")
+    stays()
+    stand_in.do(lambda: setattr(stand_in, "loop_ended", True))
+    shows(page, "#no-ticks", "no ticks come from the loop")
+    stays()
+    stand_in.do(lambda: stand_in._end_lease("was taken over, " + LONG))
+    shows(page, "#lease-why", "Lost: ")
+    stays()
+    stand_in.do(lambda: setattr(stand_in, "silent", True))
+    shows(page, "#gone", "publishes nothing")
+    stays()
+
+
 def test_why_the_daemon_is_silent_takes_no_room_from_the_head(
     server: Server, visit: Watched
 ) -> None:
