@@ -11,6 +11,7 @@ const { Raster, rgbOf } = await load("raster.js");
 const { TimeWindow } = await load("window.js");
 const format = await load("format.js");
 const { tokenOf } = await load("session.js");
+const { Bench } = await load("state.js");
 const { StopTracker } = await load("stop.js");
 const { fieldsOf, parse, typeOf } = await load("plan_form.js");
 const { grid, shade } = await load("mesh.js");
@@ -379,6 +380,35 @@ test("what is wrong with recording, processes and parts of the daemon; the loop'
   assert.deepEqual(troubles({ ...state, fault: "the loop ended", processes: { loop: ended, recorder: process } }), []);
   assert.deepEqual(troubles({ ...state, recording: { error: "disk full" }, processes: { loop: process, recorder: ended }, faults: { queue: "no file" } }),
     ["Recording: disk full", "The process recorder does not run: exit code 1", "Fault in queue: no file"]);
+});
+
+test("a bench is enabled where nothing is in the way, and what is has a name", () => {
+  const bench = new Bench();
+  const why = (changes, plan = null) => {
+    const state = { state: "OFF", fault: "", remedy: "", trips: [], plan, ...changes };
+    bench.take({ kind: "state", data: state }, new Float32Array(0));
+    return bench.enableObstacle;
+  };
+  const trips = [{ name: "BUS_VOLTAGE", meaning: "no bus voltage" }, { name: "ENCODER", meaning: "no encoder" }];
+  assert.equal(why({}), "");
+  assert.equal(why({ state: "READY" }), "");
+  assert.equal(why({ state: "TRIPPED", trips }), "Reset it first.");
+  assert.equal(why({ trips }), "It cannot be enabled: no bus voltage; no encoder."); // after a reset
+  assert.equal(why({ state: "READY", fault: "the loop hangs", remedy: "reset" }), "Reset it first.");
+  assert.equal(why({ state: "READY" }, { state: "paused" }), "A plan is under way.");
+  assert.equal(why({ state: "ENABLED" }), "It is enabled.");
+});
+
+test("a state that the server has kept is as old as the server says", () => {
+  const bench = new Bench();
+  const none = new Float32Array(0);
+  bench.take({ kind: "state", data: { state: "OFF", plan: null } }, none);
+  assert.ok(bench.age_s < 60);
+  bench.take({ kind: "connection", alive: false, age_s: 3600, message: "gone" }, none);
+  assert.ok(bench.age_s >= 3600);
+  bench.take({ kind: "state", data: { state: "OFF", plan: null } }, none);
+  bench.take({ kind: "connection", alive: true, age_s: 0.1, message: "" }, none);
+  assert.ok(bench.age_s < 60);
 });
 
 test("the largest orders, without the mean and what is small", () => {

@@ -380,6 +380,22 @@ def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Wa
     expect(page.locator("#no-ticks")).to_be_empty()
 
 
+def test_a_daemon_that_was_there_all_along_is_not_said_to_be_back(server, visit: Watched):
+    page = visit(server.urls.operator)
+    press(page, "#tab-health")
+    shows(page, "#health-figures", "Link errors")
+    expect(page.locator("#gone")).to_be_hidden()
+    assert page.locator("#messages").inner_text() == ""
+
+
+def test_what_is_old_invites_nobody_to_enable(server, visit: Watched):
+    page = visit(server.urls.operator)
+    press(page, "#take")
+    shows(page, "#state-meaning", "You may enable it.")
+    server.stand_in.do(lambda: setattr(server.stand_in, "silent", True))
+    expect(page.locator("#state-meaning")).not_to_contain_text("You may enable it.")
+
+
 def test_a_mesh_whose_plan_was_stopped_takes_no_point(server, visit: Watched):
     page = visit(server.urls.operator)
     take_command(page)

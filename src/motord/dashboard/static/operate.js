@@ -104,7 +104,7 @@ export class Operate {
     if (state === null) return;
     const plan = underWay(this._bench.plan) ? "A plan is under way." : "";
     const is = state.state;
-    allow(byId("enable"), why || plan || (is === "ENABLED" ? "It is enabled." : is === "TRIPPED" || state.remedy ? "Reset it first." : ""));
+    allow(byId("enable"), why || this._bench.enableObstacle);
     allow(byId("disable"), why || (is === "ENABLED" || is === "READY" ? "" : "It is not enabled."));
     allow(byId("reset"), why || (is === "TRIPPED" || state.fault ? "" : "Nothing has tripped."));
     const enabled = why || plan || (is === "ENABLED" ? "" : "Enable it first.");

@@ -55,7 +55,7 @@ export class Bench {
     else if (header.kind === "mesh") this.mesh = data;
     else if (header.kind === "queue") this.queue = data;
     else if (header.kind === "lease") this.lease = header;
-    else if (header.kind === "connection") this.connection = header;
+    else if (header.kind === "connection") this._takeConnection(header);
     this.emit(header.kind, data, floats);
   }
 
@@ -88,6 +88,12 @@ export class Bench {
     this.state = state;
     this._state_ms = performance.now();
     this.plan = state.plan;
+  }
+
+  /** A state that the server keeps of a daemon that is gone is as old as that. @param {any} connection */
+  _takeConnection(connection) {
+    this.connection = connection;
+    this._state_ms = Math.min(this._state_ms, performance.now() - 1000 * connection.age_s);
   }
 
   /** How old the newest state is, s. */
@@ -125,6 +131,17 @@ export class Bench {
   /** The same, with the lease. */
   get leaseObstacle() {
     return this.commandObstacle || (this.lease.held ? "" : "Take control first.");
+  }
+
+  /** Why nobody can enable the bench now, "" if one can. */
+  get enableObstacle() {
+    const { state, plan } = this;
+    if (state === null) return "Not known yet.";
+    if (underWay(plan)) return "A plan is under way.";
+    if (state.state === "ENABLED") return "It is enabled.";
+    if (state.state === "TRIPPED" || state.remedy) return "Reset it first.";
+    const bars = state.trips.map((/** @type {any} */ trip) => trip.meaning); // OFF: no trip, but it would be one
+    return bars.length ? `It cannot be enabled: ${bars.join("; ")}.` : "";
   }
 
   get now_s() {

@@ -40,12 +40,10 @@ export class StatusBar {
 
   /** @param {any} state */
   _state(state) {
-    const known = STATES[state.state] ?? { sign: "?", meaning: "" };
     setAttribute(byId("state"), "data-state", state.state);
-    setText(byId("state-sign"), known.sign);
+    setText(byId("state-sign"), STATES[state.state]?.sign ?? "?");
     setText(byId("state-name"), state.state);
-    const trouble = [state.fault, state.remedy].filter(Boolean).join("; ");
-    setText(byId("state-meaning"), trouble || this._meaning(state, known.meaning));
+    this._explain(state);
     setText(byId("motor"), state.motor + (state.simulated ? " \u00b7 simulated" : ""));
     setAttribute(byId("identity"), "title", `${state.bench}: ${byId("motor").textContent}`);
     this._trips(state);
@@ -59,11 +57,19 @@ export class StatusBar {
     this._lease();
   }
 
+  /** What the state means and what to do: nothing of an old one. @param {any} state */
+  _explain(state) {
+    const trouble = [state.fault, state.remedy].filter(Boolean).join("; ");
+    setText(byId("state-meaning"), trouble || this._meaning(state, STATES[state.state]?.meaning ?? ""));
+  }
+
   /** @param {any} state @param {string} meaning */
   _meaning(state, meaning) {
+    const { enableObstacle, lease, stale } = this._bench;
     if (state.state === "TRIPPED") return state.first_trip ? tripText(this._bench, state.first_trip) : meaning;
-    if (state.state !== "ENABLED" && this._bench.lease.held) return `${meaning} You may enable it.`;
-    return meaning;
+    if (state.state === "ENABLED") return meaning;
+    if (enableObstacle) return `${meaning} ${enableObstacle}`;
+    return lease.held && !stale ? `${meaning} You may enable it.` : meaning;
   }
 
   /** @param {any} state */
@@ -128,13 +134,14 @@ export class StatusBar {
 
   /** Ten times a second: what is stale is grey within half a second, and says so. */
   tick() {
-    const { link, connection, stale, ticksStale, age_s } = this._bench;
+    const { link, connection, stale, state, ticksStale, age_s } = this._bench;
+    if (state !== null) this._explain(state);
     setAttribute(document.body, "data-stale", stale ? "true" : null);
     setAttribute(document.body, "data-ticks-stale", ticksStale ? "true" : null);
     setText(byId("no-ticks"), ticksStale && !stale ? "no ticks come from the loop; the last ones are shown" : "");
     if (ticksStale !== this._ticksStale) this._bench.emit("age", null);
     this._ticksStale = ticksStale;
-    const gone = link.status === "open" && !connection.alive && age_s > GONE_S;
+    const gone = link.status === "open" && !connection.alive && connection.message !== "" && age_s > GONE_S;
     byId("gone").hidden = !gone;
     this._gone ||= gone;
     setText(byId("gone"), gone ? connection.message : "");
