@@ -250,6 +250,11 @@ class StandIn:
         """Publish the half-widths that the plan under way gives by now."""
         self._show_plan(targets=targets, precision=known, obstacle=obstacle)
 
+    def fall_silent(self, since_s: float) -> None:
+        """Publish nothing, as for so long before."""
+        self.silent = True
+        self._received_s -= since_s
+
     def restart(self) -> None:
         """Begin again, as another process would."""
         self._started_s = time.monotonic()

@@ -388,6 +388,16 @@ def test_a_daemon_that_was_there_all_along_is_not_said_to_be_back(server, visit:
     assert page.locator("#messages").inner_text() == ""
 
 
+def test_a_page_that_is_opened_late_says_how_long_the_daemon_was_silent(server, visit: Watched):
+    stand_in = server.stand_in
+    page = visit(server.urls.operator)
+    stand_in.do(lambda: stand_in.fall_silent(3600.0))
+    page.reload()
+    shows(page, "#gone", "publishes nothing")
+    stand_in.do(lambda: setattr(stand_in, "silent", False))
+    shows(page, "#messages", "The daemon publishes again, after 1:0")  # hour
+
+
 def test_what_is_old_invites_nobody_to_enable(server, visit: Watched):
     page = visit(server.urls.operator)
     press(page, "#take")

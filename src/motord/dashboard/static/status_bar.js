@@ -123,8 +123,8 @@ export class StatusBar {
   }
 
   _connection() {
-    const { alive } = this._bench.connection;
-    if (this._alive && !alive) this._silent_ms = performance.now();
+    const { alive, age_s } = this._bench.connection;
+    if (this._alive && !alive) this._silent_ms = performance.now() - 1000 * age_s;
     if (alive && this._gone) this._messages.say("info", `The daemon publishes again, after ${duration((performance.now() - this._silent_ms) / 1000)}.`);
     if (alive) this._gone = false;
     this._alive = alive;
