@@ -39,9 +39,9 @@ class WindageFit:
     moved: np.ndarray
 
     @property
-    def significant(self) -> bool:
-        """Whether it is beyond what chance makes."""
-        return abs(self.coefficient) > self.limit
+    def possible(self) -> bool:
+        """Whether its 95 % interval is without 0: it may be there, however seldom it is named."""
+        return abs(self.coefficient) > self.half
 
     def changes(self, weights: np.ndarray, direct: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much weights @ coefficients (m,) would change, and half of its interval.
@@ -56,9 +56,9 @@ class WindageFit:
     ) -> np.ndarray:
         """Return halves of intervals (m,) of scale times weights @ coefficients, with the change.
 
-        They hold what allowing for the part gives and the interval of that, where it is there.
+        They hold what allowing for the part gives and the interval of that, where it may be there.
         """
-        if not self.significant:
+        if not self.possible:
             return np.asarray(half)
         change, more = self.changes(weights, direct)
         return np.asarray(scale * np.abs(change) + np.hypot(half, scale * more))

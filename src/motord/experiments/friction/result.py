@@ -67,8 +67,13 @@ class Windage:
 
     @property
     def significant(self) -> bool:
-        """Whether it is beyond what chance makes: then the intervals hold the changes."""
+        """Whether it is beyond what chance makes: then it is a finding."""
         return abs(self.torque_Nm) > self.limit_Nm
+
+    @property
+    def possible(self) -> bool:
+        """Whether its 95 % interval is without 0: then the intervals hold the changes."""
+        return abs(self.torque_Nm) > self.half_Nm
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ class DirectionalFriction:
     stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed.
     *_fit_*: the half width from the coast-downs alone, without the inertia's uncertainty, which
     scales both directions alike. windage: what was tested for lack of fit; where it is
-    significant, all intervals and uncertainties are widened.
+    possible, all intervals and uncertainties are widened.
     """
 
     JSON = (
@@ -202,12 +207,15 @@ class Friction:
 
 
 def _unseen(one: DirectionalFriction) -> str:
-    """Return in a sentence what a windage that is not seen may change."""
+    """Return in a sentence what a windage that is no finding may change."""
     windage = one.windage
     torque_Nm = abs(windage.torque_Nm) + windage.half_Nm
     coulomb_Nm = abs(windage.coulomb_change_Nm) + windage.coulomb_half_Nm
+    seen, taken = "", "take it as none"
+    if windage.possible:
+        seen, taken = " for certain", "hold that, as chance makes what is seen in 5 % at most"
     return (
-        f"{one.direction}: no torque with the square of the speed (windage) seen: at most "
+        f"{one.direction}: no torque with the square of the speed (windage) seen{seen}: at most "
         f"{torque_Nm:.2g} Nm at {one.speed_max_rad_s:.3g} rad/s, which would change Coulomb "
-        f"friction by {coulomb_Nm:.2g} Nm; the intervals take it as none"
+        f"friction by {coulomb_Nm:.2g} Nm; the intervals {taken}"
     )

@@ -20,6 +20,7 @@ from tests.unit.experiments.friction.coasting import (
     coast_downs,
     friction,
     of_draws,
+    of_seeds,
 )
 
 STRIBECK = Rotor(stribeck_Nm=0.02, cogging=((16, 0.002, 0.0),))
@@ -124,6 +125,20 @@ def test_windage_is_named_and_the_intervals_hold_the_truth() -> None:
     for point in one.curve:
         w = point.speed_rad_s
         assert holds(point.low_Nm, 0.03 + 0.002 * w + 4e-5 * w**2, point.high_Nm)
+
+
+def test_windage_that_is_too_small_for_the_finding_is_in_the_intervals() -> None:
+    """Where 0 is not in the interval of the torque; half of Coulomb friction's was 0.02 mNm."""
+    rotor = Rotor(windage_Nm_s2_per_rad2=3e-6)  # 0.43 mNm at 12 rad/s
+    (one,) = (found := friction(next(of_seeds([6], rotor, 8, longest_step=1)))).directions
+    assert "windage" not in {finding.name for finding in found.findings}
+    assert one.windage.half_Nm < abs(one.windage.torque_Nm) < one.windage.limit_Nm
+    assert abs(one.coulomb_Nm.value - rotor.coulomb_Nm) > 1e-4
+    assert both_hold(one, rotor)
+    for point in one.curve:
+        w = point.speed_rad_s
+        assert holds(point.low_Nm, 0.03 + 0.002 * w + 3e-6 * w**2, point.high_Nm)
+    assert "(windage) seen for certain" in " ".join(found.notes)
 
 
 def test_friction_that_differs_between_coast_downs_is_no_windage() -> None:
