@@ -15,7 +15,7 @@ Given = TypeVar("Given")
 
 HELD = 0.95
 SLACK = 2.5
-"""Standard deviations of a share over few trials by which it may lie below HELD."""
+"""Standard deviations of a share over the trials by which it may miss what is expected of it."""
 
 
 @dataclass(frozen=True)

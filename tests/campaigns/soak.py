@@ -22,8 +22,6 @@ from tests.campaigns import departed, seeds
 SOAKS, FIGURES = 400, 12
 REPETITIONS, CORRELATIONS = (6, 8, 10, 20, 50), (0.0, 0.5, 0.8, 0.9, 0.95)
 FALSE_DRIFTS, COVERED = 0.05, 0.94
-SLACK = 2.5
-"""Standard deviations of a share over the trials."""
 DRIFT = 10.0
 
 
@@ -58,8 +56,8 @@ def trial(n: int, correlation: float, seed: int) -> tuple[float, float, float, f
 def main(soaks: int = SOAKS) -> int:
     """Print the shares; return 1 if those up to CORRELATION_MAX are not kept."""
     failed = 0
-    most = FALSE_DRIFTS + SLACK * np.sqrt(FALSE_DRIFTS * (1 - FALSE_DRIFTS) / soaks)
-    least = COVERED - SLACK * np.sqrt(COVERED * (1 - COVERED) / (soaks * FIGURES))
+    most = FALSE_DRIFTS + departed.SLACK * np.sqrt(FALSE_DRIFTS * (1 - FALSE_DRIFTS) / soaks)
+    least = COVERED - departed.SLACK * np.sqrt(COVERED * (1 - COVERED) / (soaks * FIGURES))
     print("repetitions   rho  covered  false drifts  found  noted")
     for n in REPETITIONS:
         for correlation in CORRELATIONS:
@@ -109,7 +107,7 @@ def stepping(size: float, seed: int, n: int = STEP_REPETITIONS) -> tuple[bool, b
 def departures(soaks: int = SOAKS) -> int:
     """Print the shares of soaks in which a step is claimed; return 1 if too many warm-ups do."""
     share, trials = 0.0, len(WARM_UPS) * soaks
-    most = FALSE_ALARMS + SLACK * np.sqrt(FALSE_ALARMS * (1 - FALSE_ALARMS) / trials)
+    most = FALSE_ALARMS + departed.SLACK * np.sqrt(FALSE_ALARMS * (1 - FALSE_ALARMS) / trials)
     for part in WARM_UPS:
         claimed = float(np.mean([warm_up(part, seed) for seed in seeds.several(soaks)]))
         share += claimed / len(WARM_UPS)
