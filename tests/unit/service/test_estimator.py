@@ -305,6 +305,21 @@ def test_a_plan_without_an_estimator_starts_nothing(linked):
     assert linked.children.views() == {}
 
 
+def test_captures_that_are_not_asked_of_an_estimator_want_no_answer(linked):
+    """Of a plan without one, and of one that is over."""
+    linked.link.begin(plan(""))
+    linked.link.captured(captured(0, 4))
+    linked.step()
+    linked.step(SILENT_NS / 1e9 + 0.02)
+    assert linked.link.precision is None
+    linked.begin()
+    linked.link.captured(captured(0, 4))
+    linked.link.end()
+    linked.step()
+    linked.step(SILENT_NS / 1e9 + 0.02)
+    assert linked.link.precision is None
+
+
 def test_captures_go_to_the_process_and_its_precision_comes_back(linked):
     played, run = linked.begin()
     linked.link.captured(captured(0, 4))

@@ -43,13 +43,15 @@ class EstimatorLink:
         self._unanswered, self._waits_from_ns = 0, None
 
     def captured(self, point: Mapping[str, Any]) -> None:
-        """Pass on what the topic `/operating_point` says of a capture."""
-        self._pipes.send({"do": "point", "content": point})
-        self._unanswered += 1
+        """Pass on what the topic `/operating_point` says of a capture, if one is to estimate."""
+        if self._plan is not None:
+            self._pipes.send({"do": "point", "content": point})
+            self._unanswered += 1
 
     def end(self) -> None:
         """The plan is over; what its estimator may still say is not wanted any more."""
         self._plan, self._run = None, ""
+        self._unanswered = 0
 
     def step(self, now_ns: int) -> None:
         """Start or end the process with the plan; take its reports. `now_ns` is monotonic."""
