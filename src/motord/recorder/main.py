@@ -10,8 +10,10 @@ import os
 import select
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load_started
@@ -34,6 +36,9 @@ DRAIN_S = 0.05
 REPORT_S = 0.5
 """Time between two reports, if nothing happens."""
 
+BLOCKED_S = 2.0
+"""After so long without a report another thread says that the process waits, and lives."""
+
 REPORTED_AT_ONCE = (
     "recording", "file", "lost", "closed", "error", "obstacle", "blackboxes", "leftovers",
 )  # fmt: skip
@@ -51,22 +56,50 @@ next tick."""
 class Reporter:
     """Writes reports to a descriptor that does not block, each whole.
 
-    While the one before has not been taken there is no new one: recording waits for no reader.
+    While the one before has not been taken there is no new one: recording waits for no reader. To
+    be used by two threads.
     """
 
     def __init__(self, descriptor: int) -> None:
         self._lines = LineWriter(descriptor, LINE_MAX_BYTES)
+        self._lock = threading.Lock()
         self._last: tuple[object, ...] = ()
         self._due_s = 0.0
 
     def write(self, report: dict[str, object], now_s: float) -> None:
         """Write `report` if one is due, or if one of `REPORTED_AT_ONCE` changed."""
-        self._lines.flush()
-        state = tuple(report.get(key) for key in REPORTED_AT_ONCE)
-        if self._lines.waiting or (state == self._last and now_s < self._due_s):
-            return
-        self._last, self._due_s = state, now_s + REPORT_S
-        self._lines.write(to_line(report))
+        with self._lock:
+            self._lines.flush()
+            state = tuple(report.get(key) for key in REPORTED_AT_ONCE)
+            if self._lines.waiting or (state == self._last and now_s < self._due_s):
+                return
+            self._last, self._due_s = state, now_s + REPORT_S
+            self._lines.write(to_line(report))
+
+    def write_blocked(self) -> None:
+        """Write that the process lives, and waits."""
+        with self._lock:
+            self._lines.flush()
+            if not self._lines.waiting:
+                self._lines.write(to_line({"recording": False, "blocked": True}))
+
+    @contextmanager
+    def alive(self, clock_s: Callable[[], float] = time.monotonic) -> Iterator[None]:
+        """Have a thread write so while there are no reports, as when the disk stalls."""
+        over = threading.Event()
+
+        def follow() -> None:
+            while not over.wait(REPORT_S):
+                if clock_s() - self._due_s > BLOCKED_S:
+                    self.write_blocked()
+
+        thread = threading.Thread(target=follow, name="alive", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
 
 def run(
@@ -128,14 +161,16 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         os.set_blocking(descriptor, False)
     lines = LineReader(commands, COMMAND_MAX_BYTES)
     recovery.start()
-    run(
-        session,
-        lines,
-        Reporter(reports),
-        lambda: bool(stopped),
-        lambda wait_s: _wait(commands, lines, wait_s),
-        on_orphaned=lambda now_s: _record_daemon_death(session, config, metadata, now_s),
-    )
+    reporter = Reporter(reports)
+    with reporter.alive():
+        run(
+            session,
+            lines,
+            reporter,
+            lambda: bool(stopped),
+            lambda wait_s: _wait(commands, lines, wait_s),
+            on_orphaned=lambda now_s: _record_daemon_death(session, config, metadata, now_s),
+        )
     recovery.stop()
     return 0
 

@@ -40,9 +40,11 @@ class RecorderReport(Message):
     that were overwritten, or vanished with a file. closed: the recordings that were closed last,
     by their paths without number and suffix. blackboxes: path of each to "" once it is written,
     else why it is not. leftovers: files that were not ended in order, and what became of each.
+    blocked: the process lives and waits, as for its disk; nothing else is said then.
     """
 
     recording: bool
+    blocked: bool = False
     file: Text = ""
     path: Text = ""
     obstacle: Text = ""

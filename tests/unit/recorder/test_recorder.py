@@ -23,6 +23,7 @@ from motord.recording.file_names import part_of
 from motord.recording.reader import open_run
 from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir
+from tests.support.patience import PATIENCE_S
 from tests.unit.recording.runs import METADATA, point_of, tick_block
 
 CONFIG = packaged("sim.toml")
@@ -73,6 +74,22 @@ def test_a_report_is_written_when_something_changes_or_it_is_time(pipe):
     reporter.write({**report, "ticks": 3}, 10.6)
     reporter.write({**report, "ticks": 4, "lost": 5}, 10.7)
     assert [json.loads(r)["ticks"] for r in reports.read()] == [3, 4]
+
+
+def test_while_there_are_no_reports_it_says_that_it_lives(pipe, monkeypatch):
+    monkeypatch.setattr(main, "REPORT_S", 0.001)
+    reporter, received = Reporter(pipe[1]), MessageReader(pipe[0], RecorderReport)
+    now_s, came = [10.0], []
+    reporter.write({"recording": True}, now_s[0])
+    with reporter.alive(lambda: now_s[0]):
+        now_s[0] += main.BLOCKED_S
+        reporter.write({"recording": True, "lost": 1}, now_s[0])
+        now_s[0] += main.BLOCKED_S + 0.01
+        end_s = time.monotonic() + PATIENCE_S
+        while len(came) < 5 and time.monotonic() < end_s:
+            came += received.read(0)
+    assert [report.blocked for report in came[:5]] == [False, False, True, True, True]
+    assert received.bad == 0
 
 
 def test_a_supervisor_that_does_not_read_or_is_gone_does_not_matter(pipe):

@@ -323,6 +323,20 @@ def test_a_recorder_that_is_silent_is_ended_while_the_ring_has_what_it_missed(pl
     assert "recorder has sent nothing for 10 s; it is ended" in said
 
 
+def test_a_recorder_that_waits_for_its_disk_is_not_ended(played):
+    """It has in memory what the ring may not have any more; it is not relied on, either."""
+    played.up()
+    played.step(2, State.ENABLED)
+    played.recorders[0].report(ticks=3)
+    for _ in range(15):
+        played.step(100, State.ENABLED)
+        played.recorders[0].send({"recording": False, "blocked": True})
+    assert played.recorders[0].code is None
+    view = played.supervisor.recording.view()
+    assert view.error == "the recorder has not reported for 15 s: does the disk answer?"
+    assert (view.recording, view.detail) == (True, {"ticks": 3})
+
+
 def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"required": False})
     played.up()
