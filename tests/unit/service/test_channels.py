@@ -396,7 +396,8 @@ def test_a_process_that_says_nothing_for_too_long_is_ended():
     played.say(message.model_dump_json().encode())
     link.step(S)
     assert monitor.taken == [ChannelReading("a", 1, 2.0)]
-    link.step(S + SILENT_NS)
+    for now_ns in range(2 * S, S + SILENT_NS + 1, S):
+        link.step(now_ns)
     assert children.sent == []
     link.step(S + SILENT_NS + 1)
     assert children.sent == [signal.SIGKILL]

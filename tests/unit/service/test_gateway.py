@@ -21,7 +21,7 @@ from motord.security.roles import Role, SecurityError
 from motord.service.gateway import process
 from motord.service.gateway.audit import AuditLog
 from motord.service.gateway.link import GATEWAY, GatewayLink
-from motord.service.host.child_pipes import SILENT_NS, START_NS
+from motord.service.host.child_pipes import LOOK_NS, SILENT_NS, START_NS
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
@@ -274,7 +274,7 @@ def test_a_gateway_that_shows_nothing_is_ended_and_started_again():
     link = GatewayLink(children, events)
     children.start_all(0)
     stopped = children.process(GATEWAY)
-    for now_ns in (0, START_NS):
+    for now_ns in range(0, START_NS + 1, LOOK_NS):
         link.step(now_ns)
     assert children.poll(START_NS) == []
     link.step(START_NS + 1)
@@ -283,8 +283,8 @@ def test_a_gateway_that_shows_nothing_is_ended_and_started_again():
     children.poll(START_NS + 1 + round(end.again_s * 1e9))
     assert children.process(GATEWAY) not in (None, stopped)
     link.step(2 * START_NS)  # of the first
-    link.step(2 * START_NS)  # of the next one, whose time begins now
-    link.step(3 * START_NS)
+    for now_ns in range(2 * START_NS, 3 * START_NS + 1, LOOK_NS):  # of the next one
+        link.step(now_ns)
     link.stop(3 * START_NS)
     assert [e.message for e in events.recent()] == [
         "gate has sent nothing for 60 s since it was started; it is ended"
@@ -301,7 +301,8 @@ def test_a_gateway_that_was_up_is_ended_sooner():
     while not events.recent() and time.monotonic() < end_s:
         link.step(0)
     process = children.process(GATEWAY)
-    link.step(SILENT_NS)
+    for now_ns in range(0, SILENT_NS + 1, LOOK_NS):
+        link.step(now_ns)
     assert children.poll(SILENT_NS) == []
     link.step(SILENT_NS + 1)
     assert process.wait(PATIENCE_S) == -signal.SIGKILL
@@ -309,6 +310,20 @@ def test_a_gateway_that_was_up_is_ended_sooner():
     assert [e.message for e in events.recent()] == [
         "up", "gate has sent nothing for 10 s; it is ended",
     ]  # fmt: skip
+
+
+def test_silence_while_the_daemon_was_stopped_itself_is_none():
+    """As by Ctrl-Z: the processes that it started were stopped with it."""
+    children, events = in_its_place("input()"), EventLog(lambda: 0)
+    link = GatewayLink(children, events)
+    children.start_all(0)
+    link.step(0)
+    link.step(2 * START_NS)
+    assert events.recent() == []
+    for now_ns in range(2 * START_NS, 3 * START_NS + 1, LOOK_NS):
+        link.step(now_ns)
+    assert "for 60 s since it was started" in events.recent()[0].message
+    link.stop(3 * START_NS)
 
 
 FLOODS = {

@@ -37,7 +37,7 @@ from tests.support.counting_tracker import CountingTracker
 from tests.support.patience import PATIENCE_S
 from tests.support.played_process import PlayedProcess
 from tests.unit.service import linked_process
-from tests.unit.service.linked_process import STEP_NS, LinkedProcess
+from tests.unit.service.linked_process import LinkedProcess
 from tests.unit.service.test_installation import calibration, put_in_force
 
 COUNTING = "tests.support.counting_tracker:CountingTracker"
@@ -327,8 +327,7 @@ def test_one_that_cannot_be_started_is_tried_again(linked, store):
 
 def test_one_that_is_stopped_is_ended_with_an_event(linked):
     _, played = linked.installed()
-    linked.now_ns += SILENT_NS - STEP_NS
-    linked.step()
+    linked.step(SILENT_NS / 1e9)
     assert played.code is None
     linked.step()
     assert played.code == -signal.SIGKILL

@@ -20,6 +20,10 @@ SILENT_NS = 10_000_000_000
 START_NS = 60_000_000_000
 """The same before its first message: a busy or slow computer takes long to start a process."""
 
+LOOK_NS = 1_000_000_000
+"""Longer between two looks this process did not run itself, and perhaps the child neither: stopped
+at the terminal, frozen with its container. So much of that time is silence."""
+
 
 class _Tally:
     """A count over the processes that follow each other under one name."""
@@ -58,17 +62,20 @@ class ChildFaults:
         self._reader: MessageReader[Any] | None = None
         self._bad, self._dropped = _Tally(), _Tally()
         self._ended = False
-        self._good, self._good_ns = 0, 0
+        self._good, self._good_ns, self._looked_ns = 0, 0, 0
 
     def step(self, reader: MessageReader[Any], now_ns: int, dropped: int = 0) -> None:
         """Look at what came from the process that `reader` reads, and at what it did not take."""
         if reader is not self._reader:
             self._reader, self._ended = reader, False
-            self._good, self._good_ns = 0, now_ns
+            self._good, self._good_ns, self._looked_ns = 0, now_ns, now_ns
             self._bad.restart()
             self._dropped.restart()
         if reader.good > self._good:
             self._good, self._good_ns = reader.good, now_ns
+        else:
+            self._good_ns += max(0, now_ns - self._looked_ns - LOOK_NS)
+        self._looked_ns = now_ns
         self._bad.update(reader.bad)
         self._dropped.update(dropped)
         self._children.count(self._name, self._bad.total, self._dropped.total)
