@@ -157,14 +157,9 @@ def _suggestion(model: type[BaseModel], place: Place, *, is_table: bool) -> str:
     if len(tables) != 1:
         return ""
     known = list(tables[0].model_fields)
-    if near := suggestion(name, known):
-        return near
     sections = _sections_with(model, name)
-    return (
-        f"; it is a key of {' and of '.join(sections)}"
-        if sections
-        else (f"; known: {', '.join(known)}")
-    )
+    elsewhere = f"; it is a key of {' and of '.join(sections)}" if sections else ""
+    return elsewhere + suggestion(name, known) or f"; known: {', '.join(known)}"
 
 
 def _sections_with(model: type[BaseModel], key: str) -> list[str]:

@@ -79,6 +79,7 @@ def test_without_a_file_it_is_the_simulated_bench() -> None:
         ("[limits]", "[limit]", 16, "limit: unknown key; did you mean limits"),
         ("[limits]", "[motor.limits]", 16, "motor.limits: unknown key; did you mean [limits]?"),
         ("rate_Hz = 1000", "bus_V_min = 9.0", 5, "bus_V_min: unknown key; it is a key of [limits]"),
+        ("rate_Hz = 1000", "counts = 9", 5, "it is a key of [motor]; did you mean overrun_ticks?"),
         ("[limits]", "[modbus]\n[limits]", 16, "it is a key of [brake] and of [drive]"),
         ("rate_Hz = 1000", "rate_Hz = 50", 5, "greater than or equal to 100, got 50"),
         ("rate_Hz = 1000", 'rate_Hz = "fast"', 5, "loop.rate_Hz: "),
