@@ -71,6 +71,10 @@ class RecorderLink(PipedChild[RecorderReport]):
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         super().__init__(process, RecorderReport)
 
+    def reports(self, now_ns: int) -> list[RecorderReport]:
+        """Return what it has reported, but for that it lives, which `received` counts."""
+        return [report for report in super().reports(now_ns) if not report.blocked]
+
     def start(self, task: RecordingTask, *, resume: bool = False) -> None:
         """Begin a recording, as `Session.start` does."""
         self.send({"do": "start", **_content(task), "resume": resume})

@@ -203,8 +203,6 @@ class RecorderSession:
 
     def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
         for report in link.reports(now_ns):
-            if report.blocked:
-                continue
             self.report, self.reported_ns = report, now_ns
             self.ended.take(report)
             self.on_report(report)
