@@ -43,9 +43,10 @@ class TurnSpectrum:
     """Spectra of an operating point; orders 1 to h, w columns, the last the torque.
 
     visits (groups, 2 h + 1): transform of the samples in each bin, its order 0 first. sums
-    (groups, h + 1, w): transform of the columns' sums. command_A (bins, 3), velocity_rad_s (bins,):
-    commanded currents and velocity over the turn. highpass (h,): complex gain of the torque
-    sensor's amplifier. velocity_Hz: mean speed, negative backwards.
+    (groups, h + 1, w): transform of the columns' sums, free of their means where the sensor
+    passes these. command_A (bins, 3), velocity_rad_s (bins,): commanded currents and velocity over
+    the turn. highpass (h,): complex gain of the torque sensor's amplifier. velocity_Hz: mean speed,
+    negative backwards.
     """
 
     velocity_Hz: float
@@ -74,10 +75,14 @@ class TurnSpectrum:
         tau = 2j * np.pi * samples.velocity_Hz * sensor.highpass_time_constant_s
         turned = tau * np.arange(1, highest + 1)
         visits = np.fft.fft(binned[:, :, -1], axis=1)[:, np.arange(2 * highest + 1) % bins]
+        sums = np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1].copy()
+        if sensor.passes_mean:  # it is no order, and would decide how well gaps are solved
+            means = sums[:, :1] / visits[:, :1, None]
+            sums -= means * visits[:, : highest + 1, None]
         return cls(
             velocity_Hz=samples.velocity_Hz,
             visits=visits,
-            sums=np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1].copy(),
+            sums=sums,
             command_A=command_A[np.arange(bins) * counts // bins],
             velocity_rad_s=velocity_rad_s[np.arange(bins) * counts // bins],
             highpass=turned / (1 + turned) if tau else np.ones(highest, complex),
