@@ -27,7 +27,7 @@ from motord.hal.bridge.clock import BoardClock, LoopClock
 from motord.hal.bridge.identity import BoardIdentity, refusal
 from motord.hal.bridge.link import BridgeLink
 from motord.hal.bridge.session import BoardSession
-from motord.hal.countdown import countdown_s
+from motord.hal.countdown import Countdown, countdown_s
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 
@@ -100,15 +100,19 @@ class Bridge:
         return f"{self._name}: {wrong}; then `motord reset`" if wrong else ""
 
     def open(self) -> None:
-        """Open the link, check the board and that it samples. Raises DeviceError."""
+        """Open the link, check the board and that it samples, all within `connect_timeout_s`.
+
+        Raises DeviceError.
+        """
         self._link = self._open_link()
         self._identity = BoardIdentity(self._counts, self._silence_ns)
+        left = Countdown(self._config.connect_timeout_s)
         try:
-            hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
+            hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello, left)
             self._begin_session(opening=True)
             self._number = hello.heartbeat_next
-            self._update_from_status(self._request(self._configuration, frames.Status))
-            self._sample = self._request(frames.Start(), frames.Sample)
+            self._update_from_status(self._request(self._configuration, frames.Status, left))
+            self._sample = self._request(frames.Start(), frames.Sample, left)
             self._send(frames.Stop())
         except BaseException:
             self._link.close()
@@ -243,8 +247,10 @@ class Bridge:
         if self._link is not None:
             self._link.send(frame, number % frames.SEQUENCE_MODULUS)
 
-    def _request(self, request: frames.Frame, response: type[_Response]) -> _Response:
-        """Send `request` until a `response` comes that does not refuse it.
+    def _request(
+        self, request: frames.Frame, response: type[_Response], left: Countdown
+    ) -> _Response:
+        """Send `request` until a `response` comes that does not refuse it; once if no time is left.
 
         A Status may be older than the request: a board that streamed before sends them unasked.
         Raises DeviceError if none comes, or the Hello of a board that cannot be used, or a second.
@@ -252,7 +258,7 @@ class Bridge:
         link = self._link
         assert link is not None
         refused: str | None = None
-        for _ in countdown_s(self._config.connect_timeout_s):
+        while True:
             self._send(request)
             for left_s in countdown_s(_REPEAT_S):
                 link.wait(left_s)
@@ -266,16 +272,18 @@ class Bridge:
                             refused = refusal(found, self._configuration)
                         if refused is None:
                             return found
-        if refused is not None:
-            raise self._error(refused)
-        raise self._error(
-            f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
-            + (
-                f"{link.received}; {self._hint}"
-                if link.received
-                else "nothing at all; is the board powered, and is this where it is?"
-            )
-        )
+            try:
+                left.left_s()
+            except TimeoutError:
+                raise self._error(refused or self._silence(response)) from None
+
+    def _silence(self, response: type[frames.Frame]) -> str:
+        """Return what is wrong with a link on which no `response` came."""
+        assert self._link is not None
+        what = f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
+        if received := self._link.received:
+            return f"{what}{received}; {self._hint}"
+        return f"{what}nothing at all; is the board powered, and is this where it is?"
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"{self._name}: {what}")
