@@ -47,6 +47,8 @@ _BASE: Settings = {
     "adminspace/enabled": False,
     # Memory shared with another user could be changed, or cut off, while it is being read.
     "transport/shared_memory/enabled": False,
+    # Nobody reads them, and none can be made while the clock is set to after 2106: Zenoh panics.
+    "timestamping/enabled": False,
 }
 
 

@@ -1,6 +1,7 @@
 """Programs of the daemon's own machine: they may ask and listen, and never speak for the bench."""
 
 import json
+import queue
 import socket
 import threading
 import time
@@ -55,6 +56,23 @@ def test_connections_that_say_nothing_keep_nobody_out_for_long(tmp_path):
 def test_the_time_for_a_handshake_is_what_zenoh_applies():
     listening = daemon_config("live", [endpoint()], 1000)
     assert int(listening.get_json("transport/unicast/accept_timeout")) == HANDSHAKE_MS < 10_000
+
+
+def test_zenoh_asks_no_clock_for_what_is_published():
+    """Zenoh's timestamps end in 2106; a session that makes one then panics."""
+    where, samples = endpoint(), queue.SimpleQueue()
+    with (
+        zenoh.open(daemon_config("live", [where], 1000)) as daemon,
+        zenoh.open(client_config(where)) as client,
+    ):
+        client.declare_subscriber(f"{ROOT}/state", samples.put)
+        publisher = daemon.declare_publisher(f"{ROOT}/state")
+        until_s = time.monotonic() + PATIENCE_S
+        while not publisher.matching_status.matching:
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
+        publisher.put(b"{}")
+        assert samples.get(timeout=PATIENCE_S).timestamp is None
 
 
 class Intruder:
