@@ -106,9 +106,10 @@ class RunDir:
 
     def remove_files(self) -> None:
         """Remove the shared files, those of a crashed daemon too; locks and left rings stay."""
-        for file in self.path.iterdir():
-            if file.suffix not in (".lock", LEFT):
-                file.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # the folder may have been removed under the daemon
+            for file in self.path.iterdir():
+                if file.suffix not in (".lock", LEFT):
+                    file.unlink(missing_ok=True)
 
     def _set_ring_aside(self) -> None:
         with suppress(FileNotFoundError):
@@ -120,7 +121,10 @@ class RunDir:
 def _try_lock(path: Path) -> int | None:
     """Return the descriptor that holds the lock, or None if another process does."""
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise RunDirError(f"{path}: cannot open it: {error.strerror}") from error
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

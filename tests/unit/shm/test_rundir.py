@@ -1,6 +1,8 @@
 """The run folder: private, one daemon, clear refusals, nothing left after a crash."""
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -150,3 +152,17 @@ def test_holder_without_a_name_is_a_question_mark(
         with pytest.raises(RunDirError, match=r"process \? holds"), run_dir.lock("loop", 0.0):
             pass
     assert run_directory._holder(tmp_path / "none") == "?"
+
+
+def test_a_folder_that_is_removed_under_the_daemon(tmp_path: Path) -> None:
+    """As the runtime directory of a user who logs out."""
+    with RunDir("bench", tmp_path).hold() as held:
+        held.ring.write_bytes(b"ring")
+        shutil.rmtree(held.path)
+        where = re.escape(str(held.path / "loop.lock"))
+        with (
+            pytest.raises(RunDirError, match=f"{where}: cannot open it: No such file"),
+            held.lock("loop", 0.0),
+        ):
+            pass
+    assert not held.path.exists()

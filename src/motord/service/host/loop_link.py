@@ -78,6 +78,8 @@ class LoopLink:
             why = f"the loop ended: {status.error}"
         elif status is not None and status.phase is LoopPhase.STOPPED and status.reason:
             why = f"the loop ended: {status.reason}"
+        elif not self._run_dir.path.is_dir():
+            why += f"; {self._run_dir.path} was removed: end the daemon and start it again"
         self.phase, self._ring = "down", None
         return why
 
