@@ -51,7 +51,8 @@ class LoopProcess:
             with self._run_dir.lock("loop", PREDECESSOR_WAIT_S):
                 self._publish(LoopPhase.STARTING)
                 self._run_bench()
-                self._publish(LoopPhase.STOPPED, reason=self._stop.reason)
+                with suppress(OSError):  # its folder may be gone; the exit code says as much
+                    self._publish(LoopPhase.STOPPED, reason=self._stop.reason)
         except Exception as error:  # the last resort: whatever it was, the supervisor must know
             self._fail(error)
             return 1

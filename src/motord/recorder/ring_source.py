@@ -141,7 +141,8 @@ class RingSource:
         try:
             reader = RingReader(self._path, start)
         except SharedFileError as error:
-            self.problem = str(error) if self._path.exists() else ""
+            may_come = self._path.parent.is_dir() and not self._path.exists()
+            self.problem = "" if may_come else str(error)
             return None
         self.problem = ""
         return reader

@@ -255,7 +255,7 @@ class Session:
         tally = {**vars(recording.tally), "path": str(recording.path)} if recording else {}
         problem = self._source.problem if self._source else ""
         return {
-            "recording": going_on,
+            "recording": going_on and not problem,
             **tally,
             **({} if going_on or not self._obstacle else {"obstacle": self._obstacle[:TEXT_MAX]}),
             **({"closed": list(self.closed)} if self.closed else {}),

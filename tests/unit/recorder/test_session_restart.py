@@ -3,6 +3,7 @@
 import pytest
 
 from motord.recorder.rolling_file import RollingFile
+from motord.recorder.session import Session
 from motord.recording import storage
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, part_of
@@ -314,3 +315,15 @@ def test_one_killed_as_a_recording_begins_does_not_record_twice_what_the_one_bef
     assert bench.recorded() == list(range(75))
     night = [f for f in bench.files() if f.name.startswith("night")]
     assert sum(len(open_run(f).ticks()) for f in night) == 25
+
+
+@pytest.mark.parametrize("folder", [".", "removed"])
+def test_a_ring_that_can_never_come_is_an_error(bench, folder):
+    """The ring of a loop that has not started is not; that in a folder that was removed is."""
+    ring = bench.folder / folder / "none-yet"
+    bench.session = Session(ring, bench.settings)
+    bench.start()
+    bench.step()
+    report, gone = bench.report(), folder == "removed"
+    assert report["recording"] is not gone
+    assert report["error"] == (f"{ring}: cannot open it: No such file or directory" if gone else "")
