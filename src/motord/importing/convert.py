@@ -20,7 +20,7 @@ from motord.importing.rows import usable_rows
 from motord.importing.source import RowSource, readable
 from motord.importing.survey import Progress, Survey, survey
 from motord.importing.ticks import TickMaker
-from motord.importing.times import BACK, STANDING
+from motord.importing.times import hints
 from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of, require_free
 from motord.recording.storage import make_folder
@@ -33,9 +33,6 @@ SURVEY_SHARE = 0.4
 """Part of the work that the first pass is."""
 
 CHUNK_S = 1.0
-
-MANY_ROWS = 0.1
-"""Share of rows with one problem from which its cause is probably in the map or the source."""
 
 SPEED_RATIO = 2.0
 """Speed by position and time, in parts of the set-point or its inverse, that no control leaves."""
@@ -69,13 +66,14 @@ def import_run(
     output: Path,
     *,
     strict: bool = False,
+    few_rows: bool = False,
     progress: Progress = lambda done: None,
 ) -> Imported:
     """Write the recording `path` (CSV, TDMS or MDF) as the run `output`, as the map file says.
 
-    strict: rows that lack something are an error. progress is called with the share of the work
-    done, 0 to 1. Raises ConfigError for what is wrong with the map or the motor file, RecordError
-    for the rest; `output` is then not there.
+    strict: rows that lack something are an error; few_rows: it is none if most rows are left out.
+    progress is called with the share of the work done, 0 to 1. Raises ConfigError for what is
+    wrong with the map or the motor file, RecordError for the rest; `output` is then not there.
     """
     map_text, mapping = load_map(map_path)
     motor_text, motor_file = load_mapped_motor(map_path, mapping)
@@ -86,7 +84,7 @@ def import_run(
         with ExitStack() as opened:
             source = _source(path, mapping, output.parent, opened)
             column_map = ColumnMap(source, mapping, motor_file.motor.counts)
-            seen = survey(column_map, mapping, lambda done: progress(SURVEY_SHARE * done))
+            seen = survey(column_map, mapping, few_rows, lambda done: progress(SURVEY_SHARE * done))
             anchor_ns, anchor_notes = _anchor(source.path, mapping, seen)
             metadata = _metadata(path, map_text, mapping, motor_text, motor_file)
             with RunWriter(output, metadata, chunk_s=CHUNK_S) as writer:
@@ -198,10 +196,7 @@ def _on_rows(problems: Problems, seen: Survey) -> Iterator[str]:
     """Yield remarks on times."""
     if not seen.regular:
         yield "the rows are not evenly spaced: no missing ones are counted"
-    if problems.count(STANDING) > MANY_ROWS * seen.rows:
-        yield "many times repeat: where they are rounded, give period_s instead of a column"
-    if problems.count(BACK) > MANY_ROWS * seen.rows:
-        yield "time goes back for many rows: recordings that follow each other must be cut apart"
+    yield from hints(problems, seen.rows)
 
 
 def _on_torque(

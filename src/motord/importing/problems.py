@@ -8,6 +8,9 @@ import numpy as np
 LINES_NAMED = 5
 """Lines that are named of each kind."""
 
+LEFT_OUT = ": left out"
+"""How a kind ends of which the rows are not used."""
+
 
 class Problems:
     """Counts what is wrong, by kind; `unit` is what a row's number counts: line or row."""
@@ -30,6 +33,11 @@ class Problems:
     def count(self, kind: str) -> int:
         """Return how many rows are of this kind."""
         return self._counts.get(kind, 0)
+
+    @property
+    def left_out(self) -> int:
+        """How many rows are not used."""
+        return sum(n for kind, n in self._counts.items() if kind.endswith(LEFT_OUT))
 
     def messages(self) -> Iterator[str]:
         """Yield each kind on a line."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from motord.importing.column_map import ColumnMap
 from motord.importing.position import PositionReader
-from motord.importing.problems import Problems
+from motord.importing.problems import LEFT_OUT, Problems
 from motord.importing.source import RawBlock
 from motord.importing.times import TimeReader
 
@@ -65,7 +65,7 @@ def _usable(
     t_ns, known = times.take(block, after, problems)
     raw = column_map.position(block.columns)
     present = np.isfinite(raw)
-    problems.add(f"no {column_map.position_field}: left out", block.line[known & ~present])
+    problems.add(f"no {column_map.position_field}{LEFT_OUT}", block.line[known & ~present])
     known &= present
     if not known.any():
         return

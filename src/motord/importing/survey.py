@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -11,10 +12,14 @@ from motord.importing.mapping import ImportMap
 from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
 from motord.importing.segments import GAP_ROWS, GAP_S, ConstantSegment, SegmentFinder
+from motord.importing.times import hints
 from motord.recording.errors import RecordError
 
 REGULAR_SHARE = 0.9
 """Share of spacings within half a period of the usual one, from which rows count as regular."""
+
+LEFT_OUT_MAX = 0.5
+"""Share of rows that may be left out: with more, the rest is hardly what was recorded."""
 
 Progress = Callable[[float], None]
 
@@ -33,8 +38,11 @@ class Survey:
     segments: tuple[ConstantSegment, ...]
 
 
-def survey(column_map: ColumnMap, mapping: ImportMap, progress: Progress) -> Survey:
-    """Read what must be known before the first row is written. Raises RecordError."""
+def survey(column_map: ColumnMap, mapping: ImportMap, few_rows: bool, progress: Progress) -> Survey:
+    """Read what must be known before the first row is written. Raises RecordError.
+
+    few_rows: most rows may be left out.
+    """
     source, problems = column_map.source, Problems(column_map.source.unit)
     segments, fill = SegmentFinder(mapping.split, column_map.counts), ForwardFill()
     medians_ns: list[float] = []
@@ -64,6 +72,8 @@ def survey(column_map: ColumnMap, mapping: ImportMap, progress: Progress) -> Sur
             "before; see that the map names the right columns"
             + "".join(f"; {message}" for message in problems.messages())
         )
+    if not few_rows:
+        _require_most(source.path, rows, problems)
     return Survey(
         rows=rows,
         first_ns=first_ns,
@@ -73,6 +83,18 @@ def survey(column_map: ColumnMap, mapping: ImportMap, progress: Progress) -> Sur
         counts_per_s=travelled / (last_ns - first_ns) * 1e9,
         segments=tuple(segments.finish()),
     )
+
+
+def _require_most(path: Path, rows: int, problems: Problems) -> None:
+    """Raise RecordError if more than `LEFT_OUT_MAX` of all rows are left out; `rows` are used."""
+    everything = rows + problems.left_out
+    if problems.left_out > LEFT_OUT_MAX * everything:
+        why = "; ".join([*problems.messages(), *hints(problems, rows)])
+        raise RecordError(
+            f"{path}: {problems.left_out} of {everything} rows would be left out: {why}; see that "
+            "the rows are in the order of time and the map names the right columns, or take what "
+            "is left with --few-rows"
+        )
 
 
 def _key(name: str, values: np.ndarray) -> np.ndarray:

@@ -1,16 +1,29 @@
 """Times of rows as ns that rise from row to row; rows whose times do not are left out."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from motord.importing.column_map import ColumnMap
-from motord.importing.problems import Problems
+from motord.importing.problems import LEFT_OUT, Problems
 from motord.importing.source import MISSING_NS, RawBlock
 
-STANDING = "same time as the row before: left out"
-BACK = "earlier than a row before: left out"
+STANDING = f"same time as the row before{LEFT_OUT}"
+BACK = f"earlier than a row before{LEFT_OUT}"
+
+MANY_ROWS = 0.1
+"""Share of rows with one problem from which its cause is probably in the map or the source."""
 
 FARTHEST_NS = 4 * 10**18
 """Times beyond are none: the year 2096 in Unix time."""
+
+
+def hints(problems: Problems, rows: int) -> Iterator[str]:
+    """Yield what is probably wrong with the times, of which `rows` can be used."""
+    if problems.count(STANDING) > MANY_ROWS * rows:
+        yield "many times repeat: where they are rounded, give period_s instead of a column"
+    if problems.count(BACK) > MANY_ROWS * rows:
+        yield "time goes back for many rows: recordings that follow each other must be cut apart"
 
 
 class TimeReader:
@@ -48,10 +61,10 @@ class TimeReader:
         """Return the times (n,) and which rows to use (n,); `after` is the row after them."""
         t_ns = self.convert(block)
         use = t_ns != MISSING_NS
-        problems.add("no time: left out", block.line[~use])
+        problems.add(f"no time{LEFT_OUT}", block.line[~use])
         follows_ns = None if after is None else self.convert(after)
         ahead = self._ahead(t_ns, use, follows_ns)
-        problems.add("its time is ahead of the rows around it: left out", block.line[ahead])
+        problems.add(f"its time is ahead of the rows around it{LEFT_OUT}", block.line[ahead])
         use &= ~ahead
         known = t_ns[use]
         before = np.maximum.accumulate(np.concatenate([[self._latest_ns], known]))

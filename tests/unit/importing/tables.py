@@ -69,12 +69,17 @@ def write_csv(
 
 
 def imported(
-    folder: Path, source: Path, map_text: str = MAP, *, strict: bool = False
+    folder: Path,
+    source: Path,
+    map_text: str = MAP,
+    *,
+    strict: bool = False,
+    few_rows: bool = False,
 ) -> tuple[Imported, Run]:
     """Import `source` with a map that lies next to it."""
     map_path = folder / "map.toml"
     map_path.write_text(map_text, encoding="utf-8")
     if not (folder / "motor.toml").exists():
         write_motor(folder)
-    done = import_run(source, map_path, folder / "run.mcap", strict=strict)
+    done = import_run(source, map_path, folder / "run.mcap", strict=strict, few_rows=few_rows)
     return done, open_run(folder / "run.mcap")

@@ -409,7 +409,7 @@ def test_times_without_a_date_end_with_the_file(tmp_path: Path) -> None:
 
 def test_probable_mistakes_are_pointed_out(tmp_path: Path) -> None:
     columns = turning()
-    columns["Time"] = np.floor(columns["Time"] * 100) / 100
+    columns["Time"] = np.floor(columns["Time"] * 700) / 700
     columns["Iq"] = columns["Iq"] * 1000
     done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
     assert any("give period_s" in note for note in done.notes)
@@ -508,3 +508,36 @@ def test_a_key_of_a_column_that_is_not_known_has_a_suggestion(tmp_path: Path) ->
     text = MAP.replace("scale", "skale")
     with pytest.raises(ConfigError, match=r"columns.torque_Nm.skale: unknown key; did .* scale\?"):
         imported(tmp_path, write_csv(tmp_path / "a.csv", turning()), text)
+
+
+def shuffled(rows: int, share: float) -> dict[str, np.ndarray]:
+    """Return a table of which that share of the rows, the last, is in any order."""
+    columns = turning(rows)
+    order = np.arange(rows)
+    np.random.default_rng(5).shuffle(order[round(rows * (1 - share)) :])
+    return {name: values[order] for name, values in columns.items()}
+
+
+def test_a_file_of_which_most_rows_are_left_out_is_refused_unless_that_is_meant(
+    tmp_path: Path,
+) -> None:
+    source = write_csv(tmp_path / "a.csv", shuffled(4000, 1.0))
+    with pytest.raises(RecordError, match=r"of 4000 rows would be left out: .*cut apart; .*order"):
+        imported(tmp_path, source)
+    assert not list(tmp_path.glob("run.mcap*"))
+    done, _ = imported(tmp_path, source, few_rows=True)
+    assert done.ticks < 100
+
+
+@pytest.mark.parametrize(("repeated", "refused"), [(1990, False), (2010, True)])
+def test_half_of_the_rows_may_be_left_out(tmp_path: Path, repeated: int, refused: bool) -> None:
+    columns = turning(4000)
+    columns["Time"][-repeated:] = columns["Time"][-repeated]
+    source = write_csv(tmp_path / "a.csv", columns)
+    if refused:
+        with pytest.raises(
+            RecordError, match=r"2009 of 4000 rows would be .*give period_s instead"
+        ):
+            imported(tmp_path, source)
+    else:
+        assert imported(tmp_path, source)[0].ticks == 4000 - repeated + 1

@@ -28,6 +28,10 @@ def import_recording(
     strict: Annotated[
         bool, typer.Option("--strict", help="Fail if a row lacks something or its time is wrong.")
     ] = False,
+    few_rows: Annotated[
+        bool,
+        typer.Option("--few-rows", help="Import even if more than half of the rows are left out."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Make a run of a recording from elsewhere; most of `analyse` works on it."""
@@ -35,7 +39,9 @@ def import_recording(
 
     try:
         with _progress(silent=as_json) as progress:
-            done = import_run(file, map_file, output, strict=strict, progress=progress)
+            done = import_run(
+                file, map_file, output, strict=strict, few_rows=few_rows, progress=progress
+            )
     except OSError as error:
         fail(f"{error.filename or output}: {error.strerror}")
     print_result(done.to_json(), "\n".join(_lines(done)), as_json)

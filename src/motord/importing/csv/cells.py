@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from motord.importing.csv.dialect import Dialect, number, split_line, without_blank_end
-from motord.importing.problems import Problems
+from motord.importing.problems import LEFT_OUT, Problems
 from motord.importing.source import MISSING_NS, WantedColumn
 
 Columns = tuple[np.ndarray, ...]
@@ -80,7 +80,7 @@ class CellReader:
         d = self._dialect
         rows = [split_line(line, d.delimiter) for line in lines]
         fits = np.array([_fits(row, d.cells) for row in rows], bool)
-        problems.add(f"other than {d.cells} cells in it: left out", number[~fits])
+        problems.add(f"other than {d.cells} cells in it{LEFT_OUT}", number[~fits])
         rows = [row for row, good in zip(rows, fits, strict=True) if good]
         return tuple(self._column(w, rows) for w in self._wanted), number[fits]
 
