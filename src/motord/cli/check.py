@@ -1,6 +1,6 @@
 """`motord check`: is this bench file right, do its devices answer, is there real time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -44,7 +44,9 @@ def check(
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
     findings += [*probe_devices(bench), probe_endpoints(bench), probe_recordings(bench)]
-    notes = [*hidden_faults(bench), *false_trips(bench)]
+    notes = [
+        *hidden_faults(bench), *false_trips(bench), *_rig_notes(bench), *_plan_notes(bench)
+    ]  # fmt: skip
     rights, host = _realtime(bench) if rt else ([], [])
     lines = [f"{f['what']}: {'ok, ' if f['ok'] else ''}{f['message']}" for f in findings]
     lines += [f"note: {note}" for note in notes]
@@ -146,6 +148,31 @@ def probe_recordings(bench: "Config") -> Finding:
         with suppress(OSError):
             folder.rmdir()
     return {"what": "recordings", "ok": True, "message": f"{folder}, {free_GB:.1f} GB free"}
+
+
+def _rig_notes(bench: "Config") -> Iterator[str]:
+    """Yield what is wrong with the rig file, which a bench needs that is emulated."""
+    from motord.config import ConfigError
+    from motord.rig.truth import load
+
+    if bench.bench.rig is not None and not bench.simulated:  # else the rig is made of it
+        try:
+            load(bench.bench.rig)
+        except ConfigError as error:
+            yield f"motord emulate cannot be this bench: {error}"
+
+
+def _plan_notes(bench: "Config") -> Iterator[str]:
+    """Yield which plans of the bench file cannot be started with the settings that it has."""
+    from motord.experiments.plans import build
+    from motord.sequencing import PlanError
+
+    for field in sorted(bench.plans.model_fields_set):
+        name = field.replace("_", "-")
+        try:
+            build(name, bench)
+        except PlanError as error:
+            yield f"[plans.{name}] cannot be started as it stands: {error}"
 
 
 def _probe(what: str, probe: Callable[[], str]) -> Finding:

@@ -26,12 +26,17 @@ from motord.untrusted import parse_toml, read_text
 
 def load(path: Path | None = None) -> Config:
     """Read and check a bench file; None is the packaged simulated bench. Raises ConfigError."""
-    return _load(path or packaged("sim.toml"), Config)
+    path = path or packaged("sim.toml")
+    text, data = _read_bench(path)
+    _resolve_files(path, data)
+    return validate(Config, path, text, data)
 
 
 def load_motor(path: Path) -> MotorFile:
     """Read and check a motor file. Raises ConfigError."""
-    return _load(path, MotorFile)
+    text, data = read_toml(path)
+    _resolve_files(path, data)
+    return validate(MotorFile, path, text, data)
 
 
 def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
@@ -67,7 +72,7 @@ def load_started(path: Path, kept: Path) -> tuple[Config, str]:
     (`named_files.keep`); bench file and files may have been edited since. Where there are none, no
     daemon having run, they are read themselves.
     """
-    text, data = read_toml(kept if kept.exists() else path)
+    text, data = _read_bench(kept if kept.exists() else path)
     _resolve_files(path, data)
     for table, key, file in named_files(data):
         table[key] = as_kept(Path(file), kept)
@@ -90,10 +95,14 @@ def validate(model: type[_Model], path: Path, text: str, data: dict[str, Any]) -
         raise ConfigError(_explain(error, model, path, text)) from None
 
 
-def _load(path: Path, model: type[_Model]) -> _Model:
-    text, data = read_toml(path)
-    _resolve_files(path, data)
-    return validate(model, path, text, data)
+def _read_bench(path: Path) -> tuple[str, dict[str, Any]]:
+    """Return text and content of a bench file; of one that is not there say how to get it."""
+    try:
+        return read_toml(path)
+    except ConfigError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise ConfigError(f"{error}; motord new writes a bench file") from error.__cause__
+        raise
 
 
 def _resolve_files(path: Path, data: dict[str, Any]) -> None:

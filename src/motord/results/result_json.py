@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from motord.config.experiments import AnalysisKind
+from motord.recording.mcap.records import MAGIC
 from motord.results.error import ResultsError
 from motord.results.figures import figures
 from motord.results.stored_result import StoredResult, file_digest
@@ -23,10 +24,8 @@ def read_result(path: Path, kinds: Mapping[str, AnalysisKind]) -> StoredResult:
         content = parse_json(read_text(path))
         json.dumps(content, ensure_ascii=False).encode()  # no halves of characters
         digest, changed_s = file_digest(path), path.stat().st_mtime
-    except OSError as error:
-        raise ResultsError(f"{path}: cannot read it: {error.strerror}") from error
-    except ValueError as error:
-        raise ResultsError(f"{path}: no result of an analysis: no valid JSON: {error}") from None
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{path}: {_what_is_wrong(path, error)}") from error
     schema = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(schema, str) or schema not in kinds:
         reason = f"its schema is {schema!r}" if schema else "it names no schema"
@@ -50,6 +49,26 @@ def read_result(path: Path, kinds: Mapping[str, AnalysisKind]) -> StoredResult:
         recordings=(),
         figures=found,
     )
+
+
+def _what_is_wrong(path: Path, error: OSError | ValueError) -> str:
+    """Return why a file is no result, and of a recording which command makes one of it."""
+    if _is_recording(path):
+        made = f"motord analyse KIND {path} --store DIR makes the result and adds it"
+        return f"a recording, no result: {made}"
+    if isinstance(error, OSError):
+        return f"cannot read it: {error.strerror}"
+    text = isinstance(error, UnicodeDecodeError)
+    return f"no result of an analysis: {'no text' if text else 'no valid JSON'}: {error}"
+
+
+def _is_recording(path: Path) -> bool:
+    """Return whether a file begins as recordings do; one that cannot be read is none."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except (OSError, ValueError):
+        return False
 
 
 def _text(value: object) -> str:

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 import shlex
 import xml.etree.ElementTree as ET
 
@@ -14,7 +15,9 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.results.printing import aligned, as_csv, as_objects
+from motord.recording.writer import RunWriter
 from motord.results.store import ResultsStore
+from motord.untrusted import SIZE_MAX
 from tests.unit.results.buckets import SHOWN, URL, bucket, failing
 from tests.unit.results.made_up import figure, fill, result
 from tests.unit.service.test_installation import calibration
@@ -302,3 +305,14 @@ def test_whatever_the_values_lines_are_lines_and_csv_and_json_are_read_back(rows
     assert read[0] == ["a", "b"]
     assert len(read) == 1 + len(rows)
     assert len(json.loads(json.dumps(as_objects(("a", "b"), rows), allow_nan=False))) == len(rows)
+
+
+def test_what_is_no_result_is_named_and_how_a_recording_becomes_one(folder):
+    RunWriter(folder / "a.mcap", {}).close({})
+    (folder / "large.mcap").write_bytes((folder / "a.mcap").read_bytes())
+    os.truncate(folder / "large.mcap", SIZE_MAX + 1)
+    (folder / "a.bin").write_bytes(b"\xff\xfe")
+    said = motord("results add a.mcap large.mcap a.bin", code=1).stderr.splitlines()
+    made = "a recording, no result: motord analyse KIND {} --store DIR makes the result and adds it"
+    assert said[:2] == [f"motord: {name}: {made.format(name)}" for name in ("a.mcap", "large.mcap")]
+    assert said[2].startswith("motord: a.bin: no result of an analysis: no text: ")

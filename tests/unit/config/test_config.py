@@ -361,7 +361,7 @@ def test_not_text(tmp_path: Path) -> None:
 
 
 def test_no_file(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot read it: No such file"):
+    with pytest.raises(ConfigError, match=r"cannot read it: No such file.*; motord new writes"):
         load(tmp_path / "none.toml")
 
 

@@ -110,5 +110,7 @@ def test_rig_file_that_is_not_there_is_named() -> None:
     bench = config.load()
     elsewhere = bench.bench.model_copy(update={"rig": Path("/nowhere/x.toml")})
     wrong = bench.model_copy(update={"bench": elsewhere})
-    with pytest.raises(config.ConfigError, match=r"/nowhere/x\.toml: cannot read it"):
+    with pytest.raises(
+        config.ConfigError, match=r"\[bench\] rig: /nowhere/x\.toml: cannot read it"
+    ):
         SimRig(wrong)

@@ -497,7 +497,32 @@ def test_check_names_what_is_wrong(tmp_path, check):
 def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, check):
     said = failed(check(write_bench(tmp_path)))
     assert "not ready to run: inverter and bridge, brake, drive" in said
-    assert "no.toml: cannot read it" in failed(check(tmp_path / "no.toml"))
+    said = failed(check(tmp_path / "no.toml"))
+    assert "no.toml: cannot read it" in said
+    assert "; motord new writes a bench file" in said
+
+
+def test_check_notes_a_rig_file_that_is_not_there_of_a_bench_that_is_not_simulated(tmp_path, check):
+    bench = write_bench(tmp_path)
+    assert "motord emulate cannot be" not in check(bench).stdout
+    text, replaced = re.subn("^rig = .*$", 'rig = "none.toml"', bench.read_text(), flags=re.M)
+    assert replaced == 1
+    bench.write_text(text)
+    said = (
+        f"note: motord emulate cannot be this bench: [bench] rig: {tmp_path / 'none.toml'}: cannot"
+    )
+    assert said in check(bench).stdout
+
+
+def test_check_notes_a_plan_of_the_bench_file_that_is_refused(tmp_path, check):
+    bench = bench_that_records_to(tmp_path / "runs")
+    refused = "note: [plans.verify] cannot be started as it stands: 99 Nm is above [limits]"
+    assert "cannot be started" not in check(bench).stdout
+    before, table, after = bench.read_text().partition("[plans.verify]\n")
+    after = re.sub("^torques_Nm = .*$", "torques_Nm = [99.0]", after, flags=re.M)
+    bench.write_text(before + table + after)
+    done = check(bench)
+    assert (refused in done.stdout, done.exit_code) == (True, 0)
 
 
 def bench_that_records_to(folder, free_min_MB=1, listen=None):

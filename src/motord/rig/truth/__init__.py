@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from motord.config import (
     BackEmfHarmonic,
+    ConfigError,
     Finite,
     NonNegative,
     Positive,
@@ -237,7 +238,10 @@ class RigTruth(Section):
 
 
 def load(path: Path | None = None) -> RigTruth:
-    """Read and check a rig file; None is the packaged rig. Raises motord.config.ConfigError."""
-    path = path or packaged("report.rig.toml")
-    text, data = read_toml(path)
-    return validate(RigTruth, path, text, data)
+    """Read and check the rig file of a bench; None is the packaged rig. Raises ConfigError."""
+    file = path or packaged("report.rig.toml")
+    try:
+        text, data = read_toml(file)
+        return validate(RigTruth, file, text, data)
+    except ConfigError as error:
+        raise ConfigError(f"[bench] rig: {error}") from error
