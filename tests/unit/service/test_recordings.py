@@ -292,8 +292,10 @@ def test_a_recorder_that_is_silent_is_not_relied_on(played):
         played.ask("plan/start", token=token, name="calibrate")
 
 
-def test_the_state_says_that_a_recorder_is_silent(played):
+@pytest.mark.parametrize("ring_s", [15.0, 120.0])
+def test_the_state_says_that_a_recorder_is_silent(tmp_path, monkeypatch, ring_s):
     """One that was stopped, or whose disk hangs, said last that it records."""
+    played = PlayedDaemon(tmp_path, monkeypatch, loop={"ring_s": ring_s})
     played.up()
     played.step(2, State.ENABLED)
     recorder = played.recorders[0]
@@ -306,6 +308,7 @@ def test_the_state_says_that_a_recorder_is_silent(played):
     recorder.report(ticks=4)
     played.step(12, State.ENABLED)
     assert played.state()["recording"]["error"] == ""
+    played.close()
 
 
 def test_a_recorder_that_is_silent_is_ended_while_the_ring_has_what_it_missed(played):

@@ -195,6 +195,19 @@ def test_what_is_not_the_present_is_said_to_be_so():
     has(shown(snapshot(None)), "NO DATA yet")
 
 
+@pytest.mark.parametrize(
+    ("width", "said"),
+    [(80, "NO DATA for 3 s: is the daemon gone?"), (40, "NO DATA for 3 s"), (20, "NO DATA")],
+)
+def test_a_silent_bench_is_named_however_narrow_the_screen_is(width, said):
+    bench = "bench-in-hall-2" if width > 20 else "bench"
+    seen = snapshot(state(), age_s=3.0, bench=bench)
+    first = layout.lines(seen, width, 24, UNICODE)[0].plain
+    assert first.startswith(bench)
+    assert first.rstrip().endswith(said)
+    assert len(first) == width
+
+
 def test_before_the_first_tick_there_are_no_values():
     has(shown(snapshot(state(tick=None))), "torque       -")
 

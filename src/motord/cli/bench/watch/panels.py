@@ -59,7 +59,9 @@ def title(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
         name.append(f"  {seen.viewer}: may only watch")
     if seen.stale:
         since = f"for {wording.duration(seen.age_s)}" if state is not None else "yet"
-        return spread(name, Text(f" NO DATA {since}: is the daemon gone? ", ALARM), width, glyphs)
+        said = (f" NO DATA {since}: is the daemon gone? ", f" NO DATA {since} ", " NO DATA ")
+        fits = (text for text in said if len(seen.bench) + 1 + len(text) <= width)
+        return spread(name, Text(next(fits, said[-1]), ALARM), width, glyphs)
     assert state is not None
     return spread(name, Text(wording.clock(state.t_ns)), width, glyphs)
 
