@@ -29,7 +29,7 @@ def _of_direction(
 ) -> Iterator[Finding]:
     if one.coast_downs < LEAST_TURNS:
         yield Finding(
-            "few coast-downs", one.coast_downs, LEAST_TURNS, "coast-downs", "warning",
+            "few-coast-downs", one.coast_downs, LEAST_TURNS, "coast-downs", "warning",
             f"{one.direction}: what differs between coast-downs is not in the intervals",
             "raise repeats",
         )  # fmt: skip
@@ -45,7 +45,7 @@ def _of_direction(
     ripple = _ripple(one, inertia)
     if ripple > RIPPLE_MAX:
         yield Finding(
-            "cogging at the stop speed", ripple, RIPPLE_MAX, "parts", "warning",
+            "cogging-at-stop-speed", ripple, RIPPLE_MAX, "parts", "warning",
             f"{one.direction}: cogging torque changes the speed by up to {100 * ripple:.0f} % "
             f"near the least one, {one.speed_min_rad_s:.3g} rad/s: what is not known of it "
             "there looks like friction that changes with speed, such as a Stribeck part",
@@ -93,7 +93,7 @@ def _difference(forwards: DirectionalFriction, backwards: DirectionalFriction) -
     limit_Nm = hypot(forwards.coulomb_fit_Nm, backwards.coulomb_fit_Nm)
     if abs(apart_Nm) > limit_Nm:
         yield Finding(
-            "directions differ", abs(apart_Nm), limit_Nm, "Nm", "note",
+            "directions-differ", abs(apart_Nm), limit_Nm, "Nm", "note",
             f"Coulomb friction is {1e3 * abs(apart_Nm):.3g} mNm more "
             f"{'forwards' if apart_Nm > 0 else 'backwards'}: half of it is a torque that acts in "
             "one direction whatever way the rotor turns, or bearing and seal differ",

@@ -21,6 +21,8 @@ CURVE_HEADER = (
 )
 
 COLOURS = {"forwards": AFTER, "backwards": BEFORE}
+WIDTHS = {"forwards": 3.2, "backwards": 1.2}
+"""Of lines that may be the same either way: the first shows on both sides of the other."""
 
 DOT_SAMPLES = 100
 """Samples from one dot to the next."""
@@ -102,7 +104,7 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
     with figure(3.6) as picture:
         left, right = picture.subplots(1, 2, width_ratios=[1.6, 1.0])
         for one in directions:
-            colour = COLOURS[one.direction]
+            colour, width = COLOURS[one.direction], WIDTHS[one.direction]
             speed, value, low, high, stderr = _curve(one)
             left.fill_between(speed, low, high, color=colour, alpha=0.25, linewidth=0)
             left.plot(speed, value, color=colour, label=one.direction)
@@ -111,8 +113,8 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
                 [0, speed[np.argmax(np.abs(speed))]], [coulomb_mNm, coulomb_mNm],
                 color=SOFT, linewidth=1.2, linestyle=(0, (1, 2)),
             )  # fmt: skip
-            right.plot(np.abs(speed), (high - low) / 2, color=colour)
-            right.plot(np.abs(speed), stderr, color=colour, linestyle="dashed")
+            right.plot(np.abs(speed), (high - low) / 2, color=colour, linewidth=width)
+            right.plot(np.abs(speed), stderr, color=colour, linewidth=width, linestyle="dashed")
         for axis in (left.axhline, left.axvline):
             axis(0, color=SOFT, linewidth=0.8, zorder=0)
         left.set(xlabel="speed (rad/s)", ylabel="friction torque (mNm)")

@@ -183,10 +183,10 @@ class SoakResult:
             if not one.drifts:
                 continue
             yield Finding(
-                f"drift of {one.name}", one.slope.value, one.slope.half_width or 0.0,
+                _name("drift", one.name), one.slope.value, one.slope.half_width or 0.0,
                 one.slope_unit, "warning",
-                f"it changes by {one.to_text()} {one.slope_unit} over {self.hours:.3g} h, from "
-                f"{one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
+                f"{one.name} changes by {one.to_text()} {one.slope_unit} over {self.hours:.3g} h, "
+                f"from {one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
                 WARMS_UP if one.unit == "degC" else CAUSES.get(one.name, DRIFTS),
             )  # fmt: skip
 
@@ -195,9 +195,9 @@ class SoakResult:
             if (step := one.step) is None:
                 continue
             yield Finding(
-                f"step of {one.name}", step.value, step.half_width, one.unit, "warning",
-                f"it changed by {plus_minus(step.value, step.half_width)} {one.unit} at once, "
-                f"{step.hours:.3g} h after the first repetition, from "
+                _name("step", one.name), step.value, step.half_width, one.unit, "warning",
+                f"{one.name} changed by {plus_minus(step.value, step.half_width)} {one.unit} at "
+                f"once, {step.hours:.3g} h after the first repetition, from "
                 f"{one.values[step.place - 1]:.4g} to {one.values[step.place]:.4g} {one.unit}",
                 STEPPED,
             )  # fmt: skip
@@ -208,8 +208,13 @@ class SoakResult:
         typical = float(np.median(known)) if known else 0.0
         if typical > CORRELATION_MAX:
             yield Finding(
-                "correlation of successive repetitions", typical, CORRELATION_MAX, "1", "note",
+                "correlated-repetitions", typical, CORRELATION_MAX, "1", "note",
                 "figures wander slowly over the repetitions: intervals of slopes may be too "
                 "narrow, and a drift may be claimed that is none",
                 "repeat for longer, with more rest between the repetitions",
             )  # fmt: skip
+
+
+def _name(what: str, figure: str) -> str:
+    """Return the name of a finding about a figure, whatever point that is of."""
+    return f"{what}-of-{figure.partition(' ')[0].replace('_', '-').lower()}"

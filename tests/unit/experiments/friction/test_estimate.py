@@ -9,6 +9,7 @@ import pytest
 from motord.experiments.analysis import encode
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import fitted
+from motord.experiments.friction.report import friction_over_speed
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor, freedom_of
@@ -193,6 +194,16 @@ def test_the_curve_holds_the_truth_as_often_as_it_says() -> None:
     assert np.mean(shares) >= 0.95 - 0.049  # two standard errors of the trials
 
 
+def test_lines_that_are_the_same_either_way_are_both_seen() -> None:
+    forwards = friction(coast_downs(np.random.default_rng(4), Rotor(), 4)).directions[0]
+    backwards = replace(forwards, direction="backwards")
+    right = friction_over_speed([forwards, backwards]).axes[1]
+    for below, above in (right.lines[::2], right.lines[1::2]):
+        np.testing.assert_array_equal(below.get_xydata(), above.get_xydata())
+        assert below.get_linewidth() > 2 * above.get_linewidth()
+        assert below.get_color() != above.get_color()
+
+
 def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None:
     rng = np.random.default_rng(4)
     other = replace(Rotor(), coulomb_Nm=0.04)
@@ -201,7 +212,7 @@ def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None
     assert [one.direction for one in found.directions] == ["forwards", "backwards"]
     assert both_hold(found.directions[0], Rotor())
     assert both_hold(found.directions[1], other)
-    assert "directions differ" in {finding.name for finding in found.findings}
+    assert "directions-differ" in {finding.name for finding in found.findings}
     curve = found.curve
     assert [p.speed_rad_s for p in curve] == sorted(p.speed_rad_s for p in curve)
     for point in curve:
@@ -233,7 +244,7 @@ def test_standard_errors_have_one_degree_of_freedom_less_than_there_are_coast_do
 def test_few_coast_downs_of_one_direction_are_findings() -> None:
     found = friction(coast_downs(np.random.default_rng(7), Rotor(), 3))
     names = {finding.name for finding in found.findings}
-    assert {"few coast-downs", "one-direction"} <= names
+    assert {"few-coast-downs", "one-direction"} <= names
     for finding in encode(found)["findings"]:
         assert set(finding) == {
             "name", "value", "limit", "unit", "severity", "meaning", "action",
@@ -244,7 +255,7 @@ def test_cogging_at_the_stop_speed_is_a_finding() -> None:
     rotor = Rotor(cogging=((16, 0.25, 0.0),))
     coasts = coast_downs(np.random.default_rng(8), rotor, 6, stop_rad_s=2.2)
     names = {finding.name for finding in friction(coasts).findings}
-    assert "cogging at the stop speed" in names
+    assert "cogging-at-stop-speed" in names
 
 
 def test_the_json_has_units_and_no_samples() -> None:

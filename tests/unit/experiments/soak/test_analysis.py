@@ -127,7 +127,7 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
     found = json.loads(output.read_text())
     assert (found["schema"], found["plan"]) == ("motord.soak/1", "verify")
     actions = {one["name"]: one["action"] for one in found["findings"]}
-    assert "begin once it is warm" in actions["drift of winding_C"]
+    assert "begin once it is warm" in actions["drift-of-winding-c"]
     page = report.read_text()
     assert page.count("<svg") == 1
     [cards] = re.findall('<div class="cards">.*', page)
@@ -177,7 +177,7 @@ def test_a_zero_that_drifts_is_distinguished_from_a_gain(
         assert found[name].low < true < found[name].high
     actions = {one.name: one.action for one in result.findings}
     how = "same at all set-points" if zero_Nm else "goes with the torque"
-    assert how in actions[f"drift of {drifts}"]
+    assert how in actions[f"drift-of-{drifts.replace('_', '-').lower()}"]
 
 
 def test_zero_and_gain_are_not_of_the_other_set_points_where_one_mean_is_not_known() -> None:

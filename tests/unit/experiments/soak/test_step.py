@@ -117,5 +117,6 @@ def test_a_soak_says_what_changed_at_once():
     step = stored["trends.torque_mean_Nm of point 1.step"]
     assert (step.unit, step.low < 10.0 < step.high) == ("Nm", True)
     [finding] = found.findings
-    assert finding.name == "step of torque_mean_Nm of point 1"
+    assert finding.name == "step-of-torque-mean-nm"
+    assert finding.meaning.startswith("torque_mean_Nm of point 1 changed by")
     assert "at once, 2.5 h after the first repetition" in finding.meaning
