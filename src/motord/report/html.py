@@ -27,9 +27,9 @@ body{margin:0;background:var(--paper);color:var(--ink);
  font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}
 main{max-width:62rem;margin:0 auto;padding:2rem 1.25rem 4rem}
 h1{font-size:1.7rem;line-height:1.2;margin:0 0 .25rem}
-h2{font-size:1.2rem;margin:2.5rem 0 .5rem;padding-top:.5rem;border-top:1px solid var(--grid)}
-h2.part{font-size:1.45rem;margin-top:4rem;border-top:3px solid var(--ink)}
-h3{font-size:1.05rem;margin:1.75rem 0 .25rem}
+h3,h4{font-size:1.05rem;margin:1.75rem 0 .25rem}
+.section{font-size:1.2rem;margin:2.5rem 0 .5rem;padding-top:.5rem;border-top:1px solid var(--grid)}
+.part{font-size:1.45rem;margin:4rem 0 .5rem;padding-top:.5rem;border-top:3px solid var(--ink)}
 p{margin:.5rem 0;max-width:46rem}
 .lead{color:var(--soft);margin-bottom:1rem}
 figure{margin:1rem 0 1.5rem;break-inside:avoid}
@@ -55,7 +55,7 @@ table:not(.numbers) td:last-child{overflow-wrap:anywhere}
  font-size:1.1rem}
 ul{margin:.5rem 0;padding-left:1.2rem;max-width:46rem}
 @media print{figure svg{min-width:0}}
-@media print{body{font-size:11px}main{max-width:none;padding:0}h2{break-after:avoid}}
+@media print{body{font-size:11px}main{max-width:none;padding:0}h2,h3,h4{break-after:avoid}}
 """
 
 _SEVERITIES = ("serious", "warning", "note")
@@ -156,6 +156,9 @@ class Page:
         self._missing: list[str] = []
         self._findings: list[str] = []
         self._pictures = 0
+        self._in_part = False
+        self._section = 1
+        """Level of the heading that a subheading is of."""
         if lead:
             self._parts.append(f'<p class="lead">{escape(Verbatim(lead))}</p>')
         self._head = len(self._parts)
@@ -174,16 +177,19 @@ class Page:
         self._findings = [_as_box(one) for one in ranked]
 
     def heading(self, text: str) -> None:
-        """Begin a section."""
-        self._parts.append(f"<h2>{escape(text)}</h2>")
+        """Begin a section, of the part under way if there is one."""
+        self._section = 3 if self._in_part else 2
+        self._parts.append(f'<h{self._section} class="section">{escape(text)}</h{self._section}>')
 
     def part(self, text: str) -> None:
-        """Begin a part of several sections."""
+        """Begin a part of several sections, which goes on until the next or the page's end."""
+        self._in_part, self._section = True, 2
         self._parts.append(f'<h2 class="part">{escape(text)}</h2>')
 
     def subheading(self, text: str) -> None:
         """Begin a part of a section."""
-        self._parts.append(f"<h3>{escape(text)}</h3>")
+        level = self._section + 1
+        self._parts.append(f"<h{level}>{escape(text)}</h{level}>")
 
     def paragraph(self, text: str) -> None:
         """Add a paragraph."""

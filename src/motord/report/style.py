@@ -24,9 +24,9 @@ class Colour:
 
 _STEPS = (
     ("#46085c", "#287d8e"), ("#482576", "#21918c"), ("#423f85", "#20a486"), ("#39568c", "#37b878"),
-    ("#2f6c8e", "#5ec962"), ("#26818e", "#90d743"), ("#1f948c", "#c8e020"), ("#22a884", "#fde725"),
+    ("#2f6c8e", "#5ec962"), ("#26818e", "#90d743"), ("#1f948c", "#c8e020"), ("#22a683", "#fde725"),
 )  # fmt: skip
-"""Of viridis, on either page those that stand out against it."""
+"""Of viridis, on either page those that stand out against it; the last of the light is darker."""
 
 PALETTE = {
     "ink": Colour("#20242b", "#e7e9ec"),

@@ -49,7 +49,7 @@ def write_page(folder: Path, found: Results, keep_recordings: bool) -> Path:
     made.part("Chapter 4: sensitivity of the calibration")
     sensitivity.fill(made, found.sensitivity)
     _remains(made, found)
-    made.heading("About these figures")
+    made.part("About these figures")
     made.facts(_facts(found, keep_recordings))
     path = folder / "reproduce.html"
     made.write(path)
@@ -83,10 +83,9 @@ def _calibration(made: Page, found: Results) -> None:
 
 def _remains(made: Page, found: Results) -> None:
     made.part("Chapter 4: what remains, and learning")
-    titles = ("Linear current sensors", "Current sensors of \u00b10.7 %")
+    titles = ("linear current sensors", "current sensors of \u00b10.7 %")
     for title, points in zip(titles, found.explained, strict=True):
-        made.subheading(title)
-        ripple.fill_shares(made, points)
+        ripple.fill_shares(made, points, title)
     learn.fill(made, found.learned.passes[-1], found.learned.truth)
 
 

@@ -108,7 +108,7 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert finding["name"] == "one-direction"
     assert "- note: one-direction, 1 direction (limit 2): friction" in done.output
     assert '<div class="finding note"><b>one-direction</b>' in page
-    assert page.index("one-direction") < page.index("<h2>")
+    assert page.index("one-direction") < page.index("<h2 ")
 
 
 def test_back_emf_on_the_command_line(runs: Path, tmp_path: Path) -> None:

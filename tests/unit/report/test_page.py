@@ -1,17 +1,21 @@
 import re
 from functools import partial
 from html.parser import HTMLParser
+from itertools import pairwise, product
 from pathlib import Path
 from xml.etree import ElementTree
 
 import matplotlib as mpl
 import pytest
 
+import motord
 from motord.experiments.calibration.report import Labelled
 from motord.findings import Finding, Severity
 from motord.report.html import Page, inline
 from motord.report.style import PALETTE, drawing, figure
 from tests.unit.report.made_up import curve, estimate, page
+
+LEVELS = tuple(f"h{level}" for level in range(1, 7))
 
 
 class Structure(HTMLParser):
@@ -25,6 +29,7 @@ class Structure(HTMLParser):
         self.references: list[str] = []
         self.open: list[str] = []
         self.headings: list[str] = []
+        self.levels: list[int] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         if tag not in self.VOID:
@@ -45,6 +50,8 @@ class Structure(HTMLParser):
         self.open.pop()
 
     def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] in LEVELS:
+            self.levels.append(LEVELS.index(self.open[-1]) + 1)
         if self.open and self.open[-1] == "h2":
             self.headings.append(data)
 
@@ -192,3 +199,27 @@ def test_inline_keeps_clip_paths_apart() -> None:
     assert "url(#p1-" in one
     assert 'aria-label="a &quot;quoted&quot; &lt;label>"' in one
     ElementTree.fromstring(one)
+
+
+@pytest.mark.parametrize("kinds", [*product(("part", "heading", "subheading"), repeat=4)])
+def test_headings_are_in_order_however_a_page_is_put_together(kinds: tuple[str, ...]) -> None:
+    made = Page("Title")
+    for kind in kinds:
+        getattr(made, kind)(kind)
+    levels = structure(made.html()).levels
+    assert len(levels) == 5
+    assert levels[0] == 1
+    assert all(1 < below <= above + 1 for above, below in pairwise(levels))
+
+
+def test_sections_are_below_their_part() -> None:
+    made = Page("Title")
+    for kind in ("heading", "subheading", "part", "heading", "subheading", "part", "subheading"):
+        getattr(made, kind)(kind)
+    assert structure(made.html()).levels == [1, 2, 3, 2, 3, 4, 2, 3]
+
+
+def test_headings_are_made_by_the_page_alone() -> None:
+    root = Path(motord.__file__).parent
+    found = [file for file in root.rglob("*.py") if re.search("<h[1-6]", file.read_text())]
+    assert [str(file.relative_to(root)) for file in found] == ["report/html.py"]

@@ -136,10 +136,10 @@ def fill_torque(
     )
 
 
-def fill_shares(page: Page, points: Sequence[Explained]) -> None:
+def fill_shares(page: Page, points: Sequence[Explained], of: str = "") -> None:
     """Add what of the ripple the currents explain (Poels 2008, Figures 4.10 and 4.11), if known.
 
-    Where there are points with compensation, of those alone.
+    Where there are points with compensation, of those alone. of: what they were taken with.
     """
     points = [p for p in points if p.measured.compensate] or points
     if not points:
@@ -150,7 +150,7 @@ def fill_shares(page: Page, points: Sequence[Explained]) -> None:
         ("From the currents", [p.reconstructed_percent for p in points]),
         ("Rest", [p.rest_percent for p in points]),
     ]
-    page.heading("Where the ripple comes from")
+    page.heading(f"Where the ripple comes from{f': {of}' if of else ''}")
     page.picture(
         rms_error([(title, dict(zip(at, values, strict=True))) for title, values in panels]),
         "RMS error of the measured torque (Poels 2008, Figure 4.10), of the torque reconstructed "
