@@ -282,6 +282,27 @@ def test_pause_zoom_and_cursor(server, visit: Watched):
     expect(page.locator("#span")).to_have_value("20")
 
 
+def test_the_list_of_signals_closes_by_a_press_and_a_focus_elsewhere(server, visit: Watched):
+    page = visit(server.urls.operator)
+    waits(page, TALLEST + "> 0; }")
+    choice, signals = page.locator("#signal-choice"), page.locator("#signals summary")
+    box = choice.locator("input").first
+    signals.click()
+    box.click()
+    choice.locator("legend").first.click()  # what takes no focus
+    expect(choice).to_be_visible()
+    page.click("#traces-title")
+    expect(choice).to_be_hidden()
+    signals.click()
+    choice.locator("input").last.focus()
+    expect(choice).to_be_visible()
+    page.keyboard.press("Tab")
+    expect(choice).to_be_hidden()
+    signals.click()
+    signals.click()
+    expect(choice).to_be_hidden()
+
+
 def test_a_selection_outlives_another_size(server, visit: Watched):
     page = visit(server.urls.operator)
     waits(page, TALLEST + "> 0; }")

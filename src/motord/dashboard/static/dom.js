@@ -88,3 +88,14 @@ export class InView {
     }).observe(target);
   }
 }
+
+/** A press or a focus elsewhere closes a list that opens over the page; Escape, which stops the bench, does not.
+ * @param {any} list of element `details` @param {HTMLElement} content */
+export function closeElsewhere(list, content) {
+  const leave = (/** @type {EventTarget | null} */ to) => {
+    const covers = getComputedStyle(content).position === "absolute"; // not where it is part of a narrow page
+    if (list.open && covers && to instanceof Node && !list.contains(to)) list.open = false;
+  };
+  document.addEventListener("pointerdown", (event) => leave(event.target));
+  list.addEventListener("focusout", (/** @type {FocusEvent} */ event) => leave(event.relatedTarget));
+}

@@ -1,7 +1,7 @@
 /** The plots over time: which window is asked for, frames drawn, cursor, pause and zoom by mouse and keys. */
 
 import { Buckets } from "./buckets.js";
-import { byId, element, setAttribute, setText } from "./dom.js";
+import { byId, closeElsewhere, element, setAttribute, setText } from "./dom.js";
 import { age, beforeNow, clock, decimals } from "./format.js";
 import { FrameTiming } from "./frame_timing.js";
 import { SHARE, grouped, titleOf } from "./signals.js";
@@ -231,6 +231,7 @@ export class Traces {
     byId("zoom-out").addEventListener("click", () => this.zoom(1));
     byId("back").addEventListener("click", () => this.pan(-0.5));
     byId("forward").addEventListener("click", () => this.pan(0.5));
+    closeElsewhere(byId("signals"), byId("signal-choice"));
     this._area.addEventListener("wheel", (/** @type {WheelEvent} */ event) => this._wheel(event), { passive: false });
     this._area.addEventListener("dblclick", () => !this._window.live && this.togglePause());
     this._area.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => this._key(event));
