@@ -20,6 +20,11 @@ _USED = re.compile(r'(?:url\(#|href="#)([^")]+)')
 
 _SIGN = re.compile(r"(?:(?<=\d)|(?<=inf)|(?<=nan)) \+- (?=\d|inf|nan)|(?<![^\s(])\+-(?=\d)")
 """The sign of an interval as `intervals.plus_minus` writes it, and that of "(+-2 %)"."""
+_MINUS = re.compile(r"(?<![^\s(\[])(?<!= )-(?=\d|inf\b)")
+"""That of a number, which figures have as U+2212; a key of a file with its value is copied."""
+_UNIT = re.compile(r"(?<=\d) (us|degC|deg)\b")
+_UNITS = {"us": "\u00a0\u00b5s", "degC": "\u00a0\u00b0C", "deg": "\u00b0"}
+"""Units that terminals and JSON have in ASCII; they stay on the line of their number."""
 
 _CSS = """
 *{box-sizing:border-box}
@@ -127,10 +132,12 @@ class Markup(str):
 
 
 def escape(text: str) -> str:
-    """Return text as markup; intervals with the plus-minus sign, and on one line."""
+    """Return text as markup; signs and units of numbers are as in figures, and on one line."""
     if isinstance(text, Verbatim):
         return escape_markup(text)
-    return _SIGN.sub(_plus_minus_sign, escape_markup(text))
+    text = _SIGN.sub(_plus_minus_sign, escape_markup(text))
+    text = _MINUS.sub("\u2212", text)
+    return _UNIT.sub(lambda match: _UNITS[match[1]], text)
 
 
 def _plus_minus_sign(match: re.Match[str]) -> str:

@@ -1,6 +1,8 @@
 """Panels of the mesh share their rows: a torque stands at its own number in each."""
 
-from motord.report.plots.mesh import rms_error
+import pytest
+
+from motord.report.plots.mesh import in_percent, rms_error
 
 
 def test_panels_of_other_torques_have_their_values_at_their_torques() -> None:
@@ -15,3 +17,14 @@ def test_panels_of_other_torques_have_their_values_at_their_torques() -> None:
             f"{value:.2f}" if value < 0.995 else f"{value:.1f}": f"{torque_Nm:g}"
             for (torque_Nm, _), value in values.items()
         }
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0.00"), (1e-6, "<0.01"), (0.0049, "<0.01"), (0.0051, "0.01"), (0.994, "0.99"),
+        (0.996, "1.0"), (9.94, "9.9"), (9.96, "10"),
+    ],
+)  # fmt: skip
+def test_an_error_is_never_so_small_that_it_is_none(value: float, text: str) -> None:
+    assert in_percent(value) == text

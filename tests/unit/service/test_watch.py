@@ -86,6 +86,10 @@ def test_missed_ticks_are_reported_in_sum_after_growing_pauses(watch, events):
 
     for tenth in range(1, 101):
         miss(tenth, 300 + tenth / 10)
+    assert [e.message for e in of_kind(events, "missed")][:2] == [
+        "the loop skipped 1 tick, 1 since it started",
+        "the loop skipped 10 ticks, 11 since it started",
+    ]
     assert [e.data["total"] for e in of_kind(events, "missed")] == [1, 11, 31, 71]
     assert [e.data["new"] for e in of_kind(events, "missed")] == [1, 10, 20, 40]
     for number in range(101, 2000):

@@ -213,7 +213,7 @@ def losses(points: Sequence[OperatingPower]) -> Figure:
                     axes.errorbar(
                         [one.torque_mean_Nm for one in line], value, high - value, fmt=style,
                         color=colour, capsize=2.5, markersize=3.0, linewidth=1.0,
-                        label=f"{speed_Hz:g} turns/s, {mode}",
+                        label=f"{speed_Hz:g} turn{'s' * (speed_Hz != 1)}/s, {mode}",
                     )  # fmt: skip
         axes.set(xlabel="torque (Nm)", ylabel="losses (W)", ylim=(0, None))
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -67,7 +67,9 @@ def _heat_map(
 
 
 def in_percent(value: float) -> str:
-    """Return a value in percent with three digits or fewer: 12, 5.7, 0.41, 0.06."""
+    """Return a value in percent with three digits or fewer: 12, 5.7, 0.41, 0.06, <0.01."""
+    if 0 < value < 0.005:
+        return "<0.01"
     if value >= 9.95:
         return f"{value:.0f}"
     return f"{value:.1f}" if value >= 0.995 else f"{value:.2f}"

@@ -187,7 +187,8 @@ class TickMonitor:
         new = missed - self._missed_reported
         self._missed_reported, self._missed_reported_ns = missed, now_ns
         self._events.emit(
-            "missed", f"the loop skipped {new} ticks, {missed} since it started",
+            "missed",
+            f"the loop skipped {new} tick{'s' * (new != 1)}, {missed} since it started",
             new=new, total=missed,
         )  # fmt: skip
 

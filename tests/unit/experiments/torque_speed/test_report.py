@@ -7,7 +7,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from motord.experiments.torque_speed.report import _points
+from motord.experiments.torque_speed.report import _points, losses
 from motord.report.style import INK, PAPER
 
 
@@ -23,3 +23,13 @@ def test_figures_of_the_points_follow_the_page_with_a_halo_over_the_contours() -
     assert (figure.get_text(), to_hex(figure.get_color())) == ("60.1", INK)
     assert isinstance(halo, withStroke)
     assert vars(halo)["_gc"]["foreground"] == PAPER
+
+
+def test_one_turn_a_second_is_not_spoken_of_as_several() -> None:
+    loss = SimpleNamespace(value=2.0, high=2.1)
+    points = [
+        SimpleNamespace(loss=loss, mode="motoring", speed_Hz=speed_Hz, torque_mean_Nm=1.0)
+        for speed_Hz in (1.0, 2.0)
+    ]
+    [axes] = losses(cast("Any", points)).axes
+    assert axes.get_legend_handles_labels()[1] == ["1 turn/s, motoring", "2 turns/s, motoring"]
