@@ -197,19 +197,31 @@ def no_position(b: PlayedBench) -> Cause | None:
     return Cause(0.0, EvidenceSource.BRIDGE, gaps=5)
 
 
+def _may_have_turned(pattern: int, counts_per_s: float, per_s2: float, gap_s: float) -> float:
+    """Return by how many counts a rotor may have turned while samples were missing for `gap_s`.
+
+    A watch that has seen k patterns end, one to three, knows of fewer than k + 1 in this time: of a
+    mean of up to twice the speed, and that the rotor may have gained speed since, from rest at the
+    slowest.
+    """
+    gained_per_s = math.sqrt(2 * pattern * per_s2)
+    mean_per_s = max(2 * counts_per_s, gained_per_s)
+    return (mean_per_s + gained_per_s + per_s2 * gap_s / 2) * gap_s
+
+
 def stuck_track(b: PlayedBench) -> Cause | None:
-    """It is too coarse to be left out at this speed, and not one of those that are not watched."""
+    """It is too coarse to be left out at this speed and after the longest gap in the samples, and
+    not one of those that are not watched."""
     counts, period_s = b.config.motor.counts, b.period_ns * 1e-9
     gap_s = 2 * b.seen_s + (2 * b.seen_s + b.stalled_most * period_s if b.lossy else 0.0)
-    speed_per_s, most_per_s = (
-        counts / (2 * math.pi) * rad_s
-        for rad_s in (abs(b.speed_rad_s), max(abs(b.speed_rad_s), ACCELERATION_RAD_S2 * gap_s))
+    speed_per_s, per_s2 = (
+        counts / (2 * math.pi) * turned for turned in (abs(b.speed_rad_s), ACCELERATION_RAD_S2)
     )
     factor = 1 if counts.bit_count() == 1 else 2
     tracks = [
         track
         for track in range(counts.bit_length() - 3)
-        if most_per_s * gap_s < 1 << track
+        if _may_have_turned(2 << track, speed_per_s, per_s2, gap_s) < 2 << track
         and 3 * factor * (2 << track) <= speed_per_s * TICKS_MAX * period_s
     ]
     if not tracks:

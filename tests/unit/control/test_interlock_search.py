@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motord.schema import State
-from tests.campaigns.interlock_causes import dead_drive
+from tests.campaigns.interlock_causes import dead_drive, stuck_track
 from tests.campaigns.interlock_search import Operation, play
 from tests.support.random_bench import PlayedBench
 from tests.unit.control.bench import make_config
@@ -50,3 +50,29 @@ def test_a_dead_drive_is_found_as_late_as_its_feedback(
         operation.run()
         assert bench.state == State.ENABLED
     operation.suffer(cause, "torque")
+
+
+@pytest.mark.parametrize(("stale_after_s", "played"), [(0.01, True), (0.0125, False), (0.9, False)])
+def test_a_stuck_track_is_none_where_missing_samples_let_it_be_left_out(
+    stale_after_s: float, played: bool
+) -> None:
+    """At 0.165 rad/s three patterns of the finest track take 1.8 s, which were found never to pass
+    without a gap of 12 ms: by then a rotor that gains 100 rad/s^2 may be a pattern further on."""
+    config = make_config(
+        loop={"rate_Hz": 822, "observer_bandwidth_Hz": 51.8},
+        bridge={"rate_Hz": 561, "stale_after_s": stale_after_s},
+        inverter={"stale_after_s": 0.1},
+        motor={"counts": 128, "encoder_direction": -1},
+        limits={"trip_speed_rad_s": 36.2, "encoder_jump_rad": 0.205},
+    )
+    operation = Operation(PlayedBench(config, np.random.default_rng(1)))
+    bench = operation.b
+    bench.speed_rad_s = operation.wanted_rad_s = -0.165
+    operation.run_s(0.15)
+    operation.enable()
+    operation.faulty = True
+    bench.note_gaps()
+    cause = stuck_track(bench)
+    assert (cause is not None) == played
+    if cause is not None:
+        operation.suffer(cause, "torque")

@@ -187,3 +187,32 @@ def test_a_stuck_track_shows_where_the_count_is_not_steady(
     assert bench.tick["state"][0] == State.ENABLED
     bench.run(math.ceil(3 * (2 << track) * 2 * math.pi / 4096 / 0.05e-3))  # patterns
     assert Trip(int(bench.tick["first_trip"][0])) == Trip.ENCODER_IMPLAUSIBLE
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(("missing", "patterns"), [(0, 3), (5, 3), (6, 5)])
+def test_a_stuck_track_is_found_unless_it_may_have_changed_twice_while_samples_were_missing(
+    monkeypatch: pytest.MonkeyPatch, missing: int, patterns: int
+) -> None:
+    """A rotor that has gained 100 rad/s^2 over three patterns, of two counts of 128 each, passes
+    another in 12 ms: the watch starts over then, and three more have to end."""
+    bench, lead = Bench(config_of(561, 51.8, 128, trip_speed_rad_s=40.0)), 180
+    bench.speed_rad_s = 0.165
+    pattern_rad = 4 * math.pi / 128
+    pattern = pattern_rad / bench.speed_rad_s * 561  # samples
+    bench.angle_rad = 0.05 * pattern_rad - (lead + 8) / 561 * bench.speed_rad_s
+    bench.run(lead)
+    bench.enable()
+    count_at = bench.count_at
+
+    def with_stuck_track(angle_rad: float) -> int:
+        count = count_at(angle_rad)
+        return int(gray_to_count(count ^ count >> 1 | 1))
+
+    monkeypatch.setattr(bench, "count_at", with_stuck_track)
+    bench.run(round(2.2 * pattern))  # two patterns have ended
+    bench.run(missing, healthy=False)
+    bench.run(round((patterns - 0.4 - 2.2) * pattern) - missing)
+    assert bench.tick["state"][0] == State.ENABLED
+    bench.run(round(0.4 * pattern))
+    assert Trip(int(bench.tick["first_trip"][0])) == Trip.ENCODER_IMPLAUSIBLE
