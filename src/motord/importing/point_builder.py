@@ -9,11 +9,10 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.identification.operating_points import CURRENTS, GOOD, stacked
+from motord.identification.torque_of_currents import SHOWN_PART, phase_torques_Nm
 from motord.importing.segments import ConstantSegment
 from motord.schema import Compensate, Flag
 
-NO_TORQUE = 0.1
-"""Torque, in parts of the rated one, below which that of the currents says nothing."""
 TORQUE_RATIO = 2.0
 """Torque of the currents, in parts of the torque or its inverse, that no error of gain explains."""
 
@@ -35,7 +34,7 @@ class _Sums:
         self.rows += ticks.size
         i_A = stacked(ticks, CURRENTS)
         torques = {
-            "of_currents_Nm": (i_A * back_emf).sum(axis=1),
+            "of_currents_Nm": phase_torques_Nm(i_A, back_emf).sum(axis=1),
             "largest_Nm": np.linalg.norm(i_A, axis=1) * np.linalg.norm(back_emf, axis=1),
         }
         for name in ("torque_Nm", "torque_set_Nm", "speed_set_rad_s", *torques):
@@ -123,7 +122,7 @@ class PointBuilder:
     def _compare_with_currents(self, torque_Nm: float) -> None:
         """Note a torque that the currents do not make, though they could, or that they exceed."""
         made_Nm, largest_Nm = self._sums.mean("of_currents_Nm"), self._sums.mean("largest_Nm")
-        if made_Nm is None or largest_Nm is None or abs(torque_Nm) < NO_TORQUE * self._rated_Nm:
+        if made_Nm is None or largest_Nm is None or abs(torque_Nm) < SHOWN_PART * self._rated_Nm:
             return
         ratio = made_Nm / torque_Nm
         driven = largest_Nm < abs(torque_Nm) / TORQUE_RATIO  # from outside, with hardly a current

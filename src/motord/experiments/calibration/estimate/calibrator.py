@@ -29,6 +29,7 @@ from motord.experiments.calibration.estimate.least_squares.kirchhoff import (
     with_zero_sequence,
 )
 from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
+from motord.experiments.calibration.estimate.mean_torque import MeanTorques
 from motord.experiments.calibration.estimate.order_search import (
     FIRST_ORDER,
     Search,
@@ -102,6 +103,7 @@ class Calibrator:
         self._factors: list[float] = []  # back-EMF over that at the reference temperature
         self._left_out = CapturesLeftOut()
         self._residual = ResidualEstimator(motor, self._orders)
+        self._means = MeanTorques(motor, sensor)
         self._ripples: list[PointRipple] = []
         self._faults: list[tuple[str, tuple[SignalFault, ...]]] = []
 
@@ -140,6 +142,7 @@ class Calibrator:
         self._factors.append(samples.back_emf_factor)
         self._faults.append((samples.label, samples.faults))
         self._points.append(accumulate(samples, self._basis, self._sensor))
+        self._means.add(samples)
         if self._motor.connection == "star" and is_missing(samples):
             self._bare.append(samples)
         if induced:
@@ -154,11 +157,14 @@ class Calibrator:
             with self._left_out.explaining():
                 found = self.joint() if method == "joint" else self.residual()
         except IdentifyError as error:
-            for one in faults:
+            for one in (*faults, *self._means.findings(self._bench.accuracy)):
                 if one.severity == "serious":
                     raise IdentifyError(f"{one.meaning}; {one.action} ({error})") from error
             raise
-        scale = common_gain_finding(found, self._bench.accuracy)
+        scale = [
+            *common_gain_finding(found, self._bench.accuracy),
+            *self._means.findings(self._bench.accuracy, found),
+        ]
         return replace(
             found, findings=(*found.findings, *scale, *faults, *self._left_out.findings())
         )

@@ -1,0 +1,130 @@
+"""Mean torque against that of the currents: an angle that is far off, which ripple alone hides."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from motord.config import AccuracyConfig, TorqueSensorConfig
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.findings import Finding
+from motord.identification import IdentifyError
+from motord.identification.operating_points import PointData
+from motord.identification.torque_of_currents import slope_of
+from tests.unit.identification.synthetic_bench import Bench, Truth, motor
+
+NAME = "torque-of-currents"
+TRUTH = Truth(alpha=(0.99, 1.01, 1.0), beta_A=(0.1, -0.05, -0.05), cogging={48: (0.03, 0.2)})
+PASSES_MEAN = TorqueSensorConfig()
+HIGHPASS = TorqueSensorConfig(highpass_time_constant_s=2.0)
+SIX = ((1.0, 3.0, 5.0), (0.6, 1.0))
+TWO = ((2.0, 4.0), (1.0,))
+
+
+@cache
+def recorded(
+    connection: str, mesh: tuple[tuple[float, ...], ...], delta: float, sensor: TorqueSensorConfig
+) -> tuple[PointData, ...]:
+    truth = replace(TRUTH, delta=delta)
+    bench = Bench(motor(connection=connection), truth, sensor, drift_Nm=0.0)
+    return tuple(bench.mesh(*mesh))
+
+
+def turned(point: PointData, electrical_deg: float) -> PointData:
+    ticks = point.ticks.copy()
+    ticks["encoder_count"] += round(4096 * electrical_deg / 360 / 8)
+    ticks["encoder_count"] %= 4096
+    return replace(point, ticks=ticks)
+
+
+def found(
+    electrical_deg: float,
+    connection: str = "star",
+    mesh: tuple[tuple[float, ...], ...] = SIX,
+    delta: float = 1.0,
+    sensor: TorqueSensorConfig = PASSES_MEAN,
+    accuracy: AccuracyConfig | None = None,
+) -> list[Finding]:
+    """Return the findings by that name."""
+    calibrator = Calibrator(motor(connection=connection), sensor, accuracy=accuracy)
+    for point in recorded(connection, mesh, delta, sensor):
+        calibrator.add(turned(point, electrical_deg))
+    return [one for one in calibrator.result("joint").findings if one.name == NAME]
+
+
+@pytest.mark.parametrize("mesh", [SIX, TWO], ids=["six points", "two points"])
+@pytest.mark.parametrize(
+    ("electrical_deg", "severities"),
+    [(0.0, []), (3.0, []), (-20.0, ["warning"]), (20.0, ["warning"]), (90.0, ["serious"]),
+     (180.0, ["serious"])],
+)  # fmt: skip
+def test_an_angle_that_is_far_off_is_a_finding(
+    electrical_deg: float, severities: list[str], mesh: tuple[tuple[float, ...], ...]
+) -> None:
+    assert [one.severity for one in found(electrical_deg, mesh=mesh)] == severities
+
+
+@pytest.mark.parametrize("electrical_deg", [20.0, 90.0])
+def test_a_sensor_that_does_not_pass_the_mean_shows_none(electrical_deg: float) -> None:
+    assert found(electrical_deg, sensor=HIGHPASS) == []
+
+
+def test_it_says_which_angle_would_do_that() -> None:
+    [finding] = found(90.0)
+    assert finding.value == pytest.approx(100, abs=5)
+    assert "torque that currents, position and back-EMF make changes" in finding.meaning
+    [finding] = found(180.0)
+    assert finding.value == pytest.approx(200, abs=5)
+
+
+def test_a_refusal_says_so_too() -> None:
+    """With independent phases nothing is left of the torque that gains could explain."""
+    with pytest.raises(IdentifyError, match="mean torque that currents, position and back-EMF"):
+        found(90.0, "independent")
+    with pytest.raises(IdentifyError) as refused:
+        found(90.0, "independent", sensor=HIGHPASS)
+    assert "mean torque" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("delta", "stated", "seen"),
+    [
+        (1.02, AccuracyConfig(), False),
+        (1.10, AccuracyConfig(), True),
+        (1.10, AccuracyConfig(torque_gain_percent=10.0), False),
+    ],
+)
+def test_a_gain_that_is_stated_is_none(delta: float, stated: AccuracyConfig, seen: bool) -> None:
+    assert bool(found(0.0, "independent", delta=delta, accuracy=stated)) is seen
+
+
+def test_friction_and_zero_of_the_sensor_do_not_count() -> None:
+    """Here the torque is larger at higher speeds and forwards, as friction is."""
+    velocity_Hz = np.array([0.5, 0.7, 1.0, -0.5, -0.7, -1.0, 0.5])
+    made_Nm = np.array([2.0, 3.0, 5.0, 0.5, 3.0, 0.5, 3.0])
+    friction_Nm = 0.3 * np.sign(velocity_Hz) + 0.2 * velocity_Hz
+    slope = slope_of(made_Nm + 0.7 + friction_Nm, made_Nm, velocity_Hz)
+    assert slope.ratio == pytest.approx(1.0, abs=1e-9)
+    assert slope.freedom == 3
+    assert not slope.with_friction
+
+
+def test_friction_that_looks_like_torque_leaves_the_slope_in_doubt() -> None:
+    """Both grow from the first point to the second."""
+    made_Nm, velocity_Hz = np.array([2.0, 4.0]), np.array([0.5, 1.0])
+    assert slope_of(made_Nm + 0.2 * velocity_Hz, made_Nm, velocity_Hz).with_friction
+    assert not slope_of(made_Nm, made_Nm, np.array([0.70, 0.701])).with_friction
+
+
+@pytest.mark.parametrize(
+    ("gain", "ratio", "measured_smaller"),
+    [(0.8, 0.8, True), (1.25, 0.8, False), (-0.5, -0.5, True)],
+)
+def test_the_smaller_change_is_over_the_larger(
+    gain: float, ratio: float, measured_smaller: bool
+) -> None:
+    made_Nm = np.array([1.0, 3.0])
+    slope = slope_of(gain * made_Nm, made_Nm, np.ones(2))
+    assert (slope.freedom, slope.measured_smaller) == (0, measured_smaller)
+    assert slope.ratio == pytest.approx(ratio)
