@@ -147,6 +147,7 @@ def test_what_holds_is_not_replaced_unless_that_is_accepted(service):
     refusal = service.refusal(token)
     assert refusal.code == "refused"
     assert "over 70 turns no tracked quantity has left its interval" in refusal.message
+    assert "known better than it states, if anything is: `motord calibration" in refusal.message
     assert "`motord calibration adopt --accept nothing-departed`" in refusal.message
     assert service.tracker.asked == 0
     assert service.adopt(token, "nothing-departed")["id"] == service.tracker.adopts.id

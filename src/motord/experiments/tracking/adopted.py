@@ -12,6 +12,7 @@ from motord.experiments.check_calibration.quantities import PHASES, Quantity
 from motord.experiments.check_calibration.result import Change
 from motord.experiments.tracking.stated import OF_ALL, moved_harmonic, stated
 from motord.identification.variance_components import MOST_FREEDOM
+from motord.intervals import coverage_factor
 from motord.uncertainty_budget import Contribution, totals
 
 Triple = tuple[float, float, float]
@@ -129,9 +130,13 @@ def _kind(quantity: Quantity) -> str:
 def _is_adopted(kind: str, seen: Sequence[Quantity], changes: Sequence[Change]) -> bool:
     """Return whether quantities of a kind have departed, or all are known better by now."""
     each = [(q, change) for q, change in zip(seen, changes, strict=True) if _kind(q) == kind]
-    better = all(change.stderr <= q.stderr for q, change in each)
+    better = all(_half_width(change) <= _half_width(q) for q, change in each)
     whole = all(is_adoptable(q, seen) for q, _ in each)
     return whole and (better or any(change.drifted for _, change in each))
+
+
+def _half_width(one: Quantity | Change) -> float:
+    return coverage_factor(one.degrees_of_freedom) * one.stderr
 
 
 def _common_stderr_A(calibration: Calibration) -> float:

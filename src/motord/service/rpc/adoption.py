@@ -85,8 +85,9 @@ def _why_not(view: TrackingView) -> str:
     if view.departed:
         names = ", ".join(one.name for one in view.departed)
         why = f"what has departed from calibration {view.calibration}, {names}, cannot be adopted"
-        why += ": calibrate again; to adopt what else is tracked"
+        why += ": calibrate again; to adopt what else"
     else:
         why = f"calibration {view.calibration} holds: over {view.turns} turns no tracked quantity "
-        why += "has left its interval; to adopt them all the same"
+        why += "has left its interval; to adopt what"
+    why += " is known better than it states, if anything is"
     return f"{why}: `motord calibration adopt --accept {NOTHING_DEPARTED}`"

@@ -3,6 +3,7 @@
 import json
 import pickle
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -384,6 +385,23 @@ def test_what_has_not_departed_and_is_known_no_better_stays(
 ) -> None:
     with pytest.raises(CalibrationError, match="nothing to adopt: operation agrees"):
         quiet_tracker.adopted()
+
+
+@pytest.mark.parametrize(
+    ("freedom", "better"), [(50.0, False), (1.0, True)], ids=["many turns", "one degree of freedom"]
+)
+def test_better_known_is_what_has_the_narrower_interval(freedom: float, better: bool) -> None:
+    """An error that is smaller, but hardly known itself, makes an interval that is wider."""
+    order = CALIBRATION.tau_cog_harmonics[0].order
+    seen = [departure(f"cogging-{order}-{part}", "cogging") for part in ("amplitude", "phase")]
+    quantities = [replace(q, stderr=0.8 * c.stderr, degrees_of_freedom=freedom) for q, c in seen]
+    changes = [replace(change, drifted=False) for _, change in seen]
+    if better:
+        found = adopt(CALIBRATION, quantities, changes, CALIBRATION.created)
+        assert found.tau_cog_harmonics[0].stderr_Nm == 1e-3 * changes[0].stderr
+        return
+    with pytest.raises(CalibrationError, match="shows nothing better"):
+        adopt(CALIBRATION, quantities, changes, CALIBRATION.created)
 
 
 def test_memory_is_bounded(quiet: np.ndarray, quiet_tracker: CalibrationTracker) -> None:
