@@ -16,14 +16,15 @@ from motord.verdict.recordings import UsedRecording
 SCHEMA = "motord.verdict/1"
 
 _STYLE = """
-main{max-width:56rem}h2{margin:1rem 0 .25rem}table{width:100%;margin:.25rem 0}
+main{max-width:56rem}.section{margin:1rem 0 .25rem}table{width:100%;margin:.25rem 0}
 td svg{display:block;width:7.5rem;height:.9rem}
 th,td{padding:.15rem .6rem .15rem 0}.numbers td:not(:first-child){padding-left:.4rem}
 code{overflow-wrap:anywhere}
 .decision{font-weight:600}.pass{color:var(--reference)}.fail{color:var(--serious)}
 .undecidable{color:var(--other)}
 @page{size:A4;margin:12mm}
-@media print{body{font-size:8pt;line-height:1.25}h1{font-size:15pt}h2{font-size:10pt;margin:5pt 0 0}
+@media print{body{font-size:8pt;line-height:1.25}h1{font-size:15pt}
+ .section{font-size:10pt;margin:5pt 0 0}
  .card{padding:3pt 6pt}.card b{font-size:12pt}.cards{margin:4pt 0;gap:6pt}table{font-size:7pt}
  th,td{padding:1pt 4pt 1pt 0}p,ul{margin:2pt 0;max-width:none}.lead{margin-bottom:2pt}
  td svg{height:8pt;width:60pt}.card span{font-size:7pt}code{font-size:6pt}
