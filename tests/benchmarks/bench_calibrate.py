@@ -39,7 +39,7 @@ from motord.experiments.subject import Subject
 from motord.identification.basis import FIRST_WAVE, Basis, fill_columns, highpass
 from motord.identification.operating_points import Samples, prepare
 from motord.identification.orders import allowed_orders
-from motord.identification.torque_sensor import MountInverse
+from motord.identification.torque.torque_sensor import MountInverse
 from motord.recording.captures import captures
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run

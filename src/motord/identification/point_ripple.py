@@ -18,7 +18,7 @@ from motord.identification.harmonics import lines_of_sums, transforms
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
 from motord.identification.signal_condition import SignalFault
-from motord.identification.torque_sensor import order_below_resonance, response
+from motord.identification.torque.torque_sensor import order_below_resonance, response
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.identification.operating_points import CURRENTS, GOOD, stacked
-from motord.identification.torque_of_currents import SHOWN_PART, phase_torques_Nm
+from motord.identification.torque.torque_of_currents import SHOWN_PART, phase_torques_Nm
 from motord.importing.segments import ConstantSegment
 from motord.schema import Compensate, Flag
 

@@ -3,7 +3,7 @@ import pytest
 from scipy import signal
 
 from motord.config import TorqueSensorConfig
-from motord.identification.torque_sensor import (
+from motord.identification.torque.torque_sensor import (
     MountInverse,
     passed_by_mount,
     response,

@@ -39,7 +39,7 @@ from motord.identification.operating_points import (
     require_turns,
 )
 from motord.identification.orders import resolved_cogging_order
-from motord.identification.torque_sensor import without_highpass
+from motord.identification.torque.torque_sensor import without_highpass
 from motord.identification.variance_components import VarianceComponents
 from motord.identification.zero_sequence import is_missing, restored
 

@@ -30,7 +30,11 @@ from motord.identification.orders import (
     resolved_order,
 )
 from motord.identification.rotor.driven_rotor import Driven
-from motord.identification.torque_sensor import order_below_resonance, passed_by_mount, response
+from motord.identification.torque.torque_sensor import (
+    order_below_resonance,
+    passed_by_mount,
+    response,
+)
 
 REQUIRED = ("torque_Nm",)
 """Columns that are needed, besides time and angle."""

@@ -15,7 +15,7 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import MAX_CURRENT_ORDER, Samples
 from motord.identification.orders import resolved_order
-from motord.identification.torque_sensor import response
+from motord.identification.torque.torque_sensor import response
 
 IMAGES = (-4, -3, -2, -1, 1, 2, 3, 4)
 """Images k that count; the others are small, and beyond the mount."""

@@ -15,7 +15,7 @@ import numpy as np
 from motord.config import TorqueSensorConfig
 from motord.experiments.ilc.seen import SeenRipple
 from motord.identification import IdentifyError
-from motord.identification.torque_sensor import MOUNT_SHARE
+from motord.identification.torque.torque_sensor import MOUNT_SHARE
 from motord.intervals import f_tail, two_digits
 from motord.learned import MAX_ORDERS
 

@@ -14,7 +14,7 @@ from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import PointData, prepare
 from motord.identification.orders import resolved_order
 from motord.identification.point_ripple import without_drift
-from motord.identification.torque_sensor import MountInverse, order_below_resonance
+from motord.identification.torque.torque_sensor import MountInverse, order_below_resonance
 
 
 @dataclass(frozen=True)

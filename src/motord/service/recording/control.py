@@ -46,9 +46,8 @@ class RecordingControl:
     """Decides what the recorder records. No call but `close` waits for it.
 
     The loop counts its timing in the file `timing`. What `about` returns goes into the metadata of
-    the next recording; `driven` says whether the external drive turns the bench;
-    `state` is recorded whenever it changes; `on_plan_unrecorded` is called with the reason when a
-    plan has to end.
+    the next recording; `driven` says whether the drive turns the rotor; `state` is recorded
+    whenever it changes; `on_plan_unrecorded` is called with the reason when a plan has to end.
     """
 
     def __init__(
@@ -103,8 +102,7 @@ class RecordingControl:
             return ""
         if not recorder.up:
             return "the recorder is not up; see its events"
-        obstacle = recorder.report.obstacle if not recorder.report.recording else ""
-        return self._silence() or obstacle
+        return self._silence() or ("" if recorder.report.recording else recorder.report.obstacle)
 
     def _silence(self) -> str:
         """Return that the recorder that is up has not reported for long, "" if it has."""

@@ -11,7 +11,7 @@ from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData
-from motord.identification.torque_of_currents import slope_of
+from motord.identification.torque.torque_of_currents import slope_of
 from tests.unit.identification.synthetic_bench import Bench, Truth, motor
 
 NAME = "torque-of-currents"

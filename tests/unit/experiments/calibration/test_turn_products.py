@@ -15,7 +15,7 @@ from motord.experiments.calibration.estimate.turn_products import (
 )
 from motord.identification.basis import Basis, fill_columns, highpass
 from motord.identification.operating_points import Samples
-from motord.identification.torque_sensor import MountInverse
+from motord.identification.torque.torque_sensor import MountInverse
 from tests.unit.identification.synthetic_bench import motor
 
 

@@ -7,7 +7,7 @@ from scipy import signal
 from motord.config import BackEmfHarmonic, MotorConfig, TorqueSensorConfig
 from motord.experiments.ilc.aliased_ripple import ZeroOrderHold, aliased_ripple
 from motord.identification.operating_points import Samples
-from motord.identification.torque_sensor import response
+from motord.identification.torque.torque_sensor import response
 
 COUNTS, SPEED_HZ, PERIOD_S, FINE = 1000, 1.0, 1e-3, 40
 MOTOR = MotorConfig(

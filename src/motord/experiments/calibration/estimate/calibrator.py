@@ -23,13 +23,13 @@ from motord.experiments.calibration.estimate.joint_result import (
 )
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, misfit
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
+from motord.experiments.calibration.estimate.lack_of_fit.mean_torque import MeanTorques
 from motord.experiments.calibration.estimate.least_squares.joint import JointFit, fit
 from motord.experiments.calibration.estimate.least_squares.kirchhoff import (
     kirchhoff_agreement,
     with_zero_sequence,
 )
 from motord.experiments.calibration.estimate.least_squares.normal_equations import Regression
-from motord.experiments.calibration.estimate.mean_torque import MeanTorques
 from motord.experiments.calibration.estimate.order_search import (
     FIRST_ORDER,
     Search,

@@ -38,7 +38,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
 from motord.experiments.calibration.estimate.predicted_ripple import PredictedRipple, ripple_form
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.estimate.turn_spectrum import TurnSpectrum
-from motord.identification.torque_sensor import response
+from motord.identification.torque.torque_sensor import response
 from motord.identification.variance_components import VarianceComponents
 
 HIGH_END = 4

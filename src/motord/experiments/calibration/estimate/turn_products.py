@@ -29,7 +29,7 @@ from motord.identification.basis import (
 )
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import without_drift
-from motord.identification.torque_sensor import MountInverse
+from motord.identification.torque.torque_sensor import MountInverse
 from motord.jit import jit
 
 BAND_MARGIN = 1.4

@@ -14,7 +14,7 @@ from motord.identification.basis import Basis, cell_gain
 from motord.identification.harmonics import lines_of_sums
 from motord.identification.operating_points import Samples
 from motord.identification.orders import resolved_order
-from motord.identification.torque_sensor import order_below_resonance
+from motord.identification.torque.torque_sensor import order_below_resonance
 
 ANGLE_BINS = 4096
 """Parts of the turn in which samples are summed; fewer where the encoder has fewer counts."""

@@ -12,7 +12,7 @@ from motord.experiments.calibration.estimate.checks import COMMON_GAIN_PERCENT
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.findings import Finding
 from motord.identification.operating_points import Samples
-from motord.identification.torque_of_currents import (
+from motord.identification.torque.torque_of_currents import (
     MIN_FREEDOM,
     SHOWN_PART,
     MeanTorque,

@@ -1,0 +1,1 @@
+"""Torque: how its sensor shows it, and what of it the currents make."""
