@@ -103,6 +103,7 @@ class RingSource:
         self._new_ring = False
         self._following = True
         self.problem = ""
+        self._reader: RingReader | None = None
         self._reader = self._attach(start)
 
     @property
@@ -141,8 +142,9 @@ class RingSource:
         try:
             reader = RingReader(self._path, start)
         except SharedFileError as error:
-            may_come = self._path.parent.is_dir() and not self._path.exists()
-            self.problem = "" if may_come else str(error)
+            # Ticks may still come through a reader that there is, whatever was removed.
+            may_come = self._reader is not None or self._path.parent.is_dir()
+            self.problem = "" if may_come and not self._path.exists() else str(error)
             return None
         self.problem = ""
         return reader

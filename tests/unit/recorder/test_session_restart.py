@@ -1,5 +1,7 @@
 """A session after its recorder died, or another loop began: ticks are recorded once or counted."""
 
+import shutil
+
 import pytest
 
 from motord.recorder.rolling_file import RollingFile
@@ -327,3 +329,22 @@ def test_a_ring_that_can_never_come_is_an_error(bench, folder):
     report, gone = bench.report(), folder == "removed"
     assert report["recording"] is not gone
     assert report["error"] == (f"{ring}: cannot open it: No such file or directory" if gone else "")
+
+
+def test_a_ring_that_is_removed_with_its_folder_is_recorded_while_ticks_come(bench):
+    """Also where there is nothing new between two looks, as after an operating point."""
+    (bench.folder / "run").mkdir()
+    bench.ring_path = bench.folder / "run" / "ring"
+    bench.ring = RingWriter(bench.ring_path, CAPACITY)
+    bench.session = bench.new_session()
+    bench.start()
+    bench.loop(10)
+    bench.step()
+    shutil.rmtree(bench.ring_path.parent)
+    bench.step()
+    bench.loop(5)
+    bench.step()
+    report = bench.report()
+    assert (report["recording"], report["error"]) == (True, "")
+    bench.stop()
+    assert bench.recorded() == list(range(15))
