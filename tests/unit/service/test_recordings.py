@@ -340,6 +340,21 @@ def test_a_recorder_that_waits_for_its_disk_is_not_ended(played):
     assert (view.recording, view.detail) == (True, {"ticks": 3})
 
 
+def test_one_that_waits_for_its_disk_since_it_was_started_is_said_too(played):
+    played.up()
+    played.step(2, State.ENABLED)
+    played.recorders[0].report(ticks=3)
+    played.step(2, State.ENABLED)
+    played.recorders[0].code = -9
+    played.step(20, State.ENABLED)
+    assert played.state()["recording"]["error"] == ""
+    for _ in range(8):
+        played.recorders[1].send({"recording": False, "blocked": True})
+        played.step(100, State.ENABLED)
+    said = played.state()["recording"]["error"]
+    assert said == "the recorder has not reported for 8 s: does the disk answer?"
+
+
 def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"required": False})
     played.up()

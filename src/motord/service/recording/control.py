@@ -105,9 +105,9 @@ class RecordingControl:
         return self._silence() or ("" if recorder.report.recording else recorder.report.obstacle)
 
     def _silence(self) -> str:
-        """Return that the recorder that is up has not reported for long, "" if it has."""
+        """Return that the recorder that there is has not reported for long, "" if it has."""
         silent_s = (self._now_ns - self.recorder.reported_ns) / 1e9
-        if not self.recorder.up or silent_s <= min(self._unrecorded_max_s, SILENT_MAX_S):
+        if self.recorder.link is None or silent_s <= min(self._unrecorded_max_s, SILENT_MAX_S):
             return ""
         return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
 
@@ -122,7 +122,7 @@ class RecordingControl:
     def step(self, now_ns: int) -> None:
         """Follow bench and recorder; `now_ns` is monotonic."""
         self._now_ns = now_ns
-        self.recorder.follow_process()
+        self.recorder.follow_process(now_ns)
         self._follow_power(now_ns)
         self._check_plan(now_ns)
         if self.recorder.link is not None and self.recorder.task is not None:

@@ -42,8 +42,8 @@ class RecorderSession:
     """Sends commands and events to the recorder and reads its reports; only its end waits.
 
     `task` is the recording under way, `ended` are those that may not be closed. `error` says why it
-    fails; `reported_ns` is monotonic. `newest` is the newest tick of the loop, whose ring holds
-    ticks for `ring_s`; with `loop_over` no more come.
+    fails; `reported_ns`, when it reported last or was started, is monotonic. `newest` is the newest
+    tick of the loop, whose ring holds ticks for `ring_s`; with `loop_over` no more come.
     """
 
     def __init__(
@@ -86,8 +86,8 @@ class RecorderSession:
             self.task is not None and self.report.recording and file.startswith(self.task.stem.name)
         )
 
-    def follow_process(self) -> None:
-        """Link to a recorder that was started anew."""
+    def follow_process(self, now_ns: int) -> None:
+        """Link to a recorder that was started anew; `now_ns` is monotonic."""
         process = self._children.process(RECORDER)
         pid = process.pid if process is not None else None
         if pid == self.pid:
@@ -95,7 +95,7 @@ class RecorderSession:
         self.pid = pid
         if self.link is not None:
             self.link.close()
-        self.link, self.report = None, NO_REPORT
+        self.link, self.report, self.reported_ns = None, NO_REPORT, now_ns
         if process is not None:
             self.link, self._dropped = RecorderLink(process), 0
             self._send_ended(self.link)
@@ -185,7 +185,7 @@ class RecorderSession:
             for end in self._children.poll(time.monotonic_ns()):
                 self._events.emit("process", f"{end.process.name} ended: {end.how}")
             link = self.link
-            self.follow_process()
+            self.follow_process(time.monotonic_ns())
             if self.link is not link:
                 close_end_s = None
             if self.link is not None:
