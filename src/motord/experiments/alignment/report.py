@@ -10,7 +10,7 @@ from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.result import Alignment
 from motord.experiments.subject import Recordings
 from motord.intervals import plus_minus
-from motord.report.html import Page
+from motord.report.html import Page, Verbatim
 from motord.report.style import AFTER, BEFORE, INK, figure
 
 DIRECTIONS = ((1, AFTER, "forwards"), (-1, BEFORE, "backwards"))
@@ -35,7 +35,10 @@ def report(result: Alignment, recordings: Recordings) -> Page:
     page.heading("Encoder and phases, found by turning a current vector")
     page.table(
         ["[motor]", "found", "bench file"],
-        [[name, str(new), str(result.configured[name])] for name, new in result.fields.items()],
+        [
+            [name, Verbatim(new), Verbatim(result.configured[name])]
+            for name, new in result.fields.items()
+        ],
     )
     page.points(
         [

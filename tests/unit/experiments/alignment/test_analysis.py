@@ -85,6 +85,7 @@ def test_what_is_found_is_written_into_the_bench_file(bench: Path, tmp_path: Pat
     page = (tmp_path / "r.html").read_text()
     assert page.count("<figure>") == 3
     assert "<td>acb</td><td>abc</td>" in page
+    assert "<td>encoder_direction</td><td>-1</td><td>1</td>" in page
     assert f"encoder_zero_rad = {limit_rad}" in page
 
 
