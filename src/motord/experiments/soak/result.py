@@ -1,5 +1,6 @@
 """What is found of a soak: its repetitions, and the trend of each figure over them."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import hypot
@@ -217,4 +218,4 @@ class SoakResult:
 
 def _name(what: str, figure: str) -> str:
     """Return the name of a finding about a figure, whatever point that is of."""
-    return f"{what}-of-{figure.partition(' ')[0].replace('_', '-').lower()}"
+    return f"{what}-of-{re.sub('[ _]', '-', figure.partition(' of ')[0]).lower()}"

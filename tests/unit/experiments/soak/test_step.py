@@ -105,6 +105,20 @@ def test_of_few_or_equal_values_no_step_is_stated():
     assert most_likely_step(HOURS, np.full(HOURS.size, 3.0)) is None
 
 
+@pytest.mark.parametrize(
+    ("figure", "name"),
+    [
+        ("torque_mean_Nm of point 1, 1 Nm, 1 Hz", "torque-mean-nm"),
+        ("winding_C", "winding-c"),
+        ("channel torque_zero_Nm", "channel-torque-zero-nm"),
+    ],
+)
+def test_a_finding_has_the_name_of_its_figure_without_the_point(figure, name):
+    values = np.random.default_rng(3).normal(size=HOURS.size) + 10.0 * (HOURS > 2.5)
+    found = SoakResult("verify", (), tuple(with_steps([trend(values, figure)])))
+    assert [one.name for one in found.findings] == [f"step-of-{name}"]
+
+
 def test_a_soak_says_what_changed_at_once():
     rng = np.random.default_rng(3)
     after = np.arange(HOURS.size) >= 25
