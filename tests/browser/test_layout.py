@@ -6,7 +6,7 @@ from playwright.sync_api import Locator, expect
 from tests.browser import documents
 from tests.browser.chromium import PATH, PHONE, set_by_hand, shows, start_plan, take_command
 from tests.browser.conftest import Watched
-from tests.browser.stand_in import Server
+from tests.browser.stand_in import Server, StandIn
 
 pytestmark = [
     pytest.mark.system,
@@ -58,12 +58,24 @@ def test_on_a_phone_state_and_stop_stay_alone_however_much_stands_above_them(
 ) -> None:
     page = visit(server.urls.operator, PHONE)
     server.stand_in.do(lambda: setattr(server.stand_in, "silent", True))
-    shows(page, "#link", "; last state")
+    shows(page, "#link", "last state")
     page.evaluate("window.scrollTo(0, 900)")
     for part in ("#state", "#stop"):
         expect(page.locator(part)).to_be_in_viewport(ratio=1)
     assert page.locator("#lease").evaluate("e => e.getBoundingClientRect().bottom") <= 1
     assert page.locator("#link").evaluate("e => e.getBoundingClientRect().bottom") <= 1
+
+
+@pytest.mark.parametrize("size", [PHONE, SMALL_PHONE])
+def test_a_phone_shows_how_old_the_last_state_is_without_a_connection(
+    visit: Watched, size: dict[str, int]
+) -> None:
+    visit.expected = "ERR_CONNECTION_REFUSED"
+    with Server(StandIn()) as server:
+        page = visit(server.urls.operator, size)
+    shows(page, "#link-text", "the page's server does not answer")
+    shows(page, "#link-age", " ago")
+    assert inside(page.locator("#link-age"), page.locator("#link"))
 
 
 @pytest.mark.parametrize("size", [PHONE, {"width": 1000, "height": 900}, NARROW])

@@ -151,7 +151,7 @@ export class StatusBar {
       : !connection.alive ? "the daemon publishes nothing"
       : stale ? "stale" : "live";
     setText(byId("link-text"), text);
-    setText(byId("link-age"), stale && Number.isFinite(age_s) ? `; last state ${age(age_s)} ago` : "");
+    setText(byId("link-age"), stale && Number.isFinite(age_s) ? `last state ${age(age_s)} ago; ` : "");
     setAttribute(byId("link"), "data-stale", String(stale));
   }
 }
