@@ -87,6 +87,17 @@ def test_a_refusal_says_so_too() -> None:
     assert "mean torque" not in str(refused.value)
 
 
+def test_a_refusal_that_names_a_phase_says_that_first() -> None:
+    """The currents of the others make two thirds of the torque: no angle does that."""
+    calibrator = Calibrator(motor(), PASSES_MEAN)
+    for point in recorded("independent", SIX, 1.0, PASSES_MEAN):
+        ticks = point.ticks.copy()
+        ticks["i_b_A"] *= 0.01
+        calibrator.add(replace(point, ticks=ticks))
+    with pytest.raises(IdentifyError, match=r"^phase b is dead.*; the mean torque"):
+        calibrator.result("joint")
+
+
 @pytest.mark.parametrize(
     ("delta", "stated", "seen"),
     [
@@ -97,6 +108,32 @@ def test_a_refusal_says_so_too() -> None:
 )
 def test_a_gain_that_is_stated_is_none(delta: float, stated: AccuracyConfig, seen: bool) -> None:
     assert bool(found(0.0, "independent", delta=delta, accuracy=stated)) is seen
+
+
+@pytest.mark.parametrize("quantity", ["i", "torque"])
+def test_a_unit_that_is_wrong_by_a_thousand_is_one(quantity: str) -> None:
+    """The torque in that unit would allow for any saturation."""
+    calibrator = Calibrator(motor(connection="star"), PASSES_MEAN)
+    for point in recorded("star", SIX, 1.0, PASSES_MEAN):
+        ticks = point.ticks.copy()
+        for name in ticks.dtype.names or ():
+            if name.startswith(quantity) and name.endswith(("_A", "_Nm")):
+                ticks[name] *= 1000
+        calibrator.add(replace(point, ticks=ticks))
+    findings = {one.name: one.severity for one in calibrator.result("joint").findings}
+    assert findings[NAME] == "serious"
+
+
+def test_much_friction_that_looks_like_torque_is_a_warning_at_most() -> None:
+    """Of the faster point, which has more torque, it takes twice as much."""
+    calibrator = Calibrator(motor(connection="star"), PASSES_MEAN)
+    slow, *_, fast = recorded("star", ((2.0, 4.0), (0.5, 1.0)), 1.0, PASSES_MEAN)
+    for point in (slow, fast):
+        ticks = point.ticks.copy()
+        ticks["torque_Nm"] -= 2 * point.speed_Hz
+        calibrator.add(replace(point, ticks=ticks))
+    [finding] = [one for one in calibrator.result("joint").findings if one.name == NAME]
+    assert finding.severity == "warning"
 
 
 def test_friction_and_zero_of_the_sensor_do_not_count() -> None:

@@ -157,9 +157,12 @@ class Calibrator:
             with self._left_out.explaining():
                 found = self.joint() if method == "joint" else self.residual()
         except IdentifyError as error:
-            for one in (*faults, *self._means.findings(self._bench.accuracy)):
+            for one in faults:
                 if one.severity == "serious":
                     raise IdentifyError(f"{one.meaning}; {one.action} ({error})") from error
+            for one in self._means.findings(self._bench.accuracy):
+                if one.severity == "serious":
+                    raise IdentifyError(f"{error}; {one.meaning}; {one.action}") from error
             raise
         scale = [
             *common_gain_finding(found, self._bench.accuracy),
