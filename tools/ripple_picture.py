@@ -90,7 +90,7 @@ def turn_of(path: Path) -> Turn:
 def over_angle(angle_rad: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return values (n,) at rising angles (n,) as (SAMPLES,) over the first whole turn."""
     start_rad = 2 * np.pi * np.ceil(angle_rad[0] / (2 * np.pi))
-    return np.interp(start_rad + np.linspace(0, 2 * np.pi, SAMPLES), angle_rad, values)
+    return np.asarray(np.interp(start_rad + np.linspace(0, 2 * np.pi, SAMPLES), angle_rad, values))
 
 
 def picture(turns: dict[str, Turn]) -> str:

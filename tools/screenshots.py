@@ -9,6 +9,7 @@ import io
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 from playwright.sync_api import Browser
@@ -63,12 +64,23 @@ def picture_of_all(browser: Browser, stand_in: StandIn) -> bytes:
     lease = LeaseView(holder=None, remaining_s=0.0, duration_s=2.0)
     state = BenchState.model_validate(documents.state(stand_in, 1.0, 0.0))
     state = state.model_copy(update={"lease": lease})
-    off = {"state": "OFF", "trips": [], "first_trip": "", "trip": None, "plan": None, "queue": None}
+    off: dict[str, Any] = {
+        "state": "OFF",
+        "trips": [],
+        "first_trip": "",
+        "trip": None,
+        "plan": None,
+        "queue": None,
+    }
     plan = {"plan": "calibrate", "state": "running", "serial": "AX-0117", "points": 30}
     now = {"points_done": 12, "fraction": 0.4, "eta_s": 640.0}
-    running = {**off, "state": "ENABLED", "plan": PlanView.model_validate({**plan, **now})}
+    running: dict[str, Any] = {
+        **off,
+        "state": "ENABLED",
+        "plan": PlanView.model_validate({**plan, **now}),
+    }
     running["queue"] = QueueView(state="running", length=3, eta_s=4000.0)
-    tripped = {"queue": None}
+    tripped: dict[str, Any] = {"queue": None}
     rigs = [
         BenchEntry(f"rig-{n}", state.model_copy(update=changes), age_s, True, 1, "", endpoint)
         for n, (changes, age_s, endpoint) in enumerate(

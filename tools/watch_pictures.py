@@ -62,7 +62,7 @@ async def draw(client: Client, folder: Path) -> None:
     """Run the plan, then trip the bench, and write what is on the screen."""
     session = OperatorSession(client)
     with Feed(client) as feed:
-        app = WatchApp(client, feed, session, UNICODE)
+        app = WatchApp(feed, session, UNICODE)
         async with app.run_test(size=(80, 24)) as pilot:
             settings = {
                 "torques_Nm": [1.0, 2.0, 3.0, 4.0],
@@ -72,7 +72,7 @@ async def draw(client: Client, folder: Path) -> None:
             start = partial(Commander.start_plan, name="calibrate", settings=settings, detach=True)
             await asyncio.to_thread(session.command, start)
             await pilot.pause(RUNNING_S * 0.6)
-            await asyncio.to_thread(session.note, "brake squeals at 0.7 Hz")
+            await asyncio.to_thread(client.note, "brake squeals at 0.7 Hz")
             await pilot.pause(RUNNING_S * 0.4)
             save(app, folder / "watch.svg")
             await asyncio.to_thread(session.command, Commander.abort_plan)

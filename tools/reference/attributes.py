@@ -2,11 +2,12 @@
 
 import ast
 import inspect
+from types import ModuleType
 
 from motord.attribute_docs import comments_by_line
 
 
-def described_values(module: object, name: str) -> dict[str, str]:
+def described_values(module: ModuleType, name: str) -> dict[str, str]:
     """Return the values of the `Literal` that a module calls `name`, with the comments on them."""
     source = inspect.getsource(module)
     comments = comments_by_line(source)

@@ -99,7 +99,7 @@ def anchor(heading: str) -> str:
 
 def sections(tables: Tables) -> Iterator[str]:
     """Yield heading, summary and keys of each table."""
-    links = {}
+    links: dict[str, str] = {}
     for heading, (model, _) in tables.items():
         links.setdefault(model.__name__, f"[`{heading}`](#{anchor(heading)})")
     for heading, (model, values) in tables.items():

@@ -84,9 +84,9 @@ def _bits(title: str, kind: type[IntEnum | IntFlag]) -> Iterator[str]:
     rows = [
         (
             str(one.bit_length() - 1 if flags else int(one)),
-            code(one.name),
-            meaning[one.name],
+            code(name),
+            meaning[name],
         )
-        for one in kind
+        for name, one in kind.__members__.items()
     ]
     yield table(("bit" if flags else "value", "name", "meaning"), rows)

@@ -11,6 +11,7 @@ from tools.reference.markdown import code, page, table
 from tools.reference.models import fields, output_fields
 
 from motord.api import errors, messages
+from motord.api.plan_messages import PlanView
 from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
 from motord.api.replies import AcceptedSetpoint, AvailablePlan, CalibrationEntry
 from motord.api.requests import RPCS, PlanStart, Rpc
@@ -20,7 +21,7 @@ PARTS = (
     AcceptedSetpoint, AvailablePlan, CalibrationEntry, QueuedPlan, QueueItem, QueueRun, QueueView,
 )  # fmt: skip
 """Parts of requests and replies that have a section of their own."""
-MESSAGES = (messages.BenchState, messages.PlanView, messages.Event)
+MESSAGES = (messages.BenchState, PlanView, messages.Event)
 INTRO = """Everything is under `motord/<bench>/`, where `<bench>` is `[bench] name`. How to talk to
 a bench, and who is in command of it: [Talking to a running bench](../api.md)."""
 RPC_INTRO = """A request is a Zenoh query on `rpc/<name>` whose payload is a JSON object; the reply
