@@ -124,16 +124,30 @@ def test_a_unit_that_is_wrong_by_a_thousand_is_one(quantity: str) -> None:
     assert findings[NAME] == "serious"
 
 
-def test_much_friction_that_looks_like_torque_is_a_warning_at_most() -> None:
-    """Of the faster point, which has more torque, it takes twice as much."""
+@pytest.mark.parametrize(("sign", "severity"), [(1, "warning"), (-1, "serious")])
+def test_much_friction_that_looks_like_torque_is_a_warning_at_most(
+    sign: int, severity: str
+) -> None:
+    """Of the faster point, which has more torque, it takes twice as much; it turns no sign."""
     calibrator = Calibrator(motor(connection="star"), PASSES_MEAN)
     slow, *_, fast = recorded("star", ((2.0, 4.0), (0.5, 1.0)), 1.0, PASSES_MEAN)
     for point in (slow, fast):
         ticks = point.ticks.copy()
-        ticks["torque_Nm"] -= 2 * point.speed_Hz
+        ticks["torque_Nm"] = sign * (ticks["torque_Nm"] - 2 * point.speed_Hz)
         calibrator.add(replace(point, ticks=ticks))
     [finding] = [one for one in calibrator.result("joint").findings if one.name == NAME]
-    assert finding.severity == "warning"
+    assert finding.severity == severity
+
+
+def test_saturation_that_is_stated_is_none() -> None:
+    """At 9 and 12 of 6 Nm the slope loses 35 %, the torque up to 20."""
+    stated = AccuracyConfig(saturation_percent=10.0)
+    calibrator = Calibrator(motor(connection="star"), PASSES_MEAN, accuracy=stated)
+    for point in recorded("star", ((9.0, 12.0), (1.0,)), 1.0, PASSES_MEAN):
+        ticks = point.ticks.copy()
+        ticks["torque_Nm"] -= 0.1 * ticks["torque_Nm"].mean() ** 2 / motor().rated_torque_Nm
+        calibrator.add(replace(point, ticks=ticks))
+    assert NAME not in {one.name for one in calibrator.result("joint").findings}
 
 
 def test_friction_and_zero_of_the_sensor_do_not_count() -> None:

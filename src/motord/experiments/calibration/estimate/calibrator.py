@@ -198,19 +198,10 @@ class Calibrator:
         )
         notes += [] if back_emf is None else [back_emf.to_text(self._bench.accuracy)]
         left = residual.explained()
-        result = with_lack_of_fit(
-            result_of(
-                fitted,
-                cogging_harmonics(fitted, regression),
-                notes,
-                self._ripples,
-                self._motor.counts,
-            ),
-            left,
-            agreement,
-            self._bench,
-            max(point.period_s for point in self._points),
-        )
+        harmonics = cogging_harmonics(fitted, regression)
+        result = result_of(fitted, harmonics, notes, self._ripples, self._motor.counts)
+        longest_s = max(point.period_s for point in self._points)
+        result = with_lack_of_fit(result, left, agreement, self._bench, longest_s)
         lost = first.identifiable.offset_seen and not fitted.identifiable.offset_seen
         result = with_observability(result, fitted)
         result = with_added_orders(result, found, lost, self._motor.pole_pairs)

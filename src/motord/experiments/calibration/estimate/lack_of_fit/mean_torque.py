@@ -56,8 +56,8 @@ class MeanTorques:
             return
         velocity_Hz = np.array([one.velocity_Hz for one in self._points])
         slope = slope_of(measured_Nm, made_Nm, velocity_Hz)
-        # of the smaller: the larger may be in a wrong unit
-        part = min(abs(slope.ratio), 1.0) if slope.measured_smaller else 1.0
+        # where the measured one is far smaller, they differ by a unit, not by saturation
+        part = min(2 * abs(slope.ratio), 1.0) if slope.measured_smaller else 1.0
         largest = part * np.abs(made_Nm).max() / self._rated_Nm
         stated_percent = (
             accuracy.torque_gain_percent
@@ -111,7 +111,8 @@ def _finding(slope: Slope, off_percent: float, limit_percent: float) -> Finding:
     measured = "that the sensor shows"
     one, other = (measured, currents) if slope.measured_smaller else (currents, measured)
     angle_deg = np.degrees(np.arccos(np.clip(slope.ratio, -1, 1)))
-    far = off_percent - limit_percent > COMMON_GAIN_PERCENT and not slope.with_friction
+    may_be_friction = slope.with_friction and slope.ratio > 0
+    far = off_percent - limit_percent > COMMON_GAIN_PERCENT and not may_be_friction
     return Finding(
         "torque-of-currents", off_percent, limit_percent, "%", "serious" if far else "warning",
         f"the mean torque {one} changes from point to point by {slope.ratio:.3g} times the one "
