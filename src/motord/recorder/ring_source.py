@@ -143,7 +143,8 @@ class RingSource:
             reader = RingReader(self._path, start)
         except SharedFileError as error:
             # Ticks may still come through a reader that there is, whatever was removed.
-            may_come = self._reader is not None or self._path.parent.is_dir()
+            alive = self._reader is not None and not self._reader.closed
+            may_come = alive or self._path.parent.is_dir()
             self.problem = "" if may_come and not self._path.exists() else str(error)
             return None
         self.problem = ""

@@ -346,5 +346,10 @@ def test_a_ring_that_is_removed_with_its_folder_is_recorded_while_ticks_come(ben
     bench.step()
     report = bench.report()
     assert (report["recording"], report["error"]) == (True, "")
+    bench.ring.close()
+    bench.step()
+    report = bench.report()
+    assert report["recording"] is False
+    assert "ring" in report["error"]
     bench.stop()
     assert bench.recorded() == list(range(15))

@@ -355,6 +355,18 @@ def test_one_that_waits_for_its_disk_since_it_was_started_is_said_too(played):
     assert said == "the recorder has not reported for 8 s: does the disk answer?"
 
 
+def test_one_that_starts_is_not_silent(played):
+    played.up()
+    played.step(2, State.ENABLED)
+    played.recorders[0].report(ticks=3)
+    played.step(2, State.ENABLED)
+    played.recorders[0].code = -9
+    played.step(20, State.ENABLED)
+    played.step(800, State.ENABLED)
+    assert len(played.recorders) == 2
+    assert played.state()["recording"]["error"] == ""
+
+
 def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"required": False})
     played.up()

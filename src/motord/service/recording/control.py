@@ -101,13 +101,13 @@ class RecordingControl:
         if not self._config.recording.required:
             return ""
         if not recorder.up:
-            return "the recorder is not up; see its events"
+            return self._silence() or "the recorder is not up; see its events"
         return self._silence() or ("" if recorder.report.recording else recorder.report.obstacle)
 
     def _silence(self) -> str:
-        """Return that the recorder that there is has not reported for long, "" if it has."""
+        """Return that a recorder that has sent something has not reported for long, or ""."""
         silent_s = (self._now_ns - self.recorder.reported_ns) / 1e9
-        if self.recorder.link is None or silent_s <= min(self._unrecorded_max_s, SILENT_MAX_S):
+        if not self.recorder.has_sent or silent_s <= min(self._unrecorded_max_s, SILENT_MAX_S):
             return ""
         return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
 
@@ -271,7 +271,7 @@ class RecordingControl:
         unrecorded_s = (now_ns - self._recorded_ns) / 1e9
         if unrecorded_s > self._unrecorded_max_s:
             self._recorded_ns = now_ns  # not again with every step
-            why = self.recorder.error or "the recorder does not record"
+            why = self.recorder.error or self._silence() or "the recorder does not record"
             self._on_plan_unrecorded(f"not recorded for {unrecorded_s:.1f} s: {why}")
 
     def _end_timing(self) -> None:

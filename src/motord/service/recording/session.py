@@ -79,6 +79,11 @@ class RecorderSession:
         return self.link is not None and self.report is not NO_REPORT
 
     @property
+    def has_sent(self) -> bool:
+        """True once the recorder has sent anything: until then it starts."""
+        return self.link is not None and self.link.received.good > 0
+
+    @property
     def recording_task(self) -> bool:
         """True if the recorder writes files of `task`."""
         file = Path(self.report.file).name
