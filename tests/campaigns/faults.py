@@ -255,11 +255,11 @@ pattern between samples, within 3 patterns and 4 samples, or twice as late where
 `counts` are no power of two. Tracks too fine for the speed, or for a rotor that begins to turn by
 100 rad/s^2 between two samples, are left out, and the count starts anew when the bench is enabled
 or a trip is reset, and where samples are missing in which the track may have changed twice. After a
-gap of t between samples these are the tracks whose pattern is shorter than 900 rad/s^2 times t^2
-(3.6 mrad for 2 ms, 0.09 rad for 10 ms), however slow the rotor: where such gaps come more often
-than three patterns of a track end, it may be stuck and stay unseen. Of tracks about as fine as what
-the rotor turns between samples one that is stuck may stay unseen, too, and with it an angle that is
-wrong by up to 3.5 times that turn (`python -m
+gap of t between samples these are, of a slow rotor, the tracks whose pattern is shorter than 300 to
+900 rad/s^2 times t^2, the more of its patterns have ended (at most 3.6 mrad for 2 ms, 0.09 rad for
+10 ms): where such gaps come more often than three patterns of a track end, it may be stuck and stay
+unseen. Of tracks about as fine as what the rotor turns between samples one that is stuck may stay
+unseen, too, and with it an angle that is wrong by up to 3.5 times that turn (`python -m
 tests.campaigns.stuck_tracks`): `motord check` says so where currents could be 0.64 rad (electrical)
 off, a fifth of the torque. The two coarsest tracks are not watched in effect: with one of them
 stuck the rotor seems to turn back and forth, without a jump, which is an implausible encoder only
