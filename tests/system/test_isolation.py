@@ -121,7 +121,7 @@ def check_recorded_to_the_end(bench):
     return runs
 
 
-def test_a_subscriber_that_stands_still(tmp_path):
+def test_a_subscriber_that_stands_still_and_hogs_on_every_processor(tmp_path):
     with enabled(tmp_path, write_bench(tmp_path)) as bench:
         name, endpoint, streamed = bench.daemon.config.bench.name, bench.daemon.endpoint, []
         with (
@@ -153,6 +153,8 @@ def test_a_subscriber_that_stands_still(tmp_path):
             assert (
                 account.silent == 0
             )  # what the buffers on the way did not hold is reported as lost
+        with hogs():
+            bench.go_on()
         check_recorded_to_the_end(bench)
 
 
@@ -179,13 +181,6 @@ def test_a_recorder_that_is_killed_again_and_again(tmp_path):
         assert restart["tick_before"] == before.ticks(("tick",))["tick"][-1]
         assert restart["tick_after"] == after.ticks(("tick",))["tick"][0]
         assert restart["lost"] == 0
-
-
-def test_hogs_on_every_processor(tmp_path):
-    with enabled(tmp_path, write_bench(tmp_path)) as bench:
-        with hogs():
-            bench.go_on()
-        check_recorded_to_the_end(bench)
 
 
 @needs_mount
