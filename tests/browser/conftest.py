@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.browser.chromium import DESKTOP, chromium, open_page
+from tests.browser.chromium import DESKTOP, chromium, leave, new_page, shows
 from tests.browser.stand_in import Server, StandIn
 
 Serve = Callable[[StandIn], Server]
@@ -22,19 +22,35 @@ def browser() -> Iterator[Browser]:
 
 
 class Watched:
-    """Opens pages; collects what their consoles say and what they ask for."""
+    """Opens pages; collects what their consoles say and what they ask for.
+
+    The first page of each test is the same one; the others have contexts of their own.
+    """
 
     def __init__(self, browser: Browser) -> None:
         self.complaints: list[str] = []
         self.expected = ""
         """What a complaint may have in it."""
         self._browser = browser
+        self._kept = self._new_page()
         self._pages: list[Page] = []
 
-    def __call__(self, url: str, size: Any = DESKTOP, live: bool = True, **options: Any) -> Page:
+    def __call__(
+        self, url: str, size: Any = DESKTOP, *, live: bool = True, color_scheme: Any = None
+    ) -> Page:
         """Open a page and wait until it is live, unless it will not be."""
-        page = open_page(self._browser, url, size, watch=self._watch, live=live, **options)
+        page = self._new_page() if self._pages else self._kept
         self._pages.append(page)
+        page.set_viewport_size(size)
+        page.emulate_media(color_scheme=color_scheme)
+        page.goto(url)
+        if live:
+            shows(page, "#link-text", "live")
+        return page
+
+    def _new_page(self) -> Page:
+        page = new_page(self._browser)
+        self._watch(page)
         return page
 
     def _watch(self, page: Page) -> None:
@@ -53,9 +69,12 @@ class Watched:
 
     def close(self) -> None:
         """Close the pages; none may have complained."""
-        while self._pages:
+        while len(self._pages) > 1:
             self._pages.pop().context.close()
-        assert self.complaints == []
+        if self._pages:
+            leave(self._pages.pop())
+        complaints, self.complaints, self.expected = self.complaints, [], ""
+        assert complaints == []
 
 
 @pytest.fixture
@@ -71,12 +90,17 @@ def server(serve: Serve) -> Server:
     return serve(StandIn())
 
 
+@pytest.fixture(scope="module")
+def watched(browser: Browser) -> Watched:
+    """Return what opens the pages of a file."""
+    return Watched(browser)
+
+
 @pytest.fixture
-def visit(browser: Browser, serve: Serve) -> Iterator[Watched]:
+def visit(watched: Watched, serve: Serve) -> Iterator[Watched]:
     """Open pages; at the end no console has had an error, and nothing left this machine.
 
     They are closed before the servers: one that misses its server complains in its console.
     """
-    watched = Watched(browser)
     yield watched
     watched.close()

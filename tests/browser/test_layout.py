@@ -1,7 +1,7 @@
 """Where the parts of the page are, whatever they say; what is not known is not claimed."""
 
 import pytest
-from playwright.sync_api import Locator, expect
+from playwright.sync_api import FloatRect, Locator, expect
 
 from tests.browser import documents
 from tests.browser.chromium import PATH, PHONE, set_by_hand, shows, start_plan, take_command
@@ -35,22 +35,23 @@ def inside(inner: Locator, outer: Locator) -> bool:
     )
 
 
-@pytest.mark.parametrize("size", [NARROW, PHONE])
 def test_a_long_name_takes_no_room_from_state_lease_and_stop(
-    server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch, size: dict[str, int]
+    server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain = documents.state
     monkeypatch.setattr(documents, "state", lambda *given: {**plain(*given), "motor": LONG})
-    page = visit(server.urls.operator, size)
+    page = visit(server.urls.operator, PHONE)
     shows(page, "#motor", LONG)
     take_command(page)
-    for part, whole in (
-        ("#state-name", "#state"), ("#state-meaning", "#state"), ("#take", "#lease"),
-        ("#lease-text", "#lease"), ("#lease-why", "#lease"), ("#motor", "#identity"),
-        ("#stop-label", "#stop"),
-    ):  # fmt: skip
-        assert inside(page.locator(part), page.locator(whole)), part
-    assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+    for size in (PHONE, NARROW):
+        page.set_viewport_size(size)
+        for part, whole in (
+            ("#state-name", "#state"), ("#state-meaning", "#state"), ("#take", "#lease"),
+            ("#lease-text", "#lease"), ("#lease-why", "#lease"), ("#motor", "#identity"),
+            ("#stop-label", "#stop"),
+        ):  # fmt: skip
+            assert inside(page.locator(part), page.locator(whole)), (part, size)
+        assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
 
 
 def test_on_a_phone_state_and_stop_stay_alone_however_much_stands_above_them(
@@ -66,33 +67,38 @@ def test_on_a_phone_state_and_stop_stay_alone_however_much_stands_above_them(
     assert page.locator("#link").evaluate("e => e.getBoundingClientRect().bottom") <= 1
 
 
-@pytest.mark.parametrize("size", [PHONE, SMALL_PHONE])
-def test_a_phone_shows_how_old_the_last_state_is_without_a_connection(
-    visit: Watched, size: dict[str, int]
-) -> None:
+def test_a_phone_shows_how_old_the_last_state_is_without_a_connection(visit: Watched) -> None:
     visit.expected = "ERR_CONNECTION_REFUSED"
     with Server(StandIn()) as server:
-        page = visit(server.urls.operator, size)
+        page = visit(server.urls.operator, PHONE)
     shows(page, "#link-text", "the page's server does not answer")
     shows(page, "#link-age", " ago")
-    assert inside(page.locator("#link-age"), page.locator("#link"))
+    for size in (PHONE, SMALL_PHONE):
+        page.set_viewport_size(size)
+        assert inside(page.locator("#link-age"), page.locator("#link")), size
 
 
-@pytest.mark.parametrize("size", [PHONE, {"width": 1000, "height": 900}, NARROW])
-def test_stop_stays_where_it_is_whatever_goes_wrong(
-    server: Server, visit: Watched, size: dict[str, int]
-) -> None:
-    page = visit(server.urls.operator, size)
+def test_stop_stays_where_it_is_whatever_goes_wrong(server: Server, visit: Watched) -> None:
+    page = visit(server.urls.operator, NARROW)
     stand_in = server.stand_in
     stop = page.locator("#stop")
-    before = stop.bounding_box()
-    assert before is not None
+
+    def boxes() -> list[FloatRect]:
+        """Return where it is in pages of three sizes, the smallest at last."""
+        found = []
+        for size in (NARROW, {"width": 1000, "height": 900}, PHONE):
+            page.set_viewport_size(size)
+            box = stop.bounding_box()
+            assert box is not None
+            found.append(box)
+        return found
+
+    before = boxes()
 
     def stays() -> None:
-        now = stop.bounding_box()
-        assert now is not None
-        assert (now["x"], now["y"], now["width"]) == (before["x"], before["y"], before["width"])
-        assert now["height"] >= before["height"]
+        for now, then in zip(boxes(), before, strict=True):
+            assert (now["x"], now["y"], now["width"]) == (then["x"], then["y"], then["width"])
+            assert now["height"] >= then["height"]
 
     take_command(page)
     stand_in.do(lambda: setattr(stand_in, "unreported", "no report for 8 s"))
