@@ -81,13 +81,12 @@ def turning(client):
             forgive(client, kept)
 
 
-@pytest.mark.parametrize("what", ["supervisor stopped", "main thread hung", "loop stopped"])
-def test_the_driven_rotor_slows_down(tmp_path, what):
-    path, truth_path = write_bench(tmp_path), tmp_path / "truth.mcap"
-    path.write_text(patient(path.read_text(), "hung", RATE_HZ))
-    bench = load(path)
-    before = (sys.executable, "-c", HANGS_AT_A_SIGNAL)
-    with emulator(tmp_path, path, truth_path) as devices, daemon(tmp_path, path, before) as running:
+HANGS = ("supervisor stopped", "main thread hung", "loop stopped")
+
+
+def hang(folder, path, bench, what):
+    """Let a daemon hang while its drive turns the rotor, until that stands; return when (ns)."""
+    with daemon(folder, path, (sys.executable, "-c", HANGS_AT_A_SIGNAL)) as running:
         client = running.connect()
         turning(client)
         if what == "loop stopped":
@@ -99,9 +98,27 @@ def test_the_driven_rotor_slows_down(tmp_path, what):
         wait_until(lambda: abs(drive_speed_rad_s(bench)) < 0.1, "the drive to stand")
         running.close()
         client.close()
+    return stopped_ns
+
+
+@pytest.fixture(scope="module")
+def speeds_Hz(tmp_path_factory):
+    """The true speed from when each of `HANGS` happened, at the same devices."""
+    folder = tmp_path_factory.mktemp("hung")
+    path, truth_path = write_bench(folder), folder / "truth.mcap"
+    path.write_text(patient(path.read_text(), "hung", RATE_HZ))
+    bench = load(path)
+    with emulator(folder, path, truth_path) as devices:
+        begun_ns = {what: hang(folder, path, bench, what) for what in HANGS}
         assert devices.end() == 0
     rows = open_run(truth_path).truth(("t_ns", "speed_rad_s"))
-    speed_Hz = rows["speed_rad_s"][rows["t_ns"] >= stopped_ns] / (2 * np.pi)
+    speed_Hz = rows["speed_rad_s"] / (2 * np.pi)
+    return {what: speed_Hz[rows["t_ns"] >= t_ns] for what, t_ns in begun_ns.items()}
+
+
+@pytest.mark.parametrize("what", HANGS)
+def test_the_driven_rotor_slows_down(speeds_Hz, what):
+    speed_Hz = speeds_Hz[what]
     falls, standing = round(FALLS_S * RATE_HZ), int(np.argmax(np.abs(speed_Hz) < 0.1))
     assert speed_Hz[:5].min() > 0.8 * DRIVE_HZ, "it turned when it happened"
     assert standing > falls
