@@ -209,20 +209,27 @@ def check_brake(ticks, begun, held):
     assert 0.0 < held.brake.setpoint < 1.0
 
 
-def test_three_newton_metres_at_0_7_turns_a_second(wire):
+def test_three_newton_metres_at_0_7_turns_a_second_then_sigterm_ramps_down(wire):
     with wire.daemon.connect() as client:
-        with client.lease("anna") as lease:
-            begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
-            assert held.brake.health in ("ok", "failing")
-            client.rpc("disable", token=lease.token)
-        client.rpc("stop")
-    assert wire.daemon.end() == 0, wire.daemon.said()
+        lease = client.lease("anna")
+        lease.acquire()
+        begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
+        assert held.brake.health in ("ok", "failing")
+        assert wire.daemon.end() == 0, wire.daemon.said()
+        lease.release()
+        assert lease.lost.is_set()
+    ended_ns = time.time_ns()
     ticks = wire.daemon.runs()[-1].ticks()
     check_held_speed(ticks, begun, held)
     check_brake(ticks, begun, held)
+    assert abs(ticks["torque_set_Nm"][ticks["state"] == State.ENABLED][-1]) < 0.05
+    assert State(int(ticks["state"][-1])) is State.OFF
+    go_on(wire.devices)
     truth = wire.truth()
     then = (truth["t_ns"] > begun.tick.t_ns) & (truth["t_ns"] < held.tick.t_ns)
     check_torque(truth[then], wire.daemon.config.motor, 3.0, 0.04)
+    assert currents(truth, ended_ns, DECAYED_S).max() < ZERO_A
+    assert (truth["enable_line"][-100:] == 0).all()
 
 
 @pytest.mark.parametrize("wire", [INVERTER_TIMEOUT_S], indirect=True, ids=["short-timeout"])
@@ -284,24 +291,6 @@ def test_kill_9_of_the_recorder_leaves_the_commander_in_command(wire):
     files = wire.daemon.last_recording()
     check_ticks(np.concatenate([file.ticks(("tick", "missed", "flags")) for file in files]))
     assert currents(wire.truth(), stopped_ns, DECAYED_S).max() < ZERO_A
-
-
-def test_sigterm_ramps_down_on_the_wire(wire):
-    with wire.daemon.connect() as client:
-        lease = client.lease("anna")
-        lease.acquire()
-        hold(client, lease, 2.0, 0.7, states_in_a_row=3)
-        assert wire.daemon.end() == 0
-        lease.release()
-        assert lease.lost.is_set()
-    ended_ns = time.time_ns()
-    ticks = wire.daemon.runs()[-1].ticks(("torque_set_Nm", "state"))
-    assert abs(ticks["torque_set_Nm"][ticks["state"] == State.ENABLED][-1]) < 0.05
-    assert State(int(ticks["state"][-1])) is State.OFF
-    go_on(wire.devices)
-    truth = wire.truth()
-    assert currents(truth, ended_ns, DECAYED_S).max() < ZERO_A
-    assert (truth["enable_line"][-100:] == 0).all()
 
 
 def test_a_daemon_without_its_devices_says_which(tmp_path):
