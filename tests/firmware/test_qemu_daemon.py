@@ -105,12 +105,23 @@ def steady(client, lease, states_in_a_row=5):
     )
 
 
-def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
-    with daemon(bench.folder, bench.path) as running:
-        with running.connect() as client, client.lease("anna") as lease:
+def test_the_bench_is_enabled_by_the_firmware_and_outlives_a_reboot_and_noise(bench, devices):
+    with daemon(bench.folder, bench.path) as running, running.connect() as client:
+        with client.lease("anna") as lease:
             begun, held = steady(client, lease, states_in_a_row=20)
+            a_reboot_trips(bench, client, lease)
+            since_ns = (
+                client.state().tick.t_ns + SOUND_NS
+            )  # the first samples are not to be trusted
+            wait_for(client, lambda state: state.tick.t_ns > since_ns, "the new board")
+            wait_until(lambda: resets(client, lease), "its samples to be sound")
+            steady(client, lease)
+            noise_ns = noise_costs_frames_and_no_more(bench, client, lease)
         assert running.end() == 0, running.said()
-        ticks = between(running.runs()[-1].ticks(), begun, held)
+        recorded = np.concatenate([run.ticks() for run in running.runs()])
+    assert "trip: ENABLED -> TRIPPED" in running.said()
+    assert np.ptp(recorded["link_errors"][recorded["t_ns"] > noise_ns]) > 10
+    ticks = between(recorded, begun, held)
     truth = between(truth_of(bench, devices), begun, held)
     assert len(ticks) > 100
     rest_rad = truth["angle_rad"][-len(truth) // 4 :]
@@ -122,26 +133,33 @@ def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
         assert seen[len(seen) // 2 :].any()
 
 
-def test_a_reboot_in_mid_run_trips_and_after_reset_it_goes_on(bench, devices):
-    with daemon(bench.folder, bench.path) as running, running.connect() as client:
-        with client.lease("anna") as lease:
-            while True:
-                steady(client, lease)
-                kept = stalls_from_now(client)
-                bench.inject(kind="bridge_reboot", for_s=0.05)
-                tripped = wait_for(client, lambda state: state.trips, "a trip")
-                # the line opened and the power stage went off, or the first samples came sooner
-                if tripped.first_trip in OF_A_REBOOT:
-                    break
-                forgive_trip(client, kept)
-            since_ns = (
-                client.state().tick.t_ns + SOUND_NS
-            )  # the first samples are not to be trusted
-            wait_for(client, lambda state: state.tick.t_ns > since_ns, "the new board")
-            wait_until(lambda: resets(client, lease), "its samples to be sound")
-            steady(client, lease)
-        assert running.end() == 0, running.said()
-    assert "trip: ENABLED -> TRIPPED" in running.said()
+def a_reboot_trips(bench, client, lease):
+    """Reboot the board of a bench that is enabled: the line opens, or first samples come sooner."""
+    while True:
+        kept = stalls_from_now(client)
+        bench.inject(kind="bridge_reboot", for_s=0.05)
+        if wait_for(client, lambda state: state.trips, "a trip").first_trip in OF_A_REBOOT:
+            return
+        forgive_trip(client, kept)
+        steady(client, lease)
+
+
+def noise_costs_frames_and_no_more(bench, client, lease):
+    """Put noise on the link of a bench that is enabled; return from when on (Unix ns)."""
+    while True:
+        kept = stalls_from_now(client)
+        begun_ns = time.time_ns()
+        bench.inject(kind="bridge_corrupt", for_s=NOISE_S, fraction=0.1)
+        over_ns = time.time_ns() + round(NOISE_S * 1e9)
+        state = wait_for(
+            client,
+            lambda s: s.state != "ENABLED" or s.tick.t_ns > over_ns,  # noqa: B023
+            "a sample of after the noise, or a trip",
+        )
+        if state.state == "ENABLED":
+            return begun_ns
+        forgive_trip(client, kept)
+        steady(client, lease)
 
 
 def wait_for_the_line_to_open(bench):
@@ -180,34 +198,10 @@ def test_a_stopped_loop_opens_the_line(bench, devices):
     assert (after["inverter_on"] == 0).all()
 
 
-def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
-    with daemon(bench.folder, bench.path) as running, running.connect() as client:
-        with client.lease("anna") as lease:
-            while True:
-                steady(client, lease)
-                kept = stalls_from_now(client)
-                bench.inject(kind="bridge_corrupt", for_s=NOISE_S, fraction=0.1)
-                over_ns = time.time_ns() + round(NOISE_S * 1e9)
-                state = wait_for(
-                    client,
-                    lambda s: s.state != "ENABLED" or s.tick.t_ns > over_ns,  # noqa: B023
-                    "a sample of after the noise, or a trip",
-                )
-                if state.state == "ENABLED":
-                    break
-                forgive_trip(client, kept)
-        assert running.end() == 0, running.said()
-        errors = np.concatenate([run.ticks(("link_errors",)) for run in running.runs()])
-        assert errors["link_errors"].max() > 10
-
-
-def test_the_firmwares_clock_cannot_be_moved(bench, devices):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL], ids=["end", "kill"])
+def test_a_refused_fault_changes_nothing_and_nothing_is_left_of_qemu(bench, devices, number):
     with pytest.raises(EmulatorError, match="bridge_clock: the clock of a firmware"):
         bench.inject(kind="bridge_clock")
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL], ids=["end", "kill"])
-def test_nothing_is_left_of_qemu(devices, number):
     [qemu] = psutil.Process(devices.process.pid).children()
     assert qemu.name() == "qemu-system-arm"
     assert devices.end(number) == (0 if number == signal.SIGTERM else -signal.SIGKILL)
