@@ -9,6 +9,7 @@ constant over a step.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class LumpedNetwork:
         """What the conductances are between."""
         return LINKS[self.nodes]
 
-    @property
+    @cached_property
     def laplacian_W_per_K(self) -> np.ndarray:
         """Heat that leaves each node (n, n) by the temperatures above ambient."""
         matrix = np.zeros((len(self.nodes), len(self.nodes)))
@@ -65,14 +66,14 @@ class LumpedNetwork:
 
         feedback_W_per_K: by how much the loss rises with the temperature of the first node.
         """
-        matrix = self.laplacian_W_per_K
+        matrix = self.laplacian_W_per_K.copy()
         matrix[0, 0] -= feedback_W_per_K
         root = np.sqrt(self.capacity_J_per_K)
         return np.asarray(np.linalg.eigvalsh(matrix / np.outer(root, root)))
 
     def steady_rise_K(self, heat_W: float, feedback_W_per_K: float = 0.0) -> np.ndarray:
         """Return the steady temperatures above ambient (n,) with heat in the first node."""
-        matrix, heat = self.laplacian_W_per_K, np.zeros(len(self.nodes))
+        matrix, heat = self.laplacian_W_per_K.copy(), np.zeros(len(self.nodes))
         matrix[0, 0] -= feedback_W_per_K
         heat[0] = heat_W
         return np.asarray(np.linalg.solve(matrix, heat))

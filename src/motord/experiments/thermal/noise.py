@@ -66,7 +66,9 @@ class Autoregression:
         number = np.arange(valid.size)[:, None] - 1 - np.arange(order)
         before = valid[np.maximum(number, 0)]
         every = np.where(number >= 0, valid[:, None] - before, 0)
-        lags, same = np.unique(every, axis=0, return_inverse=True)
+        begins = np.r_[True, (every[1:] != every[:-1]).any(axis=1)]  # most rows are as before
+        lags, same = np.unique(every[begins], axis=0, return_inverse=True)
+        same = same[np.cumsum(begins) - 1]
         there = lags > 0
         both = there[:, :, None] & there[:, None, :]
         matrix = np.where(both, covariance[np.abs(lags[:, :, None] - lags[:, None, :])], 0.0)
