@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +46,16 @@ def independent() -> CalibrationResult:
 def with_limits() -> Callable[..., CalibrationResult]:
     """Return what calibrates the same operating points with limits of one's own."""
     config, _, points = captured("independent", None, 1, mesh=SHORT)
-    return lambda **limits: calibration_of(config, points, AccuracyConfig(**limits))
+    return cache(lambda **limits: calibration_of(config, points, AccuracyConfig(**limits)))
+
+
+@pytest.fixture(scope="module")
+def quick() -> tuple[list[dict[str, Any]], np.ndarray]:
+    """Return operating points and ticks of 30 s at the largest torque alone."""
+    config, blocks = load(), []
+    plan = build("calibrate", config, {"time_limit_s": 30.0})
+    taken = run_plan(VirtualBench(config, seed=4), plan, lambda ticks, _: blocks.append(ticks))
+    return taken, np.concatenate(blocks)
 
 
 def by_source(result: CalibrationResult) -> dict[str, Contribution]:
@@ -126,17 +137,14 @@ def test_a_short_time_is_stated_in_microseconds(limit_s: float, said: str) -> No
 
 @pytest.mark.parametrize("age_s", [20e-6, 40e-6, 60e-6])
 def test_a_torque_a_little_older_than_the_angle_is_in_the_combined_uncertainty(
-    age_s: float,
+    age_s: float, quick: tuple[list[dict[str, Any]], np.ndarray]
 ) -> None:
     """30 s at the largest torque alone hardly show it: it looks like cogging torque."""
-    config, blocks = load(), []
-    plan = build("calibrate", config, {"time_limit_s": 30.0})
-    taken = run_plan(VirtualBench(config, seed=4), plan, lambda ticks, _: blocks.append(ticks))
-    ticks = np.concatenate(blocks)
+    taken, ticks = quick[0], quick[1].copy()
     t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
     torque_Nm = CubicSpline(t_s, ticks["torque_Nm"].astype(float))
     ticks["torque_Nm"] = torque_Nm(np.maximum(t_s - age_s, 0.0))
-    result = calibration_of(config, list(split(ticks, taken)))
+    result = calibration_of(load(), list(split(ticks, taken)))
     [wave] = [one for one in load_truth().motor.cogging if one.order == 48]
     [found] = [one for one in result.harmonics if one.order == 48]
     error_Nm = abs(found.amplitude_Nm - wave.amplitude_Nm)
