@@ -38,6 +38,7 @@ def turned(point: PointData, electrical_deg: float) -> PointData:
     return replace(point, ticks=ticks)
 
 
+@cache
 def found(
     electrical_deg: float,
     connection: str = "star",
@@ -45,12 +46,12 @@ def found(
     delta: float = 1.0,
     sensor: TorqueSensorConfig = PASSES_MEAN,
     accuracy: AccuracyConfig | None = None,
-) -> list[Finding]:
+) -> tuple[Finding, ...]:
     """Return the findings by that name."""
     calibrator = Calibrator(motor(connection=connection), sensor, accuracy=accuracy)
     for point in recorded(connection, mesh, delta, sensor):
         calibrator.add(turned(point, electrical_deg))
-    return [one for one in calibrator.result("joint").findings if one.name == NAME]
+    return tuple(one for one in calibrator.result("joint").findings if one.name == NAME)
 
 
 @pytest.mark.parametrize("mesh", [SIX, TWO], ids=["six points", "two points"])
@@ -67,14 +68,14 @@ def test_an_angle_that_is_far_off_is_a_finding(
 
 @pytest.mark.parametrize("electrical_deg", [20.0, 90.0])
 def test_a_sensor_that_does_not_pass_the_mean_shows_none(electrical_deg: float) -> None:
-    assert found(electrical_deg, sensor=HIGHPASS) == []
+    assert found(electrical_deg, sensor=HIGHPASS) == ()
 
 
 def test_it_says_which_angle_would_do_that() -> None:
-    [finding] = found(90.0)
+    [finding] = found(90.0, mesh=SIX)
     assert finding.value == pytest.approx(100, abs=5)
     assert "torque that currents, position and back-EMF make changes" in finding.meaning
-    [finding] = found(180.0)
+    [finding] = found(180.0, mesh=SIX)
     assert finding.value == pytest.approx(200, abs=5)
 
 
