@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from motord.experiments.friction.coast_down_rows import CoastDownRows
 from motord.experiments.friction.two_step_fit import OWN, bases, partialled_out
@@ -60,10 +60,12 @@ class Linearisation:
     def changes(self, columns: np.ndarray) -> np.ndarray:
         """Return z (n, p) of columns (n, p): by how much one of each changes the angle."""
         within = self._within
-        right = np.zeros((2 * len(columns), columns.shape[1]))
+        right = np.zeros((2 * len(columns), columns.shape[1]), order="F")
         right[1] = columns[0]
         right[3::2] = columns[1:] - within[:, None] * columns[:-1]
-        return np.asarray(solve_banded((BELOW, ABOVE), self._band, right)[1::2])
+        factors, pivots = self._factors
+        solution, _ = dgbtrs(factors, BELOW, ABOVE, right, pivots, overwrite_b=True)
+        return np.asarray(solution[1::2])
 
     def projected(self, changes: np.ndarray) -> np.ndarray:
         """Return changes (n,) or (n, p) less what another start of each coast-down explains."""
@@ -81,6 +83,16 @@ class Linearisation:
         within = np.ones(self.rows.t_s.size - 1)
         within[self.rows.first[1:] - 1] = 0.0
         return within
+
+    @cached_property
+    def _factors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the matrix as a product of triangular ones, and the exchanges of its rows."""
+        room = np.zeros((2 * BELOW + ABOVE + 1, 2 * self.rows.t_s.size), order="F")
+        room[BELOW:] = np.asarray_chkfinite(self._band)
+        factors, pivots, singular = dgbtrf(room, BELOW, ABOVE, overwrite_ab=True)
+        if singular:
+            raise np.linalg.LinAlgError("singular matrix")
+        return factors, pivots
 
     @cached_property
     def _band(self) -> np.ndarray:
