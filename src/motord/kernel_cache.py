@@ -5,6 +5,7 @@ helper in another file would go on using the old machine code. Here the cache fo
 after a digest of every kernel source file, so any edit starts a fresh one.
 """
 
+import contextlib
 import errno
 import fcntl
 import hashlib
@@ -28,7 +29,7 @@ KERNEL_MODULES = (
 """Other modules with kernels, or whose constants kernels have compiled in; a test finds them."""
 
 COMPILING_S = 60.0
-"""No kernel takes so long; a process that holds one longer is stopped, or could not compile it."""
+"""No kernel takes so long by itself; a process that keeps none for longer is stopped, or failed."""
 LOOK_AGAIN_S = 0.02
 
 
@@ -67,25 +68,40 @@ def usable_kernel_cache() -> Path:
 def claim(path: Path) -> IO[bytes] | None:
     """Return a file of `path`, locked until it is closed or this process ends.
 
-    Waits for the process that holds it. None after `COMPILING_S`, and where files have no locks: it
-    spares work, and is needed for nothing else.
+    Waits for the process that holds it, as long as kernels are kept: it first compiles those that
+    the kernel calls, which takes a slow computer minutes. None `COMPILING_S` after the last one,
+    and where files have no locks: it spares work, and is needed for nothing else.
     """
     try:
         file = path.open("wb")
     except OSError:
         return None
-    end_s = time.monotonic() + COMPILING_S
-    while time.monotonic() < end_s:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            time.sleep(LOOK_AGAIN_S)
-        except OSError:
-            break
-        else:
+    with contextlib.suppress(OSError):  # where files have no locks
+        if _waited_for(file, path.parent.parent):
             return file
     file.close()
     return None
+
+
+def _waited_for(file: IO[bytes], cache: Path) -> bool:
+    """Lock a file; return False if a process that keeps nothing in the cache any more has it."""
+    kept_ns, end_s = _last_kept_ns(cache), time.monotonic() + COMPILING_S
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            time.sleep(LOOK_AGAIN_S)
+        if time.monotonic() >= end_s:
+            before_ns, kept_ns = kept_ns, _last_kept_ns(cache)
+            if kept_ns == before_ns:
+                return False
+            end_s = time.monotonic() + COMPILING_S
+
+
+def _last_kept_ns(cache: Path) -> int:
+    """Return when a file was last kept in the folders of a cache."""
+    return max(folder.stat().st_mtime_ns for folder in cache.iterdir())
 
 
 def not_kept(error: OSError, folder: Path) -> OSError:

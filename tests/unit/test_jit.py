@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import IO, Any
 
 import numba
@@ -219,7 +220,7 @@ def test_who_waited_in_vain_waits_for_no_other_kernel(monkeypatch: pytest.Monkey
 
 
 def test_a_kernel_is_one_process_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    path = tmp_path / "kernel.lock"
+    path = new_lock(tmp_path)
     mine = claim(path)
     assert mine is not None
     with monkeypatch.context() as brief:
@@ -228,6 +229,36 @@ def test_a_kernel_is_one_process_at_a_time(monkeypatch: pytest.MonkeyPatch, tmp_
     mine.close()
     assert can_be_claimed(path)
     assert not can_be_claimed(tmp_path / "nowhere" / "kernel.lock")
+
+
+def new_lock(cache: Path) -> Path:
+    """Return where the lock of a kernel is, in one of two folders of a cache."""
+    for folder in (cache / "motord.control", cache / "motord.rig"):
+        folder.mkdir()
+    return cache / "motord.rig" / "kernel.lock"
+
+
+def test_as_long_as_kernels_are_kept_they_are_waited_for(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """On a slow computer those that the tick calls take two minutes before its own turn."""
+    path, minutes = new_lock(tmp_path), iter(range(1000))
+    waited: list[Path] = []
+    compiler = claim(path)
+    assert compiler is not None
+
+    def look_again(_seconds: float) -> None:
+        waited.append(path)
+        os.utime(tmp_path / "motord.control", ns=(0, len(waited)))
+        if len(waited) == 5:
+            compiler.close()
+
+    fake = SimpleNamespace(monotonic=lambda: 61.0 * next(minutes), sleep=look_again)
+    monkeypatch.setattr("motord.kernel_cache.time", fake)
+    os.utime(tmp_path / "motord.rig", ns=(0, 0))
+    os.utime(tmp_path / "motord.control", ns=(0, 0))
+    assert can_be_claimed(path)
+    assert len(waited) == 5
 
 
 def test_an_installation_elsewhere_has_the_same_kernels(
