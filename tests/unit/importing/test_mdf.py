@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asammdf import MDF, Signal
 
 from motord.importing import source as sources
 from motord.importing.binary import mdf
@@ -25,8 +24,17 @@ torque_Nm = {column = "Bench/Iq", scale = 0.02}
 """
 
 
+def signal(values: np.ndarray, timestamps: np.ndarray, **options: Any) -> Any:
+    """Return a channel with more than its values; the package takes 0.4 s of whoever collects."""
+    from asammdf import Signal
+
+    return Signal(values, timestamps, **options)
+
+
 def write_mdf(path: Path, *groups: tuple[str, dict[str, Any]], compression: int = 2) -> Path:
     """Write groups (name, columns), of which "Time" is the master."""
+    from asammdf import MDF, Signal
+
     with MDF(version="4.10") as file:
         file.start_time = datetime(2007, 5, 1, 12, tzinfo=UTC)
         for name, columns in groups:
@@ -63,7 +71,7 @@ def test_channels_for_time_and_values_that_are_invalid(tmp_path: Path) -> None:
     invalid = np.zeros(3000, bool)
     invalid[17] = True
     nanos = START_NS + np.arange(3000) * 1_000_000
-    torque = Signal(columns["Iq"], columns["Time"], name="Iq", invalidation_bits=invalid)
+    torque = signal(columns["Iq"], columns["Time"], name="Iq", invalidation_bits=invalid)
     channels = {**columns, "Iq": torque, "Nanos": nanos, "T": columns["Time"]}
     source = write_mdf(tmp_path / "a.mf4", ("Bench", channels))
     for time in ('t_s = "T"', 't_ns = "Bench/Nanos"', 't_s = "time"'):
@@ -100,7 +108,7 @@ def test_of_values_with_texts_the_numbers_count(tmp_path: Path) -> None:
     columns: dict[str, Any] = turning(3000)
     texts = {"val_0": 1, "text_0": b"off", "val_1": 2, "text_1": b"on"}
     states = np.repeat(np.array([1, 2], "u1"), 1500)
-    columns["State"] = Signal(states, columns["Time"], name="State", conversion=texts)
+    columns["State"] = signal(states, columns["Time"], name="State", conversion=texts)
     source = write_mdf(tmp_path / "a.mf4", ("Bench", columns))
     _, run = imported(tmp_path, source, TIMED + 'state = "State"\n')
     np.testing.assert_array_equal(run.ticks()["state"], states)
@@ -126,7 +134,7 @@ def test_our_own_export_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_what_cannot_be_read_is_said(tmp_path: Path) -> None:
     columns: dict[str, Any] = turning(3000)
-    text = Signal(np.array([b"a"] * 3000), columns["Time"], name="Iq", encoding="utf-8")
+    text = signal(np.array([b"a"] * 3000), columns["Time"], name="Iq", encoding="utf-8")
     source = write_mdf(tmp_path / "a.mf4", ("Bench", {**columns, "Iq": text}))
     with pytest.raises(RecordError, match="Bench/Iq does not hold numbers"):
         imported(tmp_path, source, TIMED)

@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from asammdf import MDF
 from pyarrow import parquet
 from scipy.io import loadmat
 
@@ -104,6 +103,8 @@ def test_mdf_reads_back_bit_for_bit_over_seconds_from_its_start(run, tmp_path, m
     monkeypatch.setattr(mdf, "GROUP_ROWS", 150)
     path, expected = tmp_path / "run.mf4", tick_block(350)
     assert export(run, path) == 350
+    from asammdf import MDF  # 0.4 s, of whoever collects
+
     with MDF(path) as read:
         assert read.start_time.timestamp() == pytest.approx(expected["t_ns"][0] * 1e-9, abs=1e-6)
         for name in expected.dtype.names:
@@ -118,6 +119,8 @@ def test_mdf_reads_back_bit_for_bit_over_seconds_from_its_start(run, tmp_path, m
 
 def test_mdf_has_the_columns_chosen_and_needs_the_time(run, tmp_path):
     export(run, tmp_path / "run.mf4", ["torque_Nm", "t_ns"])
+    from asammdf import MDF
+
     with MDF(tmp_path / "run.mf4") as read:
         assert set(read.channels_db) == {"torque_Nm", "t_ns", "time"}
     with pytest.raises(RecordError, match="needs the time of each row: let --columns have t_ns"):
