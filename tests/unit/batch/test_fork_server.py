@@ -23,27 +23,9 @@ before = set(sys.modules)
 """
 
 
-def in_a_process(script: str, *arguments: object) -> str:
-    """Return what a script prints that has imported what the fork server does."""
-    done = subprocess.run(
-        [sys.executable, "-c", IMPORTED + script, *map(str, arguments)],
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def test_no_thread_begins_by_an_import() -> None:
-    modules = sorted({kind.command.partition(":")[0] for kind in analysis_kinds().values()})
-    script = """
-for module in sys.argv[1:]:
-    importlib.import_module(module)
-print(threading.active_count())
-"""
-    assert in_a_process(script, *modules) == "1\n"
-
-
-def test_a_worker_imports_no_other_package(tmp_path, monkeypatch) -> None:
+def test_a_worker_imports_no_other_package_and_no_import_begins_a_thread(
+    tmp_path, monkeypatch
+) -> None:
     """Its first analysis took a second longer than the next ones."""
     path = ShortRecording.of(load(packaged("sim.toml"))).write(tmp_path / "r.mcap")
     for name, value in ONE_THREAD.items():
@@ -55,8 +37,17 @@ task = BatchTask("cogging", {}, {"config": None})
 [outcome] = analyse_recordings(task, [Path(sys.argv[1])]).results
 assert not outcome.failure, outcome.failure
 print(*(name for name in set(sys.modules) - before if not name.startswith("motord.")))
+for module in sys.argv[2:]:
+    importlib.import_module(module)
+print(threading.active_count())
 """
-    assert in_a_process(script, path) == "\n"
+    modules = sorted({kind.command.partition(":")[0] for kind in analysis_kinds().values()})
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTED + script, str(path), *modules],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "\n1\n"
 
 
 def test_dask_keeps_the_modules(monkeypatch) -> None:
