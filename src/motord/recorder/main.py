@@ -64,16 +64,16 @@ class Reporter:
         self._lines = LineWriter(descriptor, LINE_MAX_BYTES)
         self._lock = threading.Lock()
         self._last: tuple[object, ...] = ()
-        self._due_s = 0.0
+        self._reported_s = 0.0
 
     def write(self, report: dict[str, object], now_s: float) -> None:
         """Write `report` if one is due, or if one of `REPORTED_AT_ONCE` changed."""
         with self._lock:
             self._lines.flush()
             state = tuple(report.get(key) for key in REPORTED_AT_ONCE)
-            if self._lines.waiting or (state == self._last and now_s < self._due_s):
+            if self._lines.waiting or (state == self._last and now_s < self._reported_s + REPORT_S):
                 return
-            self._last, self._due_s = state, now_s + REPORT_S
+            self._last, self._reported_s = state, now_s
             self._lines.write(to_line(report))
 
     def write_blocked(self) -> None:
@@ -87,10 +87,11 @@ class Reporter:
     def alive(self, clock_s: Callable[[], float] = time.monotonic) -> Iterator[None]:
         """Have a thread write so while there are no reports, as when the disk stalls."""
         over = threading.Event()
+        self._reported_s = clock_s()  # the first report is awaited from now on
 
         def follow() -> None:
             while not over.wait(REPORT_S):
-                if clock_s() - self._due_s > BLOCKED_S:
+                if clock_s() - self._reported_s > BLOCKED_S:
                     self.write_blocked()
 
         thread = threading.Thread(target=follow, name="alive", daemon=True)

@@ -6,6 +6,7 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -90,6 +91,24 @@ def test_while_there_are_no_reports_it_says_that_it_lives(pipe, monkeypatch):
             came += received.read(0)
     assert [report.blocked for report in came[:5]] == [False, False, True, True, True]
     assert received.bad == 0
+
+
+def test_a_recorder_that_has_not_reported_yet_is_blocked_after_the_same_time(pipe, monkeypatch):
+    """As one whose first step waits for its disk: not at once, because there was no report."""
+    monkeypatch.setattr(main, "REPORT_S", 0.001)
+    reporter, received = Reporter(pipe[1]), MessageReader(pipe[0], RecorderReport)
+    looks_s = iter([1e6, *[1e6 + main.BLOCKED_S] * 5])  # from 0.0 on it would be long ago
+    looked = threading.Event()
+
+    def clock_s() -> float:
+        now_s = next(looks_s, None)
+        if now_s is None:
+            looked.set()
+        return 1e6 + main.BLOCKED_S if now_s is None else now_s
+
+    with reporter.alive(clock_s):
+        assert looked.wait(PATIENCE_S)
+    assert received.read(0) == []
 
 
 def test_a_supervisor_that_does_not_read_or_is_gone_does_not_matter(pipe):
