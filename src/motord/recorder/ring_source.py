@@ -122,6 +122,13 @@ class RingSource:
         """Read this ring to its end and no other: its successors are another recorder's."""
         self._following = False
 
+    def go_back(self, mark: Mark) -> None:
+        """Give once more what this ring still has after `mark`: the same ring, removed or not."""
+        self._mark, self._mark_read, self._new_ring = mark, False, False
+        self._others, self._recorded, self._first_tick = (), (), 0
+        if self._reader is not None:
+            self._reader.rewind()
+
     def read(self) -> RingPiece:
         """Return the ticks that have come since the last call, perhaps none."""
         if self._reader is None and self._following:

@@ -120,9 +120,9 @@ class Session:
             self._retry_at_s = now_s + self._retry_s
             return
         try:
-            if self._before is not None:  # ticks were read that may not be in a file
-                mark = last_mark(task.stem) or self._before
-                self._source = RingSource(self._ring, "oldest", mark)
+            if self._before is not None and self._source is not None:
+                # ticks were read that may not be in a file
+                self._source.go_back(last_mark(task.stem) or self._before)
             self._begin(task, now_s)
         except RecordError as error:
             self.error = str(error)

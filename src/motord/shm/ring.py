@@ -97,6 +97,10 @@ class RingReader:
         """Return whether another ring has taken this one's place: open a new reader."""
         return self._file.superseded()
 
+    def rewind(self) -> None:
+        """Go back to the oldest tick that is still there."""
+        self.position = self._oldest()
+
     def read(self, max_ticks: int | None = None) -> tuple[np.ndarray, int]:
         """Return (block, lost): the next ticks, at most `max_ticks`, as a copy of shape (n,).
 

@@ -16,6 +16,7 @@ from motord.recording.file_names import file_name
 from motord.recording.reader import open_run
 from motord.recording.storage import free_bytes, obstacle
 from motord.schema import TICK_DTYPE
+from motord.shm.ring import RingWriter
 from tests.unit.recorder.recorder_bench import CAPACITY, PLENTY, Bench, FreeSpace
 
 pytestmark = pytest.mark.usefixtures("free_space")
@@ -336,3 +337,50 @@ def test_a_folder_that_is_there_but_takes_no_file_is_an_obstacle(tmp_path, monke
 
     monkeypatch.setattr(Path, "write_bytes", immutable)
     assert obstacle(settings) == f"{tmp_path}: cannot write there: Operation not permitted"
+
+
+def _without_its_folder(bench: Bench, count: int) -> None:
+    """Have the disk end a recording whose ring has `count` ticks, and let it go on."""
+    bench.loop(count)
+    bench.step()
+    shutil.rmtree(bench.stem.parent)
+    bench.step(1.1)
+
+
+def test_what_a_removed_ring_still_gives_is_recorded_again_after_a_failure(bench):
+    bench.start()
+    _without_its_folder(bench, 40)
+    bench.ring_path.unlink()
+    bench.loop(10)
+    bench.step(30.0)
+    bench.step()
+    bench.stop()
+    assert bench.recorded() == list(range(50))
+
+
+def test_the_last_ticks_of_a_loop_are_recorded_before_its_successors_after_a_failure(bench):
+    bench.start()
+    _without_its_folder(bench, 40)
+    bench.loop(10)
+    bench.ring.close()
+    bench.ring = RingWriter(bench.ring_path, CAPACITY)
+    bench.loop(5, first=0)
+    for seconds in (30.0, 0.05, 0.05):
+        bench.step(seconds)
+    bench.stop()
+    assert bench.recorded() == [*range(50), *range(5)]
+
+
+def test_a_recorder_that_follows_no_other_loop_does_not_after_a_failure_either(bench):
+    """That one is recorded by its own daemon's recorder."""
+    bench.start()
+    bench.session.stop_following()
+    _without_its_folder(bench, 40)
+    bench.ring.close()
+    bench.ring = RingWriter(bench.ring_path, CAPACITY)
+    bench.loop(5, first=0)
+    for seconds in (30.0, 0.05, 0.05):
+        bench.step(seconds)
+    assert bench.session.over
+    bench.stop()
+    assert bench.recorded() == list(range(40))
