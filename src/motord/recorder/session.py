@@ -78,8 +78,11 @@ class Session:
 
         With `first_tick`, begin with that one, if nothing is going on and it is not recorded yet.
         With `resume`, ticks go on after the last in the newest file of `stem`, or of the recording
-        that ended where this one begins. Raises RecordError; it is then tried again by `step`.
+        that ended where this one begins; if it goes on already, it does. Raises RecordError; it is
+        then tried again by `step`.
         """
+        if resume and self._goes_on(stem):
+            return
         self.close(f"the recording {stem.name} began", now_s)
         self.closed = [closed for closed in self.closed if closed != str(stem)]
         self._task = RecordingTask(stem, metadata, first_tick)
@@ -89,6 +92,11 @@ class Session:
         if self._source is None or resume:
             self._source = self._source_for(self._task, resume=resume)
         self._begin(self._task, now_s)
+
+    def _goes_on(self, stem: Path) -> bool:
+        recording, task = self._recording, self._task
+        wanted = task is not None and task.stem == stem
+        return wanted and recording is not None and recording.open and recording.stem == stem
 
     def _source_for(self, task: RecordingTask, *, resume: bool) -> RingSource:
         """Return where the ticks of a recording come from."""
@@ -200,9 +208,10 @@ class Session:
     ) -> None:
         """Record what the ring has of a recording that has ended, as `missing_of` says.
 
-        Nothing, if it is closed; what goes on is ended. Raises RecordError.
+        Nothing, if it is closed; else what goes on is ended. Raises RecordError.
         """
-        self.stop(f"the recording {stem.name} is finished", now_s)
+        if self._goes_on(stem) or not closed_in_order(stem):
+            self.stop(f"the recording {stem.name} is finished", now_s)
         if closed_in_order(stem):
             self._note_closed(stem)
             return

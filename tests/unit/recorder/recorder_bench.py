@@ -67,7 +67,7 @@ class Bench:
         tick = tick_block(1, self.published - 1 if last is None else last)[0]
         newest = {"tick": int(tick["tick"]), "t_ns": int(tick["t_ns"]), "missed": 0}
         about = {"metadata": METADATA, "reason": "done", "newest": newest, "to_end": False}
-        self.do(do="finish", out=str(self.stem), **(about | more))
+        self.do(do="finish", **({"out": str(self.stem)} | about | more))
 
     def report(self) -> dict[str, Any]:
         return self.session.report()

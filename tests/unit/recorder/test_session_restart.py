@@ -166,6 +166,35 @@ def test_one_that_was_closed_by_its_recorder_is_left_as_it_is(bench):
     assert [f.name for f in bench.files()] == ["day-000.mcap"]
 
 
+def test_asking_again_for_what_is_closed_and_what_goes_on_makes_no_new_file(bench):
+    """As after commands that were dropped, or while a ring cannot be read."""
+    bench.start()
+    bench.loop(20)
+    bench.stop()
+    before = bench.stem
+    bench.stem = before.with_name("night")
+    bench.start()
+    bench.loop(30)
+    for _ in range(5):
+        bench.step()
+        bench.finish(last=19, out=str(before))
+        bench.start(resume=True)
+    bench.loop(10)
+    bench.stop()
+    assert [f.name for f in bench.files()] == ["day-000.mcap", "night-000.mcap"]
+    assert bench.recorded() == list(range(60))
+    assert bench.report()["closed"] == [str(before), str(bench.stem)]
+
+
+def test_one_that_goes_on_is_finished_in_its_own_file(bench):
+    bench.start()
+    bench.loop(20)
+    bench.finish()
+    assert [f.name for f in bench.files()] == ["day-000.mcap"]
+    assert bench.recorded() == list(range(20))
+    assert (bench.report()["recording"], bench.report()["closed"]) == (False, [str(bench.stem)])
+
+
 def test_one_whose_recorder_died_between_two_files_is_not_closed(tmp_path, monkeypatch):
     bench = Bench(tmp_path, file_max_s=0.05)
     bench.start()
