@@ -22,7 +22,7 @@ from motord.service.bench.trip_report import DERATING
 from motord.service.channels import process
 from motord.service.channels.link import ChannelLink
 from motord.service.channels.protocol import ReadingMessage, ReadingsMessage
-from motord.service.host.child_pipes import SILENT_NS
+from motord.service.host.child_pipes import SILENCE_MAX_NS
 from tests.support.played_process import PlayedProcess
 from tests.unit.service.virtual_service import VirtualService
 
@@ -396,10 +396,10 @@ def test_a_process_that_says_nothing_for_too_long_is_ended():
     played.say(message.model_dump_json().encode())
     link.step(S)
     assert monitor.taken == [ChannelReading("a", 1, 2.0)]
-    for now_ns in range(2 * S, S + SILENT_NS + 1, S):
+    for now_ns in range(2 * S, S + SILENCE_MAX_NS + 1, S):
         link.step(now_ns)
     assert children.sent == []
-    link.step(S + SILENT_NS + 1)
+    link.step(S + SILENCE_MAX_NS + 1)
     assert children.sent == [signal.SIGKILL]
     link._pipes._close()
     played.close()

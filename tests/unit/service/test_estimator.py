@@ -20,7 +20,7 @@ from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.sequencing import Plan
 from motord.sequencing.observation import Precision
 from motord.service.estimator import process
-from motord.service.estimator.link import ENDED, ESTIMATOR, SILENT, SILENT_NS, EstimatorLink
+from motord.service.estimator.link import ANSWER_MAX_NS, ENDED, ESTIMATOR, SILENT, EstimatorLink
 from motord.service.estimator.process import CaptureTicks
 from motord.service.estimator.protocol import PrecisionReport
 from motord.service.host import scheduling
@@ -310,13 +310,13 @@ def test_captures_that_are_not_asked_of_an_estimator_want_no_answer(linked):
     linked.link.begin(plan(""))
     linked.link.captured(captured(0, 4))
     linked.step()
-    linked.step(SILENT_NS / 1e9 + 0.02)
+    linked.step(ANSWER_MAX_NS / 1e9 + 0.02)
     assert linked.link.precision is None
     linked.begin()
     linked.link.captured(captured(0, 4))
     linked.link.end()
     linked.step()
-    linked.step(SILENT_NS / 1e9 + 0.02)
+    linked.step(ANSWER_MAX_NS / 1e9 + 0.02)
     assert linked.link.precision is None
 
 
@@ -386,27 +386,27 @@ def test_a_process_that_dies_is_an_obstacle_and_no_other_is_started(linked):
 
 def test_one_that_does_not_answer_a_capture_is_said_until_it_does(linked):
     played, run = linked.begin()
-    linked.step(SILENT_NS / 1e9)  # asked nothing
+    linked.step(ANSWER_MAX_NS / 1e9)  # asked nothing
     assert linked.link.precision is None
     linked.link.captured(captured(0, 4))
     linked.link.captured(captured(4, 8))
-    linked.step(SILENT_NS / 1e9)
+    linked.step(ANSWER_MAX_NS / 1e9)
     played.report(run, 1, half_widths={"ticks": 5.0})
     linked.step()
     assert linked.link.precision == Precision(1, {"ticks": 5.0})
-    linked.step(SILENT_NS / 1e9 + 0.02)
+    linked.step(ANSWER_MAX_NS / 1e9 + 0.02)
     assert linked.link.precision == Precision(1, {"ticks": 5.0}, SILENT)
     assert linked.children.views()[ESTIMATOR].running
     played.report(run, 2, half_widths={"ticks": 4.0})
     linked.step()
-    linked.step(SILENT_NS / 1e9)
+    linked.step(ANSWER_MAX_NS / 1e9)
     assert linked.link.precision == Precision(2, {"ticks": 4.0})
 
 
 def test_one_that_does_not_answer_and_ends_has_ended(linked):
     played, _ = linked.begin()
     linked.link.captured(captured(0, 4))
-    linked.step(SILENT_NS / 1e9 + 0.02)
+    linked.step(ANSWER_MAX_NS / 1e9 + 0.02)
     assert linked.link.precision == Precision(0, obstacle=SILENT)
     played.code = -signal.SIGKILL
     linked.step()

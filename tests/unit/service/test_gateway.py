@@ -21,7 +21,7 @@ from motord.security.roles import Role, SecurityError
 from motord.service.gateway import process
 from motord.service.gateway.audit import AuditLog
 from motord.service.gateway.link import GATEWAY, GatewayLink
-from motord.service.host.child_pipes import LOOK_NS, SILENT_NS, START_NS
+from motord.service.host.child_pipes import LOOK_NS, SILENCE_MAX_NS, START_NS
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
@@ -301,12 +301,12 @@ def test_a_gateway_that_was_up_is_ended_sooner():
     while not events.recent() and time.monotonic() < end_s:
         link.step(0)
     process = children.process(GATEWAY)
-    for now_ns in range(0, SILENT_NS + 1, LOOK_NS):
+    for now_ns in range(0, SILENCE_MAX_NS + 1, LOOK_NS):
         link.step(now_ns)
-    assert children.poll(SILENT_NS) == []
-    link.step(SILENT_NS + 1)
+    assert children.poll(SILENCE_MAX_NS) == []
+    link.step(SILENCE_MAX_NS + 1)
     assert process.wait(PATIENCE_S) == -signal.SIGKILL
-    link.stop(SILENT_NS + 1)
+    link.stop(SILENCE_MAX_NS + 1)
     assert [e.message for e in events.recent()] == [
         "up", "gate has sent nothing for 10 s; it is ended",
     ]  # fmt: skip

@@ -25,8 +25,8 @@ from motord.service.tracker.link import (
     NOT_IN_FORCE,
     NOT_WRITTEN,
     NOTHING_YET,
+    REPORTLESS_MAX_NS,
     SHUTTING_DOWN,
-    SILENT_NS,
     TRACKER,
     Departures,
     TrackerLink,
@@ -327,7 +327,7 @@ def test_one_that_cannot_be_started_is_tried_again(linked, store):
 
 def test_one_that_is_stopped_is_ended_with_an_event(linked):
     _, played = linked.installed()
-    linked.step(SILENT_NS / 1e9)
+    linked.step(REPORTLESS_MAX_NS / 1e9)
     assert played.code is None
     linked.step()
     assert played.code == -signal.SIGKILL

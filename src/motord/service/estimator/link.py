@@ -14,9 +14,11 @@ from motord.service.host.events import EventLog
 
 ESTIMATOR = "estimator"
 ENDED = "the estimator process has ended, and is not started again while the plan runs"
-SILENT_NS = 30_000_000_000
+ANSWER_MAX_NS = 30_000_000_000
 """A capture that is not answered for so long is said; it is still waited for."""
-SILENT = f"the estimator has not answered a capture for {SILENT_NS / 1e9:g} s: stopped, or too slow"
+SILENT = (
+    f"the estimator has not answered a capture for {ANSWER_MAX_NS / 1e9:g} s: stopped, or too slow"
+)
 
 
 class EstimatorLink:
@@ -87,7 +89,7 @@ class EstimatorLink:
             return
         if self._waits_from_ns is None:
             self._waits_from_ns = now_ns
-        elif now_ns - self._waits_from_ns > SILENT_NS:
+        elif now_ns - self._waits_from_ns > ANSWER_MAX_NS:
             self._note_obstacle(SILENT)
 
     def _note_obstacle(self, why: str) -> None:

@@ -15,7 +15,7 @@ from motord.service.host.events import EventLog
 
 REPORT_NS = 10_000_000_000
 """Time between two events of the same kind about the same child."""
-SILENT_NS = 10_000_000_000
+SILENCE_MAX_NS = 10_000_000_000
 """Without a message for so long a child is ended: it was stopped, or hangs."""
 START_NS = 60_000_000_000
 """The same before its first message: a busy or slow computer takes long to start a process."""
@@ -90,7 +90,7 @@ class ChildFaults:
         if reader.flooded:
             self._end("sends more than can be meant")
 
-    def end_if_silent(self, now_ns: int, silent_ns: int = SILENT_NS) -> None:
+    def end_if_silent(self, now_ns: int, silent_ns: int = SILENCE_MAX_NS) -> None:
         """End a process without a message for so long, before its first at least `START_NS`."""
         limit_ns = silent_ns if self._good else max(silent_ns, START_NS)
         if self._reader is not None and now_ns - self._good_ns > limit_ns:
@@ -150,7 +150,7 @@ class ChildPipes(Generic[M]):
         self._faults.step(self._pipes.received, now_ns, self._pipes.commands.dropped)
         return found
 
-    def end_if_silent(self, now_ns: int, silent_ns: int = SILENT_NS) -> None:
+    def end_if_silent(self, now_ns: int, silent_ns: int = SILENCE_MAX_NS) -> None:
         """End a process that has sent nothing for so long."""
         if self._pipes is not None:
             self._faults.end_if_silent(now_ns, silent_ns)

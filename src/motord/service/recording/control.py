@@ -23,7 +23,7 @@ from motord.recording.file_names import file_name, stamp
 from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
 from motord.sequencing import Plan
-from motord.service.host.child_pipes import SILENT_NS
+from motord.service.host.child_pipes import SILENCE_MAX_NS
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.closing import ClosingRecording
@@ -36,7 +36,7 @@ BEFORE_S = 2.0
 AFTER_S = 2.0
 RING_PART = 0.5
 """Part of `[loop] ring_s` for which the ring alone may hold the ticks of a plan."""
-SILENT_MAX_S = 0.75 * SILENT_NS / 1e9
+SILENCE_SAID_S = 0.75 * SILENCE_MAX_NS / 1e9
 """The recorder, which reports twice a second, may be silent for so long or, if that is less, for
 the same part of the ring: it is said before the recorder is ended for it."""
 NO_TICKS = np.empty(0, TICK_DTYPE)
@@ -107,7 +107,7 @@ class RecordingControl:
     def _silence(self) -> str:
         """Return that a recorder that has sent something has not reported for long, or ""."""
         silent_s = (self._now_ns - self.recorder.reported_ns) / 1e9
-        if not self.recorder.has_sent or silent_s <= min(self._unrecorded_max_s, SILENT_MAX_S):
+        if not self.recorder.has_sent or silent_s <= min(self._unrecorded_max_s, SILENCE_SAID_S):
             return ""
         return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
 

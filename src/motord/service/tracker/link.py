@@ -26,7 +26,7 @@ CALIBRATE = "{} cannot be adopted: calibrate again"
 
 TRACKER = "tracker"
 IMPLEMENTATION = "motord.experiments.tracking.tracker:CalibrationTracker"
-SILENT_NS = 300_000_000_000
+REPORTLESS_MAX_NS = 300_000_000_000
 """Without a report for so long the process is ended: it was stopped, or hangs."""
 
 NOTHING_YET = "nothing has been reported yet"
@@ -137,7 +137,7 @@ class TrackerLink:
         if self._pipes.closed():
             self._ended(self._failure or ENDED)
         else:
-            self._pipes.end_if_silent(now_ns, SILENT_NS)
+            self._pipes.end_if_silent(now_ns, REPORTLESS_MAX_NS)
 
     def adopt(self, timeout_s: float) -> AdoptedReport:
         """Have the tracker write `RunDir.adopted`; for another thread. Raises TimeoutError."""
