@@ -18,7 +18,7 @@ from motord.service.bench.guard import Guard
 from motord.service.channels.link import ChannelLink
 from motord.service.estimator.link import EstimatorLink
 from motord.service.gateway.link import GatewayLink
-from motord.service.host.children import Children, Ended
+from motord.service.host.children import NOT_ENDED, Children, Ended
 from motord.service.host.log import log_error
 from motord.service.host.loop_link import LOOP, LoopLink
 from motord.service.host.systemd import Notifier
@@ -191,6 +191,8 @@ class Supervisor:
         self.recording.close()
         self.bench.plans.conclude()  # journalled before a recorder that hangs is waited for
         self.recording.recorder.stop()
+        for name, pid in self.children.not_ended.items():
+            self.bench.events.emit("process", f"{name} (pid {pid}) is {NOT_ENDED}", process=name)
         with self.guard.part("publisher", now_ns := self.clock_ns()):
             self.publisher.publish_documents(now_ns)  # how a plan has ended
 

@@ -4,6 +4,7 @@ import errno
 import os
 import random
 import resource
+import subprocess
 import sys
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 
 from motord.schema import Request, State
 from motord.service.bench import guard
-from motord.service.host.children import Children, Process, spawn
+from motord.service.host.children import NOT_ENDED, Children, Process, spawn
 from motord.service.host.descriptors import DescriptorReserve
 from motord.shm.shared_records import SharedFileError
 from tests.support.nonsense import random_line
@@ -262,3 +263,13 @@ def test_a_listener_that_errs_keeps_an_event_from_nobody(played, caplog):
         played.supervisor.bench.events.emit("note", "x")
     assert len(came) == 3
     assert len([r for r in caplog.records if r.exc_info]) == 1
+
+
+def test_the_end_of_the_daemon_says_which_process_could_not_be_ended(played, monkeypatch):
+    def wait(timeout):  # without a limit it would be for ever
+        raise subprocess.TimeoutExpired("loop", timeout)
+
+    monkeypatch.setattr(played.loops[0], "wait", wait)
+    played.supervisor.take_down()
+    [said] = [message for message in played.messages() if "not ended" in message]
+    assert said == f"loop (pid {played.loops[0].pid}) is {NOT_ENDED}"

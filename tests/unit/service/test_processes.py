@@ -12,6 +12,8 @@ from motord import config
 from motord.service.host.children import (
     BACKOFF_FIRST_S,
     BACKOFF_LAST_S,
+    KILLED_S,
+    NOT_ENDED,
     Children,
     Process,
     exit_text,
@@ -42,19 +44,21 @@ class FakeProcess:
         self.command = command
         self.code = None
         self.signals = []
-        self.deaf = False
+        self.waits_s = []
+        self.deaf = self.stuck = False
 
     def poll(self):
         return self.code
 
     def wait(self, timeout=None):
+        self.waits_s.append(timeout)
         if self.code is None and timeout is not None:
             raise subprocess.TimeoutExpired("x", timeout)
         return self.code
 
     def send_signal(self, sig):
         self.signals.append(sig)
-        if not self.deaf or sig == signal.SIGKILL:
+        if not self.stuck and (not self.deaf or sig == signal.SIGKILL):
             self.code = -sig
 
 
@@ -130,6 +134,15 @@ def test_one_that_does_not_listen_is_killed(children, started):
     started[0].deaf = True
     assert children.stop("loop") == "killed by SIGKILL"
     assert started[0].signals == [signal.SIGTERM, signal.SIGKILL]
+
+
+def test_one_that_waits_in_the_kernel_does_not_hold_up_the_end_and_is_said(children, started):
+    children.start("loop", 0)
+    started[0].stuck = True
+    assert children.stop("loop") == NOT_ENDED  # a fake that waits without a limit returns None
+    assert started[0].waits_s == [5.0, KILLED_S]
+    assert children.not_ended == {"loop": 42}
+    assert children.views()["loop"].exit == NOT_ENDED
 
 
 def test_one_that_is_killed_is_waited_for_by_nobody_and_no_event(started):

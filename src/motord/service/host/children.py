@@ -18,6 +18,10 @@ BACKOFF_LAST_S = 0.5
 """Ticks wait in the ring for a recorder, and are lost if the ring goes, too: never for long."""
 SETTLED_S = 10.0
 """A child that ran this long is started again at once when it ends."""
+KILLED_S = 1.0
+"""Time for a process to end that gets SIGKILL. One that waits in the kernel, as for a disk that
+does not answer (state D of `ps`), ends when that does: nothing waits for it."""
+NOT_ENDED = "not ended by SIGKILL: it waits in the kernel, as for a disk or a device (ps: state D)"
 
 RESTARTED = ("always", "while wanted")
 """Policies by which a child that has ended is started again."""
@@ -95,6 +99,8 @@ class Children:
         self._reserve = reserve if reserve is not None else DescriptorReserve(0)
         self._not_started: list[Ended] = []
         self._killed: list[Any] = []
+        self.not_ended: dict[str, int] = {}
+        """Numbers of the processes that `stop` could not end, by name."""
 
     def start_all(self, now_ns: int) -> None:
         """Start those that always run, in the order of the table."""
@@ -162,7 +168,8 @@ class Children:
     def stop(self, name: str, timeout_s: float | None = None) -> str:
         """End a child: SIGTERM, after its time SIGKILL; it stays down. Returns how it ended.
 
-        `timeout_s`: less than its time, if there is no more.
+        `timeout_s`: less than its time, if there is no more. One that does not end by either is in
+        `not_ended`.
         """
         child = self._children[name]
         child.stopping, child.start_at_ns = True, None
@@ -173,10 +180,18 @@ class Children:
             own_s = child.row.stop_timeout_s
             code = child.process.wait(own_s if timeout_s is None else min(own_s, timeout_s))
         except subprocess.TimeoutExpired:
-            child.process.send_signal(signal.SIGKILL)
-            code = child.process.wait()
-        child.process, child.how = None, exit_text(code)
+            code = self._end_at_once(child)
+        child.process, child.how = None, exit_text(code) if code is not None else NOT_ENDED
         return child.how
+
+    def _end_at_once(self, child: _Child) -> int | None:
+        """End a child by SIGKILL; return its exit code, None if that does not end it."""
+        child.process.send_signal(signal.SIGKILL)
+        try:
+            return int(child.process.wait(KILLED_S))
+        except subprocess.TimeoutExpired:
+            self.not_ended[child.row.name] = child.process.pid
+            return None
 
     def kill(self, name: str) -> None:
         """End a child that has nothing to finish and is not wanted any more. Waits for nothing."""
