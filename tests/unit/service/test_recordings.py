@@ -408,6 +408,37 @@ def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(
     played.close()
 
 
+def _suspended_in_a_plan(played):
+    """Start a plan that is recorded, and let nothing run for longer than its ring reaches back."""
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate", detach=True)
+    [start] = played.recorders[0].received("start")
+    played.recorders[0].report(file=f"{start['out']}-000.mcap")
+    played.step(2, State.ENABLED)
+    played.now_ns += round(1e9 * played.config.loop.ring_s)
+
+
+def test_a_plan_is_not_ended_for_a_recorder_that_was_not_listened_to(played):
+    """As after Ctrl-Z and fg: what the plan ends by is that the bench was not commanded."""
+    _suspended_in_a_plan(played)
+    played.step(2, State.ENABLED)
+    assert played.supervisor.bench.plans.view.recorded
+    assert played.supervisor.bench.plans.view.message == ""
+    assert played.state()["recording"]["error"] == ""
+    gap = f"the supervisor did not run for {played.config.loop.ring_s:.1f} s"
+    assert f"{gap}: without it the loop takes the current away" in played.messages()
+    played.step(2, State.READY)
+    said = played.supervisor.bench.plans.view.message
+    assert said == "the bench was disabled or stopped"
+
+
+def test_a_recorder_that_does_not_report_after_a_suspension_either_ends_the_plan(played):
+    _suspended_in_a_plan(played)
+    played.step(round(50 * played.config.loop.ring_s) + 110, State.ENABLED)
+    assert "not recorded for" in played.supervisor.bench.plans.view.message
+
+
 def test_the_tick_by_which_a_plan_ends_is_part_of_its_recording(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     played.up()

@@ -33,7 +33,7 @@ from motord.shm.mailbox import MailboxWriter
 UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
 SUSPENDED_NS = 500_000_000
-"""A supervisor that did not run for this long stops the external drive."""
+"""A supervisor that did not run for this long says so, and stops the external drive."""
 
 
 class Bench:
@@ -218,13 +218,16 @@ class Bench:
             self._end_plan(why)
 
     def _check_suspended(self, now_ns: int) -> None:
-        """Stop the drive if the supervisor did not run for long; the device is safe by then."""
+        """Say if the supervisor did not run for long; stop the drive, which is safe by then."""
         gap_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
-        if gap_ns <= SUSPENDED_NS or "drive" not in self.devices or self.setpoint.drive_Hz == 0.0:
+        if gap_ns <= SUSPENDED_NS:
             return
-        why = f"the supervisor did not run for {gap_ns / 1e9:.1f} s, and the drive was stopped"
-        self.events.emit("fault", why)
-        self._end_plan(why)
+        why = f"the supervisor did not run for {gap_ns / 1e9:.1f} s"
+        if "drive" in self.devices and self.setpoint.drive_Hz != 0.0:
+            self.events.emit("fault", f"{why}, and the drive was stopped")
+            self._end_plan(f"{why}, and the drive was stopped")
+        elif self.plans.active or self.state is State.ENABLED:
+            self.events.emit("daemon", f"{why}: without it the loop takes the current away")
 
     def _end_plan(self, why: str) -> None:
         """End a plan at once and disable the bench; of an operator's set-point nothing remains."""

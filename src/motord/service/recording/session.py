@@ -15,7 +15,7 @@ from motord.config import ChannelConfig
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport, RecordingTask
 from motord.recorder.ring_source import Mark
-from motord.service.host.child_pipes import ChildFaults
+from motord.service.host.child_pipes import LOOK_NS, ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.ended import EndedRecordings
@@ -93,6 +93,8 @@ class RecorderSession:
 
     def follow_process(self, now_ns: int) -> None:
         """Link to a recorder that was started anew; `now_ns` is monotonic."""
+        self.reported_ns += max(0, now_ns - self._now_ns - LOOK_NS)  # it was not listened to
+        self._now_ns = now_ns
         process = self._children.process(RECORDER)
         pid = process.pid if process is not None else None
         if pid == self.pid:
