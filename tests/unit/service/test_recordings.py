@@ -311,19 +311,24 @@ def test_the_state_says_that_a_recorder_is_silent(tmp_path, monkeypatch, ring_s)
     played.close()
 
 
-def test_a_recorder_that_is_silent_is_ended_while_the_ring_has_what_it_missed(played):
+@pytest.mark.parametrize(("ring_s", "silent_s"), [(15.0, 10.0), (8.0, 6.0), (2.0, 4.0)])
+def test_a_recorder_that_is_silent_is_ended_while_the_ring_has_what_it_missed(
+    tmp_path, monkeypatch, ring_s, silent_s
+):
+    """With a ring of less than 5 s it is not: one that waits for its disk has 4 s to say so."""
+    played = PlayedDaemon(tmp_path, monkeypatch, loop={"ring_s": ring_s})
     played.up()
     played.step(2, State.ENABLED)
     first = played.recorders[0]
     first.report(ticks=3)
-    played.step(990, State.ENABLED)
+    played.step(round(100 * silent_s) - 10, State.ENABLED)
     assert first.code is None
     played.step(20, State.ENABLED)
     assert first.code == -signal.SIGKILL
     played.step(20, State.ENABLED)
     assert played.recorders[1].received("start")[0]["resume"]
-    said = [event.message for event in played.supervisor.bench.events.recent()]
-    assert "recorder has sent nothing for 10 s; it is ended" in said
+    assert f"recorder has sent nothing for {silent_s:g} s; it is ended" in played.messages()
+    played.close()
 
 
 def test_a_recorder_that_waits_for_its_disk_is_not_ended(played):

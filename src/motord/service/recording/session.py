@@ -15,7 +15,7 @@ from motord.config import ChannelConfig
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport, RecordingTask
 from motord.recorder.ring_source import Mark
-from motord.service.host.child_pipes import LOOK_NS, ChildFaults
+from motord.service.host.child_pipes import LOOK_NS, SILENCE_MAX_NS, ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.ended import EndedRecordings
@@ -34,6 +34,9 @@ STOP_S, KILL_S = 10.0, 1.0
 gives the whole daemon 20 s."""
 FINISH_AGAIN_NS = 2_000_000_000
 """Time after which a recorder that has nothing to record is asked again for what has ended."""
+SILENT_RING_PART, SILENCE_LEAST_S = 0.75, 4.0
+"""A recorder that is silent for so much of the ring is ended, so that the next one still finds what
+it missed; not before `SILENCE_LEAST_S`: one that lives and waits says so within 3 s."""
 _POLL_S = 0.01
 NO_REPORT = RecorderReport(recording=False)
 
@@ -62,6 +65,8 @@ class RecorderSession:
         self.link: RecorderLink | None = None
         self.task: RecordingTask | None = None
         self.ended = EndedRecordings(events, unix_ns, ring_s)
+        silent_s = max(SILENCE_LEAST_S, SILENT_RING_PART * ring_s)
+        self._silence_max_ns = min(SILENCE_MAX_NS, round(silent_s * 1e9))
         self.newest: Mark | None = None
         self.loop_over = False
         self._now_ns = self._asked_ns = 0
@@ -117,7 +122,7 @@ class RecorderSession:
             return
         self._take_reports(self.link, now_ns)
         self._faults.step(self.link.received, now_ns, self.link.commands.dropped)
-        self._faults.end_if_silent(now_ns)
+        self._faults.end_if_silent(now_ns, self._silence_max_ns)
         commands = self.link.commands
         if commands.dropped > self._dropped and not commands.waiting:
             self._dropped = commands.dropped
