@@ -99,6 +99,9 @@ class Lease(Commander):
                 if error.code != "unreachable" or time.monotonic() > good_until_s:
                     self._lose(str(error))
                     return
+            except BaseException as error:  # a panic of Zenoh, too: nobody renews it any more
+                self._lose(f"it is not renewed any more: {type(error).__name__}: {error}")
+                raise
 
     def _lose(self, why: str) -> None:
         self.why = why

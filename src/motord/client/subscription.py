@@ -115,7 +115,7 @@ class Subscription(Generic[_Item]):
         for item in self:
             try:
                 callback(item)
-            except Exception:
+            except BaseException:  # a panic of a library in Rust, too: the next item may be well
                 _log.exception("in a callback of a subscription")
 
 

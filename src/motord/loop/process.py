@@ -53,7 +53,7 @@ class LoopProcess:
                 self._run_bench()
                 with suppress(OSError):  # its folder may be gone; the exit code says as much
                     self._publish(LoopPhase.STOPPED, reason=self._stop.reason)
-        except Exception as error:  # the last resort: whatever it was, the supervisor must know
+        except BaseException as error:  # the last resort: whatever it was, the supervisor must know
             self._fail(error)
             return 1
         return 0
@@ -105,7 +105,7 @@ class LoopProcess:
         self._status = self._status.model_copy(update={"phase": phase, **news})
         self._status.write(self._run_dir.loop_status)
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: BaseException) -> None:
         message = str(error)
         if not isinstance(error, _EXPLAINED):
             message = f"{type(error).__name__}: {error}"

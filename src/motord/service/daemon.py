@@ -144,7 +144,7 @@ def supervise(supervisor: Supervisor, stopping: StopSignal, on_ready: Callable[[
             raise LoopFailedError(bench.loop.fault)
     except EXPLAINED:
         raise
-    except Exception as error:  # whatever it is, the current has to go before the daemon does
+    except BaseException as error:  # whatever it is, the current has to go before the daemon does
         line = supervisor.emergency(error)
         notifier.stopping(line)  # else the watchdog ends it while the recording is closed
         raise SupervisorFailedError(f"{line}; stopped, the traceback is in the log") from error

@@ -152,7 +152,7 @@ class Supervisor:
         if bench.state in over:
             self.run_until(lambda: bench.plans.concluded, CLOSED_NS)
 
-    def emergency(self, error: Exception) -> str:
+    def emergency(self, error: BaseException) -> str:
         """Take the current away at once after an error in the program; return it in a line.
 
         The daemon ends with it: the state that it left the supervisor in is unknown. So nothing is

@@ -24,6 +24,7 @@ from motord.client.diagnosis import why_no_endpoint
 from motord.schema import TICK_DTYPE
 from motord.security.identity import Identity
 from motord.service.publish.zenoh_api import ApiError
+from tests.support.panic import panic
 from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import LiveService, endpoint, live_service
 
@@ -217,6 +218,17 @@ def test_a_lease_is_lost_when_it_is_refused_or_the_daemon_stays_away(code):
     with Lease(Flaky(failures=10**9, code=code), "anna") as lease:
         assert lease.lost.wait(PATIENCE_S)
         assert lease.why == "it is gone"
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_lease_is_lost_when_a_panic_ends_its_renewal():
+    class Panicking(Flaky):
+        def call(self, rpc, /, **arguments):
+            return panic() if rpc.name == "lease/renew" else super().call(rpc, **arguments)
+
+    with Lease(Panicking(0), "anna") as lease:
+        assert lease.lost.wait(PATIENCE_S)
+        assert lease.why == "it is not renewed any more: PanicError: of a library in Rust"
 
 
 def test_a_lease_can_be_acquired_again_and_is_renewed_again():

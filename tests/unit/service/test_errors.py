@@ -14,6 +14,7 @@ from motord.service import daemon
 from motord.service.bench.slow_devices import SlowDevice
 from motord.service.publish.telemetry import Telemetry
 from motord.service.rpc.dispatcher import Handler, Wait
+from tests.support.panic import panic
 from tests.unit.service.played_daemon import PlayedDaemon
 from tests.unit.service.virtual_service import VirtualService
 
@@ -140,6 +141,17 @@ class PlayedLooping(PlayedDaemon):
             return read()
 
         self.supervisor.loop.read = obeying
+
+
+def test_a_panic_in_the_supervisor_takes_the_current_before_the_daemon_ends(tmp_path, monkeypatch):
+    played = PlayedLooping(tmp_path, monkeypatch)
+    played.up()
+    played.run(error_after=5)
+    monkeypatch.setitem(globals(), "buggy", panic)
+    with pytest.raises(daemon.SupervisorFailedError, match="of a library in Rust; stopped"):
+        daemon.supervise(played.supervisor, daemon.StopSignal(), lambda: None)
+    assert Request.STOP in played.asked
+    played.close()
 
 
 @pytest.mark.parametrize("listener_too", [False, True])

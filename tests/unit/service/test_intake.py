@@ -43,6 +43,7 @@ from motord.service.rpc.outstanding import (
     OutstandingQueries,
 )
 from tests.contract.peers import until
+from tests.support.panic import PanicError, panic
 from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration
@@ -217,6 +218,36 @@ def test_what_needs_no_lease_is_paced_and_neither_stop_nor_the_commander_is(play
 def test_an_error_in_taking_on_is_answered(played, monkeypatch):
     monkeypatch.setattr(intake, "parse", lambda rpc, payload: 1 / 0)
     assert played.bring("stop", b"").outcome() == "internal"
+
+
+def test_a_panic_in_taking_on_is_answered_and_the_thread_goes_on(played, monkeypatch):
+    monkeypatch.setattr(intake, "parse", panic)
+    queries = [played.bring("plan/pause", b"x" * 100) for _ in range(intake.BURST + 2)]
+    assert {query.outcome() for query in queries} == {"internal"}  # the last ones are paced
+
+
+@pytest.mark.parametrize("error", [PanicError, SystemExit], ids=["panic", "sys.exit"])
+def test_what_a_plan_or_a_library_raises_as_it_is_prepared_ends_no_thread(
+    played, monkeypatch, error
+):
+    def prepare(payload):
+        raise error("of a plan")
+
+    slow = Offloaded(prepare, max_bytes=LIMIT)
+    monkeypatch.setitem(played.intake._offloaded, "calibration/install", slow)
+    for _ in range(3):
+        assert played.bring("calibration/install", TOKEN).outcome() == "internal"
+
+
+def test_a_panic_in_replying_ends_no_thread(played, monkeypatch):
+    for query in [Query() for _ in range(2 * outstanding.THREADS)]:
+        query.reply_err = panic
+        pending = played.replies.admit("a", "k", query, 0)
+        played.replies.reply(pending, RpcError("busy", "so"))
+        query.outcome()
+    last = Query()
+    played.replies.reply(played.replies.admit("b", "k", last, 0), RpcError("busy", "so"))
+    assert last.outcome() == "busy"
 
 
 def test_room_is_kept_for_whoever_is_in_command_and_for_stop(played):

@@ -8,6 +8,7 @@ from motord.schema import TICK, TICK_DTYPE
 from motord.service.publish import telemetry
 from motord.service.publish.telemetry import Telemetry
 from motord.wire.ticks.blocks import BlockCodec
+from tests.support.panic import panic
 
 CODEC = BlockCodec(TICK)
 
@@ -69,3 +70,21 @@ def test_a_network_that_stands_still_holds_up_nobody_and_the_loss_is_counted():
     out.stop()
     numbers = [int(payload) for payload in network.of("event")]
     assert numbers == list(range(10, telemetry.CAPACITY + 10))
+
+
+def test_a_panic_of_zenoh_is_logged_and_the_next_goes_out(caplog):
+    network, puts = Network(), []
+
+    def put(name, payload):
+        puts.append(name)
+        if name == "first":
+            panic()
+        network.put(name, payload)
+
+    out = Telemetry(put, rate_Hz=1000, tick_rate_Hz=100, block_s=0.05)
+    out.start()
+    for name in ("first", "second"):
+        out.json(name, b"{}")
+    out.stop()
+    assert (puts, network.of("second"), out.dropped) == (["first", "second"], [b"{}"], 1)
+    assert "in the telemetry: PanicError: of a library in Rust" in caplog.text

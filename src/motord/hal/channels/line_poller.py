@@ -69,7 +69,7 @@ class LinePoller:
                 self._put(ChannelReading(turn.channel.name, t_ns, float(sample.value)))
         except DeviceError as error:
             self._failed(turn, begun_ns, str(error))
-        except Exception as error:  # of a driver: the other channels must still be read
+        except BaseException as error:  # of a driver: the other channels must still be read
             self._failed(turn, begun_ns, f"error in its driver: {type(error).__name__}: {error}")
 
     def _failed(self, turn: _Turn, begun_ns: int, why: str) -> None:
@@ -77,5 +77,5 @@ class LinePoller:
             turn.due_ns = max(turn.due_ns, begun_ns + round(OPEN_AGAIN_S * 1e9))
         turn.open = False
         self._put(ChannelReading(turn.channel.name, begun_ns, error=why[:ERROR_MAX]))
-        with suppress(Exception):  # of a driver that has failed anyway
+        with suppress(BaseException):  # of a driver that has failed anyway
             turn.source.close()

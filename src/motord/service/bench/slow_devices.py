@@ -104,7 +104,7 @@ class SlowDevice:
         except DeviceError as error:
             self._error = str(error)
             return
-        except Exception as error:  # of a driver: the other device must still be served
+        except BaseException as error:  # of a driver: the other device must still be served
             if not self._error:
                 log_error(f"in the driver of the {self.name}", error)
             self._error = f"error in its driver: {type(error).__name__}: {error}"

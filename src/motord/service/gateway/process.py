@@ -23,6 +23,7 @@ from motord.api.endpoints import gateway_config
 from motord.config import Config, ConfigError
 from motord.config.zenoh import TlsConfig
 from motord.process.bench_options import bench_options
+from motord.process.thread_errors import end_with_any_thread
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.security import roles as roles_file
@@ -192,6 +193,7 @@ def _count(roles: dict[str, roles_file.Role]) -> str:
 def main() -> int:
     """Run the gateway of the bench file that `--config` names."""
     options = bench_options("gateway").parse_args()
+    end_with_any_thread()
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

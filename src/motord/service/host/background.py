@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from motord.calibration import CalibrationError
 from motord.config import Config, ConfigError, load_started
 from motord.process.bench_options import bench_options
+from motord.process.thread_errors import end_with_any_thread
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
 from motord.service.host import scheduling
 from motord.shm.run_directory import RunDir
@@ -32,6 +33,7 @@ def run(
     supervisor that does not read; else `serve` has to flush the writer.
     """
     options = bench_options(name).parse_args(arguments)
+    end_with_any_thread()
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     try:

@@ -25,8 +25,12 @@ class _DroppingHandler(logging.handlers.QueueHandler):
             return
 
 
-def log_error(where: str, error: Exception) -> str:
-    """Log an error of the program itself with its traceback; return it in a line."""
+def log_error(where: str, error: BaseException) -> str:
+    """Log an error of the program itself with its traceback; return it in a line.
+
+    A panic of a library in Rust (Zenoh, pydantic) is a BaseException but no Exception, and so is
+    what `sys.exit()` raises in a plan or a driver: threads that have to go on catch those, too.
+    """
     line = f"error in the program, {where}: {type(error).__name__}: {error}"
     logging.getLogger("motord").error("%s", line, exc_info=error)
     return line

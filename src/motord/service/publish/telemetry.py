@@ -86,7 +86,7 @@ class Telemetry:
                 self._put(*item)
             else:
                 self._take_ticks(item)
-        except Exception as error:  # what cannot be published must not end all telemetry
+        except BaseException as error:  # what cannot be published must not end all telemetry
             if not self._failing:
                 log_error("in the telemetry", error)
             self._failing = True

@@ -116,7 +116,7 @@ class Api:
         def guarded(query: zenoh.Query) -> None:
             try:
                 take(query)
-            except Exception as error:  # Zenoh's thread goes on, whatever it brought
+            except BaseException as error:  # Zenoh's thread goes on, whatever it brought
                 log_error(f"in taking on {full}", error)
                 query.drop()  # type: ignore[no-untyped-call]
 

@@ -53,7 +53,7 @@ class Attempt:
             begin = self.prepared.result()
         except RpcError as refusal:
             raise NotStartedError(refusal.message) from None
-        except Exception as error:  # of a plan's own program
+        except BaseException as error:  # of a plan's own program
             raise NotStartedError(log_error(f"in preparing {self.item.plan.name}", error)) from None
         try:
             begin(holder, detached)

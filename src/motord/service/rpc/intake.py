@@ -159,7 +159,7 @@ class Intake:
         except queue.Full:
             full = RpcError("busy", f"{name}: one is under way and one waits; try again")
             self._outstanding.reply(pending, full)
-        except Exception as error:  # no client may be left without a reply
+        except BaseException as error:  # no client may be left without a reply
             message = log_error(f"in taking on {name}", error)
             self._outstanding.reply(pending, RpcError("internal", message))
 
@@ -217,6 +217,6 @@ class Intake:
             outcome = offloaded.finish(prepared, call.wait(REPLY_S))
         except RpcError as error:
             outcome = error.with_traceback(None)  # which would keep this frame, and itself by it
-        except Exception as error:  # as in `_take`
+        except BaseException as error:  # as in `_take`
             outcome = RpcError("internal", log_error(f"in {name}", error))
         self._outstanding.reply(pending, outcome)

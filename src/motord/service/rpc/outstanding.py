@@ -121,6 +121,8 @@ class OutstandingQueries:
             if item:
                 try:
                     self._send(*item)
+                except BaseException as error:  # the next one wants a reply, too
+                    log_error(f"in the answer to {item[0].name}", error)
                 finally:
                     self._release(item[0])
             self._check()
@@ -144,7 +146,7 @@ class OutstandingQueries:
                 query.reply(pending.reply_key, content, encoding=JSON)
             except zenoh.ZError:
                 return  # the client has gone
-            except Exception as error:  # no client may be left without a reply
+            except BaseException as error:  # no client may be left without a reply
                 message = log_error(f"in the answer to {pending.name}", error)
                 query.reply_err(RpcError("internal", message).to_json(), encoding=JSON)
 
