@@ -1,11 +1,13 @@
 """`calibration/adopt`: the calibration as it is tracked is installed, or why it is not."""
 
 import json
+from contextlib import nullcontext
 
 import pytest
 
 from motord.api.errors import RpcError
 from motord.api.tracking_messages import TrackedView, TrackingView
+from motord.calibration import Calibration
 from motord.calibration.file import load
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.adoption import Adoption
@@ -14,6 +16,7 @@ from motord.service.rpc.calibration_reader import read
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.tracker.protocol import AdoptedReport
 from motord.shm.run_directory import RunDir
+from tests.support.panic import PanicError
 from tests.unit.service.test_installation import Tables, calibration, finding, put_in_force
 from tests.unit.service.virtual_service import VirtualService
 
@@ -221,3 +224,36 @@ def test_one_of_another_motor_is_no_calibration_of_this_bench(service):
     other = calibration().motor.model_copy(update={"serial": "other"})
     service.tracker.adopts = calibration(motor=other)
     assert service.refusal(service.acquire()).code == "invalid"
+
+
+def killed(*_arguments):
+    raise PanicError("kill -9")
+
+
+@pytest.mark.parametrize("at", ["tables", "file", "mark", "reply"])
+def test_a_daemon_that_is_killed_on_the_way_has_one_of_both_in_force_at_its_next_start(
+    service, monkeypatch, at
+):
+    """Never half of the other; and what was not kept can be adopted once more."""
+    service.store.save(service.in_force)
+    token = service.acquire()
+    steps = {
+        "tables": (service.installation, "_write_tables"),
+        "file": (Calibration, "save"),
+        "mark": (service.store, "_mark"),
+    }
+
+    def between():
+        if at in steps:
+            monkeypatch.setattr(*steps[at], killed)
+
+    with pytest.raises(PanicError) if at in steps else nullcontext():
+        service.adopt(token, between=between)
+    monkeypatch.undo()
+    store = CalibrationStore(service.config, service.store.directory.parents[1])
+    in_force = service.in_force if at in steps else service.tracker.adopts
+    assert store.load_installed() == in_force
+    assert store.file() == store.directory / f"{in_force.id}.json"
+    store.current = load(service.tracker.run_dir.adopted)
+    store.save(store.current)
+    assert store.load_installed() == service.tracker.adopts
