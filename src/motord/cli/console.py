@@ -81,6 +81,7 @@ EXPLAINED = frozenset(
         "motord.sequencing.settings.PlanError",
         "motord.service.daemon.LoopFailedError",
         "motord.service.daemon.SupervisorFailedError",
+        "motord.service.host.descriptors.DescriptorsError",
         "motord.service.publish.zenoh_api.ApiError",
         "motord.shm.run_directory.RunDirError",
         "motord.shm.shared_records.SharedFileError",

@@ -19,6 +19,7 @@ from motord.service.bench.calibrations import state_directory
 from motord.service.build import Daemon, build
 from motord.service.gateway import process
 from motord.service.host import descriptors, scheduling
+from motord.service.host.descriptors import DescriptorsError
 from motord.service.host.log import log_to_stderr
 from motord.service.host.systemd import Notifier
 from motord.service.publish.zenoh_api import ApiError
@@ -39,6 +40,7 @@ class SupervisorFailedError(Exception):
 EXPLAINED = (
     ApiError,
     ConfigError,
+    DescriptorsError,
     DeviceError,
     LoopFailedError,
     RunDirError,

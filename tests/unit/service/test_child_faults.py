@@ -15,7 +15,12 @@ import pytest
 from motord.schema import Request, State
 from motord.service.bench import guard
 from motord.service.host.children import NOT_ENDED, Children, Process, spawn
-from motord.service.host.descriptors import DescriptorReserve
+from motord.service.host.descriptors import (
+    LEAST,
+    DescriptorReserve,
+    DescriptorsError,
+    raise_limit,
+)
 from motord.shm.shared_records import SharedFileError
 from tests.support.nonsense import random_line
 from tests.unit.service.played_daemon import PlayedDaemon
@@ -273,3 +278,13 @@ def test_the_end_of_the_daemon_says_which_process_could_not_be_ended(played, mon
     played.supervisor.take_down()
     [said] = [message for message in played.messages() if "not ended" in message]
     assert said == f"loop (pid {played.loops[0].pid}) is {NOT_ENDED}"
+
+
+@pytest.mark.parametrize(("hard", "enough"), [(LEAST - 1, False), (LEAST, True), (-1, True)])
+def test_a_daemon_that_nobody_could_connect_to_is_refused(monkeypatch, hard, enough):
+    monkeypatch.setattr(resource, "getrlimit", lambda _which: (hard, hard))
+    if enough:
+        assert raise_limit() == hard
+    else:
+        with pytest.raises(DescriptorsError, match="only 127 files may be open at a time"):
+            raise_limit()

@@ -8,12 +8,27 @@ from contextlib import contextmanager
 RESERVE = 12
 """Two pipes, one to learn of a failed exec, `/dev/null`, and what others take meanwhile."""
 
+LEAST = 128
+"""The daemon has some 50 with its reserve and its children's pipes; each client takes one more."""
+
+
+class DescriptorsError(Exception):
+    """Fewer descriptors than a daemon needs to be reached."""
+
 
 def raise_limit() -> int:
-    """Raise the limit of open descriptors as far as is allowed; return it."""
+    """Raise the limit of open descriptors as far as is allowed; return it.
+
+    Raises DescriptorsError if that is not enough.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != hard:
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    if hard != resource.RLIM_INFINITY and hard < LEAST:
+        raise DescriptorsError(
+            f"only {hard} files may be open at a time (ulimit -Hn), a daemon needs {LEAST}: nobody "
+            "could connect to it; raise the limit, as by LimitNOFILE in its unit"
+        )
     return hard
 
 
