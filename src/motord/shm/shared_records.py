@@ -106,7 +106,14 @@ class SharedFile:
         return shared
 
     def array(self, dtype: np.dtype[np.void], count: int, offset: int) -> np.ndarray:
-        """Return `count` elements that start `offset` bytes after the header, as a view."""
+        """Return `count` elements that start `offset` bytes after the header, as a view.
+
+        Raises SharedFileError if the file ends before: read there, the mapping would end the
+        process (SIGBUS), as it does if a file is made shorter while it is mapped.
+        """
+        if not 0 < count * dtype.itemsize <= len(self.memory) - HEADER_BYTES - offset:
+            size = len(self.memory)
+            raise SharedFileError(f"{self.path}: cut short: only {size} bytes are left of it")
         return np.frombuffer(self.memory, dtype, count, HEADER_BYTES + offset)
 
     def superseded(self) -> bool:

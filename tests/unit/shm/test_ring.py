@@ -1,5 +1,6 @@
 """The tick ring against a plain list, and with a fast writer in another process."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,8 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from motord.config import LoopConfig
+from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingReader, RingWriter, capacity_for
-from motord.shm.shared_records import SharedFileError
+from motord.shm.shared_records import HEADER_BYTES, SharedFileError
 from tests.support.properties import examples
 
 
@@ -211,4 +213,12 @@ def test_capacity_holds_the_time_asked_for() -> None:
 
 def test_reader_needs_a_ring(tmp_path: Path) -> None:
     with pytest.raises(SharedFileError, match="cannot open it"):
+        RingReader(tmp_path / "ring")
+
+
+@pytest.mark.parametrize("kept_bytes", [HEADER_BYTES, HEADER_BYTES + 100 * TICK_DTYPE.itemsize])
+def test_a_ring_that_was_cut_short_is_no_ring(tmp_path: Path, kept_bytes: int) -> None:
+    RingWriter(tmp_path / "ring", 128)
+    os.truncate(tmp_path / "ring", kept_bytes)
+    with pytest.raises(SharedFileError, match=f"cut short: only {kept_bytes} bytes"):
         RingReader(tmp_path / "ring")
