@@ -2,9 +2,12 @@
 
 import os
 import signal
+from functools import partial
+from pathlib import Path
 
 import pytest
 
+from motord.api.requests import NOTHING_DEPARTED
 from motord.client import ClientError
 from tests.support.patience import PATIENCE_S
 from tests.system.daemons import (
@@ -21,11 +24,20 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
-def running(folder):
+def bench_path(folder):
     path = write_sim(folder, lease_s=LONG_LEASE_S)
     path.write_text(f"{path.read_text()}\n[tracking]\nenabled = true\nmemory_s = 30.0\n")
-    with daemon(folder, path) as program:
+    return path
+
+
+@pytest.fixture(scope="module")
+def running(folder, bench_path):
+    with daemon(folder, bench_path) as program:
         yield program
+
+
+TURNS = 5
+"""Turns at each torque: of several windows of the tracker."""
 
 
 def tracked(client):
@@ -72,3 +84,46 @@ def test_a_calibration_is_tracked_and_losing_the_tracker_costs_nothing_but_that(
     assert len(said) == state.processes["tracker"].restarts
     for message in said:
         assert message.startswith("tracker ended: killed by SIGKILL: tracking of the calibration b")
+
+
+def test_what_is_tracked_is_adopted_and_in_force_after_a_kill(folder, bench_path, client, running):
+    with client.lease("anna") as lease:
+        lease.install_calibration(calibration())
+        adopted = adopt(client, lease)
+    state = client.state()
+    assert state.calibration.id == adopted.id
+    assert Path(adopted.path).stem == adopted.id
+    os.kill(running.process.pid, signal.SIGKILL)
+    running.process.wait(PATIENCE_S)
+    with daemon(folder, bench_path) as next_one, next_one.connect() as again:
+        assert again.state().calibration.id == adopted.id
+
+
+def adopt(client, lease):
+    """Hold torques until what is tracked can be adopted; return the calibration that is in force.
+
+    What a trip that a stall explains has cost is turned again.
+    """
+    turns = 0
+    while True:
+        kept = stalls_from_now(client)
+        lease.reset()
+        for torque_Nm in (2.0, 4.0, 6.0):
+            lease.set(enable=True, torque_Nm=torque_Nm, speed_Hz=1.0)
+            turns += TURNS
+            wait_until(partial(enough_or_tripped, client, turns), "more turns")
+        if client.state().first_trip:
+            turns = 0
+            forgive(client, kept)
+            continue
+        lease.disable()
+        try:
+            return lease.adopt_calibration(accept=[NOTHING_DEPARTED])
+        except ClientError as error:
+            if "nothing to adopt" not in str(error):
+                raise
+
+
+def enough_or_tripped(client, turns):
+    view = tracked(client)
+    return (view is not None and view.turns >= turns) or client.state().first_trip
