@@ -10,7 +10,7 @@ import pytest
 
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial import SerialBridge
-from motord.schema import BridgeStatus
+from motord.schema import INT32_MAX, BridgeStatus
 from motord.wire.bridge import frames
 from tests.contract.benches import new_command, new_feedback, open_streaming
 from tests.contract.peers import Board, Identity, bench, until
@@ -151,6 +151,16 @@ def test_what_the_board_lost_counts_too(pair: tuple[SerialBridge, Board]) -> Non
     board.errors += 3
     board.dropped += 4
     until(lambda: read(driver).link_errors == 7)
+
+
+def test_counts_that_the_board_makes_up_end_no_loop(
+    pair: tuple[SerialBridge, Board],
+) -> None:
+    """Two of 32 bits, and their sum would be no number of a tick."""
+    driver, board = pair
+    assert read(driver).link_errors == 0
+    board.errors = board.dropped = 0xFFFFFFFF
+    until(lambda: read(driver).link_errors == INT32_MAX)
 
 
 def test_a_host_that_does_not_read_for_a_while_misses_nothing(

@@ -354,6 +354,22 @@ def test_a_value_that_the_drive_sends_as_no_number_is_beyond_every_limit(
     assert record["temperature_C"][0] == np.inf
 
 
+def test_a_value_too_large_for_a_tick_is_beyond_every_limit(tmp_path: Path) -> None:
+    """Without a warning of numpy, which would be written by the loop."""
+    path = tmp_path / "drive.dbc"
+    path.write_text(
+        packaged("inverter.dbc").read_text().replace("(0.1,0) [-60|300]", "(1e38,0) [0|0]")
+    )
+    signals = SIGNALS | {"feedback_crc": (), "feedback_counter": ()}
+    codec = dbc.load(CanConfig(dbc=path, signals=signals))
+    state, record = CanFeedback(codec, 0, SILENT_AFTER_NS), new_feedback()
+    status = next(message for message in codec.feedback if "temperature_C" in message.slots)
+    for raw, value in ((3, 3e38), (4, np.inf)):
+        state.take(status.key, b"\0\0" + raw.to_bytes(2, "little") + bytes(4), NOW_NS)
+        state.fill(record)
+        assert record["temperature_C"][0] == np.float32(value)
+
+
 def test_classical_can() -> None:
     """With messages of at most 8 bytes (here the command's own) no CAN FD is needed."""
     signals = SIGNALS | {

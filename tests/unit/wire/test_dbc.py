@@ -138,6 +138,18 @@ def test_what_the_dbc_lacks_is_named(
         assert part in message
 
 
+def test_an_integer_whose_low_bits_would_be_lost(tmp_path: Path) -> None:
+    """A value is a float: of 64 bits, the highest set, the lowest may be the fault."""
+    text = HEADER + COMMAND.format(identifier=1) + FEEDBACK
+    wide = 'BO_ 5 Wide: 8 Drive\n SG_ Word : 0|{}@1+ (1,0) [0|0] "" Host\n'
+    names = {"feedback_status": "Wide.Word"}
+    codec = load(write(tmp_path, text + wide.format(53)), **names)
+    message = codec.feedback[1]
+    assert message.decode((2**52 + 1).to_bytes(8, "little")) == (2**52 + 1,)
+    path = write(tmp_path, text + wide.format(54))
+    assert "Wide.Word must be an integer without scale, of 53 bits" in error_of(path, **names)
+
+
 def test_files_that_are_no_dbc(tmp_path: Path) -> None:
     assert "No such file" in error_of(tmp_path / "missing.dbc")
     assert "not a valid DBC: Invalid syntax at line 1" in error_of(write(tmp_path, "hello"))

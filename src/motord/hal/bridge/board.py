@@ -28,7 +28,7 @@ from motord.hal.bridge.identity import BoardIdentity, refusal
 from motord.hal.bridge.link import BridgeLink
 from motord.hal.bridge.session import BoardSession
 from motord.hal.countdown import Countdown, countdown_s
-from motord.schema import BridgeStatus
+from motord.schema import INT32_MAX, BridgeStatus
 from motord.wire.bridge import frames
 
 _REPEAT_S = 0.1
@@ -163,11 +163,11 @@ class Bridge:
         return status & ~_ENABLE_LINE | bits
 
     def _link_errors(self) -> int:
-        """Return the errors since the first read."""
+        """Return the errors since the first read; no more than two links can add up."""
         errors = self._lost_by_board + (self._link.errors if self._link is not None else 0)
         if self._errors_before is None:
             self._errors_before = errors
-        return errors - self._errors_before
+        return min(errors - self._errors_before, INT32_MAX)
 
     def write(self, command: np.ndarray) -> None:
         """Send heartbeat and enable-line request.

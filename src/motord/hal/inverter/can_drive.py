@@ -16,7 +16,7 @@ from motord.hal.can.bus import open_bus
 from motord.hal.countdown import countdown_s
 from motord.hal.inverter.canopen_host import CanopenHost
 from motord.hal.inverter.feedback import CanFeedback
-from motord.schema import InverterStatus
+from motord.schema import INT32_MAX, InverterStatus
 from motord.wire.can import dbc, reach
 from motord.wire.can.frame_format import EXTENDED
 
@@ -71,7 +71,7 @@ class CanDrive:
         if self._errors_before is None:
             self._errors_before = errors
             self._feedback.restart()  # what overflowed while nobody read is no error of the link
-        feedback["link_errors"] += errors - self._errors_before
+        feedback["link_errors"] += min(errors - self._errors_before, INT32_MAX)
         if self._state.off:
             feedback["inverter_status"] |= int(InverterStatus.BUS_OFF)
 

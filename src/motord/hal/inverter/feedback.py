@@ -11,6 +11,7 @@ from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, InverterCod
 _SLOT = {slot: index for index, slot in enumerate(FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS)}
 _AXES = slice(len(FEEDBACK_SLOTS), len(_SLOT))
 _STATUS = _SLOT["status"]
+_LARGEST = float(np.finfo(np.float32).max)
 
 
 class _Incoming:
@@ -27,7 +28,8 @@ class _Incoming:
 class CanFeedback:
     """The newest value of every mapped signal. Values that the map lacks are nan.
 
-    What a drive sends as no number is infinite, so that it is beyond the limits that there are.
+    What a drive sends as no number, or too large a one for the tick, is infinite: so it is beyond
+    the limits that there are.
 
     A frame counts only if its length, CRC and alive counter are right.
     """
@@ -88,7 +90,7 @@ class CanFeedback:
             incoming.check.corrupt()
         elif incoming.check.accept(incoming.codec.counter(payload)):
             for index, value in zip(incoming.slots, values, strict=True):
-                self._values[index] = value if math.isfinite(value) else math.inf
+                self._values[index] = value if abs(value) <= _LARGEST else math.inf
             if incoming.fast and t_ns - incoming.t_ns > self._slow_stale_ns // 2:
                 self._resume(t_ns)
             incoming.t_ns = t_ns

@@ -6,6 +6,7 @@ one `ConfigError` that names the DBC, the key of the map and what the DBC has in
 
 import difflib
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,6 +28,9 @@ from motord.wire.can.codec import (
 )
 from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED
 from motord.wire.can.signal import FLOAT_BITS, SignalCodec
+
+_WHOLE_BITS = sys.float_info.mant_dig
+_WHOLE = f"integer without scale, of {_WHOLE_BITS} bits at most"
 
 
 def load(can: CanConfig) -> InverterCodec:
@@ -159,7 +163,7 @@ class _Drafts:
     def add(self, slot: str, key: str, name: str) -> None:
         message, signal = self._names.find(key, name)
         if slot in ("enable", "status") and not _is_whole(signal):
-            raise self._names.error(key, f"{name} must be an integer without scale")
+            raise self._names.error(key, f"{name} must be an {_WHOLE}")
         draft = self.drafts.setdefault(message.name, _Draft(message))
         draft.signals[slot] = SignalCodec(signal, message.length)
 
@@ -168,7 +172,7 @@ class _Drafts:
             return
         draft, signal = self._existing(key, name)
         if signal.is_signed or not _is_whole(signal):
-            raise self._names.error(key, f"{name} must be an unsigned integer without scale")
+            raise self._names.error(key, f"{name} must be an unsigned {_WHOLE}")
         counter = SignalCodec(signal, draft.message.length)
         draft.checks = replace(draft.checks, counter=counter, counter_modulus=1 << signal.length)
 
@@ -203,7 +207,9 @@ class _Drafts:
 
 
 def _is_whole(signal: Signal) -> bool:
-    return not signal.is_float and (signal.scale, signal.offset) == (1, 0)
+    """Return whether every bit of its raw value is kept: values of all signals are floats."""
+    whole = not signal.is_float and (signal.scale, signal.offset) == (1, 0)
+    return whole and bool(signal.length <= _WHOLE_BITS)
 
 
 class _Names:
