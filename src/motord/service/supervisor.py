@@ -40,6 +40,11 @@ CLOSED_NS = 2_000_000_000
 RECORDER_START_NS = 20_000_000_000
 
 
+def suspended_ns() -> int:
+    """Return for how long the computer has been suspended, which its monotonic clock leaves out."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()
+
+
 @dataclass
 class Supervisor:
     """What gets its turn in every step, and in which order. `gateway`: None without TLS.
@@ -63,6 +68,7 @@ class Supervisor:
     guard: Guard
     notifier: Notifier
     clock_ns: Callable[[], int] = time.monotonic_ns
+    suspended_ns: Callable[[], int] = suspended_ns
 
     def __post_init__(self) -> None:
         links = {"channels": self.channels, "estimator": self.estimator, "tracker": self.tracker}
@@ -90,7 +96,7 @@ class Supervisor:
         for name, link in self._helpers.items():
             with part(name, now_ns):
                 link.step(now_ns)
-        self.bench.step(block, lost, now_ns)
+        self.bench.step(block, lost, now_ns, self.suspended_ns())
         for end in ended:  # by now its last ticks were taken in, trips among them
             with part("processes", now_ns):
                 self._process_ended(end)

@@ -159,7 +159,7 @@ class VirtualService:
         for section, values in changes.items():
             base[section].update(values)
         self.config = config.Config.model_validate(base)
-        self.now_ns = START_NS
+        self.now_ns, self.suspended_ns = START_NS, 0
         self.loop = VirtualLoop(self.config, virtual)
         self.events = EventLog(lambda: self.now_ns)
         self.sink = RecordedSink()
@@ -205,7 +205,7 @@ class VirtualService:
         """Let `steps` times 10 ms pass; the disk takes none of it."""
         for _ in range(steps):
             self.now_ns += STEP_NS
-            self.bench.step(self.loop.run(), lost, self.now_ns)
+            self.bench.step(self.loop.run(), lost, self.now_ns, self.suspended_ns)
             self.queue.step(self.now_ns)
             self.dispatcher.step(self.now_ns)
             self.bench.plans.conclude()

@@ -33,7 +33,8 @@ from motord.shm.mailbox import MailboxWriter
 UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
 SUSPENDED_NS = 500_000_000
-"""A supervisor that did not run for this long says so, and stops the external drive."""
+"""A supervisor that did not run for this long, also as the computer was suspended, says so, and
+stops the external drive."""
 
 
 class Bench:
@@ -80,12 +81,15 @@ class Bench:
         self._stepped_ns = 0
         self._tick_age_ns = round(config.setpoint_valid_s * 1e9)
 
-    def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
-        """Take in a block of ticks and do everything that is due; ends with the heartbeat."""
+    def step(self, block: np.ndarray, lost: int, now_ns: int, suspended_ns: int = 0) -> None:
+        """Take in a block of ticks and do everything that is due; ends with the heartbeat.
+
+        suspended_ns: for how long the computer has been suspended so far; `now_ns` lacks it.
+        """
         self.injected.update(block)
         self._watch_channels(now_ns)
         self.monitor.update(block, lost, now_ns)
-        self._check_suspended(now_ns)
+        self._check_suspended(now_ns + suspended_ns)
         self._expire_lease(now_ns)
         self._watch_devices(now_ns)
         self._watch_loop(now_ns)
@@ -217,9 +221,9 @@ class Bench:
             self.events.emit("fault", f"{why}; if that lasts, {HANGING_REMEDY}")
             self._end_plan(why)
 
-    def _check_suspended(self, now_ns: int) -> None:
+    def _check_suspended(self, boot_ns: int) -> None:
         """Say if the supervisor did not run for long; stop the drive, which is safe by then."""
-        gap_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
+        gap_ns, self._stepped_ns = boot_ns - self._stepped_ns, boot_ns
         if gap_ns <= SUSPENDED_NS:
             return
         why = f"the supervisor did not run for {gap_ns / 1e9:.1f} s"
