@@ -101,11 +101,14 @@ def remember_command(p: np.record, m: np.record, s: np.record, i_A: np.ndarray) 
 
     A gain that is induced in all phases is part of what was asked for. The torque of an offset that
     is induced depends on the rotor's angle, which may not be known yet: the most of it is kept.
+    Errors that are no numbers let no current flow: kept is what was asked for without them.
     """
     gain = 1.0 + (s.induced_gain[0] + s.induced_gain[1] + s.induced_gain[2]) / 3.0
-    m.torque_asked_Nm = gain * m.torque_set_Nm
     offset = s.induced_offset_A
     induced_Nm = p.torque_per_A * (abs(offset[0]) + abs(offset[1]) + abs(offset[2]))
+    if not math.isfinite(gain + induced_Nm):
+        gain, induced_Nm = 1.0, 0.0
+    m.torque_asked_Nm = gain * m.torque_set_Nm
     m.deviation_Nm = induced_Nm + m.torque_cut_Nm
     m.torque_cut_Nm *= max(1.0 - p.period_s / CUT_MEMORY_S, 0.0)
     place = m.newest + 1 if m.newest + 1 < p.commands else 0

@@ -35,6 +35,14 @@ def check_torque(config: Config, torque_Nm: float) -> None:
         )
 
 
+def check_current(config: Config, current_A: float) -> None:
+    """Refuse a current that the loop would cut off. Raises PlanError."""
+    if not current_A <= config.limits.current_A:
+        raise PlanError(
+            f"{current_A:g} A is above [limits] current_A = {config.limits.current_A:g}"
+        )
+
+
 def check_torque_changes(config: Config, torques_Nm: Iterable[float]) -> None:
     """Refuse torques one after the other, held for long each, whose change trips the bench.
 

@@ -245,6 +245,21 @@ def test_a_high_pass_answers_an_offset_and_its_end(sign: float) -> None:
     assert until_trip(bench, 150)[0]
 
 
+@pytest.mark.parametrize("name", ["induced_gain", "induced_offset_A"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_induced_errors_that_are_no_numbers_hide_no_torque_error_later(
+    name: str, value: float
+) -> None:
+    bench = at_torque(3.0)
+    bench.setpoint[name] = value
+    bench.ticks(10)
+    assert not bench.currents_A().any()
+    bench.setpoint[name] = 0.0
+    bench.ticks(5000)  # the torque that was lacking is forgotten
+    bench.error_Nm = 2.15
+    assert until_trip(bench, 150)[1] == Trip.TORQUE_IMPLAUSIBLE
+
+
 @pytest.mark.kernel
 def test_a_gain_that_is_induced_is_asked_for() -> None:
     bench = at_torque(3.0)

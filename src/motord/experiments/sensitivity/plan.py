@@ -15,7 +15,7 @@ from motord.config import Config, MeshConfig
 from motord.config.plans import SensitivityConfig
 from motord.schema import Compensation
 from motord.sequencing import NOTHING_INDUCED, Induced, OperatingPoint, Plan, PlanError
-from motord.sequencing.limits import check_operating_points
+from motord.sequencing.limits import check_current, check_operating_points
 from motord.sequencing.mesh import operating_points, serpentine
 from motord.sequencing.operating_point import operating_point_s
 from motord.sequencing.settings import chosen, compensation
@@ -47,6 +47,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     for point in taken:
         torque_Nm = point.torque_Nm * sum(point.induced.gain) / 3  # of its currents, about
         check_operating_points(config, (torque_Nm,), (point.speed_Hz,))
+        check_current(config, max(map(abs, point.induced.offset_A)))
     mesh = MeshConfig(
         turns=own.turns,
         settle_s=own.settle_s,

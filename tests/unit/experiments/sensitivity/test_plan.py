@@ -50,6 +50,8 @@ def test_all_is_compensated_as_far_as_it_is_known() -> None:
     [
         ({"delta_epsilon": [0.3, 1.4]}, "limits. torque_Nm"),
         ({"speed_Hz": 0.01}, "brake holds"),
+        ({"beta_a_A": [-1, 30.1]}, "30.1 A is above .limits. current_A = 30"),
+        ({"again_beta_A": [0, -31, 0]}, "31 A is above"),
         ({"compensate": "off"}, "always 'calibration'"),
         ({"alpha_a_steps": -1}, "alpha_a_steps"),
         (
