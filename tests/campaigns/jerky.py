@@ -17,6 +17,9 @@ from tests.campaigns import seeds
 from tests.support.jerky_rotor import Jerky
 
 TURNS = 5.3
+SLOW_HZ = 0.09731
+"""No simple fraction of the sampling rate: at 0.1 every turn sees the same places of each cell, and
+the intervals hold the truth in 84 % (docs/uncertainty.md)."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +39,10 @@ CASES = (
     Case("smooth", STIFF, 0.4873, frozenset(), 0.90),
     Case("smooth, friction ripples", replace(STIFF, sensed=True, friction_ripple=RIPPLE),
          0.4873, frozenset({"directions-differ"}), 0.90),
-    Case("sticks and slips", Jerky(), 0.1, frozenset({"jerky-motion"}), 0.90),
-    Case("sticks and slips, high-pass", Jerky(highpass_s=2.0), 0.1, frozenset({"jerky-motion"}),
-         0.90),
-    Case("sticks and slips, friction seen", Jerky(sensed=True), 0.1,
+    Case("sticks and slips", Jerky(), SLOW_HZ, frozenset({"jerky-motion"}), 0.90),
+    Case("sticks and slips, high-pass", Jerky(highpass_s=2.0), SLOW_HZ,
+         frozenset({"jerky-motion"}), 0.90),
+    Case("sticks and slips, friction seen", Jerky(sensed=True), SLOW_HZ,
          frozenset({"jerky-motion", "directions-differ"}), 0.90),
 )  # fmt: skip
 
