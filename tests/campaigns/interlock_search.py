@@ -30,6 +30,9 @@ SMALL_RAD = 0.15
 """Electrical angle by which currents are off at most, for each of the reasons for which they are,
 in normal operation: a bench that cannot commutate makes another torque than is asked for."""
 
+NOTHING_A = 1e-9
+"""A current that has decayed for a second is no number of its own any more."""
+
 
 class Finding(AssertionError):
     """Something that must not be."""
@@ -94,7 +97,7 @@ class Operation:
             yield "enabled without a request"
         if largest_A > limits.current_A * (1 + 1e-6):
             yield f"{largest_A:g} A commanded"
-        rise_Nm = limits.torque_rate_Nm_per_s * b.period_ns * 1e-9 + 1e-6 * limits.torque_Nm
+        rise_Nm = limits.torque_rate_Nm_per_s / self.config.loop.rate_Hz + 1e-6 * limits.torque_Nm
         if torque_Nm > min(limits.torque_Nm * (1 + 1e-6), before_Nm + rise_Nm):
             yield f"torque from {before_Nm:g} to {torque_Nm:g} Nm"
         position_s = (b.now_ns - int(b.feedback["t_ns"][0])) * 1e-9
@@ -175,8 +178,8 @@ class Operation:
             self.run()
             if b.state != (State.OFF if state == "off" else State.TRIPPED):
                 raise Finding(f"{b.state.name} while the fault lasts")
-            left = 0.05 if inverter.lag_s else 0.0
-            if b.now_ns > gone_ns + b.period_ns and max(map(abs, b.truth_A)) > left * flows_A:
+            left_A = max(0.05 * flows_A if inverter.lag_s else 0.0, NOTHING_A)
+            if b.now_ns > gone_ns + b.period_ns and max(map(abs, b.truth_A)) > left_A:
                 raise Finding("current flows after the trip")
 
     def recover(self) -> None:
