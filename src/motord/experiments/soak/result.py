@@ -1,7 +1,7 @@
 """What is found of a soak: its repetitions, and the trend of each figure over them."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import ClassVar
@@ -180,26 +180,36 @@ class SoakResult:
         return (*self._drifts(), *self._steps(), *self._correlated(), *self.questionable)
 
     def _drifts(self) -> Iterator[Finding]:
-        for one in self.trends:
-            if not one.drifts:
-                continue
+        """Yield a finding of each figure that drifts, by the set-point of the largest slope."""
+        for name, several in _by_figure([one for one in self.trends if one.drifts]):
+            worst = max(several, key=lambda one: abs(one.slope.value))
+            also = _also([f"{one.name} by {one.to_text()}" for one in several if one is not worst])
             yield Finding(
-                _name("drift", one.name), one.slope.value, one.slope.half_width or 0.0,
-                one.slope_unit, "warning",
-                f"{one.name} changes by {one.to_text()} {one.slope_unit} over {self.hours:.3g} h, "
-                f"from {one.values[0]:.4g} to {one.values[-1]:.4g} {one.unit}",
-                WARMS_UP if one.unit == "degC" else CAUSES.get(one.name, DRIFTS),
+                f"drift-of-{name}", worst.slope.value, worst.slope.half_width or 0.0,
+                worst.slope_unit, "warning",
+                f"{worst.name} changes by {worst.to_text()} {worst.slope_unit} over "
+                f"{self.hours:.3g} h, from {worst.values[0]:.4g} to {worst.values[-1]:.4g} "
+                f"{worst.unit}{also}",
+                WARMS_UP if worst.unit == "degC" else CAUSES.get(worst.name, DRIFTS),
             )  # fmt: skip
 
     def _steps(self) -> Iterator[Finding]:
-        for one in self.trends:
-            if (step := one.step) is None:
-                continue
+        """Yield a finding of each figure that has a step, by the set-point of the largest."""
+        stepped = [(one, one.step) for one in self.trends if one.step is not None]
+        steps = {one.name: step for one, step in stepped}
+        for name, several in _by_figure([one for one, _ in stepped]):
+            worst = max(several, key=lambda one: abs(steps[one.name].value))
+            step = steps[worst.name]
+            also = _also([
+                f"{one.name} by {plus_minus(its.value, its.half_width)} after {its.hours:.3g} h"
+                for one in several if one is not worst for its in [steps[one.name]]
+            ])  # fmt: skip
             yield Finding(
-                _name("step", one.name), step.value, step.half_width, one.unit, "warning",
-                f"{one.name} changed by {plus_minus(step.value, step.half_width)} {one.unit} at "
-                f"once, {step.hours:.3g} h after the first repetition, from "
-                f"{one.values[step.place - 1]:.4g} to {one.values[step.place]:.4g} {one.unit}",
+                f"step-of-{name}", step.value, step.half_width, worst.unit, "warning",
+                f"{worst.name} changed by {plus_minus(step.value, step.half_width)} {worst.unit} "
+                f"at once, {step.hours:.3g} h after the first repetition, from "
+                f"{worst.values[step.place - 1]:.4g} to {worst.values[step.place]:.4g} "
+                f"{worst.unit}{also}",
                 STEPPED,
             )  # fmt: skip
 
@@ -216,6 +226,14 @@ class SoakResult:
             )  # fmt: skip
 
 
-def _name(what: str, figure: str) -> str:
-    """Return the name of a finding about a figure, whatever point that is of."""
-    return f"{what}-of-{re.sub('[ _]', '-', figure.partition(' of ')[0]).lower()}"
+def _by_figure(trends: Sequence[FigureTrend]) -> Iterator[tuple[str, list[FigureTrend]]]:
+    """Yield the trends of each figure, of whatever set-points, by its part of a finding's name."""
+    figures: dict[str, list[FigureTrend]] = {}
+    for one in trends:
+        figures.setdefault(one.name.partition(" of ")[0], []).append(one)
+    for figure, several in figures.items():
+        yield re.sub("[ _]", "-", figure).lower(), several
+
+
+def _also(texts: Sequence[str]) -> str:
+    return f"; so do {listed(texts)}" if texts else ""

@@ -1,11 +1,13 @@
 """Steps of a series: found with place and size, and not taken for what is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from motord.experiments.analysis import encode
 from motord.experiments.soak.figure_trends import with_steps
-from motord.experiments.soak.result import FigureTrend, SoakResult
+from motord.experiments.soak.result import FigureTrend, Repetition, SoakResult
 from motord.experiments.soak.step import FALSE_ALARMS, LEAST, most_likely_step
 from motord.experiments.soak.trend import slope
 from motord.intervals import beyond_chance
@@ -117,6 +119,25 @@ def test_a_finding_has_the_name_of_its_figure_without_the_point(figure, name):
     values = np.random.default_rng(3).normal(size=HOURS.size) + 10.0 * (HOURS > 2.5)
     found = SoakResult("verify", (), tuple(with_steps([trend(values, figure)])))
     assert [one.name for one in found.findings] == [f"step-of-{name}"]
+
+
+def test_set_points_of_one_figure_share_a_finding_that_names_them_all():
+    """Findings of one name are one: a consumer could not tell which is which."""
+    rng, late = np.random.default_rng(3), HOURS > 2.5
+    changes = {"of point 1": 10.0 * late, "of point 2": 30.0 * late, "of point 3": 0.0 * HOURS}
+    trends = [
+        trend(rng.normal(size=HOURS.size) + change, f"torque_mean_Nm {point}")
+        for point, change in changes.items()
+    ]
+    two = Repetition(0, "a", 0.0, 3, complete=True), Repetition(1, "a", 5.0, 3, complete=True)
+    stepped = SoakResult("verify", two, tuple(with_steps(trends)))
+    drifting = SoakResult("verify", two, tuple(replace(one, drifts=True) for one in trends[:2]))
+    for found, what in ((stepped, "step"), (drifting, "drift")):
+        [finding] = (one for one in found.findings if one.name == f"{what}-of-torque-mean-nm")
+        assert finding.meaning.startswith("torque_mean_Nm of point 2 ")
+        assert "; so do torque_mean_Nm of point 1 by " in finding.meaning
+        assert "point 3" not in finding.meaning
+    assert abs(stepped.findings[0].value - 30.0) < stepped.findings[0].limit
 
 
 def test_a_soak_says_what_changed_at_once():
