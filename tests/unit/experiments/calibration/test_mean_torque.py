@@ -8,9 +8,11 @@ import pytest
 
 from motord.config import AccuracyConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.checks import NoFitError
+from motord.experiments.calibration.estimate.lack_of_fit.mean_torque import MeanTorques
 from motord.findings import Finding
 from motord.identification import IdentifyError
-from motord.identification.operating_points import PointData
+from motord.identification.operating_points import PointData, prepare
 from motord.identification.torque.torque_of_currents import slope_of
 from tests.unit.identification.synthetic_bench import Bench, Truth, motor
 
@@ -55,15 +57,27 @@ def found(
 
 
 @pytest.mark.parametrize("mesh", [SIX, TWO], ids=["six points", "two points"])
-@pytest.mark.parametrize(
-    ("electrical_deg", "severities"),
-    [(0.0, []), (3.0, []), (-20.0, ["warning"]), (20.0, ["warning"]), (90.0, ["serious"]),
-     (180.0, ["serious"])],
-)  # fmt: skip
+@pytest.mark.parametrize("electrical_deg", [0.0, 3.0, -20.0, 20.0, 90.0, 180.0])
 def test_an_angle_that_is_far_off_is_a_finding(
-    electrical_deg: float, severities: list[str], mesh: tuple[tuple[float, ...], ...]
+    electrical_deg: float, mesh: tuple[tuple[float, ...], ...]
 ) -> None:
+    """It is serious from 20 deg on where the ripple of enough points is serious, too."""
+    severities = []
+    if abs(electrical_deg) > 3.0:
+        severities = ["warning" if mesh is TWO and abs(electrical_deg) < 90.0 else "serious"]
     assert [one.severity for one in found(electrical_deg, mesh=mesh)] == severities
+
+
+def test_it_comes_first_and_names_what_the_same_angle_makes_of_the_ripple() -> None:
+    """Its cause looks like several departures at once, which are not there."""
+    calibrator = Calibrator(motor(connection="star"), PASSES_MEAN)
+    for point in recorded("star", SIX, 1.0, PASSES_MEAN):
+        calibrator.add(turned(point, 20.0))
+    first, *others = calibrator.result("joint").findings
+    serious = [one.name for one in others if one.severity == "serious"]
+    assert first.name == NAME
+    assert serious
+    assert f"{', '.join(serious)} may be of the same cause" in first.meaning.replace(";", ",")
 
 
 @pytest.mark.parametrize("electrical_deg", [20.0, 90.0])
@@ -86,6 +100,23 @@ def test_a_refusal_says_so_too() -> None:
     with pytest.raises(IdentifyError) as refused:
         found(90.0, "independent", sensor=HIGHPASS)
     assert "mean torque" not in str(refused.value)
+
+
+@pytest.mark.parametrize("connection", ["independent", "star"])
+def test_a_refusal_of_a_fit_has_the_likelier_cause_first_and_no_other_advice(
+    connection: str,
+) -> None:
+    """Larger torques and more turns do not help against an angle that is off."""
+    known = NoFitError("alpha of phase b is known to +-0.2 only", ": take more turns")
+    means = MeanTorques(motor(connection=connection), PASSES_MEAN)
+    for point in recorded(connection, SIX, 1.0, PASSES_MEAN):
+        means.add(prepare(turned(point, 20.0), 4096))
+    refused = str(means.explained(known, AccuracyConfig()))
+    assert refused.startswith("the mean torque that currents, position and back-EMF make changes")
+    assert refused.endswith(f"({known.fact})")
+    assert "more turns" not in refused
+    few = IdentifyError("5 whole turns in all")
+    assert means.explained(few, AccuracyConfig()) is few
 
 
 def test_a_refusal_that_names_a_phase_says_that_first() -> None:

@@ -160,16 +160,13 @@ class Calibrator:
             for one in faults:
                 if one.severity == "serious":
                     raise IdentifyError(f"{one.meaning}; {one.action} ({error})") from error
-            for one in self._means.findings(self._bench.accuracy):
-                if one.severity == "serious":
-                    raise IdentifyError(f"{error}; {one.meaning}; {one.action}") from error
-            raise
+            raise self._means.explained(error, self._bench.accuracy) from error
         scale = [
-            *common_gain_finding(found, self._bench.accuracy),
             *self._means.findings(self._bench.accuracy, found),
+            *common_gain_finding(found, self._bench.accuracy),
         ]
         return replace(
-            found, findings=(*found.findings, *scale, *faults, *self._left_out.findings())
+            found, findings=(*scale, *found.findings, *faults, *self._left_out.findings())
         )
 
     def joint(self) -> CalibrationResult:

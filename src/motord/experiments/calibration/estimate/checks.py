@@ -62,6 +62,17 @@ ONE_DIRECTION = (
 )
 
 
+class NoFitError(IdentifyError):
+    """The fit is no calibration, for a reason that another finding may explain.
+
+    fact: what is wrong, without what is usually behind it and what to do.
+    """
+
+    def __init__(self, fact: str, advice: str) -> None:
+        super().__init__(f"{fact}{advice}")
+        self.fact = fact
+
+
 def check_points(
     points: Sequence[TurnProducts], unknown: Sequence[str] = (), left_out: Sequence[str] = ()
 ) -> None:
@@ -168,15 +179,15 @@ def check_fit(fitted: JointFit, misfit: Callable[[], float] = lambda: 1.0) -> No
     if stderr[worst] > MAX_ALPHA_STDERR:
         known = f"alpha of phase {'abc'[worst]} is known to +-{stderr[worst]:.2g} only"
         if misfit() > REPEATS:
-            raise IdentifyError(
-                f"{known}: {fitted.noise_Nm.mean():.2g} Nm of the torque repeat from turn to turn "
-                "and are neither of the currents nor cogging torque, so that more turns do not "
-                "help; check sign and gain of the torque sensor, the encoder's lines and the "
-                "back-EMF"
+            raise NoFitError(
+                known,
+                f": {fitted.noise_Nm.mean():.2g} Nm of the torque repeat from turn to turn and "
+                "are neither of the currents nor cogging torque, so that more turns do not help; "
+                "check sign and gain of the torque sensor, the encoder's lines and the back-EMF",
             )
-        raise IdentifyError(
-            f"{known} (torque noise {fitted.noise_Nm.mean():.2g} Nm): take more turns and larger "
-            "torques"
+        raise NoFitError(
+            known,
+            f" (torque noise {fitted.noise_Nm.mean():.2g} Nm): take more turns and larger torques",
         )
     low, high = ALPHA_RANGE
     for phase in range(3):
@@ -188,10 +199,11 @@ def check_fit(fitted: JointFit, misfit: Callable[[], float] = lambda: 1.0) -> No
             )
     common = fitted.solution.delta_epsilon
     if not COMMON_GAIN_RANGE[0] <= common <= COMMON_GAIN_RANGE[1]:
-        raise IdentifyError(
+        raise NoFitError(
             f"the torque that the currents make comes out {common:.2f} times as large as the "
-            "back-EMF says: no sensor error is that large; check [torque_sensor] gain_Nm_per_V, "
-            "the back-EMF and the scale of the currents"
+            "back-EMF says",
+            ": no sensor error is that large; check [torque_sensor] gain_Nm_per_V, the back-EMF "
+            "and the scale of the currents",
         )
 
 

@@ -3,14 +3,15 @@
 Ripple alone does not show it: by an angle that is far off other gains explain it, and look right.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate.checks import COMMON_GAIN_PERCENT
+from motord.experiments.calibration.estimate.checks import COMMON_GAIN_PERCENT, NoFitError
 from motord.experiments.calibration.estimate.result import CalibrationResult
-from motord.findings import Finding
+from motord.findings import Finding, Severity, listed
+from motord.identification import IdentifyError
 from motord.identification.operating_points import Samples
 from motord.identification.torque.torque_of_currents import (
     MIN_FREEDOM,
@@ -68,7 +69,21 @@ class MeanTorques:
         limit_percent = stated_percent + gain_percent + _chance_percent(slope, accuracy)
         off_percent = 100 * (1 - slope.ratio)
         if off_percent > limit_percent:
-            yield _finding(slope, off_percent, limit_percent)
+            others = [] if result is None else result.findings
+            serious = [one.name for one in others if one.severity == "serious"]
+            yield _finding(slope, off_percent, limit_percent, serious)
+
+    def explained(self, error: IdentifyError, accuracy: AccuracyConfig) -> IdentifyError:
+        """Return a refusal with what the mean torques say, the likelier cause first.
+
+        Where the fit is none that is the mean torque, also where it is no more than a warning.
+        """
+        for one in self.findings(accuracy):
+            if isinstance(error, NoFitError):
+                return IdentifyError(f"{one.meaning}; {one.action} ({error.fact})")
+            if one.severity == "serious":
+                return IdentifyError(f"{error}; {one.meaning}; {one.action}")
+        return error
 
 
 def _chance_percent(slope: Slope, accuracy: AccuracyConfig) -> float:
@@ -106,19 +121,24 @@ def _saturation_percent(accuracy: AccuracyConfig, result: CalibrationResult | No
     return max([accuracy.saturation_percent, *losses])
 
 
-def _finding(slope: Slope, off_percent: float, limit_percent: float) -> Finding:
+def _finding(
+    slope: Slope, off_percent: float, limit_percent: float, others: Sequence[str]
+) -> Finding:
+    """Return the finding. others: serious ones of the ripple, which the same cause may have."""
     currents = "that currents, position and back-EMF make"
     measured = "that the sensor shows"
     one, other = (measured, currents) if slope.measured_smaller else (currents, measured)
     angle_deg = np.degrees(np.arccos(np.clip(slope.ratio, -1, 1)))
     may_be_friction = slope.with_friction and slope.ratio > 0
-    far = off_percent - limit_percent > COMMON_GAIN_PERCENT and not may_be_friction
+    far = off_percent - limit_percent > COMMON_GAIN_PERCENT or bool(others)
+    severity: Severity = "serious" if far and not may_be_friction else "warning"
+    likely = f"; {listed(others)} may be of the same cause, and not what it says" if others else ""
     return Finding(
-        "torque-of-currents", off_percent, limit_percent, "%", "serious" if far else "warning",
+        "torque-of-currents", off_percent, limit_percent, "%", severity,
         f"the mean torque {one} changes from point to point by {slope.ratio:.3g} times the one "
         f"{other}: position or phase of the back-EMF is wrong ({angle_deg:.0f} deg electrical "
         "would do that), or scale, sign or order of torque or currents, or amplitude of the "
-        "back-EMF",
+        f"back-EMF{likely}",
         "align (`motord plan start align`), measure the back-EMF, and check [torque_sensor]: "
         "gain_Nm_per_V, and highpass_time_constant_s of a sensor that does not pass the mean",
     )  # fmt: skip
