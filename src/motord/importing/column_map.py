@@ -8,6 +8,7 @@ import numpy as np
 from motord.importing.mapping import IN_OTHER_UNITS, SET_POINTS, TIME_S, Column, ImportMap, SplitMap
 from motord.importing.source import RowClock, RowSource, WantedColumn, find, locate, suggestion
 from motord.recording.errors import RecordError
+from motord.schema import TICK_DTYPE
 
 LARGEST = 1e30
 """Value beyond which a number is none: single precision ends not far from there."""
@@ -22,8 +23,9 @@ class ColumnMap:
     """Columns of `source` for `mapping` and an encoder of `counts`.
 
     time_field: t_s, t_ns, or "" where the time follows from the number of a row (`clock`).
-    position_field: encoder_count or angle_rad. fields: what else becomes a field of a tick; by:
-    names whose values split the recording. Raises RecordError for columns that there are not.
+    position_field: encoder_count or angle_rad. fields: what else becomes a field of a tick; held:
+    of these, those whose gaps have the value before; by: names whose values split the recording.
+    Raises RecordError for columns that there are not.
     """
 
     def __init__(self, source: RowSource, mapping: ImportMap, counts: int) -> None:
@@ -45,6 +47,7 @@ class ColumnMap:
             for name in self._columns
             if name not in (*NOT_VALUES, self.position_field) and not name.startswith("column ")
         )
+        self.held = tuple(name for name in self.fields if _holds(name))
         self.clock = self._clock(mapping)
         self.time_is_whole = self._time_is_whole()
 
@@ -137,3 +140,8 @@ class ColumnMap:
                     + suggestion(name, self.source.names)
                 )
         return tuple(dict.fromkeys(names))
+
+
+def _holds(name: str) -> bool:
+    """Return whether a field holds where it has no value: a set-point, or a whole number."""
+    return name in SET_POINTS or TICK_DTYPE[IN_OTHER_UNITS.get(name, name)].kind != "f"

@@ -13,6 +13,7 @@ from motord.importing.binary.mdf import MdfSource, begins_as_mdf
 from motord.importing.binary.tdms import TdmsSource, begins_as_tdms
 from motord.importing.column_map import ColumnMap
 from motord.importing.csv.source import CsvSource
+from motord.importing.currents import remarks
 from motord.importing.mapping import ImportMap, load_map, load_mapped_motor
 from motord.importing.point_builder import PointBuilder
 from motord.importing.problems import Problems
@@ -157,7 +158,8 @@ class _Job:
             self.motor_file.torque_sensor.passes_mean,
             motor,
         )
-        for rows in usable_rows(self.column_map, self.column_map.fields, problems):
+        fields, held = self.column_map.fields, self.column_map.held
+        for rows in usable_rows(self.column_map, fields, held, problems):
             ticks = maker.take(rows, problems)
             writer.ticks(ticks)
             missed = int(ticks["missed"][-1])
@@ -168,10 +170,10 @@ class _Job:
         if strict and problems:
             raise RecordError(f"{source.path}: {'; '.join(problems.messages())}")
         seen, given = self.survey, {*self.column_map.fields, *self.column_map.constants}
-        remarks = [
-            *_on_rows(problems, seen),
+        remarked = [
+            *_on_rows(problems, seen, self.column_map.position_field),
             *_on_torque(given, points, maker.torque_largest_Nm, motor.rated_torque_Nm),
-            *_on_currents(builder.of_currents),
+            *remarks(builder.of_currents, motor.rated_torque_Nm),
             *_on_speed(given, points),
             *_on_points(points, split is not None),
         ]
@@ -183,7 +185,7 @@ class _Job:
             missed=missed,
             points=tuple(points),
             problems=tuple(problems.messages()),
-            notes=(*source.notes, *self.column_map.notes, *notes, *remarks),
+            notes=(*source.notes, *self.column_map.notes, *notes, *remarked),
         )
         account = {"problems": problems.to_json(), "notes": result.notes}
         end_ns = seen.last_ns + self.anchor_ns
@@ -192,11 +194,11 @@ class _Job:
         return result
 
 
-def _on_rows(problems: Problems, seen: Survey) -> Iterator[str]:
+def _on_rows(problems: Problems, seen: Survey, position: str) -> Iterator[str]:
     """Yield remarks on times."""
     if not seen.regular:
         yield "the rows are not evenly spaced: no missing ones are counted"
-    yield from hints(problems, seen.rows)
+    yield from hints(problems, seen.rows, position)
 
 
 def _on_torque(
@@ -209,17 +211,6 @@ def _on_torque(
         yield f"the torque reaches {largest_Nm:g} Nm, {rated_Nm:g} Nm is rated: is its scale right?"
     if "torque_set_Nm" not in given and points:
         yield f"torque of the operating points: {points[0]['torque_source']}"
-
-
-def _on_currents(different: Sequence[tuple[int, float, float]]) -> Iterator[str]:
-    """Yield a remark on the first point of which the currents do not make the torque."""
-    for index, torque_Nm, made_Nm in different[:1]:
-        yield (
-            f"by position, currents and back-EMF operating point {index} makes {made_Nm:.3g} Nm, "
-            f"its torque is {torque_Nm:.3g} Nm: are order, sign and scale of the currents, zero "
-            "and direction of the position, and back_emf (amplitude and phase_rad) right? A "
-            "calibration from it would be wrong"
-        )
 
 
 def _on_speed(given: Set[str], points: Sequence[dict[str, Any]]) -> Iterator[str]:

@@ -10,11 +10,9 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.identification.operating_points import CURRENTS, GOOD, stacked
 from motord.identification.torque.torque_of_currents import SHOWN_PART, phase_torques_Nm
+from motord.importing.currents import TORQUE_RATIO, TorqueOfCurrents
 from motord.importing.segments import ConstantSegment
 from motord.schema import Compensate, Flag
-
-TORQUE_RATIO = 2.0
-"""Torque of the currents, in parts of the torque or its inverse, that no error of gain explains."""
 
 
 @dataclass
@@ -37,7 +35,7 @@ class _Sums:
             "of_currents_Nm": phase_torques_Nm(i_A, back_emf).sum(axis=1),
             "largest_Nm": np.linalg.norm(i_A, axis=1) * np.linalg.norm(back_emf, axis=1),
         }
-        for name in ("torque_Nm", "torque_set_Nm", "speed_set_rad_s", *torques):
+        for name in ("torque_Nm", "torque_set_Nm", "speed_set_rad_s", "speed_rad_s", *torques):
             values = torques[name] if name in torques else ticks[name].astype(float)
             finite = values[np.isfinite(values)]
             self.total[name] = self.total.get(name, 0.0) + float(finite.sum())
@@ -51,8 +49,7 @@ class PointBuilder:
     """Yields the record of each operating point once its last tick has been seen.
 
     min_turns: whole turns that a good one has; torque_passes: whether the torque sensor passes
-    the mean. `of_currents` has of each point with currents: its number, its torque, and the mean
-    torque that its currents make by the back-EMF, where these are far from each other (Nm).
+    the mean. `of_currents`: of each point of some torque that its currents could make.
     """
 
     def __init__(
@@ -66,7 +63,7 @@ class PointBuilder:
         self._torque_passes = torque_passes
         self._rated_Nm, self._back_emf = motor.rated_torque_Nm, motor.back_emf_table()
         self._digits = 2 - math.floor(math.log10(motor.rated_torque_Nm))
-        self.of_currents: list[tuple[int, float, float]] = []
+        self.of_currents: list[TorqueOfCurrents] = []
         self._row = 0
         self._next = 0
         self._sums = _Sums()
@@ -120,14 +117,16 @@ class PointBuilder:
         return 0.0, "not known"
 
     def _compare_with_currents(self, torque_Nm: float) -> None:
-        """Note a torque that the currents do not make, though they could, or that they exceed."""
+        """Note the torque of the point and that of its currents, where they could make it."""
         made_Nm, largest_Nm = self._sums.mean("of_currents_Nm"), self._sums.mean("largest_Nm")
         if made_Nm is None or largest_Nm is None or abs(torque_Nm) < SHOWN_PART * self._rated_Nm:
             return
-        ratio = made_Nm / torque_Nm
         driven = largest_Nm < abs(torque_Nm) / TORQUE_RATIO  # from outside, with hardly a current
-        if not driven and not 1 / TORQUE_RATIO < ratio < TORQUE_RATIO:
-            self.of_currents.append((self._next, torque_Nm, made_Nm))
+        if not driven:
+            velocity_rad_s = self._sums.mean("speed_rad_s") or 0.0
+            self.of_currents.append(
+                TorqueOfCurrents(self._next, torque_Nm, made_Nm, velocity_rad_s)
+            )
 
     def _quality(self, whole: int) -> str:
         if whole >= self._min_turns:

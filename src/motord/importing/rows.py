@@ -4,16 +4,17 @@ Both passes over a source read it through here, with more or fewer columns, so t
 same one in both.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from motord.importing.column_map import ColumnMap
+from motord.importing.forward_fill import ForwardFill
 from motord.importing.position import PositionReader
-from motord.importing.problems import LEFT_OUT, Problems
+from motord.importing.problems import Problems
 from motord.importing.source import RawBlock
-from motord.importing.times import TimeReader
+from motord.importing.times import REPEATED, STANDING, TimeReader, lacks
 
 
 @dataclass(frozen=True)
@@ -34,44 +35,69 @@ class Rows:
 
 
 def usable_rows(
-    column_map: ColumnMap, names: tuple[str, ...], problems: Problems
+    column_map: ColumnMap, names: tuple[str, ...], held: Collection[str], problems: Problems
 ) -> Iterator[Rows]:
     """Yield the usable rows with the columns `names` of `column_map`; the others are noted.
 
-    Raises RecordError for positions that cannot be of this motor.
+    held: of `names`, the columns whose gaps have the value before, also that of a row without a
+    position. Raises RecordError for positions that cannot be of this motor.
     """
-    times, positions = TimeReader(column_map), PositionReader(column_map)
+    reader = _RowReader(column_map, names, held, problems)
     carried: RawBlock | None = None
     for block in column_map.source.blocks(column_map.wanted(names), problems):
         joined = block if carried is None else _join(carried, block)
         use, carried = _cut_last(joined)
         if use.line.size:
-            yield from _usable(use, carried, times, positions, column_map, names, problems)
+            yield from reader.take(use, carried)
     if carried is not None:
-        yield from _usable(carried, None, times, positions, column_map, names, problems)
-    positions.check()
+        yield from reader.take(carried, None)
+    reader.positions.check()
 
 
-def _usable(
-    block: RawBlock,
-    after: RawBlock | None,
-    times: TimeReader,
-    positions: PositionReader,
-    column_map: ColumnMap,
-    names: tuple[str, ...],
-    problems: Problems,
-) -> Iterator[Rows]:
-    """Yield the usable rows of a block, if there are any; `after` is the row that follows."""
-    t_ns, known = times.take(block, after, problems)
-    raw = column_map.position(block.columns)
-    present = np.isfinite(raw)
-    problems.add(f"no {column_map.position_field}{LEFT_OUT}", block.line[known & ~present])
-    known &= present
-    if not known.any():
-        return
-    turned_rad, position = positions.take(raw[known])
-    values = {name: column_map.value(name, names, block.columns)[known] for name in names}
-    yield Rows(t_ns[known], position, turned_rad, values, block.line[known], block.done)
+class _RowReader:
+    """Takes blocks of rows and yields what is usable of them."""
+
+    def __init__(
+        self,
+        column_map: ColumnMap,
+        names: tuple[str, ...],
+        held: Collection[str],
+        problems: Problems,
+    ) -> None:
+        self._column_map, self._names, self._problems = column_map, names, problems
+        self._held, self._fill = held, ForwardFill()
+        self._before = np.nan
+        self._times, self.positions = TimeReader(column_map), PositionReader(column_map)
+
+    def take(self, block: RawBlock, after: RawBlock | None) -> Iterator[Rows]:
+        """Yield the usable rows of a block, if there are any; `after` is the row that follows."""
+        column_map, problems = self._column_map, self._problems
+        t_ns, known, standing = self._times.take(block, after, problems)
+        raw = column_map.position(block.columns)
+        present = np.isfinite(raw)
+        problems.add(lacks(column_map.position_field), block.line[(known | standing) & ~present])
+        repeated = standing & (raw == np.concatenate([[self._before], raw[:-1]]))
+        self._before = raw[-1] if raw.size else self._before
+        problems.add(REPEATED, block.line[repeated])
+        problems.add(STANDING, block.line[standing & present & ~repeated])
+        timed, known = known | standing, known & present
+        values = {name: self._values(name, block, timed, known) for name in self._names}
+        if not known.any():
+            return
+        turned_rad, position = self.positions.take(raw[known])
+        yield Rows(t_ns[known], position, turned_rad, values, block.line[known], block.done)
+
+    def _values(
+        self, name: str, block: RawBlock, timed: np.ndarray, known: np.ndarray
+    ) -> np.ndarray:
+        """Return the values of the rows that are `known`; those that hold, also of all `timed`."""
+        values = self._column_map.value(name, self._names, block.columns)
+        if name not in self._held:
+            return np.asarray(values[known])
+        lacking = block.line[known & np.isnan(values)]
+        self._problems.add(f"no {name}: the value before holds", lacking)
+        values[timed] = self._fill.fill(name, values[timed])
+        return np.asarray(values[known])
 
 
 def _join(first: RawBlock, second: RawBlock) -> RawBlock:

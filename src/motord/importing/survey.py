@@ -2,12 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from motord.importing.column_map import ColumnMap
-from motord.importing.forward_fill import ForwardFill
 from motord.importing.mapping import ImportMap
 from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
@@ -44,11 +42,11 @@ def survey(column_map: ColumnMap, mapping: ImportMap, few_rows: bool, progress: 
     few_rows: most rows may be left out.
     """
     source, problems = column_map.source, Problems(column_map.source.unit)
-    segments, fill = SegmentFinder(mapping.split, column_map.counts), ForwardFill()
+    segments = SegmentFinder(mapping.split, column_map.counts)
     medians_ns: list[float] = []
     spacings = usual = rows = travelled = 0
     first_ns = last_ns = last_position = None
-    for block in usable_rows(column_map, column_map.by, problems):
+    for block in usable_rows(column_map, column_map.by, column_map.by, problems):
         t_ns, position = block.t_ns, block.position
         spacing_ns = np.diff(t_ns, prepend=t_ns[:1] if last_ns is None else [last_ns])
         spacing_ns = spacing_ns[spacing_ns > 0]
@@ -58,7 +56,7 @@ def survey(column_map: ColumnMap, mapping: ImportMap, few_rows: bool, progress: 
             spacings += spacing_ns.size
         start = position[:1] if last_position is None else [last_position]
         travelled += int(np.abs(np.diff(position, prepend=start)).sum())
-        keys = [_key(name, fill.fill(name, block.values[name])) for name in column_map.by]
+        keys = [_key(name, block.values[name]) for name in column_map.by]
         gap_ns = max(GAP_S * 1e9, GAP_ROWS * float(np.median(medians_ns or [0.0])))
         segments.take(t_ns, position, np.array(keys).T.reshape(t_ns.size, -1), gap_ns)
         first_ns = int(t_ns[0]) if first_ns is None else first_ns
@@ -73,7 +71,7 @@ def survey(column_map: ColumnMap, mapping: ImportMap, few_rows: bool, progress: 
             + "".join(f"; {message}" for message in problems.messages())
         )
     if not few_rows:
-        _require_most(source.path, rows, problems)
+        _require_most(column_map, rows, problems)
     return Survey(
         rows=rows,
         first_ns=first_ns,
@@ -85,15 +83,15 @@ def survey(column_map: ColumnMap, mapping: ImportMap, few_rows: bool, progress: 
     )
 
 
-def _require_most(path: Path, rows: int, problems: Problems) -> None:
+def _require_most(column_map: ColumnMap, rows: int, problems: Problems) -> None:
     """Raise RecordError if more than `LEFT_OUT_MAX` of all rows are left out; `rows` are used."""
     everything = rows + problems.left_out
     if problems.left_out > LEFT_OUT_MAX * everything:
-        why = "; ".join([*problems.messages(), *hints(problems, rows)])
+        why = "; ".join([*problems.messages(), *hints(problems, rows, column_map.position_field)])
         raise RecordError(
-            f"{path}: {problems.left_out} of {everything} rows would be left out: {why}; see that "
-            "the rows are in the order of time and the map names the right columns, or take what "
-            "is left with --few-rows"
+            f"{column_map.source.path}: {problems.left_out} of {everything} rows would be left "
+            f"out: {why}; see that the rows are in the order of time and the map names the right "
+            "columns, or take what is left with --few-rows"
         )
 
 

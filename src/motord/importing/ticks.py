@@ -3,8 +3,7 @@
 import numpy as np
 
 from motord.importing.column_map import ColumnMap
-from motord.importing.forward_fill import ForwardFill
-from motord.importing.mapping import IN_OTHER_UNITS, SET_POINTS
+from motord.importing.mapping import IN_OTHER_UNITS
 from motord.importing.problems import Problems
 from motord.importing.rows import Rows
 from motord.importing.speed import SpeedReader, span_s
@@ -22,7 +21,6 @@ class TickMaker:
         self._source, self._column_map = column_map.source, column_map
         self._anchor_ns = anchor_ns
         self._period_ns = survey.period_s * 1e9 if survey.regular else None
-        self._fill = ForwardFill()
         self._starts = np.array([s.first for s in survey.segments], np.int64)
         self._ends = np.array([s.end for s in survey.segments], np.int64)
         self._row = 0
@@ -49,9 +47,8 @@ class TickMaker:
             self._put(ticks, name, np.full(ticks.size, value))
         for name in self._column_map.fields:
             values = rows.values[name]
-            lacking = ~np.isfinite(values)
-            if lacking.any():
-                values = self._without(name, values, rows.line[lacking], problems)
+            if name not in self._column_map.held:
+                problems.add(f"no {name}: kept as nan", rows.line[np.isnan(values)])
             self._put(ticks, name, values)
         ticks["plan_point"] = self._plan_points(ticks.size)
         self._number(ticks, rows.line)
@@ -60,19 +57,7 @@ class TickMaker:
         self.torque_largest_Nm = float(np.fmax(self.torque_largest_Nm, largest_Nm))
         return ticks
 
-    def _without(
-        self, name: str, values: np.ndarray, line: np.ndarray, problems: Problems
-    ) -> np.ndarray:
-        """Fill what is not there: set-points and whole numbers hold, other values are nan."""
-        field = IN_OTHER_UNITS.get(name, name)
-        if name in SET_POINTS or TICK_DTYPE[field].kind != "f":
-            problems.add(f"no {name}: the value before holds", line)
-            return self._fill.fill(name, values)
-        problems.add(f"no {name}: kept as nan", line)
-        return values
-
     def _put(self, ticks: np.ndarray, name: str, values: np.ndarray) -> None:
-        self._fill.fill(name, values[-1:])
         field = IN_OTHER_UNITS.get(name, name)
         if name in IN_OTHER_UNITS:
             values = values * 2 * np.pi

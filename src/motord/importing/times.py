@@ -9,6 +9,7 @@ from motord.importing.problems import LEFT_OUT, Problems
 from motord.importing.source import MISSING_NS, RawBlock
 
 STANDING = f"same time as the row before{LEFT_OUT}"
+REPEATED = f"same time and position as the row before{LEFT_OUT}"
 BACK = f"earlier than a row before{LEFT_OUT}"
 
 MANY_ROWS = 0.1
@@ -18,10 +19,25 @@ FARTHEST_NS = 4 * 10**18
 """Times beyond are none: the year 2096 in Unix time."""
 
 
-def hints(problems: Problems, rows: int) -> Iterator[str]:
-    """Yield what is probably wrong with the times, of which `rows` can be used."""
+def lacks(field: str) -> str:
+    """Return the kind of a row without a field that it needs."""
+    return f"no {field}{LEFT_OUT}"
+
+
+def hints(problems: Problems, rows: int, position: str) -> Iterator[str]:
+    """Yield what is probably wrong with the rows, of which so many can be used.
+
+    position: the field that has it.
+    """
     if problems.count(STANDING) > MANY_ROWS * rows:
         yield "many times repeat: where they are rounded, give period_s instead of a column"
+    if problems.count(REPEATED) > MANY_ROWS * rows:
+        yield "many rows repeat time and position: each sample is held for several rows"
+    if problems.count(lacks(position)) > MANY_ROWS * rows:
+        yield (
+            f"many rows have no {position}: where channels are in rows of their own, join them to "
+            "one row for each time"
+        )
     if problems.count(BACK) > MANY_ROWS * rows:
         yield "time goes back for many rows: recordings that follow each other must be cut apart"
 
@@ -57,8 +73,11 @@ class TimeReader:
 
     def take(
         self, block: RawBlock, after: RawBlock | None, problems: Problems
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the times (n,) and which rows to use (n,); `after` is the row after them."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the times (n,), which rows to use (n,), and which have the time before (n,).
+
+        after: the row that follows. Those with the time before are not noted.
+        """
         t_ns = self.convert(block)
         use = t_ns != MISSING_NS
         problems.add(f"no time{LEFT_OUT}", block.line[~use])
@@ -70,10 +89,11 @@ class TimeReader:
         before = np.maximum.accumulate(np.concatenate([[self._latest_ns], known]))
         self._latest_ns = int(before[-1])
         lines = block.line[use]
-        problems.add(STANDING, lines[known == before[:-1]])
         problems.add(BACK, lines[known < before[:-1]])
+        standing = use.copy()
+        standing[use] = known == before[:-1]
         use[use] = known > before[:-1]
-        return t_ns, use
+        return t_ns, use, standing
 
     def _ahead(
         self, t_ns: np.ndarray, use: np.ndarray, follows_ns: np.ndarray | None

@@ -8,6 +8,7 @@ import pytest
 
 from motord.config import ConfigError
 from motord.config.reading import load_motor
+from motord.importing.currents import TorqueOfCurrents, remarks
 from motord.recording.errors import RecordError
 from motord.schema import Flag
 from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv, write_motor
@@ -125,6 +126,46 @@ def test_set_points_hold_and_split(tmp_path: Path) -> None:
     ticks = run.ticks()
     np.testing.assert_array_equal(ticks["plan_point"], np.repeat([0, 1, 2], 3000))
     np.testing.assert_array_equal(ticks["torque_set_Nm"], torque)
+
+
+@pytest.mark.parametrize("same_time", [False, True], ids=["own time", "time of a row"])
+def test_a_set_point_in_a_row_without_a_position_holds_from_there(
+    tmp_path: Path, same_time: bool
+) -> None:
+    """A log of commands joined to one of samples has them in rows of their own."""
+    columns = turning(9000) | {"M": np.full(9000, 7.0)}
+    t, angle = columns["Time"], columns["Position[rad]"]
+    edit = {row: f"{t[row]},{angle[row]:.6f},75," for row in range(9000)}
+    for row, torque_Nm in ((1, 1.0), (3000, 2.0), (6000, 1.0)):
+        edit[row] = f"{t[row - same_time]},,,{torque_Nm}"
+    text = MAP + 'torque_set_Nm = "M"\n[split]\nby = ["torque_set_Nm"]\n'
+    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns, edit=edit), text)
+    assert done.problems[0] == "lines 3, 3002, 6002: no angle_rad: left out"
+    assert [p["torque_Nm"] for p in run.operating_points()] == [1.0, 2.0, 1.0]
+    ticks = run.ticks()
+    assert np.isnan(ticks["torque_set_Nm"]).sum() == 1  # before the first
+    assert (np.diff(ticks["torque_set_Nm"][1:]) != 0).sum() == 2
+
+
+def test_samples_that_are_held_for_several_rows_are_no_rounded_times(tmp_path: Path) -> None:
+    """With period_s instead the rotor would stand still, and go on by jumps."""
+    held = {name: np.repeat(values[::2], 2) for name, values in turning(4000).items()}
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", held))
+    assert any("each sample is held for several rows" in note for note in done.notes)
+    assert not any("period_s" in note for note in done.notes)
+    [problem] = done.problems
+    assert problem.endswith("1995 more: same time and position as the row before: left out")
+
+
+@pytest.mark.parametrize("same_time", [False, True])
+def test_channels_in_rows_of_their_own_are_to_be_joined(tmp_path: Path, same_time: bool) -> None:
+    columns = turning(4000)
+    t, angle = columns["Time"], columns["Position[rad]"]
+    edit = {row: f"{t[row]},{angle[row]:.6f}," for row in range(0, 4000, 2)}
+    edit |= {row: f"{t[row - same_time]},,75" for row in range(1, 4000, 2)}
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns, edit=edit))
+    assert any("join them to one row for each time" in note for note in done.notes)
+    assert not any("period_s" in note for note in done.notes)
 
 
 def test_short_stretches_are_no_good_points(tmp_path: Path) -> None:
@@ -485,6 +526,28 @@ def test_currents_that_do_not_make_the_torque_are_pointed_out(
     said = [note for note in done.notes if "by position, currents and back-EMF" in note]
     assert len(said) == (makes is not None)
     assert makes is None or f"{makes}" in said[0].partition("its torque")[0]
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "zero_Nm", "said"),
+    [
+        (0.0, 0.0, None),
+        (0.0, 3.0, None),  # of the sensor, as far as the first torque
+        (75.0, 0.0, "that of the currents changes from operating point to operating point by 0.2"),
+        (180.0, 0.0, "by -1 times"),
+    ],
+)
+def test_currents_of_several_torques_are_judged_as_a_calibration_does(
+    turned_deg: float, zero_Nm: float, said: str | None
+) -> None:
+    ratio = np.cos(np.radians(turned_deg))
+    points = [
+        TorqueOfCurrents(n, torque_Nm + zero_Nm, ratio * torque_Nm, 6.0)
+        for n, torque_Nm in enumerate((1.0, 3.0, 5.0))
+    ]
+    notes = list(remarks(points, 6.0))
+    assert len(notes) == (said is not None)
+    assert said is None or said in notes[0]
 
 
 @pytest.mark.parametrize(
