@@ -387,3 +387,18 @@ def test_sums_over_trials_are_those_of_the_stacked_matrix() -> None:
     assert np.allclose(y, np.linalg.pinv(x) @ torque_Nm, atol=1e-9)
     assert left_Nm.shape == (counts,)
     assert np.isfinite(left_Nm).all()
+
+
+@pytest.mark.parametrize(("lost", "said"), [(0.0, False), (0.01, False), (0.15, True)])
+def test_ticks_that_a_busy_computer_misses_are_named(lost: float, said: bool) -> None:
+    """They come in bursts; the intervals are wider for them, and nothing else says why."""
+    bench, rng = Bench(), np.random.default_rng(5)
+    points = []
+    for point in bench.mesh((1.0, 4.0), (0.7, 1.0), turns=6):
+        begins = rng.random(point.ticks.size) < lost / 10
+        kept = np.convolve(begins, np.ones(10))[: begins.size] == 0
+        points.append(replace(point, ticks=point.ticks[kept]))
+    result = calibrate(points, bench.motor, bench.sensor)
+    notes = [one for one in result.observable if one.startswith("samples: ")]
+    assert bool(notes) is said
+    assert not said or 10 <= int(notes[0].split()[1]) <= 18

@@ -55,6 +55,9 @@ COMMON_GAIN_PERCENT = 15.0
 """Common gain, less 1, that no error of a gain makes but a wrong scale, such as RMS for amplitude;
 where `[accuracy]` allows more, that."""
 
+MISSING_PERCENT = 2.0
+"""Part of the periods without a usable sample from which on it is said."""
+
 ONE_DIRECTION = (
     "friction ripple: not separated from cogging torque, as all points turn the same way; what "
     "repeats in friction is counted as cogging torque, whose intervals do not cover it (set "
@@ -256,6 +259,20 @@ def data_notes(
     if too_high:
         dropped = ", ".join(map(str, too_high))
         notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+    missing_percent = _missing_percent(points)
+    if missing_percent > MISSING_PERCENT:
+        notes.append(
+            f"samples: {missing_percent:.0f} % of the periods have none that can be used (a "
+            "computer or link that is too busy; `motord status` counts missed ticks): the "
+            "intervals hold what the others show, and are wider for it"
+        )
     if len({point.spectrum.direction for point in points}) < 2:
         notes.append(ONE_DIRECTION)
     return notes
+
+
+def _missing_percent(points: Sequence[TurnProducts]) -> float:
+    """Return the part of the periods of all turns without a sample (%)."""
+    present_s = sum(float(point.samples.sum()) * point.period_s for point in points)
+    turned_s = sum(point.samples.size / abs(point.spectrum.velocity_Hz) for point in points)
+    return 100 * (1 - present_s / turned_s)
