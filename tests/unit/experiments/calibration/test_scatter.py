@@ -20,6 +20,7 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     FIRST_COGGING,
     NormalEquations,
 )
+from motord.experiments.calibration.estimate.least_squares.scatter import VarianceEquations
 from motord.intervals import coverage_factor
 from tests.campaigns.coverage import Case, trial
 
@@ -130,3 +131,14 @@ def test_many_turns_speak_for_their_point(turns: int, most: float) -> None:
     loud = NormalEquations(one.torque, one.law, one.right + (louder - 1) * apart)
     pooled, alone = by_turns(loud, turns)
     assert np.sqrt(pooled[SHOWN] / alone[SHOWN]) == pytest.approx(1.0, abs=most)
+
+
+def test_sums_whose_covariance_is_none_give_variances_all_the_same() -> None:
+    """Of few turns with poor instruments it may have a negative eigenvalue; it was a traceback."""
+    equations = VarianceEquations(
+        q=np.array([3.0, 2.0]), noise=np.ones((2, 1)), gain=np.eye(2), seen=np.arange(2)
+    )
+    assert equations.by_covariance(np.eye(2)) == pytest.approx([2.0, 1.0])
+    found = equations.by_covariance(np.array([[1.0, 1.5], [1.5, 1.0]]))
+    assert np.isfinite(found).all()
+    assert (found >= 0).all()

@@ -156,10 +156,12 @@ class VarianceEquations:
         if not self.seen.size:
             return self._of_blocks(self.q)
         correlation, scale = equilibrated(spread[np.ix_(self.seen, self.seen)])
-        correlation, unit = correlation + ALIKE * np.eye(scale.size), np.diag(self.gain)
+        values, vectors = np.linalg.eigh(correlation)  # negative where instruments are poor
+        whiten = (vectors / np.sqrt(np.maximum(values, 0.0) + ALIKE)).T
+        unit = np.diag(self.gain)
         rest = scale * (self.q - self.noise[self.seen].sum(axis=1))
         rows = np.column_stack([scale[:, None] * self.gain / unit, rest])
-        rows = np.linalg.solve(np.linalg.cholesky(correlation), rows)
+        rows = whiten @ rows
         return self._of_blocks(nnls(rows[:, :-1], rows[:, -1])[0] / unit)
 
     def doubt(self, variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
