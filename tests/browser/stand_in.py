@@ -45,7 +45,7 @@ class StandIn:
         self.bench = SyntheticBench(rate_Hz)
         self.holder: str | None = None
         self.token = ""
-        self.silent = self.loop_ended = False
+        self.silent = self.loop_ended = self.ticks_withheld = False
         self.why_silent = "the daemon publishes nothing"
         self.barred = self.unreported = ""
         self.trip: dict[str, Any] | None = None
@@ -277,7 +277,7 @@ class StandIn:
         items: list[Item] = []
         if count and not self.loop_ended:
             items.append(("ticks", self.bench.ticks(count, time.time_ns())))
-        self._take(items)
+        self._take([] if self.ticks_withheld else items)
         if self.holder is not None and now_s > self._lease_until_s:
             self._end_lease("ran out")
         if now_s - self._received_s >= STATE_S:

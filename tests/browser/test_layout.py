@@ -78,27 +78,31 @@ def test_a_phone_shows_how_old_the_last_state_is_without_a_connection(visit: Wat
         assert inside(page.locator("#link-age"), page.locator("#link")), size
 
 
-def test_stop_stays_where_it_is_whatever_goes_wrong(server: Server, visit: Watched) -> None:
+def test_stop_and_the_controls_stay_where_they_are_whatever_goes_wrong(
+    server: Server, visit: Watched
+) -> None:
     page = visit(server.urls.operator, NARROW)
     stand_in = server.stand_in
-    stop = page.locator("#stop")
 
-    def boxes() -> list[FloatRect]:
-        """Return where it is in pages of three sizes, the smallest at last."""
+    def boxes() -> list[tuple[FloatRect, FloatRect]]:
+        """Return where both are in pages of three sizes, the smallest at last."""
         found = []
         for size in (NARROW, {"width": 1000, "height": 900}, PHONE):
             page.set_viewport_size(size)
-            box = stop.bounding_box()
-            assert box is not None
-            found.append(box)
+            stop = page.locator("#stop").bounding_box()
+            controls = page.locator("#operate").bounding_box()
+            assert stop is not None
+            assert controls is not None
+            found.append((stop, controls))
         return found
 
     before = boxes()
 
     def stays() -> None:
-        for now, then in zip(boxes(), before, strict=True):
+        for (now, controls_now), (then, controls_then) in zip(boxes(), before, strict=True):
             assert (now["x"], now["y"], now["width"]) == (then["x"], then["y"], then["width"])
             assert now["height"] >= then["height"]
+            assert abs(controls_now["y"] - controls_then["y"]) < LINE_px
 
     take_command(page)
     stand_in.do(lambda: setattr(stand_in, "unreported", "no report for 8 s"))
@@ -110,6 +114,7 @@ def test_stop_stays_where_it_is_whatever_goes_wrong(server: Server, visit: Watch
     stays()
     stand_in.do(lambda: stand_in._end_lease("was taken over, " + LONG))
     shows(page, "#lease-why", "Lost: ")
+    shows(page, "#messages", f"in command. {page.locator('#lease-why').text_content()}")
     stays()
     stand_in.do(lambda: setattr(stand_in, "silent", True))
     shows(page, "#gone", "publishes nothing")

@@ -401,6 +401,18 @@ def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Wa
     expect(page.locator("#no-ticks")).to_be_empty()
 
 
+def test_traces_whose_ticks_do_not_arrive_are_not_shown_as_live(server, visit: Watched):
+    page = visit(server.urls.operator)
+    waits(page, "() => document.body.dataset.ticksStale === undefined")
+    page.evaluate(NOTE_DRAWN_TEXTS)
+    server.stand_in.do(lambda: setattr(server.stand_in, "ticks_withheld", True))
+    shows(page, "#no-ticks", "no ticks arrive from the daemon")
+    expect(page.locator("body")).not_to_have_attribute("data-stale", "true")
+    waits(page, "() => window.drawn.includes('last')")
+    server.stand_in.do(lambda: setattr(server.stand_in, "ticks_withheld", False))
+    expect(page.locator("#no-ticks")).to_be_empty()
+
+
 def test_a_daemon_that_was_there_all_along_is_not_said_to_be_back(server, visit: Watched):
     page = visit(server.urls.operator)
     press(page, "#tab-health")

@@ -56,6 +56,8 @@ class LiveBench:
         self.turns = TurnAverager()
         self.timing = TimingHistograms()
         self._turns_sent, self._turns_s, self._timing_s = 0, 0.0, 0.0
+        self.ticks_s = time.monotonic()
+        """When ticks came last; before any, when it began."""
 
     def hello(self, role: str) -> bytes:
         """Return the first message to a page."""
@@ -108,6 +110,7 @@ class LiveBench:
     def _add(self, block: Block) -> None:
         if len(block) == 0:
             return
+        self.ticks_s = time.monotonic()
         self.counter.add(block)
         expected = self.history.end
         for run in self.grid.runs(block):

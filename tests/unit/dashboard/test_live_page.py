@@ -6,6 +6,7 @@ import pytest
 
 from motord import config
 from motord.dashboard import app
+from motord.dashboard.frames import decode
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page import sending
 from motord.dashboard.page.live_page import CALLS_MAX, LivePage
@@ -14,6 +15,7 @@ from motord.dashboard.page.sending import PageGone
 from motord.security.roles import Role
 from tests.support.patience import PATIENCE_S
 from tests.unit.dashboard.fake_link import FakeLink
+from tests.unit.dashboard.ticks import block
 
 
 async def never(_):
@@ -44,6 +46,28 @@ def test_closing_it_does_not_wait_for_it(monkeypatch):
             await app._close(Socket(), app.NO_ANSWER, "it has not answered")
 
     asyncio.run(main())
+
+
+def test_a_page_receives_the_age_of_the_newest_ticks():
+    async def age_s(items):
+        bench = LiveBench("sim", config.load().model_dump(mode="json"))
+        page = LivePage("anna@bench page 1", Role.OPERATOR, bench, FakeLink())
+        said = []
+
+        async def keep(message):
+            said.append(decode(message)[0])
+            if said[-1]["kind"] == "connection":
+                raise PageGone
+
+        bench.ticks_s -= 5.0
+        bench.take(items)
+        async with asyncio.timeout(PATIENCE_S):
+            with pytest.raises(PageGone):
+                await page.send_all(keep)
+        return said[-1]["tick_age_s"]
+
+    assert asyncio.run(age_s([])) >= 5.0
+    assert asyncio.run(age_s([("ticks", block(3))])) < 5.0
 
 
 def test_stops_without_end_are_not_all_kept():

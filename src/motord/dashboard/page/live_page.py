@@ -113,7 +113,13 @@ class LivePage:
             return
         self._alive, self._connection_s = now.alive, now_s
         self._documents["connection"] = encode(
-            {"kind": "connection", "alive": now.alive, "age_s": now.age_s, "message": now.message}
+            {
+                "kind": "connection",
+                "alive": now.alive,
+                "age_s": now.age_s,
+                "tick_age_s": now_s - self._bench.ticks_s,
+                "message": now.message,
+            }
         )
         if self.lease.held:
             self._lease_changed()

@@ -30,7 +30,7 @@ export class Bench {
     /** @type {any} */
     this.lease = { held: false, holder: null, remaining_s: 0, why: "" };
     /** @type {any} */
-    this.connection = { alive: false, age_s: null, message: "" };
+    this.connection = { alive: false, age_s: null, tick_age_s: 0, message: "" };
     /** @type {{status: import("./socket.js").LinkStatus, message: string}} */
     this.link = { status: "connecting", message: "" };
     this.epoch_s = 0;
@@ -106,9 +106,14 @@ export class Bench {
     return this.link.status !== "open" || !this.connection.alive || this.age_s > STALE_S;
   }
 
-  /** Whether the loop gives no ticks: what was drawn of them is not what is. */
+  /** Whether the loop gives no ticks, or they do not arrive: what was drawn of them is not what is. */
   get ticksStale() {
-    return this.stale || this.state === null || this.state.tick === null || this.state.loop.age_s > STALE_S;
+    return this.stale || this.loopSilent || this.connection.tick_age_s > STALE_S;
+  }
+
+  /** Whether by the state the loop gives no ticks. */
+  get loopSilent() {
+    return this.state === null || this.state.tick === null || this.state.loop.age_s > STALE_S;
   }
 
   /** Whether the torque sensor measures a steady torque; a piezoelectric one does not. */

@@ -15,6 +15,7 @@ export class StatusBar {
     this._uptime_s = 0;
     this._lostAt_ms = 0;
     this._wasOpen = false;
+    this._held = false;
     this._alive = true;
     this._gone = false; // and it was said so
     this._silent_ms = performance.now();
@@ -99,8 +100,10 @@ export class StatusBar {
     const holder = state?.lease?.holder ?? null;
     setAttribute(byId("lease"), "data-held", String(lease.held));
     setText(byId("lease-text"), lease.held ? "You are in command" : holder ? `${holder} is in command` : state ? "Nobody is in command" : "Not known who is in command");
-    const lost = `Ends with this page, within ${age(state?.lease?.duration_s)}.`;
-    setText(byId("lease-why"), lease.held ? lost : lease.why ? `Lost: ${lease.why}` : "");
+    const lost = lease.why ? `Lost: ${lease.why}` : "";
+    setText(byId("lease-why"), lease.held ? `Ends with this page, within ${age(state?.lease?.duration_s)}.` : lost);
+    if (lost !== "" && this._held) this._messages.say("warning", `This page is no longer in command. ${lost}`);
+    this._held = lease.held;
     const take = byId("take");
     setText(take, lease.held ? "Release" : holder && !holder.startsWith("plan ") ? "Take over\u2026" : "Take control");
     allow(take, this._bench.commandObstacle);
@@ -134,11 +137,12 @@ export class StatusBar {
 
   /** Ten times a second: what is stale is grey within half a second, and says so. */
   tick() {
-    const { link, connection, stale, state, ticksStale, age_s } = this._bench;
+    const { link, connection, stale, state, loopSilent, ticksStale, age_s } = this._bench;
     if (state !== null) this._explain(state);
     setAttribute(document.body, "data-stale", stale ? "true" : null);
     setAttribute(document.body, "data-ticks-stale", ticksStale ? "true" : null);
-    setText(byId("no-ticks"), ticksStale && !stale ? "no ticks come from the loop; the last ones are shown" : "");
+    const missing = loopSilent ? "no ticks come from the loop" : "no ticks arrive from the daemon";
+    setText(byId("no-ticks"), ticksStale && !stale ? `${missing}; the last ones are shown` : "");
     if (ticksStale !== this._ticksStale) this._bench.emit("age", null);
     this._ticksStale = ticksStale;
     const gone = link.status === "open" && !connection.alive && connection.message !== "" && age_s > GONE_S;
