@@ -69,7 +69,7 @@ def _print(found: "Results", page: Path) -> None:
 
     for name, rows in chapters(found).items():
         table = Table(title=name, title_justify="left", show_lines=True)
-        for heading in ("", "", "report", "here"):
+        for heading in ("section", "quantity", "report", "here"):
             table.add_column(heading)
         for row in rows:
             table.add_row(row.where, row.what, row.report, row.here)

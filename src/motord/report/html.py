@@ -25,6 +25,9 @@ _MINUS = re.compile(r"(?<![^\s(\[])(?<!= )-(?=\d|inf\b)")
 _UNIT = re.compile(r"(?<=\d) (us|degC|deg)\b")
 _UNITS = {"us": "\u00a0\u00b5s", "degC": "\u00a0\u00b0C", "deg": "\u00b0"}
 """Units that terminals and JSON have in ASCII; they stay on the line of their number."""
+_UNIT_ALONE = re.compile(r"(?<=\()(us|degC)(?=\))|^(us|degC)$")
+"""That of a column or an axis."""
+_SQUARE = re.compile(r"\bkg m2\b")
 
 _CSS = """
 *{box-sizing:border-box}
@@ -82,8 +85,7 @@ def inline(figure: Figure, prefix: str, description: str) -> str:
     for name, colour in PALETTE.items():
         element = element.replace(colour.light, f"var(--{name})")
     element = re.sub(r' width="[^"]*pt" height="[^"]*pt"', "", element, count=1)
-    label = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
-    return element.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+    return element.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1)
 
 
 def _unique_ids(element: str, prefix: str) -> str:
@@ -133,11 +135,15 @@ class Markup(str):
 
 def escape(text: str) -> str:
     """Return text as markup; signs and units of numbers are as in figures, and on one line."""
-    if isinstance(text, Verbatim):
-        return escape_markup(text)
-    text = _SIGN.sub(_plus_minus_sign, escape_markup(text))
-    text = _MINUS.sub("\u2212", text)
-    return _UNIT.sub(lambda match: _UNITS[match[1]], text)
+    return escape_markup(text if isinstance(text, Verbatim) else typeset(text))
+
+
+def typeset(text: str) -> str:
+    """Return text of a terminal with the signs and units that figures have."""
+    text = _MINUS.sub("\u2212", _SIGN.sub(_plus_minus_sign, text))
+    text = _UNIT.sub(lambda match: _UNITS[match[1]], text)
+    text = _UNIT_ALONE.sub(lambda match: _UNITS[match[0]].strip("\u00a0"), text)
+    return _SQUARE.sub("kg\u00a0m\u00b2", text)
 
 
 def _plus_minus_sign(match: re.Match[str]) -> str:

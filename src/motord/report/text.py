@@ -22,7 +22,7 @@ def error_table(errors: RmsErrors) -> Iterator[str | TextTable]:
     speeds_Hz = sorted({speed_Hz for _, speed_Hz in points})
     yield TextTable(
         f"RMS error of the measured torque, % of rated: {_which(errors)}",
-        ["", *(f"{speed_Hz:g} /s" for speed_Hz in speeds_Hz)],
+        ["", *(f"{speed_Hz:g} Hz" for speed_Hz in speeds_Hz)],
         [
             [f"{torque_Nm:g} Nm", *(_cell(points.get((torque_Nm, at_Hz))) for at_Hz in speeds_Hz)]
             for torque_Nm in sorted({torque_Nm for torque_Nm, _ in points})

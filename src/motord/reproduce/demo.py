@@ -154,7 +154,7 @@ def write_report(demo: Demo) -> None:
     torque_Nm, speed_Hz = before.shown
     pole_pairs = demo.config.motor.pole_pairs
     orders = range(pole_pairs, HIGHEST_ORDER, pole_pairs)
-    label = f"{torque_Nm:g} Nm, {speed_Hz:g} Hz"
+    label = f"{torque_Nm:g} Nm, {speed_Hz:g} turns/s"
     ripple.fill_torque(page, label, _curve(before), _curve(after), orders)
     estimates = (
         ("joint estimator", demo.calibrated.joint),

@@ -59,7 +59,7 @@ def write_page(folder: Path, found: Results, keep_recordings: bool) -> Path:
 
 def _table(made: Page, rows: list[Row]) -> None:
     made.table(
-        ["", "", "report", "here", "why"],
+        ["section", "quantity", "report", "here", "why"],
         [[row.where, row.what, row.report, row.here, row.why] for row in rows],
     )
 

@@ -11,7 +11,7 @@ import pytest
 import motord
 from motord.experiments.calibration.report import Labelled
 from motord.findings import Finding, Severity
-from motord.report.html import Page, inline
+from motord.report.html import Page, inline, typeset
 from motord.report.style import PALETTE, drawing, figure
 from tests.unit.report.made_up import curve, estimate, page
 
@@ -93,6 +93,31 @@ def test_key_figures_and_tables(html: str) -> None:
     assert "0.8008\u00a0\u00b1\u00a00.0020" in html
     assert "<td>0.8000</td>" in html  # the truth has no error
     assert "100.0\u00a0\u00b1\u00a02.0" in html
+
+
+def test_the_label_of_a_picture_has_the_signs_of_its_caption() -> None:
+    with figure(1.0) as picture:
+        picture.subplots()
+    made = Page("")
+    made.picture(picture, "from -2 to +-3 Nm & 4 us")
+    text = "from \u22122 to \u00b13 Nm &amp; 4\u00a0\u00b5s"
+    assert f'aria-label="{text}"' in made.html()
+    assert f"<figcaption>{text}</figcaption>" in made.html()
+
+
+@pytest.mark.parametrize(
+    ("plain", "shown"),
+    [
+        ("steady (degC)", "steady (\u00b0C)"),
+        ("degC", "\u00b0C"),
+        ("8.1 degC/h", "8.1\u00a0\u00b0C/h"),
+        ("in kg m2 (b)", "in kg\u00a0m\u00b2 (b)"),
+        ("us", "\u00b5s"),
+        ("let us see", "let us see"),
+    ],
+)
+def test_units_of_columns_are_those_of_numbers(plain: str, shown: str) -> None:
+    assert typeset(plain) == shown
 
 
 def test_pictures_are_sound_svg_with_colours_by_meaning(html: str) -> None:
@@ -197,7 +222,7 @@ def test_inline_keeps_clip_paths_apart() -> None:
 
     one = draw()
     assert "url(#p1-" in one
-    assert 'aria-label="a &quot;quoted&quot; &lt;label>"' in one
+    assert 'aria-label="a &quot;quoted&quot; &lt;label&gt;"' in one
     ElementTree.fromstring(one)
 
 

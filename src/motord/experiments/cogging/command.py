@@ -46,7 +46,7 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
         speed = result.measured
         motion = ", jerky: counted angles" if speed.jerky else ""
         yield (
-            f"- {speed.direction * speed.speed_Hz:+.4g} /s: {speed.turns} turns{motion}, "
+            f"- {speed.direction * speed.speed_Hz:+.4g} turns/s: {speed.turns} turns{motion}, "
             f"within {result.worst_error_percent:.2f} % of the average"
         )
     if other := measured.comparison:

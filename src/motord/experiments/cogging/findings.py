@@ -97,7 +97,7 @@ def _motion(found: MeasuredCogging) -> Iterator[Finding]:
     jerky = [one for one in found.speeds if one.jerky]
     if jerky:
         worst = max(one.motion_residual_counts for one in jerky)
-        at = ", ".join(f"{one.direction * one.speed_Hz:.3g} /s" for one in jerky)
+        at = ", ".join(f"{one.direction * one.speed_Hz:.3g} turns/s" for one in jerky)
         yield Finding(
             "jerky-motion", worst, JERKY / sqrt(12), "counts",
             "warning" if worst > STICKS * JERKY / sqrt(12) else "note",

@@ -76,7 +76,7 @@ def fill(page: Page, measured: MeasuredCogging) -> None:
 
 
 def _at(speed: SpeedCogging) -> str:
-    return f"{speed.direction * speed.speed_Hz:.2g} /s"
+    return f"{speed.direction * speed.speed_Hz:.2g} turns/s"
 
 
 def _span_deg(measured: MeasuredCogging) -> float:
@@ -98,7 +98,7 @@ def _harmonics(page: Page, measured: MeasuredCogging) -> None:
 
 def _speeds(page: Page, speeds: Sequence[SpeedResult]) -> None:
     page.table(
-        ["speed (1/s)", "turns", "speed ripple (%)", "angle", "largest error (%)"],
+        ["speed (turns/s)", "turns", "speed ripple (%)", "angle", "largest error (%)"],
         [
             [
                 f"{s.measured.direction * s.measured.speed_Hz:+.4f}",

@@ -132,7 +132,7 @@ class DirectionalFriction:
         if s := self.stribeck:
             stribeck, speed = _in_thousandths(s.torque), s.speed.text()
         else:
-            stribeck, speed = f"not seen: at most {1e3 * (self.stribeck_limit_Nm or 0.0):.2g}", ""
+            stribeck, speed = f"not seen: at most {1e3 * (self.stribeck_limit_Nm or 0.0):#.2g}", ""
         return {
             "Coulomb (mNm)": _in_thousandths(self.coulomb_Nm),
             "viscous (mNm s/rad)": _in_thousandths(self.viscous_Nm_s_per_rad),
@@ -193,7 +193,7 @@ class Friction:
         """What is worth knowing of the result, in sentences."""
         lines = [
             f"{one.direction}: no Stribeck part seen down to {one.speed_min_rad_s:.3g} rad/s: at "
-            f"most {one.stribeck_limit_Nm:.2g} Nm there"
+            f"most {1e3 * (one.stribeck_limit_Nm or 0.0):#.2g} mNm there"
             for one in self.directions
             if one.stribeck is None
         ]
@@ -216,6 +216,6 @@ def _unseen(one: DirectionalFriction) -> str:
         seen, taken = " for certain", "hold that, as chance makes what is seen in 5 % at most"
     return (
         f"{one.direction}: no torque with the square of the speed (windage) seen{seen}: at most "
-        f"{torque_Nm:.2g} Nm at {one.speed_max_rad_s:.3g} rad/s, which would change Coulomb "
-        f"friction by {coulomb_Nm:.2g} Nm; the intervals {taken}"
+        f"{1e3 * torque_Nm:#.2g} mNm at {one.speed_max_rad_s:.3g} rad/s, which would change "
+        f"Coulomb friction by {1e3 * coulomb_Nm:#.2g} mNm; the intervals {taken}"
     )

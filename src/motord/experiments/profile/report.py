@@ -10,7 +10,7 @@ from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, figure
 
 HEADER = (
-    "cycle", "speed error RMS (Hz)", "max (Hz)", "in band (%)", "torque error RMS (Nm)",
+    "cycle", "speed error RMS (turns/s)", "max (turns/s)", "in band (%)", "torque error RMS (Nm)",
     "max (Nm)", "in band (%)", "energy (J)", "asked (J)",
 )  # fmt: skip
 """Of the table of cycles: errors of speed and torque, share of the time in tolerance, energy."""

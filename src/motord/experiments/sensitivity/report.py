@@ -20,7 +20,7 @@ POELS2008_INDUCED = np.array([0.8, 1.118, 1.118, 1.0, -0.5, -0.5])
 POELS2008_FOUND = np.array([0.7717, 1.1035, 1.0884, 0.9994, -0.5078, -0.6205])
 """Poels 2008, Table 4.2."""
 
-POELS2008_ERRORS = ("-3.5 %", "-1.3 %", "-2.6 %", "0.1 %", "1.6 %", "24.1 %")
+POELS2008_ERRORS = ("-3.5 %", "-1.3 %", "-2.6 %", "+0.1 %", "+1.6 %", "+24.1 %")
 """By how much these are off, as printed there."""
 
 SYMBOL = {
@@ -133,7 +133,7 @@ def _practice(page: Page, result: Sensitivity) -> None:
         f"than {worst_percent:.2f} % off."
     )
     meetings = [
-        f"{SYMBOL[one.what]} = {one.meeting[0]:.3f}"
+        f"{SYMBOL[one.what]} = {_signed(one.meeting[0], '.3f')}"
         for one in result.series
         if one.meeting is not None and one.what != "delta_epsilon"  # its branches are curved
     ]
@@ -263,9 +263,13 @@ def _scale(highest_percent: float, limit_percent: float) -> tuple[np.ndarray, Li
     return levels, ListedColormap(colours[: levels.size - 1])
 
 
+def _signed(value: float, form: str) -> str:
+    return format(value, form).replace("-", "\u2212")
+
+
 def _at(fixed: int, value: float) -> str:
     name, _, unit = NAMES[fixed].partition(" (")
-    return f"{name} = {value:g}" + (f" {unit.rstrip(')')}" if unit else "")
+    return f"{name} = {_signed(value, 'g')}" + (f" {unit.rstrip(')')}" if unit else "")
 
 
 def limit(surface: Surface) -> Figure:

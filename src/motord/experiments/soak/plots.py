@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.soak.result import FigureTrend, SoakResult
+from motord.report.html import typeset
 from motord.report.style import AFTER, SOFT, figure
 
 PANELS_MAX = 8
@@ -34,13 +35,13 @@ def _draw(axes: Axes, one: FigureTrend) -> None:
     line = one.mean + rise - rise.mean()
     style = "-" if one.drifts else (0, (4, 3))
     axes.plot(one.hours, line, color=AFTER, linestyle=style, linewidth=1.1)
-    slope = f"{one.to_text()} {one.slope_unit}".replace("+-", "\u00b1")
+    slope = typeset(f"{one.to_text()} {one.slope_unit}")
     axes.set_title(
         f"{one.title}: {slope}"
         + (", drifts" if one.drifts else "")
         + (", a step" if one.step else "")
     )
-    axes.set_ylabel(one.unit)
+    axes.set_ylabel(typeset(one.unit))
     low, high = np.min(one.values), np.max(one.values)
     if low == high:
         axes.set_ylim(low - 1, high + 1)

@@ -50,7 +50,7 @@ def _foremost(found: SoakResult) -> list[FigureTrend]:
 
 
 def _card(one: FigureTrend) -> tuple[str, str]:
-    level = "" if one.slope.half_width is None else ", 95 %"
+    level = ", interval not known" if one.slope.half_width is None else ", 95 %"
     return f"{one.to_text()} {one.slope_unit}", f"slope of {one.title}{level}"
 
 

@@ -17,6 +17,7 @@ HEADER = ("", "value", "95 % interval", "unit")
 STEADY_HEADER = ("channel", "end of the heat-up (degC)", "steady (degC)", "95 % interval", "is")
 
 COLOURS = {"winding": BEFORE, "magnet": OTHER, "housing": AFTER}
+MARKERS = {"winding": "o", "magnet": "s", "housing": "^"}
 
 ENDED = {
     STEADY: ", until the temperatures were steady",
@@ -135,7 +136,10 @@ def temperatures(found: ThermalConstants) -> Figure:
             upper.plot(
                 minutes[some], each.value_C[some], ".", color=colour, markersize=3.0, alpha=0.5
             )
-            upper.plot(minutes, fitted_C, color=colour, linewidth=1.2, label=each.channel)
+            upper.plot(
+                minutes, fitted_C, color=colour, linewidth=1.2, label=each.channel,
+                marker=MARKERS[node], markersize=5.0, markevery=0.08,
+            )  # fmt: skip
             lower.plot(minutes, residual_K, ".", color=colour, markersize=1.5, alpha=0.6)
             if (steady_C := steady.steady_C.value) is not None:
                 _steady(upper, steady_C, course.heating_s / 60, colour)

@@ -229,7 +229,7 @@ def test_json_page_and_text(played: Played) -> None:
     page = ANALYSIS.page(result, recordings).html()
     for part in ("Torque and speed over time", "SHA-256", content["sha256"], "mechanical energy"):
         assert part in page
-    for heading in ("speed error RMS (Hz)", "torque error RMS (Nm)", "asked (J)"):
+    for heading in ("speed error RMS (turns/s)", "torque error RMS (Nm)", "asked (J)"):
         assert heading in page
     assert any("torque: as the sensor" in str(line) for line in ANALYSIS.lines(result, recordings))
 
