@@ -112,29 +112,39 @@ def _resolve_files(path: Path, data: dict[str, Any]) -> None:
 
 
 def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:
-    lines = []
+    lines: dict[str, list[str]] = {}
+    got: dict[str, str] = {}
     for item in complaints(error):
         keys = _keys(item["loc"], whole=item["type"] == "extra_forbidden")
         where = f"{path}:{_line_of(text, keys)}" if _line_of(text, keys) else str(path)
-        what = message(item)
-        if item["type"] == "extra_forbidden":
-            is_table = isinstance(item["input"], dict)
-            what = "unknown key" + _suggestion(model, item["loc"], is_table=is_table)
-        elif item["type"] == "missing":
-            what = "missing"
-        elif item["type"] in ("tuple_type", "list_type"):
-            table = isinstance(item["input"], dict)
-            what = f"takes a list, {f'[[{dotted(keys)}]]' if table else '[...]'}"
-        elif item["type"] in ("model_type", "model_attributes_type", "dict_type"):
-            what = (
-                f"is a table, {f'[{dotted(keys)}]' if keys and not keys[-1].isdigit() else '{...}'}"
-            )
+        place = f"{where}: {dotted(keys)}" if keys else where
+        what = _what(item, model, keys)
         if item["type"] not in ("extra_forbidden", "missing") and not isinstance(
             item.get("input"), dict | list
         ):
-            what = f"{what[0].lower()}{what[1:]}, got {item['input']!r}"
-        lines.append(f"{where}: {dotted(keys)}: {what}" if keys else f"{where}: {what}")
-    return "; ".join(dict.fromkeys(lines))
+            what = f"{what[0].lower()}{what[1:]}"
+            if not keys or item["input"] != keys[-1]:  # of a key that is wrong it is the key
+                got[place] = f", got {item['input']!r}"
+        lines.setdefault(place, []).append(what)
+    return "; ".join(
+        f"{place}: {', or '.join(dict.fromkeys(what))}{got.get(place, '')}"
+        for place, what in lines.items()
+    )
+
+
+def _what(item: Any, model: type[Section], keys: list[str]) -> str:
+    """Return what is wrong in words, without the value."""
+    if item["type"] == "extra_forbidden":
+        is_table = isinstance(item["input"], dict)
+        return "unknown key" + _suggestion(model, item["loc"], is_table=is_table)
+    if item["type"] == "missing":
+        return "missing"
+    if item["type"] in ("tuple_type", "list_type"):
+        table = isinstance(item["input"], dict)
+        return f"takes a list, {f'[[{dotted(keys)}]]' if table else '[...]'}"
+    if item["type"] in ("model_type", "model_attributes_type", "dict_type"):
+        return f"is a table, {f'[{dotted(keys)}]' if keys and not keys[-1].isdigit() else '{...}'}"
+    return message(item)
 
 
 def _keys(place: Place, *, whole: bool) -> list[str]:

@@ -220,6 +220,7 @@ def test_errors_of_an_import_are_one_line(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["record", "import", str(tmp_path / "a.csv"), *options])
     assert result.exit_code == 1
     assert "map.toml:4: columns.angle: no field of a tick" in result.stderr
+    assert "got 'angle'" not in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
 
 

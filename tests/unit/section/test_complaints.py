@@ -44,10 +44,7 @@ def said(folder: Path, bench: str) -> list[str]:
         ("{k_V_s_per_rad = [[1, 2]]}", ["motor.back_emf.k_V_s_per_rad[0][2]: missing"]),
         (
             "7",
-            [
-                "motor.back_emf: takes a list, [...], got 7",
-                "motor.back_emf: is a table, [motor.back_emf], got 7",
-            ],
+            ["motor.back_emf: takes a list, [...], or is a table, [motor.back_emf], got 7"],
         ),
     ],
 )
