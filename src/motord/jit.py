@@ -13,7 +13,8 @@ import numpy as np
 
 from motord.process.hidden_packages import hidden
 
-with hidden("coverage"):  # numba would load it to count lines that it compiles
+# to count lines that it compiles, for settings in the working folder, for colours, for a version
+with hidden("coverage", "yaml", "colorama", "scipy"):
     import numba
 from numba.core import caching
 from numba.core.runtime.nrt import rtsys

@@ -8,6 +8,7 @@ never renumber, only append.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -49,7 +50,12 @@ def as_bytes(records: np.ndarray) -> np.ndarray:
 
     numpy copies and chooses records field by field, which takes ten times as long.
     """
-    return records.view(np.dtype((np.void, records.dtype.itemsize)))
+    return records.view(_plain_dtype(records.dtype.itemsize))
+
+
+@cache  # some hundred blocks are joined every second
+def _plain_dtype(size: int) -> np.dtype[np.void]:
+    return np.dtype((np.void, size))
 
 
 @dataclass(frozen=True)

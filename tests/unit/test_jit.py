@@ -135,6 +135,13 @@ def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_numba_loads_no_package_that_kept_kernels_do_not_need() -> None:
+    """A fiftieth of a second of every start; settings in the working folder would be read, too."""
+    code = "import sys, motord.jit\nprint({'yaml', 'colorama', 'scipy'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "set()\n", done.stderr
+
+
 def test_kept_kernels_run_without_what_numba_compiles_with() -> None:
     """It takes a third of a second of every start of a loop, a worker or an analysis."""
     code = """

@@ -9,6 +9,7 @@ import typer
 
 from motord.cli.connection_options import with_connection
 from motord.cli.console import CommandGroup, remark, single
+from motord.process.hidden_packages import hide_pydantic_plugins
 from motord.process.interrupts import ending_as_interrupts, recover_lost_interrupts
 from motord.process.module_command import shield_from_working_folder
 from motord.process.standard_streams import lost_output, outlive_readers
@@ -124,6 +125,7 @@ def _exit_code() -> Any:
 def main() -> None:
     """Run the command line: exit code 0 done, 1 failed, 2 wrong usage, 128 + N by signal N."""
     shield_from_working_folder()
+    hide_pydantic_plugins()
     recover_lost_interrupts()
     outlive_readers()
     received: list[int] = []

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from motord.recorder.blackbox import BlackBoxRequest, checked_event
-from motord.recorder.ring_source import Mark
+from motord.recorder.blackbox_request import BlackBoxRequest, checked_event
+from motord.recorder.mark import Mark
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.recording.writer import RunWriter

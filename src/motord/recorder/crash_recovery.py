@@ -18,7 +18,8 @@ import numpy as np
 
 from motord.atomic_write import sync_folder
 from motord.config import Config
-from motord.recorder.ring_source import Mark, after, indexes_of, mark_of
+from motord.recorder.mark import Mark
+from motord.recorder.ring_source import after, indexes_of, mark_of
 from motord.recording.errors import RecordError
 from motord.recording.file_names import (
     PART,

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from motord.recorder.mark import Mark
 from motord.recorder.ring_source import (
     NEIGHBOURS,
-    Mark,
     RingPiece,
     after,
     indexes_of,

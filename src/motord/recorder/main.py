@@ -14,12 +14,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load_started
 from motord.process.allocator import allocate_from_one_heap
 from motord.process.bench_options import bench_options
-from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
+from motord.recorder.blackbox_request import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
 from motord.recorder.launch import BACKLOG_MAX_BYTES
@@ -147,11 +148,11 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     try:
         run_dir = RunDir.at(options.dir)
         config, text = load_started(options.config, run_dir.bench_file)
-        metadata = describe(config, text)
+        metadata = cache(lambda: describe(config, text))  # few recorders need it
         session = Session(run_dir.ring, config.recording)
-        recovery = CrashRecovery(config, run_dir, lambda: metadata, session.note_recovered)
+        recovery = CrashRecovery(config, run_dir, metadata, session.note_recovered)
         if options.out is not None:
-            session.start(options.out, metadata, time.monotonic())
+            session.start(options.out, metadata(), time.monotonic())
     except (ConfigError, RecordError, OSError) as error:
         sys.stderr.write(f"motord recorder: {error}\n")
         return 1
@@ -170,7 +171,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
             reporter,
             lambda: bool(stopped),
             lambda wait_s: _wait(commands, lines, wait_s),
-            on_orphaned=lambda now_s: _record_daemon_death(session, config, metadata, now_s),
+            on_orphaned=lambda now_s: _record_daemon_death(session, config, metadata(), now_s),
         )
     recovery.stop()
     return 0

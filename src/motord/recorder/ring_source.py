@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from motord.recorder.mark import Mark
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, whole_of
 from motord.recording.reader import open_run_unfinished_or_not
@@ -18,20 +19,6 @@ from motord.wire.ticks.blocks import Block
 
 NEIGHBOURS = 4
 """Other recordings that are looked at for where a recording begins."""
-
-
-@dataclass(frozen=True)
-class Mark:
-    """The last tick that is in a file."""
-
-    tick: int
-    t_ns: int
-    missed: int
-
-    @classmethod
-    def of(cls, tick: np.void) -> "Mark":
-        """Return the mark of a tick, a record with fields `tick`, `t_ns` and `missed`."""
-        return cls(*(int(tick[name]) for name in ("tick", "t_ns", "missed")))
 
 
 @dataclass(frozen=True)

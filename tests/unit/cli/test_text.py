@@ -135,6 +135,16 @@ def test_a_client_loads_no_statistics_and_nothing_of_bench_files():
     assert done.stdout == "set()\n", done.stderr
 
 
+def test_no_process_looks_for_plugins_of_pydantic():
+    script = (
+        "import sys, pytest\nfrom motord import cli\nsys.argv = ['motord', '--version']\n"
+        "with pytest.raises(SystemExit): cli.main()\n"
+        "from pydantic.plugin import _loader\nimport motord.section\nprint(_loader._plugins)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "None", done.stderr  # they were not looked for
+
+
 def test_progress_prints_nothing_where_there_is_no_terminal(capfd):
     for silent in (False, True):
         with progress_bar("{task.description}", silent=silent) as bars:

@@ -263,7 +263,7 @@ def test_the_loop_loads_nothing_heavy_besides_its_compiler() -> None:
     script = (
         "import sys, motord.loop.process, motord.wire.can.dbc, motord.hal.can.bus\n"
         "import motord.hal.can.python_can, motord.hal.sim.rig\n"
-        "heavy = {'asammdf', 'pandas', 'pyarrow', 'zenoh'}\n"
+        "heavy = {'asammdf', 'pandas', 'pyarrow', 'zenoh', 'yaml'}\n"
         "print(heavy & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)

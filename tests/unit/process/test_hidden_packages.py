@@ -29,6 +29,17 @@ def test_a_loaded_package_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None
     assert sys.modules[PACKAGE] is module  # type: ignore[comparison-overlap]
 
 
+def test_several_packages_are_hidden_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = object()
+    monkeypatch.delitem(sys.modules, PACKAGE, raising=False)
+    monkeypatch.setitem(sys.modules, "not_there", loaded)  # type: ignore[arg-type]
+    with hidden("not_there", PACKAGE):
+        assert sys.modules["not_there"] is loaded  # type: ignore[comparison-overlap]
+        with pytest.raises(ImportError):
+            import wave  # noqa: F401
+    assert PACKAGE not in sys.modules
+
+
 def test_the_emulator_loads_no_web_server_and_no_statistics() -> None:
     """Some 0.3 s of processor time of its start."""
     pytest.importorskip("aiohttp")  # which pymodbus would load

@@ -14,7 +14,8 @@ from motord import config
 from motord.cli.record.commands import app
 from motord.config import RecordingConfig
 from motord.recorder import blackbox
-from motord.recorder.blackbox import AFTER_S, AT_ONCE, LATE_S, BlackBoxRequest, path_of
+from motord.recorder.blackbox import AT_ONCE, LATE_S
+from motord.recorder.blackbox_request import AFTER_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.protocol import OUTCOMES_MAX
 from motord.recorder.session import Session

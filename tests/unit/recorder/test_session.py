@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.recorder.commands import handle
-from motord.recorder.ring_source import Mark, last_mark
+from motord.recorder.mark import Mark
+from motord.recorder.ring_source import last_mark
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, next_file, numbers
 from motord.recording.reader import open_run

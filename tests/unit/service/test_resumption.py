@@ -15,7 +15,7 @@ from motord.recording.file_names import part_of
 from motord.recording.writer import RunWriter
 from motord.schema import Compensate, Request
 from motord.service.build import show_interrupted_plan
-from motord.service.plans import resume
+from motord.service.plans import recorded_points
 from motord.service.plans.journal import JournalSegment
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.recorded_points import recorded
@@ -417,7 +417,7 @@ def test_what_is_missing_after_a_recorder_died_is_looked_for_once(days, monkeypa
     until(service, token, lambda: service.sink.points)
     service.resumption.recorder(None)
     run_to_end(service, token)
-    monkeypatch.setattr(resume, "recorded", lambda segment: {0, 2})
+    monkeypatch.setattr(recorded_points, "recorded", lambda segment: {0, 2})
     service.ask("plan/resume", token=token)
     assert run_to_end(service, token).state == "done"
     assert [p["index"] for p in service.sink.points] == [0, 1, 2, 1]

@@ -1,6 +1,7 @@
 """The supervisor: the end of its loop, its recorder or the daemon, requests and heartbeats."""
 
 import signal
+import subprocess
 import sys
 import threading
 from dataclasses import replace
@@ -139,6 +140,27 @@ def test_a_request_between_two_steps_is_carried_out_at_once(played):
     threading.Timer(0.05, played.supervisor.dispatcher.calls.put, (call,)).start()
     played.supervisor._take_requests_until(step_ns)
     assert call.wait(0).content()["config"]
+
+
+def test_a_part_ends_errors_and_nothing_else(played):
+    guard = played.supervisor.guard
+    with pytest.raises(KeyboardInterrupt), guard.part("queue", 0):
+        raise KeyboardInterrupt
+    assert guard.faults == {}
+    with guard.part("queue", 0):
+        raise OSError("no disk")
+    assert guard.faults["queue"].startswith("queue: no disk; ")
+    with guard.part("queue", 0):
+        pass
+    assert guard.faults == {}
+
+
+def test_a_daemon_loads_nothing_that_reads_or_writes_recordings():
+    """Some 0.04 s of its start; the recorder does both, and a plan that is resumed reads."""
+    heavy = {"mcap", "google.protobuf", "zstandard", "lz4"}
+    script = f"import sys, motord.service.daemon\nprint({heavy} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "set()\n", done.stderr
 
 
 def test_a_daemon_needs_no_scipy(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from typing import Any
 
 from motord.api.messages import Event
 from motord.config import Config
-from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
+from motord.recorder.blackbox_request import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
 from motord.schema import State

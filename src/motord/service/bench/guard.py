@@ -6,8 +6,7 @@ the bench as well. The bench itself, from the tick ring to the set-point mailbox
 parts: an error there ends the daemon, with the current taken away.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from types import TracebackType
 
 from motord.schema import Request
 from motord.service.bench.bench import Bench
@@ -44,23 +43,22 @@ class Guard:
         self._reported_ns: dict[str, int] = {}
         self.faults: dict[str, str] = {}
 
-    @contextmanager
-    def part(self, name: str, now_ns: int) -> Iterator[None]:
-        """Do the step of a part (a key of PARTS); an error in it ends here."""
-        try:
-            yield
-        except (OSError, MemoryError) as error:
+    def part(self, name: str, now_ns: int) -> "_Part":
+        """Do the step of a part (a key of PARTS) in a block; an error in it ends there."""
+        return _Part(self, name, now_ns)
+
+    def note(self, name: str, now_ns: int, error: Exception) -> None:
+        """Note a fault of a part; an error in the program stops the bench."""
+        if isinstance(error, OSError | MemoryError):
             message = f"{name}: {str(error) or type(error).__name__}; {PARTS[name]}"
             self.faults[name] = message
             if self._due(name, now_ns):
                 self._bench.events.emit("fault", message, part=name)
-        except Exception as error:
-            self.faults[name] = f"{name}: {type(error).__name__}: {error}; {PARTS[name]}"
-            self._bench.setpoint.request(Request.STOP)
-            if self._due(name, now_ns):
-                self._bench.fault_stop(f"in the supervisor's part {name!r}", error)
-        else:
-            self.faults.pop(name, None)
+            return
+        self.faults[name] = f"{name}: {type(error).__name__}: {error}; {PARTS[name]}"
+        self._bench.setpoint.request(Request.STOP)
+        if self._due(name, now_ns):
+            self._bench.fault_stop(f"in the supervisor's part {name!r}", error)
 
     def _due(self, name: str, now_ns: int) -> bool:
         reported_ns = self._reported_ns.get(name)
@@ -68,3 +66,28 @@ class Guard:
             return False
         self._reported_ns[name] = now_ns
         return True
+
+
+class _Part:
+    """The block of a part: a class, as twelve are entered in each step and a generator is slow."""
+
+    __slots__ = ("_guard", "_name", "_now_ns")
+
+    def __init__(self, guard: Guard, name: str, now_ns: int) -> None:
+        self._guard, self._name, self._now_ns = guard, name, now_ns
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        error: BaseException | None,
+        _trace: TracebackType | None,
+    ) -> bool:
+        if error is None:
+            self._guard.faults.pop(self._name, None)
+        elif isinstance(error, Exception):
+            self._guard.note(self._name, self._now_ns, error)
+            return True
+        return False

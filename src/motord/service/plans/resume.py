@@ -21,7 +21,6 @@ from motord.service.host.events import EventLog
 from motord.service.plans import mesh
 from motord.service.plans.journal import PlanLog, PlanNote
 from motord.service.plans.journal_file import Journal
-from motord.service.plans.recorded_points import recorded
 from motord.service.recording.control import RecordingControl
 
 MAY_MISS_POINTS = "the recorder died meanwhile, and a point may be missing in the recording"
@@ -236,6 +235,8 @@ class Resumption:
 
         Raises RpcError if there is nothing to resume or the bench is not the same any more.
         """
+        from motord.service.plans.recorded_points import recorded  # a reader: few daemons resume
+
         log = self.journal.log
         if log is None or log.state == "done":
             raise RpcError("refused", "no plan is under way, and none was interrupted")

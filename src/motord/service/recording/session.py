@@ -13,8 +13,8 @@ from typing import Any
 from motord.api.messages import Event
 from motord.config import ChannelConfig
 from motord.recorder.launch import RecorderLink
+from motord.recorder.mark import Mark
 from motord.recorder.protocol import RecorderReport, RecordingTask
-from motord.recorder.ring_source import Mark
 from motord.service.host.child_pipes import LOOK_NS, SILENCE_MAX_NS, ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
