@@ -123,7 +123,7 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
 
 def _compiled(function: _Kernel, **options: Any) -> _Kernel:
     """Compile `function` in nopython mode and keep its machine code."""
-    kernel = numba.njit(error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    kernel = numba.njit(error_model="numpy", no_cfunc_wrapper=True, **options)(function)  # type: ignore[call-overload]
     kernel._cache = _KernelCache(function)  # as cache=True does
     return cast("_Kernel", kernel)
 

@@ -51,7 +51,7 @@ export class StatusBar {
     const wrong = troubles(state).join("; ");
     byId("trouble").hidden = wrong === "";
     setText(byId("trouble"), wrong);
-    if (state.uptime_s < this._uptime_s - 1) {
+    if (state.uptime_s < this._uptime_s) {
       this._messages.say("warning", `The daemon was restarted at ${clock(state.t_ns / 1e9 - state.uptime_s)}. It begins OFF; nothing was commanded.`);
     }
     this._uptime_s = state.uptime_s;
