@@ -13,8 +13,10 @@ def end_with_any_thread() -> None:
     report = threading.excepthook
 
     def end(error: threading.ExceptHookArgs) -> None:
-        report(error)
-        sys.stderr.flush()
-        os._exit(1)
+        try:
+            report(error)
+            sys.stderr.flush()
+        finally:  # also where nobody takes what it writes
+            os._exit(1)
 
     threading.excepthook = end

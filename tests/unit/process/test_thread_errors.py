@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -24,5 +25,17 @@ def test_an_error_that_ends_a_thread_ends_the_process(target):
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         try:
             assert process.wait(PATIENCE_S) == 1  # its stdin has not ended
+        finally:
+            process.kill()
+
+
+def test_it_ends_also_where_nobody_takes_what_it_writes():
+    command = (sys.executable, "-c", PROGRAM.format(target="panic"))
+    with (
+        Path("/dev/full").open("wb") as full,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=full) as process,
+    ):
+        try:
+            assert process.wait(PATIENCE_S) == 1
         finally:
             process.kill()
