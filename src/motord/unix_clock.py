@@ -29,3 +29,8 @@ class Clock:
     def now_ns(self) -> int:
         """Return the Unix time in ns."""
         return time.monotonic_ns() + self.offset_ns
+
+
+def suspended_ns() -> int:
+    """Return for how long the computer has been suspended, which its monotonic clock leaves out."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()

@@ -28,6 +28,7 @@ from motord.service.recording.control import RecordingControl
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.tracker.link import TrackerLink
 from motord.shm.tables import TablesWriter
+from motord.unix_clock import suspended_ns
 
 PERIOD_NS = 10_000_000
 EARLY_NS = 1_000_000
@@ -38,11 +39,6 @@ STOP_NS = 300_000_000
 CLOSED_NS = 2_000_000_000
 """Time for the recording of a plan to be closed before the daemon ends; the bench is OFF."""
 RECORDER_START_NS = 20_000_000_000
-
-
-def suspended_ns() -> int:
-    """Return for how long the computer has been suspended, which its monotonic clock leaves out."""
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()
 
 
 @dataclass

@@ -7,8 +7,15 @@ import time
 import pytest
 
 from motord.hal.base import DeviceError, DeviceReading
-from motord.service.bench.slow_devices import DeviceHealth, DeviceThreads, Order, SlowDevice
+from motord.service.bench.slow_devices import (
+    SUSPENDED_NS,
+    DeviceHealth,
+    DeviceThreads,
+    Order,
+    SlowDevice,
+)
 from motord.service.host.events import EventLog
+from tests.support.patience import PATIENCE_S
 
 MS = 1_000_000
 
@@ -19,7 +26,7 @@ class Wire:
     def __init__(self):
         self.answers = True
         self.exchanges = []
-        self.seen = threading.Event()
+        self.seen, self.safe = threading.Event(), threading.Event()
         self.closed = self.stopped = False
 
     def open(self):
@@ -37,6 +44,7 @@ class Wire:
     def safe_stop(self):
         self.stopped = True
         self.exchanges.append("safe")
+        self.safe.set()
 
     def close(self):
         self.closed = True
@@ -123,6 +131,22 @@ def test_the_thread_polls_every_device_and_leaves_them_at_zero():
     assert all(wire.stopped and wire.closed for wire in wires)
     assert [wire.exchanges[-2:] for wire in wires] == [[0.25, "safe"]] * 2
     assert [len(wire.exchanges) for wire in wires] == polled
+
+
+def test_an_order_of_before_the_computer_was_suspended_is_not_written_after_it():
+    """Its time by the monotonic clock is not over, and the supervisor may step later."""
+    wire, suspended_ns = Wire(), [5 * SUSPENDED_NS]
+    device = slow(wire, poll_s=0.002)
+    device.open(0)
+    device.order(0.25, time.monotonic_ns())
+    threads = DeviceThreads([device], suspended_ns=lambda: suspended_ns[0])
+    threads.start()
+    assert wire.seen.wait(PATIENCE_S)
+    suspended_ns[0] += SUSPENDED_NS + 1
+    assert wire.safe.wait(PATIENCE_S)
+    threads.stop()
+    assert set(wire.exchanges[: wire.exchanges.index("safe")]) == {0.25}
+    assert set(wire.exchanges[wire.exchanges.index("safe") :]) == {"safe"}
 
 
 def test_without_devices_there_is_no_thread():

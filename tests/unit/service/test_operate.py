@@ -556,6 +556,19 @@ def test_requests_reach_the_loop_one_at_a_time(service):
     assert service.bench.state is State.ENABLED
 
 
+def test_a_computer_that_wakes_up_brings_back_no_torque(service):
+    """Its loop was suspended, too, and sees no gap; the inverter would follow its next command."""
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
+    service.run_s(1.0, token)
+    service.suspended_ns += 3_600_000_000_000
+    service.step(2)
+    assert service.bench.state is State.OFF
+    assert service.bench.setpoint_view().torque_target_Nm == 0.0
+    why = "the supervisor did not run for 3600.0 s, as the computer was suspended"
+    assert f"fault: {why}; stopped" in service.messages()
+
+
 def test_lost_ticks_are_reported(service):
     service.step(lost=7)
     assert service.bench.monitor.lost == 7

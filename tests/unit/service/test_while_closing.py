@@ -68,6 +68,18 @@ def test_a_plan_that_ends_as_the_supervisor_was_suspended_disables_the_bench():
     assert service.bench.state is State.READY
 
 
+def test_a_plan_fails_and_the_bench_is_off_when_the_computer_was_suspended():
+    service, _ = under_way(devices={"drive": Driven().drive})
+    service.sink.missing = ""
+    service.bench.setpoint.drive_Hz = 1.0
+    service.suspended_ns += 600_000_000
+    service.step(2)
+    assert service.bench.state is State.OFF
+    assert service.bench.setpoint.drive_Hz == 0.0
+    view = service.bench.plans.view
+    assert (view.state, "the computer was suspended" in view.message) == ("failed", True)
+
+
 def enabled_while_closing():
     """Return a bench that an operator has enabled while the recording closes, and the token."""
     service, token = closing("stop")

@@ -20,7 +20,7 @@ from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
 from motord.service.bench.loop_health import LoopHealth
 from motord.service.bench.manual_control import WATCHED, ManualControl
-from motord.service.bench.slow_devices import DeviceHealth, SlowDevice
+from motord.service.bench.slow_devices import SUSPENDED_NS, DeviceHealth, SlowDevice
 from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
@@ -32,9 +32,6 @@ from motord.shm.mailbox import MailboxWriter
 
 UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
-SUSPENDED_NS = 500_000_000
-"""A supervisor that did not run for this long, also as the computer was suspended, says so, and
-stops the external drive."""
 
 
 class Bench:
@@ -78,7 +75,7 @@ class Bench:
         """Why no torque may be set now, or nothing."""
         self.drive_fault = ""
         """Why the external drive may not turn now, or nothing."""
-        self._stepped_ns = 0
+        self._stepped_ns = self._suspended_ns = 0
         self._tick_age_ns = round(config.setpoint_valid_s * 1e9)
 
     def step(self, block: np.ndarray, lost: int, now_ns: int, suspended_ns: int = 0) -> None:
@@ -89,7 +86,7 @@ class Bench:
         self.injected.update(block)
         self._watch_channels(now_ns)
         self.monitor.update(block, lost, now_ns)
-        self._check_suspended(now_ns + suspended_ns)
+        self._check_suspended(now_ns + suspended_ns, suspended_ns)
         self._expire_lease(now_ns)
         self._watch_devices(now_ns)
         self._watch_loop(now_ns)
@@ -221,16 +218,27 @@ class Bench:
             self.events.emit("fault", f"{why}; if that lasts, {HANGING_REMEDY}")
             self._end_plan(why)
 
-    def _check_suspended(self, boot_ns: int) -> None:
-        """Say if the supervisor did not run for long; stop the drive, which is safe by then."""
+    def _check_suspended(self, boot_ns: int, suspended_ns: int) -> None:
+        """Say if the supervisor did not run for long; stop the drive, which is safe by then.
+
+        A loop that was suspended with the computer takes nothing away: its next command would bring
+        back the current that inverter and bridge took by their own timeouts.
+        """
         gap_ns, self._stepped_ns = boot_ns - self._stepped_ns, boot_ns
+        asleep_ns, self._suspended_ns = suspended_ns - self._suspended_ns, suspended_ns
         if gap_ns <= SUSPENDED_NS:
             return
         why = f"the supervisor did not run for {gap_ns / 1e9:.1f} s"
-        if "drive" in self.devices and self.setpoint.drive_Hz != 0.0:
+        powered = self.plans.active or self.state is State.ENABLED
+        if powered and 2 * asleep_ns > gap_ns:
+            why = f"{why}, as the computer was suspended"
+            self.events.emit("fault", f"{why}; stopped")
+            self.plans.end(why)
+            self.stop(why)
+        elif "drive" in self.devices and self.setpoint.drive_Hz != 0.0:
             self.events.emit("fault", f"{why}, and the drive was stopped")
             self._end_plan(f"{why}, and the drive was stopped")
-        elif self.plans.active or self.state is State.ENABLED:
+        elif powered:
             self.events.emit("daemon", f"{why}: without it the loop takes the current away")
 
     def _end_plan(self, why: str) -> None:

@@ -17,8 +17,12 @@ from motord.api.messages import DeviceView, Health
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
 from motord.service.host.events import REPORT_AGAIN_NS, EventLog
 from motord.service.host.log import log_error
+from motord.unix_clock import suspended_ns
 
 JOIN_S = 5.0
+SUSPENDED_NS = 500_000_000
+"""A supervisor that did not run for this long says so, and stops the external drive. After as long
+a suspension of the computer no order of before is written, and a powered bench is stopped."""
 UNORDERED = "not written: the supervisor has given no order in time"
 
 
@@ -196,9 +200,11 @@ class DeviceThreads:
         self,
         devices: Sequence[SlowDevice],
         clock_ns: Callable[[], int] = time.monotonic_ns,
+        suspended_ns: Callable[[], int] = suspended_ns,
     ) -> None:
         self._devices = devices
         self._clock_ns = clock_ns
+        self._suspended_ns = suspended_ns
         self._stop = threading.Event()
         self._threads = [
             threading.Thread(
@@ -224,5 +230,9 @@ class DeviceThreads:
             device.close()
 
     def _poll(self, device: SlowDevice) -> None:
+        asleep_ns = self._suspended_ns()
         while not self._stop.wait(device.due_in_s(self._clock_ns())):
+            before_ns, asleep_ns = asleep_ns, self._suspended_ns()
+            if asleep_ns - before_ns > SUSPENDED_NS:  # the order looks as if it still held
+                device.withhold(self._clock_ns())
             device.exchange(self._clock_ns)
