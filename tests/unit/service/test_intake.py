@@ -239,6 +239,22 @@ def test_what_a_plan_or_a_library_raises_as_it_is_prepared_ends_no_thread(
         assert played.bring("calibration/install", TOKEN).outcome() == "internal"
 
 
+def test_a_plan_that_is_prepared_for_ever_does_not_hold_up_the_end(played, monkeypatch):
+    monkeypatch.setattr(intake, "CLOSE_S", 0.01)
+    queries = [played.bring("calibration/install", TOKEN)]
+    assert played.begun.acquire(timeout=PATIENCE_S)
+    queries.append(played.bring("calibration/install", TOKEN))  # its thread has no room for more
+    played.calls.close("over")
+    closing = threading.Thread(target=played.intake.close, daemon=True)
+    closing.start()
+    closing.join(PATIENCE_S)
+    ended = not closing.is_alive()
+    played.replies.close()
+    assert [query.outcome() for query in queries] == ["refused", "refused"]
+    played.go_on.release(2)
+    assert ended
+
+
 def test_a_panic_in_replying_ends_no_thread(played, monkeypatch):
     for query in [Query() for _ in range(2 * outstanding.THREADS)]:
         query.reply_err = panic

@@ -13,6 +13,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeAlias
@@ -47,6 +48,9 @@ BURST = 40
 
 CARRY_OUT_S = 3.0
 """Before a reply is due: what is not prepared by then is refused and not done."""
+
+CLOSE_S = 3.0
+"""For work under way when the daemon ends: a plan's own program may never return."""
 
 Work = Callable[[], None]
 Lane: TypeAlias = "queue.Queue[tuple[OutstandingQuery, bytes] | None]"
@@ -103,12 +107,14 @@ class Intake:
         self._threads.append(thread)
 
     def close(self) -> None:
-        """Finish the work under way and end the threads."""
+        """Finish the work under way, as far as `CLOSE_S` suffices, and end the threads."""
+        end_s = time.monotonic() + CLOSE_S
         self._paced.put(None)
         for lane in self._lanes.values():
-            lane.put(None)
+            with suppress(queue.Full):
+                lane.put(None, timeout=max(0.0, end_s - time.monotonic()))
         for thread in self._threads:
-            thread.join()
+            thread.join(max(0.0, end_s - time.monotonic()))
         self._threads = []
 
     def accept(self, name: str, key: str, query: zenoh.Query) -> None:
