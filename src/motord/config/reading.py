@@ -133,7 +133,7 @@ def _explain(error: ValidationError, model: type[Section], path: Path, text: str
 
 
 def _what(item: Any, model: type[Section], keys: list[str]) -> str:
-    """Return what is wrong in words, without the value."""
+    """Return what is wrong, without the value."""
     if item["type"] == "extra_forbidden":
         is_table = isinstance(item["input"], dict)
         return "unknown key" + _suggestion(model, item["loc"], is_table=is_table)
