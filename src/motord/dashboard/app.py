@@ -19,11 +19,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from motord.dashboard.frames import FrameError, encode
-from motord.dashboard.page.messages import PageMessage, read
-from motord.dashboard.page.sending import PageGone, Sender
+from motord.dashboard.overview.overview_pages import OverviewPage, OverviewPages
+from motord.dashboard.page.live_page import LivePage
+from motord.dashboard.page.messages import read
+from motord.dashboard.page.pages import Pages
+from motord.dashboard.page.sending import PageGone
 from motord.dashboard.tokens import Tokens, foreign
 from motord.process.allowance import Allowance
-from motord.security.roles import Role
 
 SUBPROTOCOL = "motord.1"
 MALFORMED, TOO_MANY_MESSAGES, NO_ANSWER = 4400, 4429, 4408
@@ -50,42 +52,8 @@ HEADERS = {
 STATIC = Path(__file__).parent / "static"
 
 
-class SocketPage(Protocol):
-    """A page at the other end of a socket."""
-
-    async def send_all(self, send: Sender) -> None:
-        """Send what there is to send; never returns. Raises PageGone."""
-
-    def received(self, message: PageMessage) -> None:
-        """Do what the page asks for."""
-
-
-class SocketPages(Protocol):
-    """The pages that are open, and what comes from daemons to all of them."""
-
-    @property
-    def bench_name(self) -> str:
-        """Name of the bench, "" if there are several."""
-
-    @property
-    def full(self) -> bool:
-        """True if no more pages may be opened."""
-
-    def open(self, role: Role) -> Any:
-        """Return a new `SocketPage`."""
-
-    async def close(self, page: Any) -> None:
-        """Forget a page."""
-
-    def take(self, items: list[Any]) -> None:
-        """Take in what came."""
-
-    async def connected(self) -> None:
-        """Take in what was missed."""
-
-
 class DaemonLink(Protocol):
-    """Where it comes from."""
+    """Where what pages show comes from."""
 
     def start(self, take: Callable[[list[Any]], None]) -> None:
         """Subscribe, in the running event loop."""
@@ -129,7 +97,7 @@ def _with_headers(send: Send) -> Send:
 
 
 def application(
-    pages: SocketPages, tokens: Tokens, link: DaemonLink, page_file: str = "index.html"
+    pages: Pages | OverviewPages, tokens: Tokens, link: DaemonLink, page_file: str = "index.html"
 ) -> Starlette:
     """Return the application; it is a client of the daemon as long as it runs."""
 
@@ -162,7 +130,7 @@ def application(
             await socket.send_denial_response(PlainTextResponse("too many pages are open", 503))
         else:
             await socket.accept(SUBPROTOCOL)
-            page = pages.open(role)
+            page: Any = pages.open(role)  # which these pages alone can close
             try:
                 await _serve(socket, page)
             finally:
@@ -180,7 +148,7 @@ def application(
     )
 
 
-async def _serve(socket: WebSocket, page: SocketPage) -> None:
+async def _serve(socket: WebSocket, page: LivePage | OverviewPage) -> None:
     """Send and receive until the page is gone."""
     sending = asyncio.create_task(_send(socket, page))
     receiving = asyncio.create_task(_receive(socket, page))
@@ -194,7 +162,7 @@ async def _serve(socket: WebSocket, page: SocketPage) -> None:
         await asyncio.gather(sending, receiving, return_exceptions=True)
 
 
-async def _send(socket: WebSocket, page: SocketPage) -> None:
+async def _send(socket: WebSocket, page: LivePage | OverviewPage) -> None:
     with suppress(WebSocketDisconnect):
         try:
             await page.send_all(partial(_send_bytes, socket))
@@ -202,7 +170,7 @@ async def _send(socket: WebSocket, page: SocketPage) -> None:
             await _close(socket, NO_ANSWER, "the page has not answered for too long")
 
 
-async def _receive(socket: WebSocket, page: SocketPage) -> None:
+async def _receive(socket: WebSocket, page: LivePage | OverviewPage) -> None:
     allowance = Allowance(MESSAGES_PER_S, MESSAGES_AT_ONCE)
     with suppress(WebSocketDisconnect):
         while True:
