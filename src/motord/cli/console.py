@@ -59,39 +59,6 @@ def print_result(result: Any, text: str, as_json: bool) -> None:
         typer.echo(text)
 
 
-EXPLAINED = frozenset(
-    {
-        "motord.archive.pace.ArchiveError",
-        "motord.batch.error.BatchError",
-        "motord.calibration.file.CalibrationError",
-        "motord.cli.motor_test.testing.MotorTestError",
-        "motord.client.error.ClientError",
-        "motord.config.base.ConfigError",
-        "motord.dashboard.server.DashboardError",
-        "motord.emulate.EmulatorError",
-        "motord.deployment.files.DeploymentError",
-        "motord.experiments.subject.AnalysisError",
-        "motord.foxglove.server.FoxgloveError",
-        "motord.hal.base.DeviceError",
-        "motord.identification.IdentifyError",
-        "motord.loop.latency.LatencyError",
-        "motord.recording.errors.RecordError",
-        "motord.results.error.ResultsError",
-        "motord.security.roles.SecurityError",
-        "motord.sequencing.settings.PlanError",
-        "motord.service.daemon.LoopFailedError",
-        "motord.service.daemon.SupervisorFailedError",
-        "motord.service.host.descriptors.DescriptorsError",
-        "motord.service.publish.zenoh_api.ApiError",
-        "motord.shm.run_directory.RunDirError",
-        "motord.shm.shared_records.SharedFileError",
-        "motord.verdict.serial.SerialError",
-        "motord.virtual.plan.PlanFailed",
-    }
-)
-"""Errors that say what is wrong, where and what to do; by name, so that none has to be loaded."""
-
-
 class CommandGroup(TyperGroup):
     """Carries out a command; an error that is none of the program ends it with one line."""
 
@@ -154,14 +121,15 @@ def interrupt_was_converted(error: Exception) -> bool:
 
 
 def explanation(error: Exception) -> str | None:
-    """Return what an error says that is none of the program, None for one that may be."""
+    """Return what an error says that is none of the program, None for one that may be.
+
+    Errors with a class in motord say what is wrong, where and what to do.
+    """
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
-    kinds = type(error).__mro__
-    if EXPLAINED.isdisjoint(f"{one.__module__}.{one.__qualname__}" for one in kinds):
-        return None
-    return str(error)
+    own = any(one.__module__.startswith("motord.") for one in type(error).__mro__)
+    return str(error) or None if own else None
 
 
 def group(summary: str, kind: type[CommandGroup] = CommandGroup) -> typer.Typer:

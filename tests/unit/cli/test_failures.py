@@ -4,14 +4,16 @@ import json
 import resource
 import shlex
 import socket
-from pkgutil import resolve_name
 
 import pytest
 from typer.testing import CliRunner
 
+from motord.batch.error import WorkerDiedError
 from motord.cli import app
-from motord.cli.console import EXPLAINED
+from motord.cli.console import explanation
 from motord.config.experiments import plan_kinds
+from motord.experiments.subject import AnalysisError
+from motord.recording.errors import RecordError
 from tests.unit.cli.test_text import ALL
 from tests.unit.service.live_service import endpoint
 
@@ -251,11 +253,23 @@ def test_wrong_usage_names_what_was_typed_and_what_may_be_meant(words, said):
     assert said in " ".join(invoke(shlex.split(words)).stderr.split())
 
 
-@pytest.mark.parametrize("name", sorted(EXPLAINED))
-def test_errors_that_end_a_command_with_one_line_are_known_by_their_right_names(name):
-    kind = resolve_name(name)
-    assert issubclass(kind, Exception)
-    assert f"{kind.__module__}.{kind.__qualname__}" == name
+class ErrorOfAPlugin(AnalysisError):
+    """What an experiment of another package may raise."""
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (RecordError("a.mcap: is empty"), "a.mcap: is empty"),
+        (ErrorOfAPlugin("no whole turn"), "no whole turn"),
+        (PermissionError(13, "Permission denied", "a.mcap"), "a.mcap: Permission denied"),
+        (WorkerDiedError(), None),
+        (ValueError("of the program"), None),
+    ],
+    ids=lambda one: type(one).__name__,
+)
+def test_an_error_says_what_is_wrong_unless_it_may_be_one_of_the_program(error, said):
+    assert explanation(error) == said
 
 
 def test_an_analysis_may_keep_as_many_recordings_open_as_the_system_allows(tmp_path):
