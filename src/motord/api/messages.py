@@ -8,8 +8,8 @@ from motord.api.channel_messages import ChannelView
 from motord.api.plan_messages import PlanView
 from motord.api.published_message import PublishedMessage
 from motord.api.queue_messages import QueueView
-from motord.api.tracking_messages import TrackingView
 from motord.api.trip_messages import TripReport, TripView
+from motord.experiments.tracking.tracked import TrackedCalibration
 from motord.schema import Compensation
 from motord.section import SensorHighpass
 
@@ -255,7 +255,7 @@ class BenchState(PublishedMessage):
     """State of the recorder."""
     calibration: CalibrationView | None
     """The calibration in force."""
-    tracking: TrackingView | None = None
+    tracking: TrackedCalibration | None = None
     """What ordinary operation shows of it; none unless `[tracking] enabled`."""
     brake: DeviceView
     """The brake."""

@@ -7,9 +7,9 @@ import time
 import pytest
 from typer.testing import CliRunner
 
-from motord.api.tracking_messages import TrackingView
 from motord.calibration import load
 from motord.cli import app
+from motord.experiments.tracking.tracked import TrackedCalibration
 from motord.service.tracker.link import NOT_WRITTEN
 from motord.shm.run_directory import RunDir
 from tests.support.patience import PATIENCE_S
@@ -87,7 +87,7 @@ def test_a_dry_run_says_how_old_it_is_and_what_cannot_be_adopted(bench):
 
 def test_a_calibration_that_is_not_written_yet_is_not_taken_for_tracking_that_is_off(bench):
     about = {"calibration": bench.store.current_id(), "obstacle": NOT_WRITTEN}
-    bench.tracker.view, bench.tracker.obstacle = TrackingView(**about), NOT_WRITTEN
+    bench.tracker.view, bench.tracker.obstacle = TrackedCalibration(**about), NOT_WRITTEN
     shown(bench)
     assert NOT_WRITTEN in adopt(bench, "--dry-run").stdout
     assert failed(adopt(bench)) == f"motord: {NOT_WRITTEN}"

@@ -6,9 +6,9 @@ from contextlib import nullcontext
 import pytest
 
 from motord.api.errors import RpcError
-from motord.api.tracking_messages import TrackedView, TrackingView
 from motord.calibration import Calibration
 from motord.calibration.file import load
+from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.adoption import Adoption
 from motord.service.rpc.calibration import Installation
@@ -22,12 +22,12 @@ from tests.unit.service.virtual_service import VirtualService
 
 
 def tracked(in_force, departed=True, adoptable=True, **changes):
-    alpha = TrackedView(
+    alpha = TrackedQuantity(
         name="alpha_a", meaning="the gain of phase a", unit="1", value=0.82, half_width=0.001,
         in_force=0.8, in_force_half_width=0.002, departed=departed, adoptable=adoptable,
     )  # fmt: skip
     about = {"calibration": in_force.id, "turns": 70, "quantities": (alpha,), **changes}
-    return TrackingView(**about)
+    return TrackedCalibration(**about)
 
 
 class FakeTracker:

@@ -11,9 +11,9 @@ from functools import partial
 import pytest
 from pydantic import ValidationError
 
-from motord.api.tracking_messages import TrackedView, TrackingView
 from motord.calibration import CalibrationError, load
 from motord.config import load as load_bench
+from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.host import scheduling
@@ -396,14 +396,14 @@ class Seen:
     def see(self, departed="", seconds=3, phases="abc", fixed=""):
         """Let them be seen for so long; return the messages of departures and returns so far."""
         quantities = tuple(
-            TrackedView(
+            TrackedQuantity(
                 name=f"alpha-{phase}", meaning=f"the gain of phase {phase}", unit="1", value=1.02,
                 half_width=0.004, in_force=1.0, in_force_half_width=0.005,
                 departed=phase in departed, adoptable=phase not in fixed,
             )
             for phase in phases
         )  # fmt: skip
-        view = TrackingView(calibration="C", turns=9, memory_s=60.0, quantities=quantities)
+        view = TrackedCalibration(calibration="C", turns=9, memory_s=60.0, quantities=quantities)
         for _ in range(seconds // 3):
             self.now_ns += 3_000_000_000
             self.departures.step(view, self.now_ns)

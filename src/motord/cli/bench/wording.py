@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from motord.api.messages import BenchState
     from motord.api.plan_messages import PlanView
     from motord.api.queue_messages import QueueView
-    from motord.api.tracking_messages import TrackedView, TrackingView
+    from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 
 
 def number(value: float | None) -> str:
@@ -123,7 +123,7 @@ def plan_progress(plan: "PlanView") -> str:
     return f"{counted}{left}" + (f", {plan.step}" if plan.step else "")
 
 
-def tracked_lines(view: "TrackingView", now_ns: int) -> list[str]:
+def tracked_lines(view: "TrackedCalibration", now_ns: int) -> list[str]:
     """Return what is tracked as text: a line for each quantity, against the calibration.
 
     `now_ns`: Unix time.
@@ -135,17 +135,17 @@ def tracked_lines(view: "TrackingView", now_ns: int) -> list[str]:
     return found + [f"- {view.obstacle}"] * bool(view.obstacle)
 
 
-def _tracked_line(one: "TrackedView") -> str:
+def _tracked_line(one: "TrackedQuantity") -> str:
     fixed = ", cannot be adopted" * (one.departed and not one.adoptable)
     return f"{'!' if one.departed else ' '} {one.name:<22} {one.figures()}{fixed}"
 
 
-def _newest_tracked(view: "TrackingView", now_ns: int) -> str:
+def _newest_tracked(view: "TrackedCalibration", now_ns: int) -> str:
     age_s = max(now_ns - view.t_ns, 0) / 1e9
     return f", the newest {duration(age_s)} old" if view.t_ns else ""
 
 
-def tracked(view: "TrackingView", now_ns: int) -> str:
+def tracked(view: "TrackedCalibration", now_ns: int) -> str:
     """Return in a line whether the calibration in force holds; `now_ns`: Unix time."""
     newest = _newest_tracked(view, now_ns)
     if departed := view.departed:

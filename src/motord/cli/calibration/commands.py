@@ -223,9 +223,9 @@ def adopt(
     That takes [tracking] enabled = true in the bench file. Refused while no tracked quantity has
     left its interval that can be adopted, unless that is accepted: --accept nothing-departed.
     """
-    from motord.api.tracking_messages import NOT_IN_FORCE, TRACKING_OFF
     from motord.calibration import CalibrationError, load
     from motord.cli.bench.lease_session import in_command
+    from motord.experiments.tracking.tracked import NOT_IN_FORCE, TRACKING_OFF
 
     check_output_files({"--output": output}, [])
     with connection.connect() as client:

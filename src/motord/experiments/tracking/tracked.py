@@ -1,10 +1,17 @@
-"""What tracking knows of the calibration in force."""
+"""What tracking knows of the calibration in force, as it is published in the state, too."""
 
 from pydantic import BaseModel
 
+from motord.intervals import plus_minus
+
+TRACKING_OFF = (
+    "tracking is off: set enabled = true in [tracking] of the bench file and start the daemon again"
+)
+NOT_IN_FORCE = "no calibration is in force, so none is tracked"
+
 
 class TrackedQuantity(BaseModel, frozen=True):
-    """A parameter as ordinary operation shows it, against the calibration in force."""
+    """A quantity of the calibration in force, as it is tracked."""
 
     name: str
     """As `alpha-a`, `beta-common`, `cogging-48-phase`."""
@@ -25,9 +32,15 @@ class TrackedQuantity(BaseModel, frozen=True):
     adoptable: bool = True
     """Whether `calibration/adopt` can put the value in force; else another calibration has to."""
 
+    def figures(self) -> str:
+        """Return both values with their 95 % intervals, as text."""
+        now = plus_minus(self.value, self.half_width)
+        before = plus_minus(self.in_force, self.in_force_half_width)
+        return f"{now}, in force {before}" + ("" if self.unit in ("", "1") else f" {self.unit}")
+
 
 class TrackedCalibration(BaseModel, frozen=True):
-    """The quantities that ordinary operation shows, as of `t_ns`."""
+    """The calibration in force as ordinary operation shows it; it changes nothing by itself."""
 
     calibration: str
     """Id of the one in force."""
@@ -43,3 +56,8 @@ class TrackedCalibration(BaseModel, frozen=True):
     """What operation has not shown."""
     obstacle: str = ""
     """Why nothing, or not all, is tracked; "" without."""
+
+    @property
+    def departed(self) -> list[TrackedQuantity]:
+        """The quantities whose value in force has left its interval."""
+        return [one for one in self.quantities if one.departed]

@@ -9,7 +9,7 @@ from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import InstalledCalibration
 from motord.api.requests import NOTHING_DEPARTED
-from motord.api.tracking_messages import NOT_IN_FORCE, TRACKING_OFF, TrackingView
+from motord.experiments.tracking.tracked import NOT_IN_FORCE, TRACKING_OFF, TrackedCalibration
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.calibration import Installation, Prepared
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
@@ -80,7 +80,7 @@ class Adoption:
         return view.calibration
 
 
-def _why_not(view: TrackingView) -> str:
+def _why_not(view: TrackedCalibration) -> str:
     """Return why nothing of what is tracked is adopted, and how to adopt it all the same."""
     if view.departed:
         names = ", ".join(one.name for one in view.departed)

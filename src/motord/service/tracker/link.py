@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from motord.api.tracking_messages import NOT_IN_FORCE, TrackedView, TrackingView
+from motord.experiments.tracking.tracked import NOT_IN_FORCE, TrackedCalibration, TrackedQuantity
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.host.child_pipes import ChildPipes
 from motord.service.host.children import Children
@@ -56,7 +56,7 @@ class Departures:
         """Begin anew: another calibration is in force, or none."""
         self._announced, self._event_ns, self._within_ns = set(), None, None
 
-    def step(self, seen: TrackingView, now_ns: int) -> None:
+    def step(self, seen: TrackedCalibration, now_ns: int) -> None:
         """Emit what is new in what is tracked now; too soon after another event it waits."""
         new = [one for one in seen.departed if one.name not in self._announced]
         back = self._back(seen, now_ns)
@@ -76,7 +76,7 @@ class Departures:
             text = f"{seen.calibration}: what is tracked is back within its intervals"
             self._events.emit("calibration", text, id=seen.calibration)
 
-    def _back(self, seen: TrackingView, now_ns: int) -> bool:
+    def _back(self, seen: TrackedCalibration, now_ns: int) -> bool:
         """Return whether all that was announced has been within its interval for a memory."""
         within = {one.name for one in seen.quantities if not one.departed}
         if not self._announced or not self._announced <= within:
@@ -87,7 +87,7 @@ class Departures:
         return now_ns - self._within_ns >= 1e9 * seen.memory_s
 
 
-def _remedy(departed: Sequence[TrackedView]) -> str:
+def _remedy(departed: Sequence[TrackedQuantity]) -> str:
     """Return what to do about quantities that have departed."""
     fixed = ", ".join(one.name for one in departed if not one.adoptable)
     adopt = [ADOPT] * any(one.adoptable for one in departed)
@@ -119,7 +119,7 @@ class TrackerLink:
         self._followed = ""
         self._running = self._stopped = False
         self._failure = ""
-        self.view: TrackingView | None = None
+        self.view: TrackedCalibration | None = None
 
     def step(self, now_ns: int) -> None:
         """Follow calibration and process, take reports. `now_ns` is monotonic."""
@@ -205,7 +205,9 @@ class TrackerLink:
         self._reply(why)
         self._show_nothing(why)
 
-    def _show_nothing(self, why: str) -> TrackingView:
-        shown = TrackingView(calibration=self._store.current_id(), obstacle=why[:OBSTACLE_MAX])
+    def _show_nothing(self, why: str) -> TrackedCalibration:
+        shown = TrackedCalibration(
+            calibration=self._store.current_id(), obstacle=why[:OBSTACLE_MAX]
+        )
         self.view = shown
         return shown

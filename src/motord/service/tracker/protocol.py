@@ -10,7 +10,6 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from motord.api.tracking_messages import TrackedView, TrackingView
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 from motord.recorder.protocol import Count, Message
 
@@ -26,7 +25,7 @@ _BOUNDED = ConfigDict(
 )
 
 
-class ReportedQuantity(TrackedView):
+class ReportedQuantity(TrackedQuantity):
     """A `TrackedQuantity` out of a pipe."""
 
     model_config = _BOUNDED
@@ -38,7 +37,7 @@ class ReportedQuantity(TrackedView):
     in_force_half_width: HalfWidth
 
 
-class ReportedTracking(TrackingView):
+class ReportedTracking(TrackedCalibration):
     """A `TrackedCalibration` out of a pipe."""
 
     model_config = _BOUNDED
