@@ -13,12 +13,13 @@ from tools.reference.models import fields, output_fields
 from motord.api import errors, messages
 from motord.api.plan_messages import PlanView
 from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
-from motord.api.replies import AcceptedSetpoint, AvailablePlan, CalibrationEntry
+from motord.api.replies import AvailablePlan, CalibrationEntry
 from motord.api.requests import RPCS, PlanStart, Rpc
 from motord.security.access import READ
 
 PARTS = (
-    AcceptedSetpoint, AvailablePlan, CalibrationEntry, QueuedPlan, QueueItem, QueueRun, QueueView,
+    messages.SetpointView, AvailablePlan, CalibrationEntry, QueuedPlan, QueueItem, QueueRun,
+    QueueView,
 )  # fmt: skip
 """Parts of requests and replies that have a section of their own."""
 MESSAGES = (messages.BenchState, PlanView, messages.Event)

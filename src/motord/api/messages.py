@@ -54,7 +54,7 @@ class SetpointView(PublishedMessage):
     """The set-point in force."""
 
     torque_Nm: float
-    """Asked of the loop now."""
+    """Asked of the loop now; 0 while the brake rises."""
     torque_target_Nm: float | None = None
     """What was set; follows once the brake has risen."""
     speed_Hz: float | None
@@ -65,6 +65,11 @@ class SetpointView(PublishedMessage):
     """Speed of the external drive, turns per second."""
     compensate: Compensation
     """Which parts of the calibration are applied."""
+
+    @property
+    def target_Nm(self) -> float:
+        """The torque that was set."""
+        return self.torque_Nm if self.torque_target_Nm is None else self.torque_target_Nm
 
 
 class LeaseView(PublishedMessage):

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from motord.api.errors import MESSAGE_CHARACTERS
+from motord.api.messages import SetpointView
 
 Text = Annotated[str, Field(max_length=MESSAGE_CHARACTERS)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -54,28 +55,11 @@ class StateReply(RpcReply):
     """State of the drive, or of the plan."""
 
 
-class AcceptedSetpoint(RpcReply):
-    """The set-point after `set`; the torque is on its way to its target."""
-
-    torque_Nm: Number
-    """Asked of the loop now; 0 while the brake rises."""
-    torque_target_Nm: Number
-    """What was set."""
-    speed_Hz: Number | None
-    """Speed that the brake holds, turns per second."""
-    brake: Number
-    """Excitation of the brake."""
-    drive_Hz: Number
-    """Speed of the external drive, turns per second."""
-    compensate: Text
-    """Which parts of the calibration are applied."""
-
-
 class SetpointReply(StateReply):
     """`set`."""
 
-    setpoint: AcceptedSetpoint
-    """What is in force now."""
+    setpoint: SetpointView
+    """What is in force now; the torque is on its way to its target."""
     reached_in_s: Duration
     """How long brake and ramp take from now."""
 

@@ -189,7 +189,7 @@ class _Watched:
         if state.t_ns <= self.read_ns:
             return ""
         rank, s = _RANK[state.state], state.setpoint
-        moves = bool(s.drive_Hz or s.brake or s.torque_target_Nm)
+        moves = bool(s.drive_Hz or s.brake or s.target_Nm)
         self.rank, before = max(self.rank, rank), self.rank
         self.moved, moved = self.moved or moves, self.moved
         if rank < before or rank == _RANK["TRIPPED"] or (state.state == "OFF" and state.fault):

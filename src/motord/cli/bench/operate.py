@@ -147,7 +147,7 @@ def set_text(answer: "SetpointReply") -> str:
     speed = "not held" if s.speed_Hz is None else f"{s.speed_Hz:g} Hz"
     when = f", reached in {answer.reached_in_s:.1f} s" if answer.reached_in_s else ""
     return (
-        f"set: torque {s.torque_target_Nm:g} Nm{when}; speed {speed}, brake {s.brake:.3g}, "
+        f"set: torque {s.target_Nm:g} Nm{when}; speed {speed}, brake {s.brake:.3g}, "
         f"drive {s.drive_Hz:g} Hz, compensation {s.compensate}"
     )
 
@@ -157,7 +157,7 @@ def show_reached(client: "Client", answer: "SetpointReply", for_s: float | None)
 
     Not for longer than `for_s`.
     """
-    target_Nm = answer.setpoint.torque_target_Nm
+    target_Nm = answer.setpoint.target_Nm
     if not answer.reached_in_s:
         return
     wait_s = answer.reached_in_s + LATE_S
@@ -175,7 +175,7 @@ def show_reached(client: "Client", answer: "SetpointReply", for_s: float | None)
 def _is_there(state: "BenchState", target_Nm: float) -> bool:
     return (
         state.tick is not None
-        and state.setpoint.torque_target_Nm == target_Nm == state.setpoint.torque_Nm
+        and state.setpoint.target_Nm == target_Nm == state.setpoint.torque_Nm
         and abs((state.tick.torque_set_Nm or 0.0) - target_Nm) < 1e-6
     )
 

@@ -159,11 +159,10 @@ def _measured(state: "BenchState") -> list[tuple[str, str]]:
     if tick is None:
         return []
     wanted = state.setpoint
-    target_Nm = wanted.torque_Nm if wanted.torque_target_Nm is None else wanted.torque_target_Nm
     speed = f"of {wanted.speed_Hz:g} Hz" if wanted.speed_Hz is not None else "Hz"
     currents = ", ".join(number(i) for i in tick.i_A)
     return [
-        ("torque", f"{number(tick.torque_set_Nm)} of {target_Nm:g} Nm set, "
+        ("torque", f"{number(tick.torque_set_Nm)} of {wanted.target_Nm:g} Nm set, "
                    f"{sensor_text(state)}"),
         ("speed", f"{number(tick.speed_Hz)} {speed}"),
         ("currents", f"{currents} A"),

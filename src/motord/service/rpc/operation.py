@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import (
-    AcceptedSetpoint,
     LeaseGrant,
     LeaseTerms,
     NoteReply,
@@ -230,6 +229,6 @@ class ManualOperation:
         bench = self.bench
         return SetpointReply(
             state=bench.state.name,
-            setpoint=AcceptedSetpoint.model_validate(bench.setpoint_view().model_dump()),
+            setpoint=bench.setpoint_view(),
             reached_in_s=round(bench.manual.reached_in_s(bench.monitor.torque_set_Nm), 3),
         )

@@ -95,7 +95,7 @@ def zero_torque(bench: Bench, why: str) -> None:
     """No torque is set; `why` completes "set torque_Nm = 0 first: ". NotYetError: it ramps to 0."""
     if bench.state is not State.ENABLED:
         return
-    if bench.setpoint_view().torque_target_Nm != 0.0:
+    if bench.setpoint_view().target_Nm != 0.0:
         raise RpcError("refused", f"set torque_Nm = 0 first: {why}")
     if bench.monitor.torque_set_Nm != 0.0:
         raise _ramps_still(bench, f"the torque still ramps to zero: {why}")

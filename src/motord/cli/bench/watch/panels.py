@@ -175,9 +175,8 @@ def _values(state: BenchState | None, signal: int, digits: int) -> list[tuple[st
         return [(SIGNALS[signal].label, "-")]
     tick, wanted = state.tick, state.setpoint
     if signal == 0:
-        target_Nm = wanted.torque_Nm if wanted.torque_target_Nm is None else wanted.torque_target_Nm
         name = "torque" if state.torque_sensor.passes_mean else "torque (AC)"
-        ramp = f"{fixed(tick.torque_set_Nm, 2)} of {target_Nm:.2f}"
+        ramp = f"{fixed(tick.torque_set_Nm, 2)} of {wanted.target_Nm:.2f}"
         return [(name, fixed(tick.torque_Nm, digits, "Nm")), ("  set-point", ramp)]
     if signal == 1:
         held = "not held" if wanted.speed_Hz is None else fixed(wanted.speed_Hz, digits)
