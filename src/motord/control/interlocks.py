@@ -29,10 +29,16 @@ LINK_MEMORY_S = 1.0
 
 @jit
 def update_i2t(p: np.record, m: np.record, f: np.record, elapsed_s: float) -> None:
-    """Advance the I2t accumulators: seconds at sqrt(2) times the continuous current."""
+    """Advance the I2t accumulators: seconds at sqrt(2) times the continuous current.
+
+    A current above trip_current_A counts as that until OVER_CURRENT has found it: a single reading
+    may be disturbed, and of any size.
+    """
+    most_A = math.inf if m.causes & _TRIP.OVER_CURRENT else p.trip_current_A
     for phase in range(3):
-        ratio = f.i_A[phase] / p.i2t_current_A
-        if math.isfinite(ratio):
+        i_A = abs(f.i_A[phase])
+        if math.isfinite(i_A):
+            ratio = min(i_A, most_A) / p.i2t_current_A
             heat_s = m.heat_s[phase] + (ratio * ratio - 1.0) * elapsed_s
             m.heat_s[phase] = min(max(heat_s, 0.0), 2.0 * p.i2t_time_s)
 

@@ -410,6 +410,7 @@ def test_heat_rises_and_falls_with_the_square_of_the_current(number) -> None:
 
 def test_heat_is_bounded_and_a_reading_that_is_none_changes_nothing() -> None:
     watched = Watched()
+    watched.m.causes = int(Trip.OVER_CURRENT)
     watched.f.i_A[:] = (1e4, math.nan, math.inf)
     watched.m.heat_s[:] = (0.9, 0.2, 0.3)
     update_i2t(watched.p, watched.m, watched.f, 1e-3)
@@ -418,6 +419,21 @@ def test_heat_is_bounded_and_a_reading_that_is_none_changes_nothing() -> None:
     for _ in range(1100):
         update_i2t(watched.p, watched.m, watched.f, 1e-3)
     assert watched.m.heat_s.tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("i_A", [35.0, 36.0, -1e4, 3e38])
+def test_a_reading_beyond_the_trip_heats_as_much_as_the_trip_until_that_is_over_current(
+    i_A: float,
+) -> None:
+    watched = Watched()
+    watched.f.i_A[1] = i_A
+    update_i2t(watched.p, watched.m, watched.f, 1e-3)
+    assert watched.m.heat_s.tolist() == [0.0, (1.75**2 - 1) * 1e-3, 0.0]
+    watched.m.causes = int(Trip.OVER_CURRENT)
+    update_i2t(watched.p, watched.m, watched.f, 1e-3)
+    added_s = ((i_A / 20.0) ** 2 - 1) * 1e-3
+    assert watched.m.heat_s[1] == pytest.approx(min(2.0625e-3 + added_s, 1.0))
 
 
 @given(derating=st.floats(width=32))

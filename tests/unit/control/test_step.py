@@ -396,6 +396,29 @@ def test_i2t_trips_at_its_time() -> None:
 
 
 @pytest.mark.kernel
+@pytest.mark.parametrize("reading_A", [200.0, -3e38])
+def test_a_single_reading_is_no_heat_that_trips_and_several_are_over_current(
+    reading_A: float,
+) -> None:
+    """Heat of currents that were found is kept, as they may have flowed: the winding cools."""
+    bench = Bench(make_config(limits={"i2t_current_A": 10.0, "i2t_time_s": 0.3}))
+    bench.enable()
+    bench.feedback["i_A"][0, 0] = reading_A
+    assert bench.run().state == State.ENABLED
+    bench.feedback["i_A"][0, 0] = 0.0
+    assert bench.run(3).state == State.ENABLED
+    bench.feedback["i_A"][0, 0] = reading_A
+    assert bench.run(2).state == State.TRIPPED
+    assert bench.tick["first_trip"][0] == bench.tick["trip_bits"][0] == Trip.OVER_CURRENT
+    assert bench.run(2).trip_bits & Trip.I2T
+    bench.feedback["i_A"][0, 0] = 0.0
+    for wait, state in ((200, State.TRIPPED), (150, State.READY)):
+        bench.run(wait)
+        bench.ask(Request.RESET)
+        assert bench.run().state == state
+
+
+@pytest.mark.kernel
 @pytest.mark.parametrize(("derating", "ticks"), [(0.0, 300), (0.5, 150), (1.0, 1)])
 def test_i2t_trips_the_earlier_the_warmer_the_winding(derating: float, ticks: int) -> None:
     bench = Bench(make_config(limits={"i2t_current_A": 10.0, "i2t_time_s": 0.3}))
