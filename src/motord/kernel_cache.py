@@ -85,7 +85,7 @@ def claim(path: Path) -> IO[bytes] | None:
 
 def _waited_for(file: IO[bytes], cache: Path) -> bool:
     """Lock a file; return False if a process that keeps nothing in the cache any more has it."""
-    kept_ns, end_s = _last_kept_ns(cache), time.monotonic() + COMPILING_S
+    kept_ns, end_s = _when_kept_ns(cache), time.monotonic() + COMPILING_S
     while True:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -93,15 +93,15 @@ def _waited_for(file: IO[bytes], cache: Path) -> bool:
         except BlockingIOError:
             time.sleep(LOOK_AGAIN_S)
         if time.monotonic() >= end_s:
-            before_ns, kept_ns = kept_ns, _last_kept_ns(cache)
+            before_ns, kept_ns = kept_ns, _when_kept_ns(cache)
             if kept_ns == before_ns:
                 return False
             end_s = time.monotonic() + COMPILING_S
 
 
-def _last_kept_ns(cache: Path) -> int:
-    """Return when a file was last kept in the folders of a cache."""
-    return max(folder.stat().st_mtime_ns for folder in cache.iterdir())
+def _when_kept_ns(cache: Path) -> set[int]:
+    """Return when a file was last kept in each folder of a cache, by a clock that may be set."""
+    return {folder.stat().st_mtime_ns for folder in cache.iterdir()}
 
 
 def not_kept(error: OSError, folder: Path) -> OSError:

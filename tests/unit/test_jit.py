@@ -245,10 +245,14 @@ def new_lock(cache: Path) -> Path:
     return cache / "motord.rig" / "kernel.lock"
 
 
+@pytest.mark.parametrize("other_ns", [0, 10**18])
 def test_as_long_as_kernels_are_kept_they_are_waited_for(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, other_ns: int
 ) -> None:
-    """On a slow computer those that the tick calls take two minutes before its own turn."""
+    """On a slow computer those that the tick calls take two minutes before its own turn.
+
+    Also where the clock was ahead when others were kept, as without a battery it may be.
+    """
     path, minutes = new_lock(tmp_path), iter(range(1000))
     waited: list[Path] = []
     compiler = claim(path)
@@ -262,10 +266,27 @@ def test_as_long_as_kernels_are_kept_they_are_waited_for(
 
     fake = SimpleNamespace(monotonic=lambda: 61.0 * next(minutes), sleep=look_again)
     monkeypatch.setattr("motord.kernel_cache.time", fake)
-    os.utime(tmp_path / "motord.rig", ns=(0, 0))
+    os.utime(tmp_path / "motord.rig", ns=(0, other_ns))
     os.utime(tmp_path / "motord.control", ns=(0, 0))
     assert can_be_claimed(path)
     assert len(waited) == 5
+
+
+def test_a_cache_that_is_emptied_meanwhile_ends_no_process(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path, minutes = new_lock(tmp_path), iter(range(1000))
+    fake = SimpleNamespace(monotonic=lambda: 61.0 * next(minutes), sleep=lambda _: empty(tmp_path))
+    compiler = claim(path)
+    assert compiler is not None
+    monkeypatch.setattr("motord.kernel_cache.time", fake)
+    assert not can_be_claimed(path)
+    compiler.close()
+
+
+def empty(folder: Path) -> None:
+    for one in folder.iterdir():
+        shutil.rmtree(one)
 
 
 def test_an_installation_elsewhere_has_the_same_kernels(
