@@ -23,7 +23,7 @@ CLIPPED_SHARE = 0.005
 CLIPPED_OVER_NEXT = 10.0
 """So many times as many samples are at the end as at any of the levels next to it: a sine that is
 rounded has 2.4 times as many."""
-BAND = 1e-3
+ROUNDING = 1e-5
 """Part of the range within which values that differ by rounding count as one level."""
 LEVELS_MIN = 20
 """Fewer different values are steps of a converter, of which one may well be the most frequent."""
@@ -238,15 +238,12 @@ def _is_clipped(values: np.ndarray, at: np.ndarray, command: np.ndarray | None) 
         return False
     if command is not None and np.ptp(command[at]) < COMMAND_SHARE * np.ptp(command):
         return False
-    levels, counts = np.unique(values, return_counts=True)
-    if levels.size < LEVELS_MIN:
+    from_end = np.abs(values - values[at][0]) // (ROUNDING * np.ptp(values))
+    _, counts = np.unique(from_end, return_counts=True)
+    if counts.size < LEVELS_MIN:
         return False
-    from_end = np.abs(levels - values[at][0])
-    by_distance = np.argsort(from_end)[1:]
-    band = from_end[by_distance] // (BAND * np.ptp(levels))
-    next_bands = np.bincount(band.astype(int), counts[by_distance], 4)[:4]
-    most = max(counts[by_distance[:3]].max(), next_bands.max())
-    return bool(at.sum() > CLIPPED_OVER_NEXT * most)
+    counts[0] -= at.sum()
+    return bool(at.sum() > CLIPPED_OVER_NEXT * counts[:4].max())
 
 
 def _frozen_share(values: np.ndarray, turns: float) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
@@ -47,6 +47,7 @@ def test_a_sound_signal_has_no_fault_however_coarse_or_slow(seed, noise, step, h
     assert kinds(values) == []
 
 
+@example(138, 1e-3, 0.0, 5, 1)  # a flat peak is just below the end
 @given(
     st.integers(0, 10_000), st.sampled_from([1e-3, 0.02]), st.sampled_from([0.0, 1e-3]),
     st.sampled_from([1, 5]), st.sampled_from([1, -1]),
