@@ -20,7 +20,7 @@ _BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 _COUNT = len(INTERLOCKS)
 _FROM_BRIDGE = trips_from(EvidenceSource.BRIDGE)
 _FROM_INVERTER = trips_from(EvidenceSource.INVERTER)
-_CURRENTS = _TRIP.CURRENT_IMPLAUSIBLE
+_OVER_CURRENT, _CURRENTS = _TRIP.OVER_CURRENT, _TRIP.CURRENT_IMPLAUSIBLE
 _BRIDGE_FAULT = _BRIDGE.FAULT | _BRIDGE.ENCODER_INVALID
 
 IMPLAUSIBLE_SAMPLES = 3
@@ -34,7 +34,7 @@ def update_i2t(p: np.record, m: np.record, f: np.record, elapsed_s: float) -> No
     A current above trip_current_A counts as that until OVER_CURRENT has found it: a single reading
     may be disturbed, and of any size.
     """
-    most_A = math.inf if m.causes & _TRIP.OVER_CURRENT else p.trip_current_A
+    most_A = math.inf if m.causes & _OVER_CURRENT else p.trip_current_A
     for phase in range(3):
         i_A = abs(f.i_A[phase])
         if math.isfinite(i_A):
@@ -90,7 +90,7 @@ def conditions(
     m.not_compared = 0 if compared else _CURRENTS
     missed_now = max(missed - m.missed, 0) if m.started else 0
     torque_astray = torque_error(p, m, f.torque_Nm, missed_now) > p.torque_error_Nm
-    bits = _TRIP.OVER_CURRENT if largest_A > p.trip_current_A else 0
+    bits = _OVER_CURRENT if largest_A > p.trip_current_A else 0
     bits |= _TRIP.OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
     bits |= _TRIP.OVER_TORQUE if abs(f.torque_Nm) > p.trip_torque_Nm else 0
     hottest_s = max(m.heat_s[0], m.heat_s[1], m.heat_s[2])
