@@ -4,7 +4,9 @@ import pytest
 from playwright.sync_api import FloatRect, Locator, expect
 
 from tests.browser import documents
-from tests.browser.chromium import PATH, PHONE, set_by_hand, shows, start_plan, take_command
+from tests.browser.chromium import (
+    PATH, PHONE, press, set_by_hand, shows, start_plan, take_command,
+)  # fmt: skip
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import Server, StandIn
 
@@ -119,6 +121,27 @@ def test_stop_and_the_controls_stay_where_they_are_whatever_goes_wrong(
     stand_in.do(lambda: setattr(stand_in, "silent", True))
     shows(page, "#gone", "publishes nothing")
     stays()
+
+
+def test_a_phone_says_at_its_head_what_is_wrong(server: Server, visit: Watched) -> None:
+    page = visit(server.urls.operator, PHONE)
+    line = page.locator("#alert-line")
+    take_command(page)
+    expect(line).to_be_hidden()
+    stand_in = server.stand_in
+    stand_in.do(lambda: setattr(stand_in, "unreported", "no report for 8 s"))
+    expect(line).to_have_text("Recording: no report for 8 s")
+    expect(line).to_be_in_viewport(ratio=1)
+    page.evaluate("window.scrollTo(0, 2000)")
+    expect(line).to_be_in_viewport(ratio=1)
+    line.click()
+    expect(page.locator("#trouble")).to_be_in_viewport(ratio=1)
+    stand_in.do(lambda: setattr(stand_in, "silent", True))
+    press(page, "#stop")
+    shows(page, "#alert-line", "NOT STOPPED by this page")
+    page.set_viewport_size(NARROW)
+    expect(line).to_be_hidden()  # all of it stands above the traces
+    expect(page.locator("#stop-status")).to_be_in_viewport(ratio=1)
 
 
 def test_why_the_daemon_is_silent_takes_no_room_from_the_head(

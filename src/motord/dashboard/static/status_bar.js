@@ -29,6 +29,15 @@ export class StatusBar {
     // narrow, the head scrolls away but for state and stop, whatever is above them
     const header = byId("state").parentElement;
     new ResizeObserver(() => header.style.setProperty("--above", String(byId("state").offsetTop - 6))).observe(header);
+    const changes = { subtree: true, childList: true, characterData: true, attributeFilter: ["hidden"] };
+    new MutationObserver(() => this._alerts()).observe(byId("alerts"), changes);
+  }
+
+  /** Narrow, the alerts are below the controls or scrolled away: their beginning stays at the head. */
+  _alerts() {
+    const boxes = [...byId("alerts").querySelectorAll("[role=alert]:not([hidden], :empty)")];
+    setText(byId("alert-line"), boxes.map((box) => box.innerText.replace(/\s+/g, " ")).join(" \u00b7 "));
+    byId("alert-line").hidden = boxes.length === 0;
   }
 
   /** @param {any} hello */
