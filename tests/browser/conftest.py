@@ -36,7 +36,7 @@ class Watched:
         self._pages: list[Page] = []
 
     def __call__(
-        self, url: str, size: Any = DESKTOP, *, live: bool = True, color_scheme: Any = None
+        self, url: str, size: Any = DESKTOP, *, live: bool = True, color_scheme: Any = "light"
     ) -> Page:
         """Open a page and wait until it is live, unless it will not be."""
         page = self._new_page() if self._pages else self._kept

@@ -551,6 +551,7 @@ def test_a_hidden_page_gets_no_traces(server, visit: Watched):
     assert not {"trace", "turns", "timing"} & set(frames)
     page.evaluate(HIDE, False)
     received(page, frames, "trace", 1)
+    cdp.detach()  # the page is that of the next test as well
 
 
 def received(page: Page, frames: list[str], kind: str, count: int) -> None:
