@@ -5,7 +5,13 @@ from playwright.sync_api import FloatRect, Locator, expect
 
 from tests.browser import documents
 from tests.browser.chromium import (
-    PATH, PHONE, press, set_by_hand, shows, start_plan, take_command,
+    PATH,
+    PHONE,
+    press,
+    set_by_hand,
+    shows,
+    start_plan,
+    take_command,
 )  # fmt: skip
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import Server, StandIn
@@ -142,6 +148,27 @@ def test_a_phone_says_at_its_head_what_is_wrong(server: Server, visit: Watched) 
     page.set_viewport_size(NARROW)
     expect(line).to_be_hidden()  # all of it stands above the traces
     expect(page.locator("#stop-status")).to_be_in_viewport(ratio=1)
+
+
+@pytest.mark.parametrize("size", [PHONE, {"width": 1000, "height": 900}, LAPTOP])
+def test_what_a_state_means_takes_no_room_from_the_controls(
+    server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch, size: dict[str, int]
+) -> None:
+    plain, changes = documents.state, {"fault": "the loop ended"}
+    monkeypatch.setattr(documents, "state", lambda *given: {**plain(*given), **changes})
+    page = visit(server.urls.operator, size)
+    shows(page, "#state-meaning", "the loop ended")
+    expect(page.locator("#state-all")).to_be_hidden()
+    before = page.locator("#operate").bounding_box()
+    server.stand_in.do(lambda: changes.update(fault=f"the loop ended: {LONG}; {LONG}; end"))
+    shows(page, "#state-all", "the loop ended: ")
+    shows(page, "#state-all", "; end")
+    after = page.locator("#operate").bounding_box()
+    assert before is not None
+    assert after is not None
+    assert abs(after["y"] - before["y"]) < LINE_px
+    server.stand_in.do(lambda: changes.update(fault="the loop ended"))
+    expect(page.locator("#state-all")).to_be_hidden()
 
 
 def test_why_the_daemon_is_silent_takes_no_room_from_the_head(

@@ -7,6 +7,9 @@ import { STATES } from "./state.js";
 /** After so long what is known of why the daemon is silent has a line of its own; a hiccup moves nothing. */
 const GONE_S = 2;
 
+/** A line less is cut off; fonts that are taller than their line overflow by less. */
+const HALF_A_LINE_PX = 7;
+
 export class StatusBar {
   /** @param {import("./state.js").Bench} bench @param {import("./messages.js").Messages} messages */
   constructor(bench, messages) {
@@ -28,7 +31,10 @@ export class StatusBar {
     bench.on("connection", () => this._connection());
     // narrow, the head scrolls away but for state and stop, whatever is above them
     const header = byId("state").parentElement;
-    new ResizeObserver(() => header.style.setProperty("--above", String(byId("state").offsetTop - 6))).observe(header);
+    new ResizeObserver(() => {
+      header.style.setProperty("--above", String(byId("state").offsetTop - 6));
+      this._showAll();
+    }).observe(header);
     const changes = { subtree: true, childList: true, characterData: true, attributeFilter: ["hidden"] };
     new MutationObserver(() => this._alerts()).observe(byId("alerts"), changes);
   }
@@ -70,7 +76,18 @@ export class StatusBar {
   /** What the state means and what to do: nothing of an old one. @param {any} state */
   _explain(state) {
     const trouble = [state.fault, state.remedy].filter(Boolean).join("; ");
-    setText(byId("state-meaning"), trouble || this._meaning(state, STATES[state.state]?.meaning ?? ""));
+    const meaning = trouble || this._meaning(state, STATES[state.state]?.meaning ?? "");
+    if (byId("state-meaning").textContent === meaning) return;
+    setText(byId("state-meaning"), meaning);
+    this._showAll();
+  }
+
+  /** What the head cuts off, as it keeps its height, is whole among the alerts; a trip is there anyway. */
+  _showAll() {
+    const meaning = byId("state-meaning");
+    const cut = meaning.scrollHeight > meaning.clientHeight + HALF_A_LINE_PX && this._bench.state?.state !== "TRIPPED";
+    byId("state-all").hidden = !cut;
+    setText(byId("state-all"), cut ? meaning.textContent : "");
   }
 
   /** @param {any} state @param {string} meaning */
