@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import floor, hypot, inf, isfinite, log10
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -54,9 +55,14 @@ def expanded_uncertainty(type_a: float, freedom: float | None, type_b: float) ->
 
 def t_quantile(probability: float, freedom: float) -> float:
     """Return the quantile of Student's t, of one degree of freedom at least."""
+    return _t_quantile(probability, max(float(freedom), 1.0))  # arrays have no hash
+
+
+@lru_cache(maxsize=64)
+def _t_quantile(probability: float, freedom: float) -> float:
     from scipy.special import stdtrit  # 0.2 s, of each start of a client, too
 
-    return float(stdtrit(max(freedom, 1.0), probability))
+    return float(stdtrit(freedom, probability))
 
 
 def freedom_of(half_width: float, stderr: float) -> float | None:
