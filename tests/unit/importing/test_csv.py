@@ -550,6 +550,14 @@ def test_currents_of_several_torques_are_judged_as_a_calibration_does(
     assert said is None or said in notes[0]
 
 
+@pytest.mark.parametrize(("ratio", "said"), [(1.0, False), (0.4, True)])
+def test_a_speed_that_is_not_known_takes_no_friction_out(ratio: float, said: bool) -> None:
+    """A column of speeds may be empty, or of a channel that was not connected."""
+    torques_Nm = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    points = [TorqueOfCurrents(n, one, ratio * one, 0.0) for n, one in enumerate(torques_Nm)]
+    assert bool(list(remarks(points, 6.0))) is said
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

@@ -66,7 +66,7 @@ class Slope:
 
 
 def slope_of(measured_Nm: np.ndarray, made_Nm: np.ndarray, velocity_Hz: np.ndarray) -> Slope:
-    """Return the slope between mean torques of points (n,), n > 1.
+    """Return the slope between mean torques of points (n,), n > 1; velocities of 0: not known.
 
     Free besides are the zero of the sensor, and where enough points show them apart from the torque
     friction that it sees, and its growth with the speed.
@@ -75,7 +75,7 @@ def slope_of(measured_Nm: np.ndarray, made_Nm: np.ndarray, velocity_Hz: np.ndarr
     measured_smaller = bool(np.linalg.norm(centred[0]) < np.linalg.norm(centred[1]))
     smaller, larger = (measured_Nm, made_Nm) if measured_smaller else (made_Nm, measured_Nm)
     besides = [np.ones(larger.size)]
-    friction = np.sign(velocity_Hz), velocity_Hz / np.abs(velocity_Hz).max()
+    friction = np.sign(velocity_Hz), velocity_Hz / (np.abs(velocity_Hz).max() or 1.0)
     for column in friction:
         left = larger.size - len(besides) - 2
         if left >= MIN_FREEDOM and _apart(larger, [*besides, column]):
