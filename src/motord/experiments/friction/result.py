@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from motord.findings import Finding
-from motord.intervals import IntervalEstimate, coverage_factor, plus_minus
+from motord.intervals import IntervalEstimate, coverage_factor, plus_minus, two_digits
 
 Direction = Literal["forwards", "backwards"]
 
@@ -132,7 +132,7 @@ class DirectionalFriction:
         if s := self.stribeck:
             stribeck, speed = _in_thousandths(s.torque), s.speed.text()
         else:
-            stribeck, speed = f"not seen: at most {1e3 * (self.stribeck_limit_Nm or 0.0):#.2g}", ""
+            stribeck, speed = f"not seen: {_at_most(self.stribeck_limit_Nm)}", ""
         return {
             "Coulomb (mNm)": _in_thousandths(self.coulomb_Nm),
             "viscous (mNm s/rad)": _in_thousandths(self.viscous_Nm_s_per_rad),
@@ -147,6 +147,10 @@ class DirectionalFriction:
 def _in_thousandths(found: IntervalEstimate) -> str:
     value, high = found.value or 0.0, found.high or 0.0
     return plus_minus(1e3 * value, 1e3 * (high - value))
+
+
+def _at_most(limit_Nm: float | None) -> str:
+    return f"at most {two_digits(1e3 * (limit_Nm or 0.0))}"
 
 
 @dataclass(frozen=True)
@@ -192,8 +196,8 @@ class Friction:
     def notes(self) -> list[str]:
         """What is worth knowing of the result, in sentences."""
         lines = [
-            f"{one.direction}: no Stribeck part seen down to {one.speed_min_rad_s:.3g} rad/s: at "
-            f"most {1e3 * (one.stribeck_limit_Nm or 0.0):#.2g} mNm there"
+            f"{one.direction}: no Stribeck part seen down to {one.speed_min_rad_s:.3g} rad/s: "
+            f"{_at_most(one.stribeck_limit_Nm)} mNm there"
             for one in self.directions
             if one.stribeck is None
         ]
@@ -215,7 +219,7 @@ def _unseen(one: DirectionalFriction) -> str:
     if windage.possible:
         seen, taken = " for certain", "hold that, as chance makes what is seen in 5 % at most"
     return (
-        f"{one.direction}: no torque with the square of the speed (windage) seen{seen}: at most "
-        f"{1e3 * torque_Nm:#.2g} mNm at {one.speed_max_rad_s:.3g} rad/s, which would change "
-        f"Coulomb friction by {1e3 * coulomb_Nm:#.2g} mNm; the intervals {taken}"
+        f"{one.direction}: no torque with the square of the speed (windage) seen{seen}: "
+        f"{_at_most(torque_Nm)} mNm at {one.speed_max_rad_s:.3g} rad/s, which would change "
+        f"Coulomb friction by {two_digits(1e3 * coulomb_Nm)} mNm; the intervals {taken}"
     )

@@ -102,6 +102,8 @@ def test_a_stribeck_part_that_is_too_small_is_not_stated_but_limited() -> None:
     at_least_speed_Nm = 2e-5 * np.exp(-((one.speed_min_rad_s / 6.0) ** 2))
     assert at_least_speed_Nm < one.stribeck_limit_Nm < 3e-3
     assert "no Stribeck part seen" in " ".join(found.notes)
+    large = replace(one, stribeck_limit_Nm=0.0123)
+    assert large.parts["Stribeck (mNm)"] == "not seen: at most 12"
 
 
 @pytest.mark.parametrize("stop_rad_s", [5.0, 6.5, 9.0])
