@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate.least_squares.deviations import PointScores
+from motord.experiments.calibration.estimate.least_squares.deviations import (
+    DeviationBlocks,
+    PointScores,
+)
 from motord.experiments.calibration.estimate.least_squares.identifiability import (
     COMMON,
     Identifiability,
@@ -20,7 +23,12 @@ from motord.experiments.calibration.estimate.least_squares.normal_equations impo
     FIRST_COGGING,
     NormalEquations,
 )
-from motord.experiments.calibration.estimate.least_squares.scatter import VarianceEquations
+from motord.experiments.calibration.estimate.least_squares.scatter import (
+    VarianceEquations,
+    _parts,
+    _spread,
+)
+from motord.identification.cluster_robust_ls import equilibrated
 from motord.intervals import coverage_factor
 from tests.campaigns.coverage import Case, trial
 
@@ -133,12 +141,33 @@ def test_many_turns_speak_for_their_point(turns: int, most: float) -> None:
     assert np.sqrt(pooled[SHOWN] / alone[SHOWN]) == pytest.approx(1.0, abs=most)
 
 
-def test_sums_whose_covariance_is_none_give_variances_all_the_same() -> None:
-    """Of few turns with poor instruments it may have a negative eigenvalue; it was a traceback."""
-    equations = VarianceEquations(
-        q=np.array([3.0, 2.0]), noise=np.ones((2, 1)), gain=np.eye(2), seen=np.arange(2)
-    )
-    assert equations.by_covariance(np.eye(2)) == pytest.approx([2.0, 1.0])
-    found = equations.by_covariance(np.array([[1.0, 1.5], [1.5, 1.0]]))
-    assert np.isfinite(found).all()
-    assert (found >= 0).all()
+def poor_points(seed: int) -> PointScores:
+    """Return points of two turns whose instruments are mostly noise."""
+    rng = np.random.default_rng(seed)
+    lefts, rights = [], []
+    for torque_Nm in np.repeat([1.0, 2.0, 3.0, 4.0], 2):
+        x = columns(torque_Nm)
+        size = np.linalg.norm(x, axis=0) / np.sqrt(ANGLE.size)
+        instruments = (x + 2 * size * rng.standard_normal(x.shape)) / 0.02**2
+        y = x @ TRUTH + 0.02 * rng.standard_normal(ANGLE.size)
+        lefts.append(instruments.T @ x)
+        rights.append(instruments.T @ y)
+    left = np.array(lefts)
+    one = NormalEquations(left, np.zeros_like(left), np.array(rights))
+    inverse = inverse_on_seen(one.left, INDEPENDENT)
+    return PointScores.of(one, np.repeat(np.arange(4), 2), TRUTH, inverse)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_covariances_by_poor_instruments_are_covariances(seed: int) -> None:
+    """One of the twelve had a negative eigenvalue, which ended with a traceback."""
+    points = poor_points(seed)
+    parts = list(_parts(np.ones(3), TRUTH.size, INDEPENDENT))
+    blocks = DeviationBlocks.of(points, parts, np.zeros(len(parts)))
+    equations = VarianceEquations.of(points, blocks)
+    spread = _spread(points, blocks, equations.by_size(), equations.noise)
+    correlation = equilibrated(spread[np.ix_(equations.seen, equations.seen)])[0]
+    assert np.linalg.eigvalsh(correlation).min() > 0
+    variance = equations.by_covariance(spread)
+    assert np.isfinite(variance).all()
+    assert (variance >= 0).all()

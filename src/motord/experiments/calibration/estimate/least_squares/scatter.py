@@ -156,12 +156,10 @@ class VarianceEquations:
         if not self.seen.size:
             return self._of_blocks(self.q)
         correlation, scale = equilibrated(spread[np.ix_(self.seen, self.seen)])
-        values, vectors = np.linalg.eigh(correlation)  # negative where instruments are poor
-        whiten = (vectors / np.sqrt(np.maximum(values, 0.0) + ALIKE)).T
-        unit = np.diag(self.gain)
+        correlation, unit = correlation + ALIKE * np.eye(scale.size), np.diag(self.gain)
         rest = scale * (self.q - self.noise[self.seen].sum(axis=1))
         rows = np.column_stack([scale[:, None] * self.gain / unit, rest])
-        rows = whiten @ rows
+        rows = np.linalg.solve(np.linalg.cholesky(correlation), rows)
         return self._of_blocks(nnls(rows[:, :-1], rows[:, -1])[0] / unit)
 
     def doubt(self, variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
@@ -183,7 +181,7 @@ def _spread(
     points: PointScores, blocks: DeviationBlocks, variance: np.ndarray, noise: np.ndarray
 ) -> np.ndarray:
     """Return the covariance of the blocks' sums of squares less their noise (blocks, J)."""
-    left = (points.left + np.swapaxes(points.left, 1, 2)) / 2  # instruments: not quite symmetric
+    left = _as_covariance(points.left)
     white = blocks.means(left).sum(axis=1)
     white = np.maximum(white, LEAST_SHARE * len(points.doubt) * blocks.ranks)
     colour = np.sqrt(np.maximum(noise.sum(axis=1), 0) / white)
@@ -191,3 +189,9 @@ def _spread(
     caused = blocks.caused * np.repeat(variance, sizes) @ np.swapaxes(blocks.caused, 1, 2)
     by_turns = np.einsum("bj,jk,bk->b", noise, points.doubt, noise) / blocks.ranks
     return np.asarray(blocks.spread(left, colour, caused) + np.diag(by_turns))
+
+
+def _as_covariance(left: np.ndarray) -> np.ndarray:
+    """Return the nearest covariances to left-hand sides (J, p, p): poor instruments make none."""
+    values, vectors = np.linalg.eigh((left + np.swapaxes(left, 1, 2)) / 2)
+    return np.asarray((vectors * np.maximum(values, 0)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
