@@ -145,6 +145,41 @@ def test_an_order_that_grows_is_no_line() -> None:
         assert asynchronous_lines(prepare(point, COUNTS), COUNTS) == ()
 
 
+STEADY = replace(SHARP, speed_ripple=0.0)
+
+
+def image_of_counts(
+    apart: float, multiple: int, folds: int, near_Hz: float, hum_Nm: float = 0.0
+) -> tuple[Samples, float]:
+    """Return 7 turns that show an image of the counts, and the frequency of hum near it.
+
+    apart: from an order, in resolutions; the hum is three resolutions from the image. folds: times
+    the rate of sampling that is nearest; near_Hz: speed, about.
+    """
+    sampled_Hz = folds * STEADY.rate_Hz
+    speed_Hz = sampled_Hz / (round(sampled_Hz / near_Hz) + apart / 7)
+    counted_Hz = multiple * COUNTS * speed_Hz
+    point = STEADY.point(2.0, speed_Hz, 7.3, 5)
+    t_s = 1e-9 * point.ticks["t_ns"]
+    hum_Hz = abs(counted_Hz - sampled_Hz) + 3 * speed_Hz / 7
+    for frequency_Hz, amplitude_Nm in ((counted_Hz, 0.005), (hum_Hz, hum_Nm)):
+        point.ticks["torque_Nm"] += amplitude_Nm * np.sin(2 * np.pi * frequency_Hz * t_s + 1)
+    return prepare(point, COUNTS), hum_Hz
+
+
+@pytest.mark.parametrize(("multiple", "folds", "near_Hz"), [(1, 4, 0.91), (2, 7, 0.88)])
+@pytest.mark.parametrize("apart", [0.15, 0.6, 2.5])
+def test_an_image_of_the_counts_is_no_line_and_hides_none(
+    apart: float, multiple: int, folds: int, near_Hz: float
+) -> None:
+    """Torque at the counts' rate is locked to the rotor, and its samples are at no order."""
+    one, _ = image_of_counts(apart, multiple, folds, near_Hz)
+    assert asynchronous_lines(one, COUNTS) == ()
+    one, hum_Hz = image_of_counts(apart, multiple, folds, near_Hz, 0.005)
+    (line,) = asynchronous_lines(one, COUNTS)
+    assert line.frequency_Hz == pytest.approx(hum_Hz, abs=0.01)
+
+
 def test_two_lines_together_change_no_more_than_is_stated() -> None:
     """At each of 36 pairs of phases, on orders that ripple and on the same one."""
     quiet = replace(SHARP, torque_noise_Nm=0.0, current_noise_A=0.0, drift_Nm=0.0)

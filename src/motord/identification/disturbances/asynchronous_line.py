@@ -6,13 +6,15 @@ The line is sought in the torque less that average: periodogram over its floor, 
 part of the line's power that is in there; its largest value against chance by Fisher's test (Fisher
 1929; of a coloured floor Percival and Walden 1993, 10.9). Nearer to an order than NEAREST of the
 resolution it is not distinguished from a ripple that changes from turn to turn, and nearer than
-AMPLITUDE_KNOWN_FROM its residual may be fitted with a fraction of its amplitude.
+AMPLITUDE_KNOWN_FROM its residual may be fitted with a fraction of its amplitude. Images of the
+encoder's counts are fitted, but are none of these lines: they are locked to the rotor.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from motord.identification.disturbances.encoder_images import image_frequencies_Hz, is_image
 from motord.identification.disturbances.periodogram import Periodogram
 from motord.identification.harmonics import over_one_turn
 from motord.identification.operating_points import Samples
@@ -49,6 +51,7 @@ def asynchronous_lines(samples: Samples, counts: int) -> tuple[AsynchronousLine,
     residual_Nm = _asynchronous(samples, without_drift(samples, samples.torque_Nm), highest, counts)
     found: list[AsynchronousLine] = []
     tried_Hz: list[float] = []
+    images_Hz = image_frequencies_Hz(samples, counts)
     periodogram = Periodogram(samples, residual_Nm)
     while len(tried_Hz) < MOST_TRIED and len(found) < MOST_LINES:
         frequency_Hz = periodogram.strongest_Hz(highest, tried_Hz)
@@ -63,8 +66,9 @@ def asynchronous_lines(samples: Samples, counts: int) -> tuple[AsynchronousLine,
         removed_Nm2 = float(residual_Nm @ residual_Nm - fit.residual_Nm @ fit.residual_Nm)
         gain = removed_Nm2 / (2 * floor.variance_Nm2)
         if apart and line.amplitude_Nm > STANDS_OUT * line.stderr_Nm and gain > floor.least_ratio:
-            found.append(line)
             residual_Nm, periodogram = fit.residual_Nm, residual
+            if not is_image(samples, line.frequency_Hz, images_Hz):
+                found.append(line)
     return tuple(sorted(found, key=lambda line: -line.amplitude_Nm))
 
 
