@@ -5,7 +5,7 @@ from math import hypot, inf
 
 from motord.experiments.signal_findings import beyond_rated, mean_torque_scale, signal_findings
 from motord.findings import Finding, listed
-from motord.identification.point_ripple import PointRipple
+from motord.identification.point_ripple import AsynchronousLine, PointRipple
 from motord.intervals import SERIOUS_BIAS, coverage_factor
 
 LINE_PERCENT = 0.1
@@ -47,11 +47,28 @@ def asynchronous_line(
             "asynchronous-line", most.asynchronous_percent, LINE_PERCENT, "% of rated",
             "serious" if serious else "warning" if leaking else "note",
             f"{labels}: the torque has a line at {at} that is not "
-            "locked to the rotor; its average over the turns keeps a part, which changes the RMS "
-            f"error by up to {worst.leakage_percent:.2g} % ({worst.label}); {consequence}"
-            + (", but it is as large as the ripple and makes it look larger" if serious else ""),
+            f"locked to the rotor{_doubtful(most)}; its average over the turns keeps a part, which "
+            f"changes the RMS error by up to {worst.leakage_percent:.2g} % ({worst.label}); "
+            f"{consequence}{_large(leaking) if serious else ''}",
             f"{advice}; take more turns, or other speeds",
         )  # fmt: skip
+
+
+def _strongest(one: PointRipple) -> AsynchronousLine:
+    return max(one.asynchronous_lines, key=lambda line: line.amplitude_Nm)
+
+
+def _doubtful(one: PointRipple) -> str:
+    """Return what is to be said of the amplitude of the strongest line."""
+    known = _strongest(one).amplitude_known
+    return "" if known else ", of an amplitude that is not known as it is so near to an order"
+
+
+def _large(leaking: Sequence[PointRipple]) -> str:
+    """Return what lines do that make the RMS error look larger."""
+    known = any(_strongest(one).amplitude_known for one in leaking if _one_sided(one))
+    is_large, makes = ("is", "makes") if known else ("may be", "may make")
+    return f", but it {is_large} as large as the ripple and {makes} it look larger"
 
 
 def _doubt(one: PointRipple) -> float:
@@ -71,8 +88,7 @@ def _where(humming: Sequence[PointRipple]) -> tuple[str, str]:
 
     Where not the frequency, but the order is the same at all speeds it turns with the rotor.
     """
-    lines = [max(one.asynchronous_lines, key=lambda line: line.amplitude_Nm) for one in humming]
-    frequencies_Hz = [line.frequency_Hz for line in lines]
+    frequencies_Hz = [_strongest(one).frequency_Hz for one in humming]
     speeds_Hz = [abs(one.speed_Hz) or inf for one in humming]
     orders = [one / speed_Hz for one, speed_Hz in zip(frequencies_Hz, speeds_Hz, strict=True)]
     if not _alike(frequencies_Hz) and _alike(orders):

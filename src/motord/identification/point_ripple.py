@@ -28,7 +28,7 @@ class AsynchronousLine:
     amplitude_known: False so near to an order that the fit may have found a fraction of it.
     """
 
-    JSON: ClassVar = ("frequency_Hz", "amplitude_Nm", "stderr_Nm")
+    JSON: ClassVar = ("frequency_Hz", "amplitude_Nm", "stderr_Nm", "amplitude_known")
 
     frequency_Hz: float
     amplitude_Nm: float

@@ -179,7 +179,16 @@ def test_what_a_line_is_worth(
         asynchronous_percent=0.5,
         asynchronous_lines=(AsynchronousLine(50.0, 0.03, 0.001),),
     )
-    assert [one.severity for one in findings([seen])] == [severity]
+    [found] = findings([seen])
+    assert found.severity == severity
+    assert ("is as large as the ripple" in found.meaning) == (severity == "serious")
+    assert "is not known" not in found.meaning
+    near = replace(seen, asynchronous_lines=(AsynchronousLine(50.0, 0.03, 0.001, False),))
+    [found] = findings([near])
+    assert found.severity == severity
+    assert "of an amplitude that is not known" in found.meaning
+    assert ("may be as large as the ripple" in found.meaning) == (severity == "serious")
+    assert "is as large as" not in found.meaning
 
 
 @pytest.mark.parametrize(
