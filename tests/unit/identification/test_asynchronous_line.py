@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from motord.identification.disturbances.asynchronous_line import asynchronous_lines
+from motord.identification.disturbances.encoder_images import image_frequencies_Hz
 from motord.identification.disturbances.leakage import lines_in_average, with_leakage
 from motord.identification.disturbances.periodogram import Periodogram
 from motord.identification.operating_points import PointData, Samples, prepare
@@ -178,6 +179,16 @@ def test_an_image_of_the_counts_is_no_line_and_hides_none(
     one, hum_Hz = image_of_counts(apart, multiple, folds, near_Hz, 0.005)
     (line,) = asynchronous_lines(one, COUNTS)
     assert line.frequency_Hz == pytest.approx(hum_Hz, abs=0.01)
+
+
+def test_images_are_known_by_times_that_jitter_and_have_gaps() -> None:
+    rng = np.random.default_rng(1)
+    point = STEADY.point(2.0, 0.9, 7.3, 5)
+    ticks = point.ticks[rng.random(point.ticks.size) > 0.1].copy()
+    ticks["t_ns"] += np.rint(1e4 * rng.standard_normal(ticks.size)).astype(np.int64)
+    images_Hz = image_frequencies_Hz(prepare(replace(point, ticks=ticks), COUNTS), COUNTS)
+    turned_Hz = 0.9 * COUNTS * np.arange(1, 5)
+    assert images_Hz == pytest.approx(np.abs(turned_Hz - np.array([4, 7, 11, 15]) * 1e3), abs=0.02)
 
 
 def test_two_lines_together_change_no_more_than_is_stated() -> None:

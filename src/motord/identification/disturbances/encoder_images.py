@@ -18,10 +18,11 @@ def image_frequencies_Hz(samples: Samples, counts: int) -> np.ndarray:
     """Return where the samples of whole turns show multiples of the rate of the counts (m,).
 
     By straight lines through time and counts: of the ends alone the rate is known to some counts
-    over the whole time, which is more than the turns resolve.
+    over the whole time, which is more than the turns resolve. Times that jitter have whole periods
+    between them.
     """
     t_s, count = samples.t_s[samples.whole], samples.count[samples.whole]
-    ticks = np.rint((t_s - t_s[0]) / samples.period_s)
+    ticks = np.cumsum(np.rint(np.diff(t_s, prepend=t_s[0]) / samples.period_s))
     period_s = float(np.polyfit(ticks, t_s, 1)[0])
     rate_Hz = abs(float(np.polyfit(t_s, np.unwrap(count.astype(float), period=counts), 1)[0]))
     multiples_Hz = rate_Hz * np.arange(1, MULTIPLES + 1)
