@@ -25,6 +25,14 @@ def torques(ticks: np.ndarray, subject: Subject, calibration: Calibration | None
     return np.array([_passed(torque_Nm, decay) + slow_Nm, _passed(set_Nm, decay), currents_Nm])
 
 
+def slow_square(t_s: np.ndarray, torque_Nm: np.ndarray, span_s: float) -> float:
+    """Return the mean square of a torque's (n,) means over spans of this length."""
+    span = ((t_s - t_s[0]) / span_s).astype(np.int64)
+    samples = np.bincount(span)
+    sums_Nm = np.bincount(span, torque_Nm)
+    return float(np.sum(sums_Nm**2 / np.maximum(samples, 1)) / t_s.size)
+
+
 def _passed(torque_Nm: np.ndarray, decay: float) -> np.ndarray:
     """Return what the high-pass passes of a torque (n,) that was constant before."""
     from scipy.signal import lfilter  # 0.3 s, of whoever asks for less

@@ -6,7 +6,8 @@ plus the cogging torque. Complementary, with another H against the drift:
 
     T = H T_sensor + (1 - H^2) T_i
 
-The energy is the integral of T over the encoder's angle: the estimated speed lacks fast ripple.
+The energy is the integral of T over the encoder's angle: the estimated speed lacks fast ripple. The
+RMS of the torque's error is without the white noise that is in T.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,7 +19,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.experiments.captures_left_out import CapturesLeftOut
-from motord.experiments.profile.cycle_torque import torques
+from motord.experiments.profile.cycle_torque import slow_square, torques
 from motord.experiments.profile.findings import CycleSignals, findings
 from motord.experiments.profile.result import (
     Cycle,
@@ -38,6 +39,7 @@ from motord.experiments.subject import (
     require_columns,
 )
 from motord.identification import CaptureError
+from motord.identification.noise_floor import noise_floor
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
 from motord.identification.signal_condition import require_change, sound_counts
 from motord.identification.turning import countable, unwrap_counts
@@ -61,7 +63,7 @@ SPANS = 400
 class _Signals:
     """A cycle over time, n samples: t_s of the profile, what was asked for, what was measured.
 
-    angle_rad: not wrapped.
+    angle_rad: not wrapped. drift_Nm2: mean square of what the sensor adds slowly to the currents.
     """
 
     t_s: np.ndarray
@@ -70,6 +72,7 @@ class _Signals:
     torque_wanted_Nm: np.ndarray
     torque_Nm: np.ndarray
     angle_rad: np.ndarray
+    drift_Nm2: float = 0.0
 
 
 def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileTracking:
@@ -189,6 +192,7 @@ def _signals(
         torque_wanted_Nm,
         torque_Nm,
         step_rad * unwrap_counts(count, subject.motor.counts),
+        slow_square(at_s, torque_Nm - currents_Nm, tau_s / 4) if tau_s else 0.0,
     )
     return signals, checked
 
@@ -210,6 +214,7 @@ def _asked_for(t_s: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _cycle(signals: _Signals, index: int, run: str, own: ProfileConfig) -> Cycle:
     t_s, torque_Nm = signals.t_s, signals.torque_Nm
     error_Nm = torque_Nm - signals.torque_wanted_Nm
+    moments = _moments(torque_Nm, error_Nm, signals.drift_Nm2)
     work_J = 0.5 * (torque_Nm[1:] + torque_Nm[:-1]) * np.diff(signals.angle_rad)
     wanted_W = 2 * np.pi * signals.torque_wanted_Nm * signals.speed_wanted_Hz
     duration_s = float(t_s[-1] - t_s[0])
@@ -219,8 +224,8 @@ def _cycle(signals: _Signals, index: int, run: str, own: ProfileConfig) -> Cycle
         run,
         duration_s,
         _tracking(t_s, signals.speed_Hz - signals.speed_wanted_Hz, own.speed_tolerance_Hz),
-        _tracking(t_s, error_Nm, own.torque_tolerance_Nm),
-        _moments(torque_Nm, error_Nm),
+        replace(_tracking(t_s, error_Nm, own.torque_tolerance_Nm), rms=moments.rms_Nm),
+        moments,
         energy_J=float(work_J.sum()),
         absorbed_J=float(-np.minimum(work_J, 0.0).sum()),
         energy_wanted_J=float(np.trapezoid(wanted_W, t_s)),
@@ -241,9 +246,15 @@ def _tracking(t_s: np.ndarray, error: np.ndarray, tolerance: float) -> TrackingE
     )
 
 
-def _moments(torque_Nm: np.ndarray, error_Nm: np.ndarray) -> TorqueMoments:
-    means = (np.mean(each) for each in (torque_Nm**2, error_Nm, error_Nm * torque_Nm))
-    return TorqueMoments(*map(float, means))
+def _moments(torque_Nm: np.ndarray, error_Nm: np.ndarray, drift_Nm2: float) -> TorqueMoments:
+    return TorqueMoments(
+        torque_Nm2=float(np.mean(torque_Nm**2)),
+        error_Nm=float(np.mean(error_Nm)),
+        error_torque_Nm2=float(np.mean(error_Nm * torque_Nm)),
+        square_Nm2=float(np.mean(error_Nm**2)),
+        noise=noise_floor(error_Nm),
+        drift_Nm2=drift_Nm2,
+    )
 
 
 def _series(signals: _Signals) -> CycleSeries:

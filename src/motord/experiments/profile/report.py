@@ -41,7 +41,7 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
         "Measured less asked for, all cycles, means over each span; shaded: the tolerances, "
         f"{found.speed_tolerance_Hz:g} turns/s and {found.torque_tolerance_Nm:g} Nm. The table has "
         "RMS and largest error of speed and torque, the share of the time within the tolerance, "
-        "and the mechanical energy.",
+        "and the mechanical energy. The RMS of the torque is without its white noise.",
     )
     page.table(HEADER, cycle_rows(found), numbers=True)
     page.heading("Over torque and speed")

@@ -1,7 +1,7 @@
 """What is found of a profile that was played: each cycle, and the means over them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import hypot, pi, sqrt
 from typing import ClassVar
@@ -9,10 +9,15 @@ from typing import ClassVar
 import numpy as np
 
 from motord.findings import Finding
+from motord.identification.noise_floor import NoiseFloor
 from motord.intervals import IntervalEstimate, coverage_factor, expanded_uncertainty
 
 TRACKED_PERCENT = 95.0
 """Share of the time within the tolerance below which that is a finding."""
+
+
+NOISY = 0.5
+"""Share of noise in the torque error's mean square from which on a note says so."""
 
 
 @dataclass(frozen=True)
@@ -33,25 +38,40 @@ class TrackingError:
 class TorqueMoments:
     """Means over a cycle of the torque, squared, of its error, and of their product.
 
-    By them a zero and a scale that are off move the RMS of the error.
+    By them a zero and a scale that are off move the RMS of the error. noise: the variance of the
+    sensor's white noise, which is taken off the mean square; square_Nm2: this with the noise.
+    drift_Nm2: mean square of what a sensor that does not pass the mean adds slowly to the torque
+    of the currents: its drift, or torque that these do not show.
     """
 
     torque_Nm2: float
     error_Nm: float
     error_torque_Nm2: float
+    square_Nm2: float
+    noise: NoiseFloor
+    drift_Nm2: float = 0.0
 
-    def of_rms_Nm(self, rms_Nm: float, relative: float, zero_Nm: float) -> float:
-        """Return the standard uncertainty of this RMS error by those of scale (in parts) and zero.
+    @property
+    def rms_Nm(self) -> float:
+        """RMS of the error without noise; 0 where the noise is all there is."""
+        return sqrt(max(self.square_Nm2 - self.noise.variance, 0.0))
+
+    def stderr_of_rms_Nm(self, relative: float, zero_Nm: float) -> float:
+        """Return the standard uncertainty of the RMS by scale (in parts), zero, noise and drift.
 
         As much as 95 % of each raise it at most, which is more than they lower it, and not its
-        derivative: that of a small error with a mean of zero is 0.
+        derivative: that of a small error with a mean of zero is 0. What noise and drift may have
+        added lowers it by more than the same raises it.
         """
-        k = coverage_factor()
+        k, rms_Nm = coverage_factor(), self.rms_Nm
         scale, zero_Nm = k * relative, k * zero_Nm
+        by_noise = k * self.noise.stderr + self.drift_Nm2
         by_scale = 2 * scale * abs(self.error_torque_Nm2) + scale**2 * self.torque_Nm2
         by_zero = 2 * zero_Nm * abs(self.error_Nm) + zero_Nm**2
-        raised_Nm = (hypot(rms_Nm, sqrt(by_Nm2)) - rms_Nm for by_Nm2 in (by_scale, by_zero))
-        return hypot(*raised_Nm) / k
+        raised_Nm = [hypot(rms_Nm, sqrt(by_Nm2)) - rms_Nm for by_Nm2 in (by_scale, by_zero)]
+        more_Nm = hypot(rms_Nm, sqrt(by_noise)) - rms_Nm
+        less_Nm = rms_Nm - sqrt(max(rms_Nm**2 - by_noise, 0.0))
+        return hypot(*raised_Nm, max(more_Nm, less_Nm)) / k
 
 
 @dataclass(frozen=True)
@@ -149,14 +169,13 @@ class ProfileTracking:
 
     @cached_property
     def torque_rms_Nm(self) -> IntervalEstimate:
-        """RMS of the torque error."""
+        """RMS of the torque error, less the sensor's white noise."""
         values_Nm, scale = [one.torque.rms for one in self.cycles], self.torque_uncertainty
         if scale is None:
             return _mean(values_Nm, None)
-        common = [
-            one.moments.of_rms_Nm(one.torque.rms, scale, self.torque_zero_Nm) for one in self.cycles
-        ]
-        return _mean(values_Nm, common=float(np.mean(common)))
+        common = [one.moments.stderr_of_rms_Nm(scale, self.torque_zero_Nm) for one in self.cycles]
+        found = _mean(values_Nm, common=float(np.mean(common)))
+        return found if found.low is None else replace(found, low=max(found.low, 0.0))
 
     @cached_property
     def energy_J(self) -> IntervalEstimate:
@@ -213,10 +232,21 @@ class ProfileTracking:
         lines = [f"torque: {self.torque_source}"]
         if len(self.cycles) == 1:
             lines.append(
-                "one cycle shows no scatter: an interval is that of the torque's scale and zero "
-                "alone; set repeats to 3 or more"
+                "one cycle shows no scatter: an interval is that of the torque's scale, zero "
+                "and of the noise alone; set repeats to 3 or more"
             )
+        lines += self._noise_notes()
         return lines
+
+    def _noise_notes(self) -> Iterator[str]:
+        noise_Nm2 = float(np.mean([one.moments.noise.variance for one in self.cycles]))
+        square_Nm2 = float(np.mean([one.moments.square_Nm2 for one in self.cycles]))
+        if noise_Nm2 > NOISY * square_Nm2:
+            yield (
+                f"{100 * min(noise_Nm2 / square_Nm2, 1.0):.0f} % of the torque error's mean square "
+                f"is white noise of {sqrt(noise_Nm2):.2g} Nm RMS, which its RMS is without; the "
+                "largest error and the share of the time within the tolerance have it"
+            )
 
     @property
     def findings(self) -> tuple[Finding, ...]:
