@@ -1,4 +1,10 @@
-"""A window of whole turns as lines over the turn: residual of the calibration, and commands."""
+"""A window of whole turns as lines over the turn: residual of the calibration, and commands.
+
+An angle that is rounded to counts c is off by a sawtooth of order c - k f_s / f at a loop rate f_s
+and a speed f: at 4096 counts, 1 kHz and 0.746 turns/s by order 75 for k = 3. Times the slope of the
+cogging torque, of order 48, it leaves several mNm at orders 27 and 123, as long as the speed lasts,
+which all windows of a set-point have alike. So the model is taken at a smoothed angle.
+"""
 
 from dataclasses import dataclass
 
@@ -15,6 +21,31 @@ from motord.identification.operating_points import PointData, prepare
 from motord.identification.orders import resolved_order
 from motord.identification.point_ripple import without_drift
 from motord.identification.torque.torque_sensor import MountInverse, order_below_resonance
+from motord.identification.turning import unwrap_counts
+
+SMOOTHING_S = 0.02
+"""Standard deviation of the Gaussian that smooths the angle: up to 8 Hz pass; the inertia lets a
+compensated rotor ripple little beyond. One that ripples by more is seen by its counts."""
+
+
+def unrounded(t_s: np.ndarray, count: np.ndarray, counts: int) -> np.ndarray:
+    """Return the position (n,) in counts, not wrapped: smoothed, and no further than its count."""
+    at = unwrap_counts(count, counts).astype(float)
+    course = np.polynomial.Polynomial.fit(t_s, at, 2)(t_s)
+    width = SMOOTHING_S / float(np.median(np.diff(t_s)))
+    reach = int(np.ceil(4 * width))
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    padded = np.pad(at - course, reach, mode="reflect")
+    smooth = course + np.convolve(padded, weights / weights.sum(), mode="valid")
+    return np.asarray(np.clip(smooth, at - 0.5, at + 0.5))
+
+
+def _interpolated(cells: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Return a table of each count's cell, (counts, ...), at positions (n,) in counts."""
+    first = np.floor(position).astype(np.int64)
+    part = (position - first).reshape(-1, *(1,) * (cells.ndim - 1))
+    low, high = cells[first % len(cells)], cells[(first + 1) % len(cells)]
+    return np.asarray(low + part * (high - low))
 
 
 @dataclass(frozen=True)
@@ -65,8 +96,9 @@ class WindowModel:
         mount = MountInverse.of(self._sensor, samples.period_s, band_Hz)
         torque_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
         flowing_A = samples.i_A * self._gain + self._calibration.beta_A
-        model_Nm = (flowing_A * self._back_emf[samples.count]).sum(axis=1)
-        residual_Nm = torque_Nm - model_Nm - self._cogging_Nm[samples.count]
+        position = unrounded(samples.t_s, samples.count, self._motor.counts)
+        model_Nm = (flowing_A * _interpolated(self._back_emf, position)).sum(axis=1)
+        residual_Nm = torque_Nm - model_Nm - _interpolated(self._cogging_Nm, position)
         here = samples.count[samples.whole] * self._bins // self._motor.counts
         columns = [without_drift(samples, residual_Nm), *samples.command_A[samples.whole].T]
         lines = lines_at(here, np.array(columns), self._bins, highest).T.copy()
