@@ -36,10 +36,15 @@ def test_an_angle_is_never_further_off_than_its_count() -> None:
 
 
 def test_counts_in_step_with_samples_leave_no_lines_of_torque() -> None:
-    """The cogging torque of order 48, times the rounding, made 3 mNm at other multiples of 24."""
-    config = load()
-    calibration = stated_calibration(SEED, config)
-    operation = Operation(VirtualBench(config, rig(SEED)[0], SEED, calibration), (2.0,))
+    """The cogging torque of order 48, times the rounding, made 3 mNm at other multiples of 24.
+
+    The sensor's gain is such that the brake holds a speed, 0.724 turns/s, where it does.
+    """
+    config, (truth, _, epsilon) = load(), rig(SEED)
+    sensor = truth.torque_sensor.model_copy(update={"delta": 1.0})
+    truth = truth.model_copy(update={"torque_sensor": sensor})
+    calibration = stated_calibration(SEED, config, (truth, 1.0, epsilon))
+    operation = Operation(VirtualBench(config, truth, SEED, calibration), (2.0,))
     cutter = TurnWindows(calibration, config.loop.rate_Hz, 3.0)
     model = WindowModel(config, calibration)
     found = [model.lines(one) for block in operation.blocks(60) for one in cutter.take(block)]
