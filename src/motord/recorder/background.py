@@ -2,7 +2,9 @@
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+
+from motord.process.ending_threads import Worker
 
 
 class Background:
@@ -15,7 +17,7 @@ class Background:
 
     def __init__(self, limit_bytes: int) -> None:
         self._limit_bytes = limit_bytes
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="background")
+        self._pool = Worker("background")
         self._waiting: deque[tuple[Future[object], int]] = deque()
         self._size = 0
 

@@ -1,7 +1,6 @@
 """Builds the daemon of a bench, each part after those that it needs; opens and starts nothing."""
 
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -22,6 +21,7 @@ from motord.config import Config
 from motord.control import parameters
 from motord.hal import registry
 from motord.hal.channels.registry import check_drivers
+from motord.process.ending_threads import Worker
 from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore, announce
@@ -141,7 +141,7 @@ def build(
         QueueFile(state_dir / "plans" / f"{config.bench.name}.queue.json"),
         channel_value(bench),
         time.time_ns,
-        ThreadPoolExecutor(1, "queue").submit,
+        Worker("queue").submit,
     )
     queue.load()
     dispatcher, offloaded = build_rpc(

@@ -146,7 +146,7 @@ class Recorder:
     def kill(self) -> None:
         """Kill it, while the disk is dead for it: no thread of it goes on afterwards."""
         self._code = -9
-        self._session._disk._pool.shutdown()
+        self._session._disk._pool.submit(lambda: None).result()
         self._gone()
 
     def release(self) -> None:

@@ -255,6 +255,19 @@ def test_a_plan_that_is_prepared_for_ever_does_not_hold_up_the_end(played, monke
     assert ended
 
 
+def test_a_reply_that_does_not_return_does_not_hold_up_the_end(monkeypatch):
+    monkeypatch.setattr(outstanding, "CLOSE_S", 0.01)
+    kept, query, go_on = OutstandingQueries(100), Query(), threading.Event()
+    kept.open()
+    kept.reply(kept.admit("a", "k", query, 0), go_on.wait)
+    closing = threading.Thread(target=kept.close, daemon=True)
+    closing.start()
+    closing.join(PATIENCE_S)
+    ended = not closing.is_alive()
+    go_on.set()
+    assert ended
+
+
 def test_a_panic_in_replying_ends_no_thread(played, monkeypatch):
     for query in [Query() for _ in range(2 * outstanding.THREADS)]:
         query.reply_err = panic

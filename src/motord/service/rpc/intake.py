@@ -30,6 +30,7 @@ from motord.api.requests import (
     check_size,
     parse,
 )
+from motord.process.ending_threads import CLOSE_S, join_until
 from motord.service.host.log import log_error
 from motord.service.rpc.dispatcher import Call, CallQueue, Outcome
 from motord.service.rpc.outstanding import (
@@ -48,9 +49,6 @@ BURST = 40
 
 CARRY_OUT_S = 3.0
 """Before a reply is due: what is not prepared by then is refused and not done."""
-
-CLOSE_S = 3.0
-"""For work under way when the daemon ends: a plan's own program may never return."""
 
 Work = Callable[[], None]
 Lane: TypeAlias = "queue.Queue[tuple[OutstandingQuery, bytes] | None]"
@@ -113,8 +111,7 @@ class Intake:
         for lane in self._lanes.values():
             with suppress(queue.Full):
                 lane.put(None, timeout=max(0.0, end_s - time.monotonic()))
-        for thread in self._threads:
-            thread.join(max(0.0, end_s - time.monotonic()))
+        join_until(end_s, self._threads)
         self._threads = []
 
     def accept(self, name: str, key: str, query: zenoh.Query) -> None:

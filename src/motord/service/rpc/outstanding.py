@@ -16,6 +16,7 @@ import zenoh
 
 from motord.api.errors import RpcError
 from motord.process.allocator import return_free_memory
+from motord.process.ending_threads import CLOSE_S, join_until
 from motord.service.host.log import log_error
 from motord.service.rpc.dispatcher import CallQueue, Outcome
 
@@ -74,15 +75,15 @@ class OutstandingQueries:
             self._threads.append(thread)
 
     def close(self) -> None:
-        """Refuse the outstanding queries, send the replies, end the threads."""
+        """Refuse the outstanding queries, send the replies, end the threads within `CLOSE_S`."""
+        end_s = time.monotonic() + CLOSE_S
         with self._lock:
             left = list(self._outstanding)
         for pending in left:
             self.reply(pending, RpcError("refused", "the daemon is shutting down"))
         for _ in self._threads:
             self._queue.put(None)
-        for thread in self._threads:
-            thread.join()
+        join_until(end_s, self._threads)
         self._threads = []
 
     def admit(

@@ -1,0 +1,71 @@
+"""Threads that the end of their process waits for, though not for ever."""
+
+import atexit
+import threading
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from queue import SimpleQueue
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
+
+CLOSE_S = 3.0
+"""For work under way at the end: a plan's own program, or a disk, may never return."""
+
+T = TypeVar("T")
+_Queue = SimpleQueue[tuple[Future[Any], Callable[[], object]] | None]
+
+
+def join_until(end_s: float, threads: Iterable[threading.Thread]) -> None:
+    """Wait for the end of threads, until `end_s` (monotonic) at the latest."""
+    for thread in threads:
+        thread.join(max(0.0, end_s - time.monotonic()))
+
+
+class Worker:
+    """Does work in order, in a thread that keeps its process from ending for `CLOSE_S` at most.
+
+    The interpreter waits without a limit for those of an executor. To be used by one thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._queue: _Queue = SimpleQueue()
+        self._begun = False
+
+    def submit(self, work: Callable[[], T]) -> "Future[T]":
+        """Have `work` done after all before it."""
+        future: Future[T] = Future()
+        self._queue.put((future, work))
+        if not self._begun:
+            self._begun = True
+            thread = threading.Thread(
+                target=_serve, args=(self._queue,), name=self._name, daemon=True
+            )
+            _queues[thread] = self._queue
+            thread.start()
+        return future
+
+    def __del__(self) -> None:
+        self._queue.put(None)
+
+
+def _serve(queue: _Queue) -> None:
+    while (item := queue.get()) is not None:
+        future, work = item
+        try:
+            future.set_result(work())
+        except BaseException as error:  # for whoever asks for the result
+            future.set_exception(error)
+        del item, future, work  # and what they hold, however long there is no other
+
+
+_queues: "WeakKeyDictionary[threading.Thread, _Queue]" = WeakKeyDictionary()
+
+
+@atexit.register
+def _end() -> None:
+    threads = dict(_queues)
+    for queue in threads.values():
+        queue.put(None)
+    join_until(time.monotonic() + CLOSE_S, threads)
