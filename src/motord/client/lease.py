@@ -89,17 +89,17 @@ class Lease(Commander):
     def _renew(self, grant: LeaseGrant, done: threading.Event) -> None:
         good_until_s = time.monotonic() + grant.lease_s
         while not done.wait(grant.renew_within_s / RENEWALS):
-            if not self._alive():
-                continue
             begun_s = time.monotonic()
             try:
+                if not self._alive():
+                    continue
                 self._daemon.call(LEASE_RENEW, token=self.token)
                 good_until_s = begun_s + grant.lease_s
             except ClientError as error:
                 if error.code != "unreachable" or time.monotonic() > good_until_s:
                     self._lose(str(error))
                     return
-            except BaseException as error:  # a panic of Zenoh, too: nobody renews it any more
+            except BaseException as error:  # of `alive`, or a panic of Zenoh: nobody renews it
                 self._lose(f"it is not renewed any more: {type(error).__name__}: {error}")
                 raise
 

@@ -231,6 +231,13 @@ def test_a_lease_is_lost_when_a_panic_ends_its_renewal():
         assert lease.why == "it is not renewed any more: PanicError: of a library in Rust"
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_lease_is_lost_when_what_it_is_renewed_for_fails():
+    with Lease(Flaky(0), "anna", alive=lambda: 1 / 0) as lease:
+        assert lease.lost.wait(PATIENCE_S)
+        assert lease.why == "it is not renewed any more: ZeroDivisionError: division by zero"
+
+
 def test_a_lease_can_be_acquired_again_and_is_renewed_again():
     daemon = Flaky(failures=0)
     lease = Lease(daemon, "anna")
