@@ -3,6 +3,7 @@
 import ctypes
 import hashlib
 import os
+import warnings
 from collections import namedtuple
 from collections.abc import Callable
 from enum import Enum
@@ -15,6 +16,8 @@ from motord.process.hidden_packages import hidden
 
 # to count lines that it compiles, for settings in the working folder, for colours, for a version
 with hidden("coverage", "yaml", "colorama", "scipy"):
+    # of settings that it then does not read it says: install what is hidden here
+    warnings.filterwarnings("ignore", "A Numba config file is found", UserWarning)
     import numba
 from numba.core import caching
 from numba.core.runtime.nrt import rtsys

@@ -142,6 +142,18 @@ def test_numba_loads_no_package_that_kept_kernels_do_not_need() -> None:
     assert done.stdout == "set()\n", done.stderr
 
 
+def test_settings_of_numba_in_the_working_folder_are_not_read_and_not_spoken_of(
+    tmp_path: Path,
+) -> None:
+    """Numba said to install what reads them, at its import and at each compilation."""
+    (tmp_path / ".numba_config.yaml").write_text("disable_jit: true\n")
+    code = "import motord.jit\nfrom numba.core import config\n"
+    code += "config.reload_config()\nprint(bool(config.DISABLE_JIT))"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=os.environ)
+    assert (done.stdout, done.stderr) == ("False\n", "")
+
+
 def test_kept_kernels_run_without_what_numba_compiles_with() -> None:
     """It takes a third of a second of every start of a loop, a worker or an analysis."""
     code = """
