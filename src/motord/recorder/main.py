@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -128,7 +128,10 @@ def run(
             end_s = now_s + LAST_TICKS_S
             if not stopping():
                 session.stop_following()
-                on_orphaned(now_s)
+                try:
+                    on_orphaned(now_s)
+                except Exception as error:  # the recording has to be closed all the same
+                    _say(f"of what ended the daemon there is no black box: {error!r}")
         if end_s is not None and ticks_came and not stopping():
             end_s = now_s + LAST_TICKS_S
         if end_s is not None and (session.over or now_s >= end_s):
@@ -154,7 +157,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         if options.out is not None:
             session.start(options.out, metadata(), time.monotonic())
     except (ConfigError, RecordError, OSError) as error:
-        sys.stderr.write(f"motord recorder: {error}\n")
+        _say(str(error))
         return 1
     stopped: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
@@ -197,6 +200,12 @@ def _record_daemon_death(
         account=account,
     )
     session.boxes.request(box, now_s, if_powered=True)
+
+
+def _say(text: str) -> None:
+    """Write a line to stderr, which may have ended with the supervisor."""
+    with suppress(OSError):
+        sys.stderr.write(f"motord recorder: {text}\n")
 
 
 def _all_of(commands: LineReader) -> Iterator[bytes]:

@@ -2,7 +2,7 @@
 
 import os
 import platform
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from motord.config import Config
@@ -23,7 +23,7 @@ def describe(
         "bench": config.bench.name,
         "motor": config.motor.model_dump(mode="json", exclude_none=True),
         "plan": plan or {},
-        "versions": {name: version(name) for name in PACKAGES},
+        "versions": {name: _version(name) for name in PACKAGES},
         "config": config_text,
         "calibration": calibration_id,
         "host": {
@@ -35,3 +35,11 @@ def describe(
         "realtime": {},
         "notes": config.bench.notes,
     }
+
+
+def _version(name: str) -> str:
+    """Return the version of a package that is installed, "" of one that is not by now."""
+    try:
+        return version(name) or ""
+    except (PackageNotFoundError, OSError):
+        return ""

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -149,6 +150,7 @@ class Scene:
         self.stop = False
         self.at: dict[int, Callable[[], object]] = {}
         self.waits = 0
+        self.on_orphaned: Callable[[float], object] = lambda now_s: None
 
     def wait(self, seconds: float) -> None:
         self.waits += 1
@@ -159,7 +161,7 @@ class Scene:
         read, write = os.pipe()
         main.run(
             self.session, LineReader(self.commands[0]), Reporter(write), lambda: self.stop,
-            self.wait, lambda: self.now_s,
+            self.wait, lambda: self.now_s, self.on_orphaned,
         )  # fmt: skip
         os.close(read)
         os.close(write)
@@ -195,6 +197,23 @@ def test_when_the_supervisor_dies_it_follows_the_loop_until_no_more_ticks_come(t
     run = open_run(tmp_path / "day-000.mcap")
     assert len(run.ticks()) == 20
     assert run.end["reason"] == "the supervisor ended"
+
+
+def test_the_recording_is_closed_though_the_death_of_the_supervisor_cannot_be_kept(
+    tmp_path, pipe, capsys
+):
+    def fail(now_s):
+        raise PackageNotFoundError("numba")
+
+    scene = Scene(tmp_path, pipe)
+    scene.on_orphaned = fail
+    scene.at = {2: lambda: publish(scene.ring, 0, 10), 4: lambda: os.close(pipe[1])}
+    scene.run()
+    assert open_run(tmp_path / "day-000.mcap").end["reason"] == "the supervisor ended"
+    assert capsys.readouterr().err == (
+        "motord recorder: of what ended the daemon there is no black box: "
+        "PackageNotFoundError('numba')\n"
+    )
 
 
 @pytest.mark.parametrize("said", [True, False], ids=["closed", "superseded"])
