@@ -4,6 +4,7 @@ import os
 import signal
 import time
 from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -105,7 +106,7 @@ def steady(client, lease, states_in_a_row=5):
     )
 
 
-def test_the_bench_is_enabled_by_the_firmware_and_outlives_a_reboot_and_noise(bench, devices):
+def test_the_bench_is_enabled_by_the_firmware_and_outlives_reboot_noise_and_stop(bench, devices):
     with daemon(bench.folder, bench.path) as running, running.connect() as client:
         with client.lease("anna") as lease:
             begun, held = steady(client, lease, states_in_a_row=20)
@@ -117,12 +118,15 @@ def test_the_bench_is_enabled_by_the_firmware_and_outlives_a_reboot_and_noise(be
             wait_until(lambda: resets(client, lease), "its samples to be sound")
             steady(client, lease)
             noise_ns = noise_costs_frames_and_no_more(bench, client, lease)
+            stop = stop_of_the_loop(bench, devices, client, lease)
         assert running.end() == 0, running.said()
         recorded = np.concatenate([run.ticks() for run in running.runs()])
     assert "trip: ENABLED -> TRIPPED" in running.said()
-    assert np.ptp(recorded["link_errors"][recorded["t_ns"] > noise_ns]) > 10
+    noisy = (recorded["t_ns"] > noise_ns) & (recorded["t_ns"] < stop.stopped_ns)
+    assert np.ptp(recorded["link_errors"][noisy]) > 10
     ticks = between(recorded, begun, held)
-    truth = between(truth_of(bench, devices), begun, held)
+    whole_truth = truth_of(bench, devices)
+    truth = between(whole_truth, begun, held)
     assert len(ticks) > 100
     rest_rad = truth["angle_rad"][-len(truth) // 4 :]
     apart_rad = ticks["angle_rad"][-len(ticks) // 4 :] - np.median(rest_rad)
@@ -131,6 +135,7 @@ def test_the_bench_is_enabled_by_the_firmware_and_outlives_a_reboot_and_noise(be
     for seen in (truth["enable_line"] == 1, truth["inverter_on"] == 1):
         assert seen[np.argmax(seen) :].all()
         assert seen[len(seen) // 2 :].any()
+    a_stopped_loop_opened_the_line(whole_truth, stop)
 
 
 def a_reboot_trips(bench, client, lease):
@@ -175,22 +180,36 @@ def wait_for_the_line_to_open(bench):
         wait_until(is_open, "the enable line to open")
 
 
-def test_a_stopped_loop_opens_the_line(bench, devices):
-    with daemon(bench.folder, bench.path) as running, running.connect() as client:
-        lease = client.lease("anna")
-        lease.acquire()
-        _, state = steady(client, lease)
-        loop = state.processes["loop"].pid
-        stopped_ns = time.time_ns()
-        os.kill(loop, signal.SIGSTOP)
-        wait_for_the_line_to_open(bench)  # in time: test_enable_line, in the board's own
-        opened_ns = time.time_ns()
-        go_on(devices, wakes=500)
-        continued_ns = time.time_ns()
-        os.kill(loop, signal.SIGCONT)
-    truth = truth_of(bench, devices)
-    before = truth[(truth["t_ns"] > state.tick.t_ns) & (truth["t_ns"] < stopped_ns)]
-    after = truth[(truth["t_ns"] > opened_ns) & (truth["t_ns"] < continued_ns)]
+@dataclass(frozen=True)
+class Stop:
+    """The bench stood, enabled; the loop was stopped, the line seen open, the loop continued."""
+
+    stood_ns: int
+    stopped_ns: int
+    opened_ns: int
+    continued_ns: int
+
+
+def stop_of_the_loop(bench, devices, client, lease):
+    """Stop the loop of a bench that is enabled, until its line has been open for a while."""
+    begun, state = steady(client, lease)
+    # a tick is older than the status with which it is enabled
+    stood_ns = (begun.tick.t_ns + state.tick.t_ns) // 2
+    loop = state.processes["loop"].pid
+    stopped_ns = time.time_ns()
+    os.kill(loop, signal.SIGSTOP)
+    wait_for_the_line_to_open(bench)  # in time: test_enable_line, in the board's own
+    opened_ns = time.time_ns()
+    go_on(devices, wakes=500)
+    continued_ns = time.time_ns()
+    os.kill(loop, signal.SIGCONT)
+    return Stop(stood_ns, stopped_ns, opened_ns, continued_ns)
+
+
+def a_stopped_loop_opened_the_line(truth, stop):
+    before = truth[(truth["t_ns"] > stop.stood_ns) & (truth["t_ns"] < stop.stopped_ns)]
+    after = truth[(truth["t_ns"] > stop.opened_ns) & (truth["t_ns"] < stop.continued_ns)]
+    assert len(before) > 0
     assert (before["enable_line"] == 1).all()
     assert (before["inverter_on"] == 1).all()
     assert len(after) > 10
