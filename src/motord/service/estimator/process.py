@@ -2,9 +2,9 @@
 
 `python -m motord.service.estimator.process --config FILE --dir RUNDIR`: what it is to estimate and
 the captures come as lines of JSON on stdin, reports go as lines of JSON to stdout (`protocol`),
-ticks come out of the ring. It runs when nobody else needs the processor, and ends with stdin.
-Nobody waits for it: a capture of which ticks were overwritten meanwhile is left out and reported.
-A thread follows the ring, as an estimate may take longer than the ring holds.
+ticks come out of the ring. Its priority is low, and it ends with stdin. Nobody waits for it: a
+capture of which ticks were overwritten meanwhile is left out and reported. A thread follows the
+ring, as an estimate may take longer than the ring holds.
 """
 
 import sys

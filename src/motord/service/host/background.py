@@ -26,7 +26,7 @@ def run(
     *,
     blocking: bool = True,
 ) -> int:
-    """Run `serve`, by default when nobody else needs the processor; return the exit code.
+    """Run `serve`, by default at a low priority; return the exit code.
 
     `arguments`: --config FILE --dir RUNDIR, those of the command line by default. `schedule`: sets
     the process' priority, given the loop's processor. `blocking`: whether a report waits for a

@@ -12,6 +12,7 @@ from pathlib import Path
 PRIORITY = 10
 NICE = -10
 BACKGROUND_NICE = 10
+"""A tenth of a processor beside one program of normal priority: slow, but never without any."""
 
 
 def rise(loop_priority: int) -> None:
@@ -50,7 +51,7 @@ def avoid(loop_cpu: int | None) -> None:
 
 
 def step_back(loop_cpu: int | None) -> None:
-    """Let all threads of this process run when others need no processor, and not on `loop_cpu`."""
+    """Give all threads of this process a low priority, and not the processor `loop_cpu`."""
     others = os.sched_getaffinity(0) - {loop_cpu}
     for task in Path("/proc/self/task").iterdir():
         with suppress(OSError):  # refused, or ended meanwhile

@@ -17,7 +17,7 @@ from motord.service.tracker.link import TrackerLink
 from motord.shm.run_directory import RunDir
 
 ADOPT_S = 10.0
-"""For the tracker, which runs when nobody else needs the processor."""
+"""For the tracker, whose priority is low."""
 
 
 @dataclass(frozen=True)

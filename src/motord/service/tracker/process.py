@@ -2,8 +2,8 @@
 
 `python -m motord.service.tracker.process --config FILE --dir RUNDIR`: which calibration comes as a
 line of JSON on stdin, reports go as lines of JSON to stdout (`protocol`), ticks come out of the
-ring from now on: those before may be of another calibration. It runs when nobody else needs the
-processor, and ends with stdin. Nobody waits for it: ticks that it reads too late it does without.
+ring from now on: those before may be of another calibration. Its priority is low, and it ends with
+stdin. Nobody waits for it: ticks that it reads too late it does without.
 """
 
 import os
