@@ -88,6 +88,21 @@ class PointRipple:
         return np.asarray((waves @ self.line_Nm).real)
 
 
+def with_rms(
+    ripple: PointRipple, rms_Nm: float, stderr_Nm: float, rated_torque_Nm: float
+) -> PointRipple:
+    """Return the ripple with another RMS; its standard error stays None where it is not known."""
+    percent = 100 / rated_torque_Nm
+    known = ripple.stderr_percent is not None
+    stderr_percent = percent * stderr_Nm if known else None
+    return replace(
+        ripple,
+        rms_percent=percent * rms_Nm,
+        stderr_percent=stderr_percent,
+        noise_stderr_percent=stderr_percent,
+    )
+
+
 def rms_error_percent(
     torque_Nm: np.ndarray, rated_torque_Nm: float, weights: np.ndarray | None = None
 ) -> float:

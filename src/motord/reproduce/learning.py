@@ -11,9 +11,9 @@ import numpy as np
 from motord.calibration import Calibration, TorqueSpeed
 from motord.config import Config
 from motord.experiments.captures_left_out import EveryCapture
+from motord.experiments.hold_timing import zero_order_hold
 from motord.experiments.ilc.analysis import LearnPass, finish, learn
 from motord.experiments.ilc.estimate import Learning
-from motord.experiments.ilc.hold_timing import zero_order_hold
 from motord.experiments.plans import build
 from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData, split

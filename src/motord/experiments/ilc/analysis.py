@@ -9,6 +9,7 @@ import numpy as np
 
 from motord.calibration import Calibration, TorqueSpeed
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
+from motord.experiments.hold_timing import recorded_hold
 from motord.experiments.ilc.estimate import (
     Learning,
     PassResidual,
@@ -19,7 +20,6 @@ from motord.experiments.ilc.estimate import (
     settled,
     unlearned,
 )
-from motord.experiments.ilc.hold_timing import recorded_hold
 from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
 from motord.experiments.ilc.seen import LEAST_TURNS, SeenRipple, seen_points
 from motord.experiments.ripple_findings import asynchronous_line

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.ilc.aliased_ripple import ZeroOrderHold
 from motord.experiments.ilc.seen import SeenRipple
+from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.identification.point_ripple import repeating_rms
 from motord.learned import LearnedPoint, Verified
 

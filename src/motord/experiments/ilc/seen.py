@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.ilc.aliased_ripple import ZeroOrderHold, aliased_ripple
+from motord.identification.aliased_ripple import ZeroOrderHold, without_aliases
 from motord.identification.disturbances.leakage import noise_of_lines
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples
-from motord.identification.point_ripple import PointRipple, point_ripple, repeating_rms
+from motord.identification.point_ripple import PointRipple, point_ripple
 
 BAND_SHARE = 0.25
 """Part of the loop's rate up to which a correction comes out as it should."""
@@ -81,19 +81,9 @@ def seen_by(
 ) -> SeenRipple:
     """Return the ripple of a point; gain (3,): what flows over what is commanded."""
     ripple = point_ripple(samples, motor, sensor)
-    even_odd_Nm = ripple.even_odd_Nm
     if hold is not None:
-        even_odd_Nm = even_odd_Nm - aliased_ripple(samples, gain, motor, sensor, hold, ripple.order)
-    rms_Nm, stderr_Nm = repeating_rms(even_odd_Nm, ripple.noise_Nm)
-    percent, band = 100 / motor.rated_torque_Nm, band_order(samples, hold)
-    known = {
-        **vars(ripple),
-        "rms_percent": percent * rms_Nm,
-        "stderr_percent": percent * stderr_Nm,
-        "noise_stderr_percent": percent * stderr_Nm,
-        "line_Nm": even_odd_Nm.mean(axis=0),
-        "even_odd_Nm": even_odd_Nm,
-    }
+        ripple = without_aliases(ripple, samples, gain, motor, sensor, hold)
+    band = band_order(samples, hold)
     return SeenRipple(
-        **known, turns_Hz=samples.speed_Hz, band=band, highest=min(band, highest_order)
+        **vars(ripple), turns_Hz=samples.speed_Hz, band=band, highest=min(band, highest_order)
     )

@@ -23,8 +23,10 @@ from motord.calibration import Calibration, RmsErrors
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
+from motord.experiments.hold_timing import phase_hold
 from motord.experiments.subject import Subject
 from motord.findings import Finding
+from motord.identification.aliased_ripple import ZeroOrderHold, with_images, without_aliases
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, require_currents
 from motord.identification.point_ripple import (
@@ -37,6 +39,10 @@ from motord.identification.point_ripple import (
 from motord.identification.zero_sequence import is_missing, restored
 from motord.recording.captures import captures
 from motord.recording.reader import Run
+
+AS_COMMANDED = np.ones(3)
+"""What flows over what is commanded, as far as images go: the measured ripple of a recording is the
+same with a calibration and without."""
 
 
 @dataclass(frozen=True)
@@ -110,10 +116,11 @@ class MeshRipple:
 def ripples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -> list[PointRipple]:
     """Return the measured ripple of each good point of the runs that can be used."""
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
-    found = [
-        (point_ripple(samples, motor, sensor), DetectedLines.of(samples, motor.counts))
-        for samples in _samples(runs, subject, left_out)
-    ]
+    found = []
+    for samples, hold in _with_holds(runs, subject, left_out):
+        seen = point_ripple(samples, motor, sensor)
+        held = held_ripple(seen, samples, motor, sensor, hold)
+        found.append((held, DetectedLines.of(samples, motor.counts)))
     return with_asynchronous(found, _samples(runs, subject, left_out), motor, sensor)
 
 
@@ -126,8 +133,11 @@ def explained(
     """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
     found = [
-        (explain(samples, motor, sensor, calibration), DetectedLines.of(samples, motor.counts))
-        for samples in _samples(runs, subject, left_out)
+        (
+            explain(samples, motor, sensor, calibration, hold),
+            DetectedLines.of(samples, motor.counts),
+        )
+        for samples, hold in _with_holds(runs, subject, left_out)
     ]
     plain = [(one.measured, lines) for one, lines in found]
     measured = with_asynchronous(plain, _samples(runs, subject, left_out), motor, sensor)
@@ -139,6 +149,33 @@ def _samples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -
     return prepared(points, subject.motor.counts, left_out)
 
 
+def _with_holds(
+    runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut
+) -> Iterator[tuple[Samples, ZeroOrderHold | None]]:
+    """Yield the samples of points with the timing of their phase currents, if it is known."""
+    for run in runs:
+        hold = phase_hold(run)
+        for samples in _samples([run], subject, left_out):
+            yield samples, hold if samples.commanded else None
+
+
+def held_ripple(
+    seen: PointRipple,
+    samples: Samples,
+    motor: MotorConfig,
+    sensor: TorqueSensorConfig,
+    hold: ZeroOrderHold | None,
+) -> PointRipple:
+    """Return the ripple seen with images of held currents where they are, not aliased.
+
+    Without hold, the ripple is as the samples show it.
+    """
+    if hold is None:
+        return seen
+    freed = without_aliases(seen, samples, AS_COMMANDED, motor, sensor, hold)
+    return with_images(freed, samples, AS_COMMANDED, motor, hold)
+
+
 def middle_point(places: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return the (torque_Nm, speed_Hz) near the middle torque, and of its speeds the middle."""
     torques_Nm = sorted({torque_Nm for torque_Nm, _ in places})
@@ -148,9 +185,16 @@ def middle_point(places: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 def explain(
-    samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig, calibration: Calibration
+    samples: Samples,
+    motor: MotorConfig,
+    sensor: TorqueSensorConfig,
+    calibration: Calibration,
+    hold: ZeroOrderHold | None = None,
 ) -> Explained:
-    """Return measured and reconstructed ripple of an operating point. Raises IdentifyError."""
+    """Return measured and reconstructed ripple of an operating point. Raises IdentifyError.
+
+    The residual has both as they are sampled, as currents are not known in between.
+    """
     require_currents(samples)
     measured = point_ripple(samples, motor, sensor)
     torque_Nm, rate_Nm_per_s = reconstructed_torque(samples, motor, calibration)
@@ -163,7 +207,8 @@ def explain(
     residual_Nm = measured.even_odd_Nm - reconstructed.even_odd_Nm
     noise_Nm = np.hypot(measured.noise_Nm, reconstructed.noise_Nm)
     rms_Nm, _ = repeating_rms(residual_Nm, noise_Nm)
-    return Explained(measured, reconstructed, 100 / motor.rated_torque_Nm * rms_Nm, age_s)
+    held = held_ripple(measured, samples, motor, sensor, hold)
+    return Explained(held, reconstructed, 100 / motor.rated_torque_Nm * rms_Nm, age_s)
 
 
 def reconstructed_torque(

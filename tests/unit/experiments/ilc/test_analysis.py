@@ -12,6 +12,7 @@ import pytest
 from motord.calibration import Calibration, load
 from motord.cli.analysis_command import app
 from motord.config.devices import InverterConfig
+from motord.experiments.hold_timing import recorded_hold, zero_order_hold
 from motord.experiments.ilc.analysis import (
     LearnPass,
     finish,
@@ -19,7 +20,6 @@ from motord.experiments.ilc.analysis import (
     reopen,
 )
 from motord.experiments.ilc.estimate import Learning
-from motord.experiments.ilc.hold_timing import recorded_hold, zero_order_hold
 from motord.experiments.ilc.report import report
 from motord.experiments.subject import AnalysisError, Subject
 from motord.recording.captures import true_torque

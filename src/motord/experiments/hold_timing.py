@@ -3,7 +3,7 @@
 import numpy as np
 
 from motord.config.devices import InverterConfig
-from motord.experiments.ilc.aliased_ripple import ZeroOrderHold
+from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.recording.reader import Run
 from motord.untrusted import parse_toml
 
@@ -26,3 +26,16 @@ def recorded_hold(run: Run) -> ZeroOrderHold | None:
         return None
     age_ns = run.ticks(("sample_age_ns",))["sample_age_ns"]
     return zero_order_hold(inverter, float(np.median(age_ns)) * 1e-9 if age_ns.size else 0.0)
+
+
+def phase_hold(run: Run) -> ZeroOrderHold | None:
+    """Return the timing of held phase currents; None without their lag, or of a drive with axes.
+
+    Images depend on the lag of the current loops; a drive that takes currents along the rotor's
+    axes turns them between commands.
+    """
+    hold = recorded_hold(run)
+    if hold is None or not hold.lag_s:
+        return None
+    rotating = parse_toml(run.metadata["config"])["inverter"].get("driver") == "can-dq"
+    return None if rotating else hold

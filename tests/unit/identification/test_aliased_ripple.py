@@ -1,0 +1,145 @@
+"""What sampling folds into the torque, against a simulation in fine steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from motord.config import BackEmfHarmonic, MotorConfig, TorqueSensorConfig
+from motord.identification.aliased_ripple import (
+    IMAGE_DOUBT,
+    ZeroOrderHold,
+    aliased_ripple,
+    with_images,
+    without_aliases,
+)
+from motord.identification.basis import cell_gain
+from motord.identification.operating_points import Samples
+from motord.identification.point_ripple import point_ripple, rms_error_percent
+from motord.identification.torque.torque_sensor import response
+
+COUNTS, SPEED_HZ, PERIOD_S, FINE = 1000, 1.0, 1e-3, 40
+MOTOR = MotorConfig(
+    name="m",
+    pole_pairs=5,
+    slots=15,
+    counts=COUNTS,
+    rated_torque_Nm=2.0,
+    connection="independent",
+    back_emf=(BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.2),),
+)
+HOLD = ZeroOrderHold(dead_s=0.2e-3, lag_s=0.15e-3)
+
+
+def commands(angle_rad: np.ndarray) -> np.ndarray:
+    lag = 2 * np.pi / 3 * np.arange(3)
+    turned = angle_rad[:, None]
+    return np.asarray(4 * np.sin(5 * turned - lag) + 1.5 * np.sin(35 * turned - 7 * lag + 0.3))
+
+
+def simulated(
+    sensor: TorqueSensorConfig, direction: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return angle and sensor's torque at the samples of the second of two turns.
+
+    And the torque in fine steps of this turn.
+    """
+    samples = 2 * round(1 / PERIOD_S)
+    t_s = np.arange(samples * FINE) * PERIOD_S / FINE
+    held = commands(2 * np.pi * direction * SPEED_HZ * np.arange(samples) * PERIOD_S)
+    tick = np.floor((t_s - HOLD.dead_s) / PERIOD_S + 1e-9).astype(int)
+    wanted_A = held[np.maximum(tick, 0)]
+    decay = np.exp(-PERIOD_S / FINE / HOLD.lag_s)
+    current_A = signal.lfilter([0, 1 - decay], [1, -decay], wanted_A, axis=0)
+    angle_rad = 2 * np.pi * direction * SPEED_HZ * t_s
+    lag = 2 * np.pi / 3 * np.arange(3)
+    torque_Nm = (0.2 * np.sin(5 * angle_rad[:, None] - lag) * current_A).sum(axis=1)
+    w = 2 * np.pi * sensor.resonance_Hz
+    mount = ([w * w], [1, 2 * sensor.damping_ratio * w, w * w])
+    seen_Nm = signal.lsim(mount, torque_Nm - torque_Nm[-1], t_s)[1]
+    second = slice(samples // 2 * FINE, None, FINE)
+    return angle_rad[second], seen_Nm[second], torque_Nm[samples // 2 * FINE :]
+
+
+def as_samples(angle_rad: np.ndarray, seen_Nm: np.ndarray) -> Samples:
+    count = np.rint(angle_rad / (2 * np.pi) * COUNTS).astype(int) % COUNTS
+    return Samples(
+        torque_set_Nm=1.0,
+        speed_set_Hz=SPEED_HZ,
+        compensate=7,
+        t_s=np.arange(count.size) * PERIOD_S,
+        count=count,
+        torque_Nm=seen_Nm,
+        i_A=commands(angle_rad),
+        command_A=commands(angle_rad),
+        turns=((0, count.size),),
+    )
+
+
+@pytest.mark.parametrize("resonance_Hz", [700.0, 2500.0])
+def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float) -> None:
+    sensor = TorqueSensorConfig(resonance_Hz=resonance_Hz, damping_ratio=0.1)
+    angle_rad, seen_Nm, _ = simulated(sensor)
+    samples = as_samples(angle_rad, seen_Nm)
+    order = np.array([30])
+    predicted = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
+    turn = np.exp(-1j * np.outer(order, angle_rad))
+    shown = 2 / angle_rad.size * (turn @ seen_Nm) / response(sensor, order * SPEED_HZ)
+    assert np.abs(predicted).min() > 0.005
+    # the torque itself: the commands' as they are held, delayed and lagged
+    real = np.array([base(o) for o in order])
+    np.testing.assert_allclose(shown - predicted, real, atol=0.02 * np.abs(predicted).max() + 5e-4)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("resonance_Hz", [700.0, 2500.0])
+def test_the_rms_has_the_images_as_they_are_on_the_shaft(
+    resonance_Hz: float, direction: int
+) -> None:
+    sensor = TorqueSensorConfig(resonance_Hz=resonance_Hz, damping_ratio=0.1)
+    angle_rad, seen_Nm, torque_Nm = simulated(sensor, direction)
+    samples, gain = as_samples(angle_rad, seen_Nm), np.ones(3)
+    seen = point_ripple(samples, MOTOR, sensor)
+    freed = without_aliases(seen, samples, gain, MOTOR, sensor, HOLD)
+    found = with_images(freed, samples, gain, MOTOR, HOLD)
+    true_percent = rms_error_percent(torque_Nm, MOTOR.rated_torque_Nm)
+    lines_Nm = np.array([base(order) for order in range(1, 100)])
+    base_percent = 100 / MOTOR.rated_torque_Nm * float(np.linalg.norm(lines_Nm) / np.sqrt(2))
+    images = found.rms_percent**2 - freed.rms_percent**2
+    assert images == pytest.approx(true_percent**2 - base_percent**2, rel=0.02)
+    assert found.stderr_percent is None  # of one turn
+    shown = np.abs(freed.line_Nm[:99] * cell_gain(freed.order[:99], COUNTS))
+    np.testing.assert_allclose(shown, np.abs(lines_Nm), atol=2e-3)
+
+
+@pytest.mark.parametrize("stderr_percent", [0.0, 0.5])
+def test_the_interval_of_the_square_stays_and_that_of_the_images_comes_on_top(
+    stderr_percent: float,
+) -> None:
+    sensor = TorqueSensorConfig(resonance_Hz=700.0, damping_ratio=0.1)
+    samples = as_samples(*simulated(sensor)[:2])
+    ripple = replace(point_ripple(samples, MOTOR, sensor), stderr_percent=stderr_percent)
+    found = with_images(ripple, samples, np.ones(3), MOTOR, HOLD)
+    above, below = (ripple.rms_percent + stderr_percent) ** 2, ripple.rms_percent**2
+    images = found.rms_percent**2 - below
+    noise_percent = np.sqrt(above + images) - found.rms_percent
+    doubt_percent = IMAGE_DOUBT * images / found.rms_percent
+    assert found.stderr_percent == pytest.approx(np.hypot(noise_percent, doubt_percent))
+    assert found.noise_stderr_percent == found.stderr_percent
+
+
+def base(order: int) -> complex:
+    """Return the line at `order` of the torque that the currents make without images."""
+    angle_rad = 2 * np.pi * np.arange(COUNTS) / COUNTS
+    spectrum = np.fft.fft(commands(angle_rad), axis=0)
+    turned = np.fft.fftfreq(COUNTS, 1 / COUNTS)
+    passed = np.nan_to_num(HOLD.image(turned + 1e-12, PERIOD_S, 0), nan=1.0)
+    current_A = np.fft.ifft(spectrum * passed[:, None], axis=0)
+    torque = np.fft.fft((current_A * MOTOR.back_emf_table()).sum(axis=1))
+    return complex(2 / COUNTS * torque[order])
+
+
+def test_a_steady_current_has_no_images() -> None:
+    frequency_Hz = np.array([0.0])
+    assert HOLD.image(frequency_Hz, PERIOD_S, 1)[0] == 0
