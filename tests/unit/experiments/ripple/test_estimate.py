@@ -10,6 +10,7 @@ from motord.calibration import load as load_calibration
 from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
 from motord.experiments.captures_left_out import EveryCapture
+from motord.experiments.hold_timing import phase_hold
 from motord.experiments.ripple import estimate
 from motord.experiments.ripple.command import estimate as estimate_verify
 from motord.experiments.ripple_findings import findings
@@ -31,7 +32,7 @@ def explained(recorded: Recorded, path: Path) -> list:
     )
 
 
-def without_timing(recorded: Recorded, path: Path, old: str, new: str) -> Path:
+def with_bench_file(recorded: Recorded, path: Path, old: str, new: str) -> Path:
     """Return a copy of the compensated recording whose bench file says something else."""
     run_ = open_run(recorded.on)
     config = run_.metadata["config"]
@@ -47,7 +48,7 @@ def test_images_of_held_currents_are_not_at_the_orders_of_the_slots(
     recorded: Recorded, tmp_path: Path
 ) -> None:
     subject = Subject.of_config(load())
-    path = without_timing(recorded, tmp_path / "untimed.mcap", "lag_s", "# lag_s")
+    path = with_bench_file(recorded, tmp_path / "untimed.mcap", "lag_s", "# lag_s")
     seen, held = (
         estimate.ripples([open_run(one)], subject, EveryCapture()) for one in (path, recorded.on)
     )
@@ -56,6 +57,22 @@ def test_images_of_held_currents_are_not_at_the_orders_of_the_slots(
         assert np.abs(point.line_Nm[slots]) < 0.5 * np.abs(as_sampled.line_Nm[slots])
         assert point.rms_percent != as_sampled.rms_percent
         assert point.raw_percent == as_sampled.raw_percent
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("lag_s", "# lag_s"),
+        ("actuation_delay_s", "# actuation_delay_s"),
+        ('driver = "sim"', 'driver = "can-dq"'),
+    ],
+)
+def test_images_are_left_where_the_timing_of_phase_currents_is_not_known(
+    recorded: Recorded, tmp_path: Path, old: str, new: str
+) -> None:
+    assert phase_hold(open_run(recorded.on)) is not None
+    path = with_bench_file(recorded, tmp_path / "other.mcap", old, new)
+    assert phase_hold(open_run(path)) is None
 
 
 def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded) -> None:
