@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.identification.noise_floor import LEAST, noise_floor
+from motord.identification.disturbances.noise_floor import LEAST, noise_floor
 
 
 @pytest.mark.parametrize("size", [256, 1000, 8000])

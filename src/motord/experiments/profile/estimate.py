@@ -39,7 +39,7 @@ from motord.experiments.subject import (
     require_columns,
 )
 from motord.identification import CaptureError
-from motord.identification.noise_floor import noise_floor
+from motord.identification.disturbances.noise_floor import noise_floor
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
 from motord.identification.signal_condition import require_change, sound_counts
 from motord.identification.turning import countable, unwrap_counts

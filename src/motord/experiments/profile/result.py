@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.findings import Finding
-from motord.identification.noise_floor import NoiseFloor
+from motord.identification.disturbances.noise_floor import NoiseFloor
 from motord.intervals import IntervalEstimate, coverage_factor, expanded_uncertainty
 
 TRACKED_PERCENT = 95.0
