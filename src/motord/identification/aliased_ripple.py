@@ -40,7 +40,9 @@ class ZeroOrderHold:
     def image(self, frequency_Hz: np.ndarray, period_s: float, k: int) -> np.ndarray:
         """Return image k of a current of unit command, at frequency + k / period (complex)."""
         shifted_rad_s = 2 * np.pi * (frequency_Hz + k / period_s)
-        held = -np.expm1(-2j * np.pi * frequency_Hz * period_s) / (1j * shifted_rad_s * period_s)
+        held = np.ones_like(shifted_rad_s, complex)
+        step, turned = -np.expm1(-2j * np.pi * frequency_Hz * period_s), shifted_rad_s * period_s
+        np.divide(step, 1j * turned, out=held, where=turned != 0)
         passed = np.exp(-1j * shifted_rad_s * self.dead_s) / (1 + 1j * shifted_rad_s * self.lag_s)
         return np.asarray(held * passed)
 

@@ -113,6 +113,18 @@ def test_the_rms_has_the_images_as_they_are_on_the_shaft(
     np.testing.assert_allclose(shown, np.abs(lines_Nm), atol=2e-3)
 
 
+def test_an_order_at_the_rate_of_the_loop_is_none_of_the_images() -> None:
+    """Its image would be at 0 Hz. The period is a power of two, so that it is so exactly."""
+    motor = MOTOR.model_copy(update={"counts": 2 * COUNTS})
+    sensor = TorqueSensorConfig(resonance_Hz=700.0, damping_ratio=0.1)
+    samples = as_samples(*simulated(sensor)[:2])
+    t_s = np.arange(samples.count.size) / 1024
+    samples = replace(samples, count=2 * samples.count, t_s=t_s)
+    assert COUNTS * samples.velocity_Hz == 1 / samples.period_s
+    order = np.array([30])
+    assert np.isfinite(aliased_ripple(samples, np.ones(3), motor, sensor, HOLD, order)).all()
+
+
 @pytest.mark.parametrize("stderr_percent", [0.0, 0.5])
 def test_the_interval_of_the_square_stays_and_that_of_the_images_comes_on_top(
     stderr_percent: float,
