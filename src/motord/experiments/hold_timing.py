@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from motord.config import LoopConfig
 from motord.config.devices import InverterConfig
 from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.recording.reader import Run
@@ -39,3 +40,9 @@ def phase_hold(run: Run) -> ZeroOrderHold | None:
         return None
     rotating = parse_toml(run.metadata["config"])["inverter"].get("driver") == "can-dq"
     return None if rotating else hold
+
+
+def loop_period_s(run: Run) -> float:
+    """Return the time for which the loop of a run held each command."""
+    loop = parse_toml(run.metadata["config"]).get("loop", {})
+    return 1.0 / float(loop.get("rate_Hz", LoopConfig().rate_Hz))

@@ -14,7 +14,7 @@ to have been compensated out of phase.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from math import hypot
+from math import hypot, isclose
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from motord.calibration import Calibration, RmsErrors
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
-from motord.experiments.hold_timing import phase_hold
+from motord.experiments.hold_timing import loop_period_s, phase_hold
 from motord.experiments.subject import Subject
 from motord.findings import Finding
 from motord.identification.aliased_ripple import ZeroOrderHold, with_images, without_aliases
@@ -43,6 +43,9 @@ from motord.recording.reader import Run
 AS_COMMANDED = np.ones(3)
 """What flows over what is commanded, as far as images go: the measured ripple of a recording is the
 same with a calibration and without."""
+
+SAME_PERIOD = 0.05
+"""Part by which samples may be further apart than the loop's ticks, or nearer."""
 
 
 @dataclass(frozen=True)
@@ -152,11 +155,16 @@ def _samples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -
 def _with_holds(
     runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut
 ) -> Iterator[tuple[Samples, ZeroOrderHold | None]]:
-    """Yield the samples of points with the timing of their phase currents, if it is known."""
+    """Yield the samples of points with the timing of their phase currents, if it is known.
+
+    Not where each command is not of one sample, as of a board that samples less often.
+    """
     for run in runs:
         hold = phase_hold(run)
+        period_s = loop_period_s(run) if hold else 0.0
         for samples in _samples([run], subject, left_out):
-            yield samples, hold if samples.commanded else None
+            each = isclose(samples.period_s, period_s, rel_tol=SAME_PERIOD)
+            yield samples, hold if samples.commanded and each else None
 
 
 def held_ripple(

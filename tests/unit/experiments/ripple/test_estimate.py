@@ -77,6 +77,17 @@ def test_images_are_left_where_the_timing_of_phase_currents_is_not_known(
     assert phase_hold(open_run(path)) is None
 
 
+def test_images_are_left_where_commands_are_held_for_another_time_than_samples_are_apart(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """As of a board that samples half as often as the loop commands, or an imported recording."""
+    subject = Subject.of_config(load())
+    changes = ("lag_s", "# lag_s"), ("rate_Hz = 1000", "rate_Hz = 2000")
+    paths = [with_bench_file(recorded, tmp_path / f"{one[1]}.mcap", *one) for one in changes]
+    seen, other = (estimate.ripples([open_run(one)], subject, EveryCapture()) for one in paths)
+    assert [one.rms_percent for one in other] == [one.rms_percent for one in seen]
+
+
 def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded) -> None:
     for point in explained(recorded, recorded.off):
         measured = point.measured.rms_percent
