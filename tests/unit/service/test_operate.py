@@ -166,7 +166,7 @@ def test_set_enables_first_and_says_where_the_torque_is_going(service):
     assert service.ask("set", token=token, torque_Nm=3.0)["reached_in_s"] < 0.01
 
 
-@pytest.mark.parametrize("how", ["stop", "lease/release", "disable", "takeover"])
+@pytest.mark.parametrize("how", ["stop", "lease/release", "disable", "takeover", "suspension"])
 def test_what_was_to_be_set_once_enabled_is_forgotten_if_something_comes_between(service, how):
     token = service.acquire()
     service.loop.running = False
@@ -175,6 +175,8 @@ def test_what_was_to_be_set_once_enabled_is_forgotten_if_something_comes_between
     if how == "takeover":
         service.begin("lease/acquire", holder="ben", force=True)
         service.begin("stop")
+    elif how == "suspension":
+        service.suspended_ns += 3_600_000_000_000
     else:
         service.begin(how, **({} if how == "stop" else {"token": token}))
     service.loop.running = True

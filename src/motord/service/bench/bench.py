@@ -229,7 +229,8 @@ class Bench:
         if gap_ns <= SUSPENDED_NS:
             return
         why = f"the supervisor did not run for {gap_ns / 1e9:.1f} s"
-        powered = self.plans.active or self.state is State.ENABLED
+        enabled = self.state is State.ENABLED or self.manual.waits_for_enabled
+        powered = self.plans.active or enabled
         if powered and 2 * asleep_ns > gap_ns:
             why = f"{why}, as the computer was suspended"
             self.events.emit("fault", f"{why}; stopped")
