@@ -167,6 +167,9 @@ def test_what_a_state_means_takes_no_room_from_the_controls(
     assert before is not None
     assert after is not None
     assert abs(after["y"] - before["y"]) < LINE_px
+    tripped = {"state": "TRIPPED", "fault": f"the brake is silent: {LONG}; {LONG}; over"}
+    server.stand_in.do(lambda: changes.update(tripped))
+    shows(page, "#state-all", "; over")  # of that the trip says nothing
     server.stand_in.do(lambda: changes.update(fault="the loop ended"))
     expect(page.locator("#state-all")).to_be_hidden()
 

@@ -85,7 +85,9 @@ export class StatusBar {
   /** What the head cuts off, as it keeps its height, is whole among the alerts; a trip is there anyway. */
   _showAll() {
     const meaning = byId("state-meaning");
-    const cut = meaning.scrollHeight > meaning.clientHeight + HALF_A_LINE_PX && this._bench.state?.state !== "TRIPPED";
+    const { state } = this._bench;
+    const tripAlone = state?.state === "TRIPPED" && !state.fault;
+    const cut = meaning.scrollHeight > meaning.clientHeight + HALF_A_LINE_PX && !tripAlone;
     byId("state-all").hidden = !cut;
     setText(byId("state-all"), cut ? meaning.textContent : "");
   }
