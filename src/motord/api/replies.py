@@ -1,6 +1,7 @@
 """Replies of the RPCs: built by the service, checked by the client, which trusts no daemon.
 
-Types are strict; fields that a model does not name are passed on, so that replies may grow.
+Types are strict; fields that a model does not name are passed on, so that replies may grow. The
+set-point in a reply is read as in the state: leniently, and without such fields.
 """
 
 from typing import Annotated, Any, Literal
