@@ -30,10 +30,13 @@ class PlanRun:
     progress of that moment; to stop iterating does not stop the plan.
 
     >>> with client.lease("anna") as lease:
+    ...     run = lease.run_plan("cogging")
+    ...     for progress in run:
+    ...         if progress.state == "running":
+    ...             break
+    ...     lease.abort_plan().state
     ...     try:
-    ...         for progress in lease.run_plan("cogging"):
-    ...             if progress.state == "running":
-    ...                 lease.abort_plan().state
+    ...         run.wait()
     ...     except PlanEndedError as ended:
     ...         print(ended)
     'ending'
