@@ -3,13 +3,16 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
+from unittest import mock
 from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Browser, Page
 
+from motord.dashboard.app import HEADERS
 from tests.browser.chromium import DESKTOP, chromium, leave, new_page, shows
 from tests.browser.stand_in import Server, StandIn
+from tests.support.ports import free_port
 
 Serve = Callable[[StandIn], Server]
 
@@ -24,7 +27,7 @@ def browser() -> Iterator[Browser]:
 class Watched:
     """Opens pages; collects what their consoles say and what they ask for.
 
-    The first page of each test is the same one; the others have contexts of their own.
+    Each has a context of its own. They are left at the end of a test, and open again in the next.
     """
 
     def __init__(self, browser: Browser) -> None:
@@ -32,14 +35,14 @@ class Watched:
         self.expected = ""
         """What a complaint may have in it."""
         self._browser = browser
-        self._kept = self._new_page()
+        self._left = [self._new_page()]
         self._pages: list[Page] = []
 
     def __call__(
         self, url: str, size: Any = DESKTOP, *, live: bool = True, color_scheme: Any = "light"
     ) -> Page:
         """Open a page and wait until it is live, unless it will not be."""
-        page = self._new_page() if self._pages else self._kept
+        page = self._left.pop() if self._left else self._new_page()
         self._pages.append(page)
         page.set_viewport_size(size)
         page.emulate_media(color_scheme=color_scheme)
@@ -68,20 +71,29 @@ class Watched:
             self.complaints.append(f"asked another machine: {url}")
 
     def close(self) -> None:
-        """Close the pages; none may have complained."""
-        while len(self._pages) > 1:
-            self._pages.pop().context.close()
-        if self._pages:
-            leave(self._pages.pop())
+        """Leave the pages; none may have complained."""
+        while self._pages:
+            leave(self._pages[-1])
+            self._left.append(self._pages.pop())
         complaints, self.complaints, self.expected = self.complaints, [], ""
         assert complaints == []
 
 
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    """Return the port of the stand-ins of a file, from which the browser keeps the page's files.
+
+    Else it would get, compile and compare them anew in every test.
+    """
+    with mock.patch.dict(HEADERS, {"Cache-Control": "max-age=3600"}):
+        yield free_port()
+
+
 @pytest.fixture
-def serve() -> Iterator[Serve]:
+def serve(port: int) -> Iterator[Serve]:
     """Serve stand-ins to the end of the test, when no page of `visit` is open any more."""
     with ExitStack() as stack:
-        yield lambda stand_in: stack.enter_context(Server(stand_in))
+        yield lambda stand_in: stack.enter_context(Server(stand_in, port))
 
 
 @pytest.fixture

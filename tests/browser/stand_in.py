@@ -30,8 +30,8 @@ from tests.browser import documents
 from tests.browser.stand_in_queue import StandInQueue
 from tests.browser.synthetic_bench import CALIBRATED, SyntheticBench
 
-BLOCK_S = 0.02
-STATE_S = 0.1
+BLOCK_S = STATE_S = 0.1
+"""Seldom for ticks: the page draws each block of them, which takes most of a browser's time."""
 LEASE_S = 20.0
 """Long: the browser and this process share a busy computer."""
 
@@ -60,7 +60,7 @@ class StandIn:
         self.waited_for: list[str] = []
         """Those that were asked for meanwhile."""
         self.given_late: list[str] = []
-        self.points_per_s = 2.0
+        self.points_per_s = 10.0
         self.points_max = 1000
         """A plan takes no more points, and goes on with the next for ever."""
         self._lease_until_s = 0.0
@@ -98,7 +98,7 @@ class StandIn:
         if (wanted := arguments.get("id")) in self.held_back:
             self.waited_for.append(wanted)
             while wanted in self.held_back:
-                await asyncio.sleep(BLOCK_S)
+                await asyncio.sleep(0.02)
             self.given_late.append(wanted)
         return reply
 
@@ -335,6 +335,7 @@ class AppServer:
             uvicorn.Config(
                 app,
                 ws="websockets-sansio",
+                ws_per_message_deflate=False,
                 log_level="error",
                 access_log=False,
                 ws_ping_interval=None,
