@@ -150,28 +150,37 @@ def test_a_phone_says_at_its_head_what_is_wrong(server: Server, visit: Watched) 
     expect(page.locator("#stop-status")).to_be_in_viewport(ratio=1)
 
 
-@pytest.mark.parametrize("size", [PHONE, {"width": 1000, "height": 900}, LAPTOP])
 def test_what_a_state_means_takes_no_room_from_the_controls(
-    server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch, size: dict[str, int]
+    server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain, changes = documents.state, {"fault": "the loop ended"}
     monkeypatch.setattr(documents, "state", lambda *given: {**plain(*given), **changes})
-    page = visit(server.urls.operator, size)
+    page = visit(server.urls.operator)
+    sizes = (PHONE, {"width": 1000, "height": 900}, LAPTOP)
+
+    def tops_px(shown: bool) -> list[float]:
+        """Return where the controls begin in pages of all sizes, which show the whole or do not."""
+        found = []
+        for size in sizes:
+            page.set_viewport_size(size)
+            expect(page.locator("#state-all")).to_be_visible(visible=shown)
+            box = page.locator("#operate").bounding_box()
+            assert box is not None
+            found.append(box["y"])
+        return found
+
     shows(page, "#state-meaning", "the loop ended")
-    expect(page.locator("#state-all")).to_be_hidden()
-    before = page.locator("#operate").bounding_box()
+    before = tops_px(shown=False)
     server.stand_in.do(lambda: changes.update(fault=f"the loop ended: {LONG}; {LONG}; end"))
     shows(page, "#state-all", "the loop ended: ")
     shows(page, "#state-all", "; end")
-    after = page.locator("#operate").bounding_box()
-    assert before is not None
-    assert after is not None
-    assert abs(after["y"] - before["y"]) < LINE_px
+    for size, now, then in zip(sizes, tops_px(shown=True), before, strict=True):
+        assert abs(now - then) < LINE_px, size
     tripped = {"state": "TRIPPED", "fault": f"the brake is silent: {LONG}; {LONG}; over"}
     server.stand_in.do(lambda: changes.update(tripped))
     shows(page, "#state-all", "; over")  # of that the trip says nothing
     server.stand_in.do(lambda: changes.update(fault="the loop ended"))
-    expect(page.locator("#state-all")).to_be_hidden()
+    tops_px(shown=False)
 
 
 def test_why_the_daemon_is_silent_takes_no_room_from_the_head(
@@ -227,20 +236,21 @@ def test_a_plan_that_was_started_shows_its_progress(server: Server, visit: Watch
     assert page.locator("#plan").evaluate("e => e.scrollTop") == 0
 
 
-@pytest.mark.parametrize("size", [SMALL_PHONE, NARROW, LAPTOP])
 def test_what_the_charts_of_the_turn_say_is_whole_and_has_its_unit(
-    server: Server, visit: Watched, size: dict[str, int]
+    server: Server, visit: Watched
 ) -> None:
-    page = visit(server.urls.operator, size)
+    page = visit(server.urls.operator)
     take_command(page)
     set_by_hand(page, 2.5, 0.7)
     shows(page, "#turns-caption", "about 2.50 Nm")
     shows(page, "#orders-caption", "calibrated")
-    for caption in page.locator("#turns figcaption").all():
-        expect(caption.locator(".unit")).to_have_text("Nm")
-        assert caption.evaluate("e => e.scrollWidth <= e.clientWidth"), caption.inner_text()
-    for chart in page.locator("#turns .chart").all():
-        assert chart.evaluate("e => e.clientHeight") >= CHART_HEIGHT_px
+    for size in (SMALL_PHONE, NARROW, LAPTOP):
+        page.set_viewport_size(size)
+        for caption in page.locator("#turns figcaption").all():
+            expect(caption.locator(".unit")).to_have_text("Nm")
+            assert caption.evaluate("e => e.scrollWidth <= e.clientWidth"), caption.inner_text()
+        for chart in page.locator("#turns .chart").all():
+            assert chart.evaluate("e => e.clientHeight") >= CHART_HEIGHT_px, size
 
 
 def test_what_a_field_asks_for_can_be_read(server: Server, visit: Watched) -> None:

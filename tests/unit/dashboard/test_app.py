@@ -128,6 +128,7 @@ def test_every_answer_has_the_headers(server, path):
     assert headers["x-content-type-options"] == "nosniff"
     assert headers["referrer-policy"] == "no-referrer"
     assert headers["cross-origin-opener-policy"] == "same-origin"
+    assert headers["cache-control"] == "no-cache"  # a page of an older version would not fit
     assert headers["cross-origin-resource-policy"] == "same-origin"
 
 
