@@ -60,7 +60,7 @@ else:
 def edited(tmp_path_factory):
     """A copy of the package with the page's blocks in it."""
     root = tmp_path_factory.mktemp("rpc")
-    skip = shutil.ignore_patterns("__pycache__")
+    skip = shutil.ignore_patterns("*.nbi", "*.nbc")
     shutil.copytree(ROOT / "src", root / "src", ignore=skip)
     shutil.copy(ROOT / "pyproject.toml", root)
     edits = EDIT.findall(PAGE.read_text(encoding="utf-8"))
@@ -92,15 +92,16 @@ def test_the_rpc_of_the_page_can_be_called(edited):
 
 @pytest.mark.slow
 def test_the_types_of_a_handler_are_those_of_its_row(edited):
-    modules = ["-p", "motord.service.rpc.operation"]
-    done = run(edited, "-m", "mypy", *modules)
-    assert done.returncode == 0, done.stdout
     handler = edited / "src/motord/service/rpc/operation.py"
     text = handler.read_text(encoding="utf-8")
-    handler.write_text(text.replace("request: rpc.Mounted,", "request: rpc.PlanStart,"))
-    done = run(edited, "-m", "mypy", *modules)
-    handler.write_text(text)
-    assert done.returncode == 1
+    wrong = text.replace("request: rpc.Mounted,", "request: rpc.PlanStart,")
+    (handler.parent / "wrong.py").write_text(wrong, encoding="utf-8")
+    modules = ["motord.service.rpc.operation", "motord.service.rpc.wrong"]
+    done = run(edited, "-m", "mypy", "-p", modules[0], "-p", modules[1])
+    assert done.returncode == 1, done.stdout
+    errors = [line for line in done.stdout.splitlines() if " error: " in line]
+    assert errors
+    assert all("/rpc/wrong.py:" in error for error in errors), done.stdout
     assert "handles" in done.stdout or "Argument 1" in done.stdout, done.stdout
 
 
