@@ -14,6 +14,7 @@ from motord.recording.file_names import part_of, require_free
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
+from motord.sequencing.quality import GOOD
 from motord.untrusted import read_text
 from motord.virtual.bench import rig_and_faults
 from motord.virtual.channels import channel_readings
@@ -43,10 +44,11 @@ class PlanSource:
 
 @dataclass(frozen=True)
 class Recorded:
-    """Time on the bench (s), and how many operating points were taken."""
+    """Time on the bench (s), the number of operating points, and of those that are poor."""
 
     bench_s: float
     points: int
+    poor: int
 
 
 def record_plan(
@@ -77,15 +79,16 @@ def record_plan(
             f"{plan.name}: the simulated rig has no bar on springs that somebody lets go ([swing] "
             f"of its rig file); simulate the packaged one: -c {packaged('inertia.toml')}"
         )
-    ticks = number = 0
+    ticks = number = poor = 0
     progress(0.0)
     with _whole_or_nothing(path), RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
         for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
             _write(writer, piece, config)
             ticks += piece.ticks.size
+            poor += piece.point["quality"] != GOOD
             progress(number / len(plan.points))
     progress(1.0)
-    return Recorded(ticks / config.loop.rate_Hz, number)
+    return Recorded(ticks / config.loop.rate_Hz, number, poor)
 
 
 @contextmanager

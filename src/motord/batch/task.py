@@ -14,7 +14,7 @@ from motord.batch.error import BatchError
 from motord.batch.stored import settings_to_store, stored_result
 from motord.config.experiments import analysis_kinds
 from motord.experiments.analysis import Analysis
-from motord.experiments.recording_checks import naming_damage
+from motord.experiments.recording_checks import naming_causes
 from motord.experiments.subject import Recordings
 from motord.process.one_thread import missing_limits
 from motord.results.parquet_file import ResultFile
@@ -78,7 +78,7 @@ def _analyse_recording(task: BatchTask, path: Path) -> Outcome:
 def _analysed(task: BatchTask, path: Path) -> Outcome:
     analysis: Analysis[Any] = resolve_name(task.command)
     recordings = Recordings.open([path], task.config)
-    with naming_damage(recordings.runs):
+    with naming_causes(recordings.runs):
         content = analysis.to_json(analysis.estimate(recordings, **task.options), recordings)
     [run] = recordings.runs
     missing = f"missing: {run.damage}" if run.damage else ""

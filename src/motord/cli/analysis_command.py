@@ -126,7 +126,7 @@ def _run(
     analysis: "Analysis[Any]", kind: str, options: dict[str, Any], given: dict[str, Any]
 ) -> None:
     """Estimate, write what is asked for, print, store."""
-    from motord.experiments.recording_checks import check_given_once, naming_damage
+    from motord.experiments.recording_checks import check_given_once, naming_causes
     from motord.experiments.subject import Recordings
 
     paths, config = given["runs"] or [], given["config"]
@@ -138,7 +138,7 @@ def _run(
         recordings = Recordings.open(paths, config, progress)
         check_given_once(paths)
         others = [config, *options.values()]
-        with _naming_recordings(paths, others), naming_damage(recordings.runs):
+        with _naming_recordings(paths, others), naming_causes(recordings.runs):
             result = analysis.estimate(recordings, **options)
     for missing in filter(None, (run.missing for run in recordings.runs)):
         remark(missing)

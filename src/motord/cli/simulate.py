@@ -63,6 +63,8 @@ def simulate(
         f"{plan.name}: {result['points']} points, {result['bench_s']:.0f} s on the bench "
         f"took {result['wall_s']:.1f} s; wrote {path}"
     )
+    if result["poor"]:
+        text += f"; {result['poor']} are poor: `motord record info {path}` says why"
     print_result(result, text, as_json)
 
 
@@ -98,6 +100,7 @@ def _record(
         "plan": plan.name,
         "run": str(path),
         "points": recorded.points,
+        "poor": recorded.poor,
         "seed": seed,
         "bench_s": round(recorded.bench_s, 1),
         "wall_s": round(time.monotonic() - began_s, 2),

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 REASONS_MAX = 50
 """Points left out that a finding names with their reasons."""
 
+ERROR_MAX = 3
+"""Of them that an error names."""
+
 LINES_MAX = 6
 """Losses of a recording that a page lists."""
 
@@ -47,10 +50,11 @@ def show_damage(page: "Page", runs: Sequence[Run]) -> None:
 
 
 @contextmanager
-def naming_damage(runs: Sequence[Run]) -> Iterator[None]:
-    """Have an error of an analysis say first that its recordings are damaged, as far as is known.
+def naming_causes(runs: Sequence[Run]) -> Iterator[None]:
+    """Have an error of an analysis say what its recordings lack, as far as is known.
 
-    Whatever it says of signals may come of what is missing.
+    That they are damaged comes first: whatever an error says of signals may come of what is
+    missing. Points that are left out as poor come last, with what was wrong with them.
     """
     try:
         yield
@@ -62,6 +66,8 @@ def naming_damage(runs: Sequence[Run]) -> Iterator[None]:
                 f"{listed(names, 3)}: damaged, {_bytes_lost(damaged)} bytes are missing, which "
                 f"may be why (`motord record info --check {names[0]}` says where): {error}",
             )
+        if poor := [sentence for run in runs for sentence in _poor(run)]:
+            error.args = (f"{error}; left out as poor: {listed(poor, ERROR_MAX)}",)
         raise
 
 

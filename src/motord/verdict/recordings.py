@@ -6,7 +6,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-from motord.experiments.recording_checks import check_given_once, naming_damage
+from motord.experiments.recording_checks import check_given_once, naming_causes
 from motord.experiments.subject import (
     AnalysisError,
     PhaseProgress,
@@ -76,7 +76,7 @@ def _result(name: str, recordings: Recordings) -> Mapping[str, Any]:
     kind = analysis_of(name)
     assert kind is not None
     analysis: Analysis[Any] = resolve_name(kind.command)
-    with naming_damage(recordings.runs):
+    with naming_causes(recordings.runs):
         return analysis.to_json(analysis.estimate(recordings), recordings)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -104,3 +105,11 @@ def test_the_same_recording_twice_is_refused(whole, again, recorded, tmp_path):
     other = recorded.write(tmp_path / "other.mcap", 1)
     line = analyse(whole, other, tmp_path / again, code=1).stderr
     assert f"{tmp_path / again}: is the same recording as {whole}; counted twice" in line
+
+
+def test_an_error_names_the_points_that_are_poor(recorded, tmp_path):
+    points = tuple({**point, "quality": "the speed was 3 % off"} for point in recorded.points)
+    path = replace(recorded, points=points).write(tmp_path / "poor.mcap")
+    [line] = analyse(path, code=1).stderr.splitlines()
+    assert "of its operating points is of good quality; left out as poor: " in line
+    assert line.endswith("(the speed was 3 % off)")

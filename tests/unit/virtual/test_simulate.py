@@ -46,6 +46,16 @@ def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
     assert "exists" in err
 
 
+def test_points_that_come_out_poor_are_counted(tmp_path: Path) -> None:
+    settings = ("--set", "repeats=2", "--set", "torque_Nm=3", "--set", "start_speed_Hz=1.01")
+    path = tmp_path / "run.mcap"
+    code, out, _ = run("friction", *settings, "-o", path)
+    assert code == 0
+    assert out.rstrip().endswith(f"wrote {path}; 4 are poor: `motord record info {path}` says why")
+    assert {point["quality"][:7] for point in open_run(path).operating_points()} == {"coasted"}
+    assert json.loads(run("calibrate", *SMALL, "-o", tmp_path / "2.mcap", "--json")[1])["poor"] == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
