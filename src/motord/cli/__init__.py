@@ -50,7 +50,9 @@ COMMANDS = {
 """Command to `module:object`; the object is a function or a typer app."""
 
 
-WRITE_FILES = ("analyse", "calibration", "demo", "record", "reproduce", "results", "simulate")
+WRITE_FILES = (
+    "analyse", "calibration", "demo", "record", "reproduce", "results", "security", "simulate",
+)  # fmt: skip
 """Commands that SIGTERM and SIGHUP end as Ctrl-C does, so that no unfinished file stays behind.
 
 Those that move a bench, or go on until they are ended, have handlers of their own.

@@ -8,7 +8,8 @@ import datetime
 import ipaddress
 import os
 import secrets
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from cryptography import x509
@@ -34,10 +35,16 @@ def init(folder: Path, hosts: Sequence[str], days: int = CERTIFICATE_DAYS) -> No
     Raises SecurityError if there is one already.
     """
     names = _alternative_names(["localhost", "127.0.0.1", "::1", *hosts])
-    for name in ("ca.pem", "ca.key", "server.pem", "server.key", ROLES):
-        if (folder / name).exists():
-            raise SecurityError(f"{folder / name} exists; nothing is overwritten")
+    made = [folder / name for name in ("ca.pem", "ca.key", "server.pem", "server.key", ROLES)]
+    for path in made:
+        if path.exists():
+            raise SecurityError(f"{path} exists; nothing is overwritten")
     folder.mkdir(parents=True, exist_ok=True)
+    with _all_or_none(made):
+        _write_authority(folder, names, days)
+
+
+def _write_authority(folder: Path, names: list[x509.GeneralName], days: int) -> None:
     ca_key = ec.generate_private_key(ec.SECP256R1())
     subject = _name(f"motord authority {secrets.token_hex(4)}")
     ca = _sign(subject, subject, ca_key, ca_key, CA_DAYS, _of_authority())
@@ -60,17 +67,34 @@ def add(folder: Path, name: str, role: Role, days: int = CERTIFICATE_DAYS) -> Pa
     ca, ca_key = _load(folder)
     given = roles.read(folder / ROLES)
     own = folder / CLIENTS / name
-    if name in given or own.exists():
+    if name in given:
         raise SecurityError(f"{name} is taken; choose another name, or `motord security remove` it")
+    if own.exists():
+        raise SecurityError(f"{name} is taken, {own} exists; choose another name")
     own.mkdir(parents=True, mode=0o700)
-    key = ec.generate_private_key(ec.SECP256R1())
-    certificate = _sign(_name(name), ca.subject, key, ca_key, days, _of_end(Usage.CLIENT_AUTH))
-    _write_key(own / KEY, key)
-    _write(own / CERTIFICATE, _pem(certificate))
-    _write(own / CA, _pem(ca))
-    _write(own / ABOUT, f'name = "{name}"\nrole = "{role}"\n'.encode())
-    roles.write(folder / ROLES, {**given, name: role})
+    with _all_or_none([*(own / part for part in (KEY, CERTIFICATE, CA, ABOUT)), own]):
+        key = ec.generate_private_key(ec.SECP256R1())
+        certificate = _sign(_name(name), ca.subject, key, ca_key, days, _of_end(Usage.CLIENT_AUTH))
+        _write_key(own / KEY, key)
+        _write(own / CERTIFICATE, _pem(certificate))
+        _write(own / CA, _pem(ca))
+        _write(own / ABOUT, f'name = "{name}"\nrole = "{role}"\n'.encode())
+        roles.write(folder / ROLES, {**given, name: role})
     return own
+
+
+@contextmanager
+def _all_or_none(made: Sequence[Path]) -> Iterator[None]:
+    """Remove files and folders, of which none was there before, if not all could be made."""
+    try:
+        yield
+    except BaseException:  # an interrupt, too
+        for path in made:
+            if path.is_dir():
+                path.rmdir()
+            else:
+                path.unlink(missing_ok=True)
+        raise
 
 
 def remove(folder: Path, name: str) -> None:
@@ -197,9 +221,9 @@ def _write(path: Path, content: bytes, mode: int = 0o644) -> None:
     """Write a new file. Raises SecurityError if there is one."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
     except OSError as error:
         raise SecurityError(f"{path}: cannot make it: {error.strerror}") from None
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())

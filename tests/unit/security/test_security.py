@@ -1,5 +1,7 @@
 """Certificates, roles, identities: made once, never overwritten, wrong ones named."""
 
+import errno
+import os
 import stat
 import tomllib
 
@@ -62,6 +64,30 @@ def test_nothing_is_overwritten(folder):
         authority.add(folder, "anna", Role.VIEWER)
     with pytest.raises(SecurityError, match="there is no anna"):
         authority.remove(folder, "anna")
+
+
+@pytest.mark.parametrize("failing", range(5))
+def test_what_cannot_be_made_whole_leaves_nothing(tmp_path, monkeypatch, failing):
+    authority.init(tmp_path / "ca", [])
+    before = sorted(tmp_path.rglob("*"))
+    real, calls = os.fsync, iter(range(9))
+
+    def full(descriptor):
+        if next(calls) == failing:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(descriptor)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.fsync", full)
+        with pytest.raises((SecurityError, OSError), match="No space left"):
+            authority.init(tmp_path / "other", [])
+        calls = iter(range(9))
+        with pytest.raises((SecurityError, OSError), match="No space left"):
+            authority.add(tmp_path / "ca", "anna", Role.VIEWER)
+    left = {path.name for path in set(tmp_path.rglob("*")) - set(before)}
+    assert left == {"other", "clients"}
+    authority.init(tmp_path / "other", [])
+    authority.add(tmp_path / "ca", "anna", Role.VIEWER)
 
 
 @pytest.mark.parametrize("name", ["", "../anna", "an na", "a/b", "-a", "é", "x" * 64, 'a"b', "a)+"])
