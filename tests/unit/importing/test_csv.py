@@ -379,6 +379,28 @@ def test_quoted_cells_and_units(tmp_path: Path) -> None:
     assert (done.ticks, done.problems) == (3000, ())
 
 
+@pytest.mark.parametrize(
+    ("delimiter", "decimal", "cell"),
+    [
+        (";", ".", "1,012.345"),
+        (";", ".", "1,012"),
+        (";", ".", "-1'012.345"),
+        (",", ".", '"1,012,345"'),
+        (";", ",", "1.012,345"),
+        (";", ",", "1 012,345"),
+    ],
+)
+def test_numbers_with_thousands_separators_are_refused(
+    tmp_path: Path, delimiter: str, decimal: str, cell: str
+) -> None:
+    """Kept as missing they would leave out the large values alone."""
+    line = delimiter.join(["0" + decimal + "2", "1" + decimal + "6", cell])
+    source = write_csv(tmp_path / "a.csv", turning(), delimiter, decimal, edit={200: line})
+    with pytest.raises(RecordError, match=r"line 202: '.*' has thousands separators"):
+        imported(tmp_path, source)
+    assert not list(tmp_path.glob("*.mcap*"))
+
+
 def test_gaps_end_operating_points(tmp_path: Path) -> None:
     columns = turning(8000)
     columns["Time"] = columns["Time"] + np.repeat([0.0, 20.0], 4000)

@@ -1,13 +1,16 @@
 """Lines of CSV as columns of numbers: all at once where they are clean, else cell by cell."""
 
+import re
 import warnings
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 
 from motord.importing.csv.dialect import Dialect, number, split_line, without_blank_end
 from motord.importing.problems import LEFT_OUT, Problems
 from motord.importing.source import MISSING_NS, WantedColumn
+from motord.recording.errors import RecordError
 
 Columns = tuple[np.ndarray, ...]
 
@@ -15,17 +18,25 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MIDNIGHT = datetime(1900, 1, 1, tzinfo=UTC)
 """What `strptime` adds to a time of day."""
 
+GROUPED = re.compile(r"[+-]?\d{1,3}([,.' \u00a0\u202f])\d{3}(?:\1\d{3})*(?:[.,]\d*)?")
+"""Numbers with thousands separators, among others."""
+
 
 class CellReader:
-    """Reads the columns `wanted`; those whose index is in `dates` hold dates in `date_format`."""
+    """Reads the columns `wanted`; those whose index is in `dates` hold dates in `date_format`.
+
+    path: the file, for what is refused.
+    """
 
     def __init__(
         self,
+        path: Path,
         dialect: Dialect,
         wanted: tuple[WantedColumn, ...],
         dates: tuple[int, ...],
         date_format: str | None,
     ) -> None:
+        self._path = path
         self._dialect = dialect
         self._wanted = wanted
         self._dates = dates
@@ -37,7 +48,10 @@ class CellReader:
     def read(
         self, lines: list[str], number: np.ndarray, problems: Problems
     ) -> tuple[Columns, np.ndarray]:
-        """Return the columns (n,) of `lines`, and the numbers of the lines they are of (n,)."""
+        """Return the columns (n,) of `lines`, and the numbers of the lines they are of (n,).
+
+        Raises RecordError for numbers with thousands separators.
+        """
         if lines and not self._dates and self._even(lines):
             try:
                 return self._at_once(lines), number
@@ -82,17 +96,31 @@ class CellReader:
         fits = np.array([_fits(row, d.cells) for row in rows], bool)
         problems.add(f"other than {d.cells} cells in it{LEFT_OUT}", number[~fits])
         rows = [row for row, good in zip(rows, fits, strict=True) if good]
-        return tuple(self._column(w, rows) for w in self._wanted), number[fits]
+        return tuple(self._column(w, rows, number[fits]) for w in self._wanted), number[fits]
 
-    def _column(self, wanted: WantedColumn, rows: list[list[str]]) -> np.ndarray:
+    def _column(self, wanted: WantedColumn, rows: list[list[str]], line: np.ndarray) -> np.ndarray:
         cells = [row[wanted.index] if wanted.index < len(row) else "" for row in rows]
         if wanted.index in self._dates:
             return dates_ns(cells, self._dialect.decimal, self._date_format)
-        if self._dialect.decimal == ",":
-            cells = [cell.replace(",", ".") for cell in cells]
+        values = [number(cell, self._dialect.decimal) for cell in cells]
+        self._refuse_grouped(cells, values, line)
         if wanted.as_time:
-            return np.array([_whole(cell) for cell in cells], np.int64)
-        return np.array([number(cell, ".") for cell in cells], float)  # None is nan
+            comma = self._dialect.decimal == ","
+            plain = [cell.replace(",", ".") for cell in cells] if comma else cells
+            return np.array([_whole(cell) for cell in plain], np.int64)
+        return np.array(values, float)  # None is nan
+
+    def _refuse_grouped(
+        self, cells: list[str], values: list[float | None], line: np.ndarray
+    ) -> None:
+        """Raise RecordError for a number in groups: missing, only the large values would be."""
+        for cell, value, at in zip(cells, values, line, strict=True):
+            if value is None and GROUPED.fullmatch(cell):
+                raise RecordError(
+                    f"{self._path}: line {at}: '{cell}' has thousands separators, if it is a "
+                    f"number with the decimal sign '{self._dialect.decimal}'; write numbers "
+                    "without them"
+                )
 
 
 def _fits(row: list[str], cells: int) -> bool:

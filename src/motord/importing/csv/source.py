@@ -55,7 +55,7 @@ class CsvSource(RowSource):
     def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows; those that have another number of cells are noted and left out."""
         dates = tuple(w.index for w in wanted if w.as_time and self.holds_dates(w.index))
-        reader = CellReader(self._dialect, tuple(wanted), dates, self._date_format)
+        reader = CellReader(self.path, self._dialect, tuple(wanted), dates, self._date_format)
         for lines, first_line, done in self._text():
             block = reader.read(*_rows(lines, first_line, self._dialect), problems)
             if block[1].size:
