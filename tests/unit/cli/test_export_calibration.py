@@ -1,6 +1,7 @@
 """`motord calibration export`: files, figures and refusals."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +129,14 @@ def test_an_unknown_format_is_wrong_usage(file: Path) -> None:
     assert "unknown format 'vesc'; one of moteus, odrive, csv, c-header" in " ".join(
         err.replace("│", " ").split()
     )
+
+
+@pytest.mark.parametrize(
+    ("zero", "within"), [(750, 30), (-690, -330), (1e308, math.fmod(1e308, 360))]
+)
+def test_a_zero_beyond_a_turn_is_that_within_it(zero: float, within: float, file: Path) -> None:
+    arguments = "--format", "odrive", file, "--zero"
+    assert export(*arguments, zero) == export(*arguments, within)
 
 
 @pytest.mark.parametrize("option", ["--zero", "--torque-constant"])

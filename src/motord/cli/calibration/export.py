@@ -1,6 +1,6 @@
 """`motord calibration export`: the compensation as a table for a drive."""
 
-from math import isfinite, radians
+from math import fmod, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,7 +70,9 @@ def export(
     drive_format = FORMATS[format_].resized(length, bits)
     calibration = _calibration(file, connection)
     constant = _constant(calibration, config, torque_constant)
-    made = exported(calibration, drive_format, DriveFrame(radians(zero), backwards), constant)
+    made = exported(
+        calibration, drive_format, DriveFrame(radians(fmod(zero, 360)), backwards), constant
+    )
     content = made.content()
     if output is None:
         content["content"] = made.text()
