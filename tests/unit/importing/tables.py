@@ -57,10 +57,9 @@ def write_csv(
     edit: Mapping[int, str] | None = None,
 ) -> Path:
     """Write a table; `edit` replaces rows, counted from 0."""
-    rows = [
-        delimiter.join(f"{value:.7g}".replace(".", decimal) for value in row)
-        for row in zip(*columns.values(), strict=True)
-    ]
+    line = delimiter.join(["%.7g"] * len(columns))
+    values = (np.asarray(column).tolist() for column in columns.values())
+    rows = [(line % row).replace(".", decimal) for row in zip(*values, strict=True)]
     for row, text in (edit or {}).items():
         rows[row] = text
     text = preamble + delimiter.join(columns) + "\n" + "\n".join(rows) + "\n"
