@@ -25,7 +25,7 @@ REQUESTS = {
     "discard": ("plan/discard", {}),
 }
 NEXT_HOLDER, TAKEOVER = "the next holder", "a takeover"
-WAIT_S = 3.0
+WAIT_S = 1.5
 """Time in which whatever a request began has come to its end, but for a plan."""
 
 
