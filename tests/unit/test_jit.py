@@ -154,21 +154,24 @@ def test_settings_of_numba_in_the_working_folder_are_not_read_and_not_spoken_of(
     assert (done.stdout, done.stderr) == ("False\n", "")
 
 
+def use_kernels() -> None:
+    frame = ArgumentBlock(np.ones(3), np.zeros(1, PAIR))
+    assert add_up(frame.address, 3) == 3.0
+    assert reversed_copy(np.arange(3.0)).tolist() == [2.0, 1.0, 0.0]
+
+
 def test_kept_kernels_run_without_what_numba_compiles_with() -> None:
     """It takes a third of a second of every start of a loop, a worker or an analysis."""
+    use_kernels()  # which are kept from now on
     code = """
 import sys
-import numpy as np
-from tests.unit.test_jit import ArgumentBlock, PAIR, add_up, reversed_copy
+from tests.unit.test_jit import use_kernels
 
-frame = ArgumentBlock(np.ones(3), np.zeros(1, PAIR))
-assert add_up(frame.address, 3) == 3.0
-assert reversed_copy(np.arange(3.0)).tolist() == [2.0, 1.0, 0.0]
+use_kernels()
 print("numba.np.linalg" in sys.modules)
 """
-    command = [sys.executable, "-c", code]
-    ran = [subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(2)]
-    assert ran[-1].stdout == "False\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 @pytest.fixture

@@ -35,9 +35,16 @@ def ended(folder: Path, command: str, part: str, number: int) -> tuple[int, str]
     return process.returncode, said
 
 
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "run.mcap"
+    write_run(path, 300_000)
+    return path
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_table_that_is_written_is_gone(tmp_path, number):
-    write_run(tmp_path / "run.mcap", 300_000)
+def test_a_table_that_is_written_is_gone(tmp_path, recording, number):
+    (tmp_path / "run.mcap").hardlink_to(recording)
     command = "record export run.mcap -o new.csv"
     assert ended(tmp_path, command, "new.csv.part", number) == (
         128 + number,

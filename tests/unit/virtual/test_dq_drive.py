@@ -1,6 +1,8 @@
 """A drive that takes d and q, in virtual time: calibrated and verified as one of phase currents."""
 
+from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -77,10 +79,19 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("bench", CASES.values(), ids=CASES.keys())
-def test_calibrated_the_ripple_is_gone(bench: Config) -> None:
+Uncalibrated = Callable[[str], list[PointData]]
+
+
+@pytest.fixture(scope="module")
+def uncalibrated() -> Uncalibrated:
+    """Return what returns the points of a case that is not calibrated yet, to be read only."""
+    return cache(lambda case: recorded(CASES[case], "calibrate"))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_calibrated_the_ripple_is_gone(uncalibrated: Uncalibrated, case: str) -> None:
     """10 % of rated torque at 4 Nm becomes a twentieth of that, as with phase currents."""
-    points = recorded(bench, "calibrate")
+    bench, points = CASES[case], uncalibrated(case)
     result = calibrated(bench, points)
     assert result.alpha / TRUE_ALPHA == pytest.approx(np.ones(3), abs=5e-3)
     assert result.beta_A == pytest.approx(TRUE_BETA_A, abs=0.04)
@@ -115,12 +126,10 @@ def test_a_common_part_that_was_not_recorded() -> None:
     assert np.abs(common_A).max() > 0.5
 
 
-def test_runs_of_two_kinds_of_drives_do_not_mix() -> None:
-    points = []
-    for bench in (CASES["d and q"], CASES["latched, says phases"]):
-        points += recorded(bench, "calibrate")
+def test_runs_of_two_kinds_of_drives_do_not_mix(uncalibrated: Uncalibrated) -> None:
+    points = uncalibrated("d and q") + uncalibrated("latched, says phases")
     with pytest.raises(IdentifyError, match="calibrate from runs of one drive"):
-        calibrated(bench, points)
+        calibrated(CASES["latched, says phases"], points)
 
 
 def test_the_axes_of_the_rig_file_are_true() -> None:
