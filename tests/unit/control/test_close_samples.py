@@ -4,7 +4,6 @@ Of a coarse encoder they make a speed that is far off, by which the next sample 
 the rotor to be beyond its limit.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from motord.config.rules.encoder import least_jump_rad
 from motord.config.timing import JUMP_MAX_RAD, SAMPLE_TIME_S
 from motord.control.observer import TWO_PI, observe
 from motord.control.types import MEMORY
+from motord.jit import jit
 from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 
@@ -61,26 +61,41 @@ def test_a_speed_by_two_close_samples_is_reckoned_with(
     config_of(counts, loop_Hz, bridge_Hz, 15.0, trip_rad_s, max(jump_rad, 0.06))
 
 
+@jit
+def observe_all(
+    parameters: np.ndarray, memory: np.ndarray, t_ns: np.ndarray, counts: np.ndarray, first: float
+) -> tuple[int, float]:
+    """Return the implausible samples and the greatest speed seen, of all but the first 21.
+
+    parameters, memory: one record each; first: speed that is known at the first sample. From
+    Python each sample takes ten times as long.
+    """
+    p, m = parameters[0], memory[0]
+    implausible, fastest_rad_s = 0, 0.0
+    for index in range(t_ns.size):
+        observe(p, m, t_ns[index], counts[index])
+        if index == 0:
+            m.speed_rad_s = first
+        if index > 20:
+            implausible += int(m.sound == 0)
+            fastest_rad_s = max(fastest_rad_s, abs(m.speed_rad_s))
+    return implausible, fastest_rad_s
+
+
 def seen(config: Config, draw: np.random.Generator, speed_rad_s: float) -> tuple[int, float]:
     """Return the implausible samples of a rotor at a constant speed, and the greatest speed seen.
 
     The loop reads the newest sample; one in ten is lost; the times of some are off.
     """
-    bench, memory = Bench(config), np.zeros(1, MEMORY)
-    p, m, counts = bench.parameters[0], memory[0], config.motor.counts
     times = draw.random() + np.arange(1500) * config.sample_rate_Hz / config.loop.rate_Hz
-    newest = np.unique(np.floor(times))
-    start_rad, implausible, fastest_rad_s = draw.uniform(0.0, TWO_PI), 0, 0.0
-    for index, t_s in enumerate(newest[draw.random(len(newest)) > 0.1] / config.sample_rate_Hz):
-        count = math.floor((start_rad + speed_rad_s * t_s) / TWO_PI * counts + 0.5) % counts
-        off_s = SAMPLE_TIME_S * draw.integers(2)
-        observe(p, m, round((1.0 + t_s + off_s) * 1e9), count)
-        if index == 0:
-            m["speed_rad_s"] = speed_rad_s
-        if index > 20:
-            implausible += int(m["sound"] == 0)
-            fastest_rad_s = max(fastest_rad_s, abs(float(m["speed_rad_s"])))
-    return implausible, fastest_rad_s
+    newest, start_rad = np.unique(np.floor(times)), draw.uniform(0.0, TWO_PI)
+    t_s = newest[draw.random(len(newest)) > 0.1] / config.sample_rate_Hz
+    counts = config.motor.counts
+    count = np.floor((start_rad + speed_rad_s * t_s) / TWO_PI * counts + 0.5) % counts
+    off_s = SAMPLE_TIME_S * draw.integers(2, size=t_s.size)
+    t_ns = np.rint((1.0 + t_s + off_s) * 1e9).astype(np.int64)
+    memory = np.zeros(1, MEMORY)
+    return observe_all(Bench(config).parameters, memory, t_ns, count.astype(np.int64), speed_rad_s)
 
 
 @given(
