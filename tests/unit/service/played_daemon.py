@@ -20,6 +20,7 @@ from motord.shm.ring import RingWriter, capacity_for
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesReader
 from motord.unix_clock import Clock
+from tests.unit.service.virtual_service import packaged_bench
 
 
 class Played:
@@ -112,7 +113,7 @@ class PlayedDaemon:
     """An assembled daemon whose time the test steps."""
 
     def __init__(self, folder, monkeypatch, **changes):
-        base = config.load().model_dump()
+        base = packaged_bench().model_dump()
         base["bench"].update(name="played")
         for section, values in changes.items():
             base[section].update(values)

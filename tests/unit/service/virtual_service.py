@@ -2,6 +2,7 @@
 
 import json
 from concurrent.futures import Future
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from motord import config
 from motord.api.errors import RpcError
 from motord.api.requests import RPCS, parse
 from motord.control.types import SETPOINT
+from motord.rig import truth
 from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
@@ -26,6 +28,10 @@ from motord.virtual import VirtualBench
 
 STEP_NS = 10_000_000
 START_NS = 1_000_000_000_000
+
+packaged_bench = cache(config.load)
+rig_of = cache(truth.load)
+"""A file is read once: that takes half of the time in which a service is made."""
 
 
 class RecordedSink:
@@ -106,7 +112,7 @@ class VirtualLoop:
     """A mailbox, and the loop that reads it: `run` gives the ticks of the next 10 ms."""
 
     def __init__(self, bench_config, virtual=None):
-        self.virtual = virtual or VirtualBench(bench_config)
+        self.virtual = virtual or VirtualBench(bench_config, rig_of(bench_config.bench.rig))
         self.setpoint = np.zeros(1, SETPOINT)
         self.running = True
         self.last_torque_set_Nm = 0.0
@@ -155,7 +161,7 @@ class VirtualService:
         self, devices=None, bench_config=None, journal=None, safe=False, virtual=None,
         queue_file=None, **changes
     ):  # fmt: skip
-        base = (bench_config or config.load()).model_dump()
+        base = (bench_config or packaged_bench()).model_dump()
         for section, values in changes.items():
             base[section].update(values)
         self.config = config.Config.model_validate(base)
