@@ -43,7 +43,15 @@ by = ["torque_set_Nm", "speed_set_Hz"]
 settle_s = 1.5
 """
 
-OTHERS = [(12, 10, 1000), (36, 12, 2001), (18, 24, 4096), (9, 8, 20_000)]
+OTHERS = [
+    (12, 10, 1000, True),
+    (36, 12, 2001, False),
+    (18, 24, 4096, True),
+    (9, 8, 20_000, False),
+]
+"""Slots, poles, counts, and whether sensor passes the mean and angles go on beyond a turn: what
+that does to a calibration is the same of any motor, and of its orders `test_any_motor` has more.
+"""
 
 
 def motor_toml(of: MotorConfig, sensor: TorqueSensorConfig) -> str:
@@ -138,8 +146,7 @@ by = ["torque_set_Nm", "nset"]
 """
 
 
-@pytest.mark.parametrize(("slots", "poles", "counts"), OTHERS)
-@pytest.mark.parametrize("passes_mean", [False, True])
+@pytest.mark.parametrize(("slots", "poles", "counts", "passes_mean"), OTHERS)
 def test_other_motors_have_their_own_orders(
     tmp_path: Path, slots: int, poles: int, counts: int, passes_mean: bool
 ) -> None:
