@@ -3,10 +3,13 @@
 import re
 
 import pytest
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata, Schema
 from typer.testing import CliRunner
 
 from motord.cli.record.commands import app
 from motord.recording.damage import GAP_NS, LINES_MAX, Damage, Loss, damage_of
+from motord.recording.mcap.records import RECORD_HEAD, parse, serialise
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from tests.unit.recording.runs import METADATA, START_NS, tick_block, truth_block
@@ -124,3 +127,19 @@ def test_a_check_that_finds_damage_fails_and_lists_it(riddled):
     recovered = CliRunner().invoke(app, ["recover", str(riddled)])
     assert recovered.exit_code == 0
     assert max(map(len, recovered.stdout.splitlines())) < 300
+
+
+@pytest.mark.parametrize(
+    ("opcode", "record"),
+    [
+        (Opcode.SCHEMA, Schema(1, b"fields", "protobuf", "motord.Tick")),
+        (Opcode.CHANNEL, Channel(2, "/tick", "protobuf", {"unit": "Nm"}, 1)),
+        (Opcode.METADATA, Metadata("motord", {"format": "1", "bench": "sim"})),
+    ],
+)
+def test_a_record_that_is_too_short_or_too_long_is_damaged(opcode, record):
+    body = serialise([record])[RECORD_HEAD.size :]
+    assert parse(opcode, body) == record
+    for wrong in (body + b"\0", *(body[:end] for end in range(len(body)))):
+        with pytest.raises(ValueError):
+            parse(opcode, wrong)

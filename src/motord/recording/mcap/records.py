@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
@@ -41,7 +40,7 @@ PARSED: dict[int, Any] = {
 
 
 class _RecordStream(ReadDataStream):
-    """The bytes of a record, read in order. Raises EndOfFile if there are not as many as asked.
+    """The bytes of a record, read in order; `count` goes beyond them if more is asked for.
 
     The library's own does more at each read, of which a summary takes hundreds.
     """
@@ -51,8 +50,6 @@ class _RecordStream(ReadDataStream):
 
     def read(self, length: int) -> bytes:
         start, self._count = self._count, self._count + length
-        if self._count > len(self._body):
-            raise EndOfFile
         return self._body[start : self._count]
 
 
@@ -61,7 +58,7 @@ def parse(opcode: int, body: bytes) -> Any:
     stream = _RecordStream(body)
     try:
         record = PARSED[opcode].read(stream)
-    except (struct.error, EndOfFile) as error:
+    except struct.error as error:
         raise ValueError("a record is damaged") from error
     if stream.count != len(body):
         raise ValueError("a record is damaged")
