@@ -13,7 +13,8 @@ from motord.client.subscription import Subscription
 from motord.client.tick_subscription import TickLosses
 from tests.support.patience import PATIENCE_S
 
-SHORT = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
+LONG = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 1000, "gain_steps": []}
+"""Over only when it is aborted."""
 
 
 def run(live, use):
@@ -70,7 +71,7 @@ def test_a_plan_is_followed_to_its_end(live):
     async def use(client):
         await client.stop()
         async with client.lease("anna") as lease:
-            plan, steps = lease.run_plan("calibrate", SHORT), 0
+            plan, steps = lease.run_plan("calibrate", LONG), 0
 
             async def abort_after_a_while():
                 nonlocal steps

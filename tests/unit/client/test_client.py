@@ -28,7 +28,8 @@ from tests.support.panic import panic
 from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import LiveService, endpoint, live_service
 
-SHORT = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
+LONG = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 1000, "gain_steps": []}
+"""Over only when it is aborted."""
 
 
 @pytest.fixture
@@ -192,8 +193,8 @@ def test_a_second_commander_is_refused_and_a_takeover_is_noticed(client):
 class Flaky:
     """A daemon that `lease/renew` does not reach the first `failures` times, or is refused by."""
 
-    def __init__(self, failures, code="unreachable"):
-        self.failures, self.code = failures, code
+    def __init__(self, failures, code="unreachable", lease_s=0.4):
+        self.failures, self.code, self.lease_s = failures, code, lease_s
         self.renewed = threading.Event()
 
     def call(self, rpc, /, **arguments):
@@ -202,12 +203,12 @@ class Flaky:
                 self.failures -= 1
                 raise ClientError(self.code, "it is gone")
             self.renewed.set()
-        grant = {"token": "t", "took_over_from": None, "lease_s": 0.4, "renew_within_s": 0.3}
-        return rpc.reply.model_validate(grant)
+        grant = {"token": "t", "took_over_from": None, "lease_s": self.lease_s}
+        return rpc.reply.model_validate({**grant, "renew_within_s": 0.3})
 
 
 def test_a_lease_outlives_a_connection_that_comes_back_in_time():
-    daemon = Flaky(failures=2)
+    daemon = Flaky(failures=2, lease_s=PATIENCE_S)
     with Lease(daemon, "anna") as lease:
         assert daemon.renewed.wait(PATIENCE_S)
         assert not lease.lost.is_set()
@@ -330,7 +331,8 @@ def test_a_subscriber_that_does_not_read_keeps_the_newest(client, monkeypatch):
 def test_events_are_remembered_and_published(client):
     with client.subscribe_events() as coming:
         client.rpc("stop", by="a test")
-        assert coming.get(PATIENCE_S).message == "stop, from a test"
+        while coming.get(PATIENCE_S).message != "stop, from a test":
+            pass
     assert any(event.message == "stop, from a test" for event in client.events())
 
 
@@ -372,7 +374,7 @@ def test_a_lease_has_what_its_holder_may_ask_for(client):
 
 def test_what_needs_no_lease(client):
     assert "calibrate" in [plan.name for plan in client.plans()]
-    outline = client.dry_run("calibrate", SHORT)
+    outline = client.dry_run("calibrate", LONG)
     assert (len(outline.points), outline.run_id) == (1, "")
     assert client.config().toml == "the text"
     with pytest.raises(ClientError, match="turns") as caught:
@@ -383,7 +385,7 @@ def test_what_needs_no_lease(client):
 def test_a_plan_is_followed_to_its_end(client):
     client.stop()
     with client.lease("anna") as lease:
-        run = lease.run_plan("calibrate", SHORT)
+        run = lease.run_plan("calibrate", LONG)
         times_ns = []
 
         def abort_after_a_while():
@@ -402,7 +404,7 @@ def test_a_plan_is_followed_to_its_end(client):
             client.follow_plan().wait()
         again = client.follow_plan().run_id
         assert again == run.run_id
-        outline = lease.start_plan("calibrate", SHORT)
+        outline = lease.start_plan("calibrate", LONG)
         assert outline.run_id != again
         with pytest.raises(ClientError, match="not known here any more"):
             run.wait()
@@ -413,7 +415,7 @@ def test_a_plan_is_followed_to_its_end(client):
 
 def test_plan_progress_is_published(client):
     with client.lease("anna") as lease, client.subscribe_plan(latest=False) as progress:
-        outline = client.rpc("plan/start", token=lease.token, name="calibrate", settings=SHORT)
+        outline = client.rpc("plan/start", token=lease.token, name="calibrate", settings=LONG)
         assert len(outline["points"]) == 1
         view = progress.get(PATIENCE_S)
         assert (view.plan, view.state, view.started_by) == ("calibrate", "running", "anna")
@@ -469,24 +471,28 @@ def through(where, role):
     return Client(zenoh.open(client_config(where)), "gated", where, Identity(Path(), "anna", role))
 
 
-def test_a_command_waits_for_a_gateway_that_has_just_opened_and_is_sent_once(opening):
+def test_a_command_waits_for_a_gateway_that_has_just_opened_and_is_sent_once(opening, monkeypatch):
     where, gateway = opening
-    taken, declared = [], []
+    taken, declared, matches = [], [], connection._matches
 
     def stop(query):
         taken.append(str(query.key_expr))
         query.reply(query.key_expr, b'{"state": "OFF"}')
 
-    def later():
-        key = "motord/gated/rpc/stop"
-        declared.append(gateway.declare_queryable(key, stop, complete=True))
+    def learning(querier):
+        """Look for the way, which the gateway learns after the first look."""
+        found = matches(querier)
+        if not declared:
+            assert not found
+            key = "motord/gated/rpc/stop"
+            declared.append(gateway.declare_queryable(key, stop, complete=True))
+        return found
 
-    timer = threading.Timer(0.5, later)
+    monkeypatch.setattr(connection, "ROUTE_S", PATIENCE_S)
+    monkeypatch.setattr(connection, "_matches", learning)
     with through(where, "operator") as client:
-        timer.start()
         assert client.rpc("stop") == {"state": "OFF"}
         assert len(taken) == 1
-    timer.join()
 
 
 @pytest.mark.parametrize(("role", "looks"), [("operator", True), ("viewer", False)])
