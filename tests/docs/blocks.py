@@ -33,7 +33,7 @@ RUN = {
         '"turns": 2': '"turns": 2, "settle_s": 0.2, "spin_up": 1.0'  # sooner
     },
     ("docs/api.md", "import asyncio"): {},
-    ("docs/api.md", "import json, time, zenoh"): {"tcp/127.0.0.1:7447": "{endpoint}"},
+    ("docs/api.md", "import json, zenoh"): {"tcp/127.0.0.1:7447": "{endpoint}"},
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): {},
     ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): {},
     ("docs/recording.md", "from pathlib import Path"): {
@@ -48,7 +48,7 @@ PRINTED = {
     ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
     ("docs/api.md", "from motord.client import PlanEndedError, connect"): ("0% ", "recorded in "),
     ("docs/api.md", "import asyncio"): (" rad/s\n",),
-    ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state":"OFF"'),
+    ("docs/api.md", "import json, zenoh"): ("OFF\n", '{"state":"OFF"'),
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): (),
     ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): (),
     ("docs/recording.md", "from pathlib import Path"): (),

@@ -164,11 +164,10 @@ class Client(DaemonConnection):
         kept: blocks that wait to be read; older ones are lost. `losses` says what is missing.
 
         >>> with client.subscribe_ticks() as ticks:
-        ...     for block in ticks:
-        ...         if ticks.lost_ticks or block["tick"][0] > 100:
-        ...             break
-        >>> block["torque_Nm"].shape == block["angle_rad"].shape, ticks.lost_ticks
-        (True, 0)
+        ...     block = ticks.get()
+        >>> first, last = block["tick"][[0, -1]].tolist()
+        >>> len(block) + ticks.lost_ticks + ticks.losses.missed_ticks == last - first + 1
+        True
         """
         where = key(self.bench, "ticks")
         return TickSubscription(self._session, where, decode_ticks, callback, kept)
