@@ -27,14 +27,13 @@ def running(folder):
             yield program
 
 
-def followed(client, condition):
-    """Return the first progress of the plan that fulfils `condition`."""
-    with client.subscribe_plan() as progress:
-        while True:
-            view = progress.get(PATIENCE_S)
-            assert view is not None, client.plan()
-            if condition(view):
-                return view
+def followed(client, progress, condition):
+    """Return the first progress of the plan, of those not read yet, that fulfils `condition`."""
+    while True:
+        view = progress.get(PATIENCE_S)
+        assert view is not None, client.plan()
+        if condition(view):
+            return view
 
 
 def messages(client, kind):
@@ -56,12 +55,13 @@ def test_a_plan_ends_early_once_its_targets_are_reached(client):
 def test_a_plan_whose_estimator_is_killed_goes_on_to_its_end(client):
     with client.lease("anna") as lease:
         lease.start_plan("early-end", {"x_percent": 0.0})
-        begun = followed(client, lambda view: view.over or view.precision)
-        assert begun.state == "running"
-        os.kill(client.state().processes["estimator"].pid, signal.SIGKILL)
-        lost = followed(client, lambda view: view.obstacle)
-        assert "has ended" in lost.obstacle
-        end = followed(client, lambda view: view.over)
+        with client.subscribe_plan() as progress:
+            begun = followed(client, progress, lambda view: view.over or view.precision)
+            assert begun.state == "running"
+            os.kill(client.state().processes["estimator"].pid, signal.SIGKILL)
+            lost = followed(client, progress, lambda view: view.obstacle)
+            assert "has ended" in lost.obstacle
+            end = followed(client, progress, lambda view: view.over)
     assert (end.state, end.message) == ("done", "")
     assert lost.points_done + POINTS_WITHOUT - 1 <= end.points_done < end.points
     [said] = messages(client, "process")
@@ -71,12 +71,14 @@ def test_a_plan_whose_estimator_is_killed_goes_on_to_its_end(client):
 def test_a_plan_whose_estimator_is_stopped_waits_for_nothing(client):
     with client.lease("anna") as lease:
         lease.start_plan("early-end", {"points": 3000})
-        begun = followed(client, lambda view: view.over or view.precision)
-        pid = client.state().processes["estimator"].pid
-        os.kill(pid, signal.SIGSTOP)
-        further = begun.points_done + 30
-        assert followed(client, lambda view: view.points_done >= further).state == "running"
-        assert client.state().processes["estimator"].pid == pid
-        lease.abort_plan()
-        assert followed(client, lambda view: view.over).state == "aborted"
+        with client.subscribe_plan() as progress:
+            begun = followed(client, progress, lambda view: view.over or view.precision)
+            pid = client.state().processes["estimator"].pid
+            os.kill(pid, signal.SIGSTOP)
+            further = begun.points_done + 30
+            later = followed(client, progress, lambda view: view.points_done >= further)
+            assert later.state == "running"
+            assert client.state().processes["estimator"].pid == pid
+            lease.abort_plan()
+            assert followed(client, progress, lambda view: view.over).state == "aborted"
         wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the end of a stopped process")
