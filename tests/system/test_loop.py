@@ -22,8 +22,10 @@ from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
 from motord.shm.timing import Timing
 from motord.unix_clock import Clock
+from tests.support import again
 from tests.support.loop_process import start_loop
 from tests.support.patience import PATIENCE_S
+from tests.support.stalls import Stalls
 
 pytestmark = pytest.mark.system
 
@@ -42,7 +44,10 @@ def write_bench(folder: Path, rate_Hz: int = 1000) -> Path:
 
 
 class Supervisor:
-    """Starts the loop, keeps its heartbeat, reads every tick."""
+    """Starts the loop, keeps its heartbeat, reads every tick.
+
+    A test is run again if the computer has kept it from that for so long that the loop tripped.
+    """
 
     def __init__(self, config_path: Path, run_dir: RunDir) -> None:
         bench = config.load(config_path)
@@ -55,10 +60,26 @@ class Supervisor:
         self.setpoint["brake"] = 1.0
         self.blocks: list[np.ndarray] = []
         self.lost = 0
+        self.kept = Stalls()
+        self._gone = ""
+        again.BENCHES.append(self)
+
+    def first_trip(self, position: int = 0) -> str:
+        """Return the cause of the first trip of the loops, also that for which one ended."""
+        trips = [int(bit) for block in self.blocks for bit in block["first_trip"] if bit]
+        return str(Trip(trips[0]).name) if trips else self._gone
+
+    def position(self) -> int | None:
+        """Return None: no loop outlives its test."""
+        return None
+
+    def leave_trip(self) -> None:
+        """Do nothing: the next test has a loop of its own."""
 
     @contextmanager
     def loop(self) -> Iterator["subprocess.Popen[bytes]"]:
         self.mailbox.write(self.setpoint)
+        self.kept = Stalls()
         with start_loop(self.config_path, self.run_dir) as process:
             try:
                 self.wait_for(
@@ -70,6 +91,10 @@ class Supervisor:
                 self.reader = RingReader(self.run_dir.ring, "oldest")
                 yield process
             finally:
+                self.kept.end()
+                status = LoopStatus.read(self.run_dir.loop_status)
+                if status is not None and status.reason == "the supervisor is gone":
+                    self._gone = "SUPERVISOR_STALE"
                 process.kill()
 
     def status(self, process: "subprocess.Popen[bytes]") -> LoopPhase:
