@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 
 from tests.browser.chromium import PATH, press, set_by_hand, shows, start_plan, take_command
 from tests.browser.conftest import Watched
-from tests.system.daemons import LONG_LEASE_S, Daemon, Program, write_sim
+from tests.system.daemons import Daemon, Program, write_sim
 
 pytestmark = [
     pytest.mark.system,
@@ -19,7 +19,7 @@ SWEEP_MS = 90_000
 
 
 def test_a_person_operates_a_bench(tmp_path: Path, visit: Watched) -> None:
-    path = write_sim(tmp_path, "browser", lease_s=LONG_LEASE_S)
+    path = write_sim(tmp_path, "browser")
     daemon = Daemon(tmp_path, path)
     connected = ("--bench", "browser", "--connect", daemon.endpoint)
     dashboard = Program(tmp_path, "dashboard", "--port", "0", "--no-browser", *connected)

@@ -20,7 +20,6 @@ from motord.recording.reader import open_run
 from motord.schema import InverterStatus
 from tests.firmware.images import emulated, with_other_layout
 from tests.system.daemons import (
-    LONG_LEASE_S,
     Program,
     daemon,
     forgive,
@@ -53,7 +52,7 @@ class Bench:
         self.folder = folder
         self.truth_path = folder / "truth.mcap"
         self.path = write_bench(folder, rig=NO_OFFSETS)
-        text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S, LONG_LEASE_S)
+        text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S)
         text = text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")
         # heartbeats that a machine is too slow for are lost
         text = text.replace("link_errors_per_s = 500.0", "link_errors_per_s = 1000.0")

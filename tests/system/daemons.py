@@ -34,9 +34,10 @@ CONNECT_S = 30.0
 """For devices to answer when a bench starts; how long they take is asked nowhere."""
 
 
-LEASE_S = 4.0
-LONG_LEASE_S = 60.0
-"""For tests whose processes take all that the processors have: their client may renew late."""
+LEASE_S = 60.0
+"""A client that a busy computer keeps from renewing stays in command."""
+SHORT_LEASE_S = 4.0
+"""For tests that wait for a lease to run out."""
 
 
 def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0, lease_s=LEASE_S):

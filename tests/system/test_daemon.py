@@ -68,7 +68,9 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
             assert client.rpc("disable", token=lease.token) == {"state": "READY"}
             assert client.rpc("stop") == {"state": "OFF"}
             stopped = client.state()
-            wait_until(lambda: streamed[-1]["tick"][-1] >= stopped.tick.tick, "the ticks")
+            wait_until(
+                lambda: streamed and streamed[-1]["tick"][-1] >= stopped.tick.tick, "the ticks"
+            )
         lost_ticks = subscription.lost_ticks
         assert running.end() == 0
     [run] = running.runs()

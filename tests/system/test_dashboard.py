@@ -229,7 +229,7 @@ def test_a_killed_and_a_stopped_server_leave_loop_and_recording_as_they_were(
             commanding.process.send_signal(signal.SIGKILL)
             wait_for(client, lambda s: s.lease.holder is None, "the lease to end")
             after = wait_for(client, lambda s: s.state == "READY", "disabled")
-            wait_until(lambda: ticks[-1]["state"][-1] == State.READY, "the ticks")
+            wait_until(lambda: ticks and ticks[-1]["state"][-1] == State.READY, "the ticks")
     seen = np.concatenate(ticks)
     missed = int(seen["missed"][-1]) - int(seen["missed"][0])
     assert int(seen["tick"][-1]) - int(seen["tick"][0]) == len(seen) - 1 + missed
@@ -239,7 +239,7 @@ def test_a_killed_and_a_stopped_server_leave_loop_and_recording_as_they_were(
 
 
 def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
-    path = write_sim(tmp_path, "restarted")
+    path = write_sim(tmp_path, "restarted", lease_s=LEASE_S)
     with (
         daemon(tmp_path, path) as first,
         dashboard(tmp_path, first.endpoint) as server,

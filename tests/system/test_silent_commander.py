@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motord.schema import State
-from tests.system.daemons import daemon, wait_for, write_sim
+from tests.system.daemons import SHORT_LEASE_S, daemon, wait_for, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -35,7 +35,7 @@ threading.Event().wait()
 
 
 def test_no_torque_is_left_when_the_lease_of_a_stopped_commander_ends(tmp_path):
-    with daemon(tmp_path, write_sim(tmp_path)) as running:
+    with daemon(tmp_path, write_sim(tmp_path, lease_s=SHORT_LEASE_S)) as running:
         command = [
             *(sys.executable, "-c", HOLDER, running.config.bench.name, running.endpoint),
             str(TORQUE_NM),

@@ -10,7 +10,6 @@ from motord.api.requests import NOTHING_DEPARTED
 from motord.client import ClientError
 from tests.support.patience import PATIENCE_S
 from tests.system.daemons import (
-    LONG_LEASE_S,
     daemon,
     forgive,
     stalls_from_now,
@@ -28,7 +27,7 @@ SPEED_HZ = 2.3
 
 @pytest.fixture(scope="module")
 def bench_path(folder):
-    path = write_sim(folder, lease_s=LONG_LEASE_S)
+    path = write_sim(folder)
     path.write_text(f"{path.read_text()}\n[tracking]\nenabled = true\nmemory_s = 30.0\n")
     return path
 

@@ -13,7 +13,6 @@ from motord.recording.reader import open_run
 from motord.schema import State
 from tests.support import stalls
 from tests.system.daemons import (
-    LONG_LEASE_S,
     STALE_S,
     Program,
     daemon,
@@ -102,7 +101,7 @@ def wire(tmp_path, request):
     """A bench whose inverter waits 1 s for commands, or as long as the test's parameter says."""
     bench = write_bench(tmp_path, rig=DRAG)
     inverter_timeout_s = getattr(request, "param", 1.0)
-    text = patient(bench.read_text(), "wire", 500, inverter_timeout_s, LONG_LEASE_S)
+    text = patient(bench.read_text(), "wire", 500, inverter_timeout_s)
     text = text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")
     bench.write_text(text)
     truth = tmp_path / "truth.mcap"
