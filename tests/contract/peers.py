@@ -23,10 +23,12 @@ from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec, MessageCodec
 from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED, FD_BYTES
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 
 PERIOD_S = 0.001
-DEADLINE_S = 10.0
+DEADLINE_S = PATIENCE_S
+CONNECT_S = 10.0
 
 CHANNEL = "239.74.163.77"
 SOCKETCAN = os.environ.get("MOTORD_TEST_CAN", "")
@@ -102,7 +104,7 @@ def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
             "interface": interface,
             "dbc": packaged("inverter.dbc"),
             "signals": SIGNALS,
-            "connect_timeout_s": DEADLINE_S,
+            "connect_timeout_s": CONNECT_S,
             **own,
             **changes,
         }
@@ -131,7 +133,7 @@ def bench(
             "driver": "serial",
             "port": port,
             "can": bridge_can,
-            "connect_timeout_s": DEADLINE_S,
+            "connect_timeout_s": CONNECT_S,
             "adc_V_per_count": 0.001,
             **bridge,
         },

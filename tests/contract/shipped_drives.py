@@ -8,7 +8,7 @@ from motord.config import CanConfig, Config
 from motord.control.park import DqFrame
 from motord.hal.inverter.dq_currents import DqInverter
 from tests.contract.benches import new_command, new_feedback
-from tests.contract.peers import DEADLINE_S, bench
+from tests.contract.peers import CONNECT_S, bench
 from tests.support.ports import free_port
 from tests.unit.wire.test_drives import INVERTERS
 
@@ -24,7 +24,7 @@ def shipped(name: str, canopen: dict[str, Any] | None = None, **signals: Any) ->
     can |= {
         "interface": "virtual",
         "channel": f"{name}-{free_port()}",
-        "connect_timeout_s": DEADLINE_S,
+        "connect_timeout_s": CONNECT_S,
     }
     can["signals"] |= signals
     if canopen is not None:

@@ -302,14 +302,15 @@ def test_silence_shows_as_time_that_stands_still(wired: Bench) -> None:
 
 
 def test_corrupt_frames_count_and_are_not_believed(wired: Bench) -> None:
+    """Besides those that a socket has no room for while the test is kept from reading."""
     wired.clock.until(lambda: not differing(wired))
-    assert link_errors(wired) == 0
+    before = link_errors(wired)
     for peer in wired.peers:
         peer.corrupt = 5
 
     def counted() -> bool:
         assert differing(wired) == []
-        return link_errors(wired) >= 5 * len(wired.peers)
+        return link_errors(wired) >= before + 5 * len(wired.peers)
 
     wired.clock.until(counted)
 
@@ -317,10 +318,10 @@ def test_corrupt_frames_count_and_are_not_believed(wired: Bench) -> None:
 def test_lost_frames_count(wired: Bench) -> None:
     """Those after the first sample that came while somebody read."""
     new_samples(wired)
-    assert link_errors(wired) == 0
+    before = link_errors(wired)
     for peer in wired.peers:
         peer.lose = 3
-    wired.clock.until(lambda: link_errors(wired) >= 3 * len(wired.peers))
+    wired.clock.until(lambda: link_errors(wired) >= before + 3 * len(wired.peers))
 
 
 def test_errors_never_fall(wired: Bench) -> None:

@@ -11,6 +11,7 @@ from motord.hal.base import DeviceError
 from motord.hal.modbus.devices import ModbusDevice
 from motord.wire.modbus.registers import DeviceStatus, layout
 from tests.modbus.peers import BAUD, Peer, SerialLine
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 
 UNIT = 7
@@ -230,7 +231,7 @@ def attempt(host: ModbusDevice, setpoint: float) -> tuple[float, int, float] | N
 
 def answered(host: ModbusDevice, setpoint: float) -> None:
     """Exchange until it works: a computer that stalls may take longer than the timeout."""
-    deadline_s = time.monotonic() + 20.0
+    deadline_s = time.monotonic() + PATIENCE_S
     while (reading := attempt(host, setpoint)) is None:
         assert time.monotonic() < deadline_s
     assert reading[0] == pytest.approx(setpoint)
