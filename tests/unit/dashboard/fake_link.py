@@ -6,7 +6,7 @@ from motord import config
 from motord.client import ClientError
 from motord.dashboard.bench_link import Connectivity
 
-LEASE_S = 1.0
+LEASE_S = 60.0
 
 
 class FakeLink:

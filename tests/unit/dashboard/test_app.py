@@ -3,6 +3,7 @@
 import asyncio
 import struct
 import warnings
+from types import SimpleNamespace
 
 import pytest
 from starlette.websockets import WebSocketDisconnect
@@ -18,7 +19,7 @@ from motord.dashboard.page.messages import VIEWS_MAX
 from motord.dashboard.page.pages import PAGES_MAX, Pages
 from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
-from tests.unit.dashboard.fake_link import FakeLink
+from tests.unit.dashboard.fake_link import LEASE_S, FakeLink
 from tests.unit.dashboard.ticks import block
 
 with warnings.catch_warnings():  # that it should be used with httpx2, which few systems have
@@ -349,18 +350,28 @@ def test_of_a_viewers_identity_both_tokens_are_viewers():
         assert receive(socket, "hello")[0]["role"] == "viewer"
 
 
-def test_the_lease_is_renewed_by_answers_to_the_newest_ping_alone(server):
+def test_the_lease_is_renewed_by_answers_to_the_newest_ping_alone(server, monkeypatch):
+    now_s = 100.0
+    clock = SimpleNamespace(monotonic=lambda: now_s)
+    monkeypatch.setattr("motord.dashboard.page.lease.time", clock)
     with server.socket() as socket:
         ask(socket, "lease/acquire")
+        all_taken(socket, 8)
         before = len(server.link.named("lease/renew"))
-        newest = decode(socket.receive_bytes())[0]
-        while newest["kind"] != "ping":
-            newest = decode(socket.receive_bytes())[0]
-        for n in (newest["n"] - 1, newest["n"] + 1, -1):
+        newest = receive_unanswered(socket, "ping")["n"]
+        for n in (newest - 1, newest + 1_000_000, -1):  # the next one may come before its answer
             send(socket, kind="pong", n=n)
+        all_taken(socket, 9)
+        now_s += LEASE_S + 1.0
         header = receive_unanswered(socket, "lease", held=False)
         assert "ran out" in header["why"]
         assert len(server.link.named("lease/renew")) == before
+
+
+def all_taken(socket, number):
+    """Wait until all that was sent has been taken; answer nothing meanwhile."""
+    send(socket, kind="rpc", id=number, name="plan/list", arguments={})
+    receive_unanswered(socket, "reply", id=number)
 
 
 def receive_unanswered(socket, kind, **wanted):

@@ -59,15 +59,15 @@ def test_a_page_receives_the_age_of_the_newest_ticks():
             if said[-1]["kind"] == "connection":
                 raise PageGone
 
-        bench.ticks_s -= 5.0
+        bench.ticks_s -= PATIENCE_S
         bench.take(items)
         async with asyncio.timeout(PATIENCE_S):
             with pytest.raises(PageGone):
                 await page.send_all(keep)
         return said[-1]["tick_age_s"]
 
-    assert asyncio.run(age_s([])) >= 5.0
-    assert asyncio.run(age_s([("ticks", block(3))])) < 5.0
+    assert asyncio.run(age_s([])) >= PATIENCE_S
+    assert asyncio.run(age_s([("ticks", block(3))])) < PATIENCE_S
 
 
 def test_stops_without_end_are_not_all_kept():
