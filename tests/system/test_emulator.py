@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -82,6 +83,18 @@ def start():
         emulator.process.communicate(timeout=PATIENCE_S)
 
 
+def flows(feedback: np.record) -> bool:
+    ready = bool(feedback.inverter_status & InverterStatus.READY)
+    return ready and np.allclose(feedback.i_A, CURRENTS, atol=0.5)
+
+
+def lost(feedback: np.record) -> bool:
+    return bool(
+        feedback.inverter_status & InverterStatus.COMMAND_TIMEOUT
+        or feedback.bridge_status & BridgeStatus.HEARTBEAT_LOST
+    )
+
+
 class Host:
     """The daemon's drivers, and a tick of about 1 ms.
 
@@ -124,10 +137,10 @@ class Host:
             assert time.monotonic() < deadline_s, f"still {feedback}"
         return feedback
 
-    def switch_on(self) -> np.record:
+    def switch_on(self, condition: Callable[[np.record], bool] = flows) -> np.record:
         """Disable first, as devices want after a silence; then enable with current.
 
-        A computer so busy that this process was itself silent for a timeout costs another try.
+        Return the first reading that fulfils `condition`. A computer so busy that this process was itself silent for a timeout costs another try.
         """
         while True:
             self.sent_ns = self.beat_ns = (0, 0)
@@ -135,8 +148,8 @@ class Host:
             self.command["enable"], self.command["i_A"] = 0, 0.0
             self.until(lambda f: not f.inverter_status & InverterStatus.ENABLE_LINE and not lost(f))
             self.command["enable"], self.command["i_A"] = 1, CURRENTS
-            feedback = self.until(lambda f: flows(f) or lost(f))
-            if flows(feedback):
+            feedback = self.until(lambda f: condition(f) or lost(f))
+            if condition(feedback):
                 return feedback
             silent = f"switch_on: lost after a silence of {self.silent_ns * 1e-9:.2f} s"
             assert self.silent_ns >= self.timeout_ns, silent
@@ -154,18 +167,6 @@ def host():
     yield connect
     for connected in hosts:
         connected.rig.close()
-
-
-def flows(feedback: np.record) -> bool:
-    ready = bool(feedback.inverter_status & InverterStatus.READY)
-    return ready and np.allclose(feedback.i_A, CURRENTS, atol=0.5)
-
-
-def lost(feedback: np.record) -> bool:
-    return bool(
-        feedback.inverter_status & InverterStatus.COMMAND_TIMEOUT
-        or feedback.bridge_status & BridgeStatus.HEARTBEAT_LOST
-    )
 
 
 def truth_of(path: Path) -> np.ndarray:
@@ -188,8 +189,7 @@ def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
     assert ready["ready"] is True
     assert Path(ready["bridge"]).is_symlink()
     daemon = host(bench)
-    daemon.switch_on()
-    feedback = daemon.until(
+    feedback = daemon.switch_on(
         lambda f: (
             flows(f)
             and f.bridge_status == BridgeStatus.ENABLE_LINE
