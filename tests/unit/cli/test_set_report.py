@@ -1,11 +1,15 @@
 """What `motord set` says at the end, where all is not as it was set."""
 
+from contextlib import nullcontext
+from itertools import count
 from types import SimpleNamespace
 
 import pytest
 
 from motord.api.messages import RecordingView
 from motord.cli.bench import operate, wording
+from motord.cli.bench.watch import command
+from motord.client import ClientError
 from tests.support.played_benches import state_of
 
 
@@ -33,3 +37,44 @@ def test_a_bench_that_should_be_recorded_and_is_not_is_said(monkeypatch, recordi
 )
 def test_a_rotor_at_rest_has_no_speed_of_rounding(value: float, said: str) -> None:
     assert wording.number(value) == said
+
+
+def coming(states):
+    """Return a client whose subscription to states brings these, None for a wait in vain."""
+    subscription = SimpleNamespace(get=lambda timeout_s: states.pop(0))
+    return SimpleNamespace(bench="a", subscribe_state=lambda: nullcontext(subscription))
+
+
+def test_a_command_that_was_stopped_while_it_waited_says_what_was_reached(monkeypatch, capsys):
+    """As by Ctrl-Z: its clock has gone on, and the states that came meanwhile are still there."""
+    clock_s = count(0, 60)
+    monkeypatch.setattr(operate, "time", SimpleNamespace(monotonic=lambda: next(clock_s)))
+    monkeypatch.setattr(operate, "sensor_text", lambda _state: "1 Nm measured")
+    later, there = (state_of("a", state="ENABLED", t_ns=t_ns) for t_ns in (0, 900_000_000))
+    for state, torque_Nm in ((later, 0.5), (there, 1.0)):
+        state.__dict__["tick"] = SimpleNamespace(torque_set_Nm=torque_Nm, speed_Hz=0.25)
+        state.__dict__["setpoint"] = SimpleNamespace(torque_Nm=1.0, target_Nm=1.0, speed_Hz=None)
+    answer = SimpleNamespace(setpoint=there.setpoint, reached_in_s=0.1)
+    operate.show_reached(coming([later, None, there]), answer, None)
+    assert capsys.readouterr().out.startswith("reached: torque 1 Nm commanded, ")
+
+
+def test_a_torque_that_is_not_reached_is_not_waited_for(monkeypatch, capsys):
+    monkeypatch.setattr(operate, "sensor_text", lambda _state: "1 Nm measured")
+    states = [state_of("a", state="ENABLED", t_ns=n * 10**9) for n in range(9)]
+    for state in states:
+        state.__dict__["tick"] = SimpleNamespace(torque_set_Nm=0.5, speed_Hz=0.25)
+    answer = SimpleNamespace(setpoint=SimpleNamespace(target_Nm=1.0), reached_in_s=2.5)
+    operate.show_reached(coming(states), answer, None)
+    assert len(states) == 9 - 1 - 4  # the first, and those of LATE_S longer than expected
+    assert capsys.readouterr().out.startswith("now, ENABLED: torque 0.5 Nm commanded")
+    operate.show_reached(coming([None] * 7), answer, None)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_watch_that_was_stopped_itself_takes_no_bench_for_silent():
+    shown = []
+    command._each_state(coming([None, state_of("a")]), 0.0, shown.append)
+    assert len(shown) == 1
+    with pytest.raises(ClientError, match="silent"):
+        command._each_state(coming([None, None]), 0.0, shown.append)

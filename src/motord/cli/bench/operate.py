@@ -155,18 +155,21 @@ def set_text(answer: "SetpointReply") -> str:
 def show_reached(client: "Client", answer: "SetpointReply", for_s: float | None) -> None:
     """Wait until the torque is the one that was set, and print what the bench measures then.
 
-    Not for longer than `for_s`.
+    Not for longer than `for_s`, and else by the times of the states: this process may have been
+    stopped meanwhile.
     """
     target_Nm = answer.setpoint.target_Nm
     if not answer.reached_in_s:
         return
-    wait_s = answer.reached_in_s + LATE_S
-    end_s = time.monotonic() + (wait_s if for_s is None else min(wait_s, for_s))
-    state = None
+    left_s, begun_s, state = answer.reached_in_s + LATE_S, time.monotonic(), None
     with client.subscribe_state() as states:
-        while time.monotonic() < end_s:
-            state = states.get(LOOK_S) or state
-            if state is not None and (_is_there(state, target_Nm) or state.state != "ENABLED"):
+        while left_s > 0.0 and (for_s is None or time.monotonic() < begun_s + for_s):
+            if (came := states.get(LOOK_S)) is None:
+                left_s -= LOOK_S
+                continue
+            left_s -= (came.t_ns - (state or came).t_ns) * 1e-9
+            state = came
+            if _is_there(state, target_Nm) or state.state != "ENABLED":
                 break
     if state is not None and state.tick is not None:
         typer.echo(_reached(state, target_Nm))

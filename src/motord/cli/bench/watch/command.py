@@ -74,7 +74,7 @@ def _each_state(
     begun_s = None
     with client.subscribe_state() as states:
         while not nobody_reads():
-            state = states.get(LOOK_S)
+            state = states.get(LOOK_S) or states.get(LOOK_S)  # this process may have been stopped
             if state is None:
                 raise ClientError("unreachable", f"bench {client.bench} is silent: has it ended?")
             show(state)
