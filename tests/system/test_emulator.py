@@ -140,7 +140,8 @@ class Host:
     def switch_on(self, condition: Callable[[np.record], bool] = flows) -> np.record:
         """Disable first, as devices want after a silence; then enable with current.
 
-        Return the first reading that fulfils `condition`. A computer so busy that this process was itself silent for a timeout costs another try.
+        Return the first reading that fulfils `condition`. A computer so busy that this process was
+        itself silent for a timeout costs another try.
         """
         while True:
             self.sent_ns = self.beat_ns = (0, 0)
