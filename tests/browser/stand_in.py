@@ -61,8 +61,9 @@ class StandIn:
         """Those that were asked for meanwhile."""
         self.given_late: list[str] = []
         self.points_per_s = 10.0
-        self.points_max = 1000
-        """A plan takes no more points, and goes on with the next for ever."""
+        self.points_max = 6
+        """A plan takes no more points, and goes on with the next for ever: one of more points ends
+        by what a test does alone."""
         self._lease_until_s = 0.0
         self._started_s = time.monotonic()
         self._received_s = time.monotonic()
@@ -372,6 +373,7 @@ class Server(AppServer):
 def main() -> None:
     """Serve until Ctrl-C."""
     stand_in = StandIn(float(sys.argv[1]) if len(sys.argv) > 1 else 1000.0)
+    stand_in.points_max = 1000
     with Server(stand_in, 8447) as server:
         sys.stdout.write(f"{server.urls.operator}\n{server.urls.viewer}\n")
         sys.stdout.flush()
