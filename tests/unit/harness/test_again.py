@@ -89,6 +89,7 @@ def test_that_succeeds_though_it_tripped():
 
 def test_a_trip_of_before():
     assert again.BENCHES[0].cause
+    assert again.BENCHES[0] in left
     assert run("before") > 1
 
 def test_that_always_fails():
@@ -121,4 +122,5 @@ def test_a_test_runs_again_for_a_trip_that_a_stall_explains_and_no_other(tmp_pat
         r"^forgiven: \S*::(\w+): SUPERVISOR_STALE", done.stdout, flags=re.MULTILINE
     )
     assert counted.count("test_a_stall") == 2
+    assert counted.count("test_that_succeeds_though_it_tripped") == 1
     assert counted.count("test_that_always_fails") == 4
