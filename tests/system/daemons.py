@@ -198,7 +198,13 @@ class Daemon(Program):
         return self.config.zenoh.listen[0]
 
     def connect(self):
-        return connect(self.config.bench.name, self.endpoint)
+        """Return a client that waits longer for documents than one of a user would."""
+        client = connect(self.config.bench.name, self.endpoint)
+        ask = client.ask
+        client.ask = lambda name, arguments=None, timeout_s=PATIENCE_S: ask(
+            name, arguments, timeout_s
+        )
+        return client
 
     def runs(self):
         """Return the recordings, also those that were cut off, the oldest first."""
