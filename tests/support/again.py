@@ -32,7 +32,7 @@ class Bench(Protocol):
         ...
 
     def leave_trip(self) -> None:
-        """Reset it, if it still runs and can be."""
+        """Reset it, if it still runs and can be, and leave it OFF."""
         ...
 
 

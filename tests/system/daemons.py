@@ -179,7 +179,10 @@ class Daemon(Program):
         return len(self.said()) if self.process.poll() is None else None
 
     def leave_trip(self):
-        """Reset the bench, if it still runs; one that cannot be is the next test's to judge."""
+        """Reset the bench, if it still runs, and leave it OFF, as it was at first.
+
+        One that cannot be reset is the next test's to judge.
+        """
         if self.position() is None:
             return
         with (
@@ -188,6 +191,7 @@ class Daemon(Program):
             client.lease("tests", force=True) as lease,
         ):
             lease.reset()
+            client.stop("tests")
 
     def close(self):
         self.kept.end()
@@ -276,6 +280,16 @@ def wait_for(client, condition, what):
             if state is not None and condition(state):
                 return state
     raise AssertionError(f"waited in vain for: {what}; now {client.state()}")
+
+
+def leave_at_rest(client):
+    """Stop the bench, and wait until nobody is in command; `again` leaves a trip by a stall."""
+    client.rpc("stop", by="teardown")
+    wait_for(
+        client,
+        lambda s: s.lease.holder is None and s.state in ("OFF", "TRIPPED"),
+        "nobody in command",
+    )
 
 
 def wait_until(condition, what):

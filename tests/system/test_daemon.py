@@ -12,7 +12,7 @@ from motord.schema import Flag, State
 from motord.sequencing.capture import final
 from motord.sequencing.quality import GOOD
 from tests.support.patience import PATIENCE_S
-from tests.system.daemons import Program, daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import Program, daemon, leave_at_rest, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -167,8 +167,7 @@ def outlived(lasting):
     """A daemon that is OFF, and is so again after the test."""
     yield lasting
     with lasting.connect() as client:
-        client.rpc("stop", by="teardown")
-        wait_for(client, lambda s: s.lease.holder is None and s.state == "OFF", "nobody in command")
+        leave_at_rest(client)
 
 
 def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(outlived):

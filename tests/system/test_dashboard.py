@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from motord.dashboard.app import MALFORMED
 from motord.schema import State
 from tests.support.patience import PATIENCE_S
-from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import daemon, leave_at_rest, wait_for, wait_until, write_sim
 from tests.system.pages import dashboard, opened
 
 pytestmark = pytest.mark.system
@@ -45,8 +45,7 @@ def server(running, folder):
 def at_rest(client):
     """What a test leaves behind is over before the next one."""
     yield
-    client.rpc("stop", by="teardown")
-    wait_for(client, lambda s: s.lease.holder is None and s.state == "OFF", "nobody in command")
+    leave_at_rest(client)
 
 
 def turning(page):

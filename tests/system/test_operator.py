@@ -16,7 +16,7 @@ import pytest
 
 from motord.schema import State
 from tests.support.patience import PATIENCE_S
-from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import daemon, leave_at_rest, wait_for, wait_until, write_sim
 
 pytestmark = pytest.mark.system
 
@@ -66,8 +66,7 @@ def in_command(command):
 @pytest.fixture
 def motord(running, folder, client):
     yield Terminal(running, folder)
-    client.rpc("stop", by="teardown")
-    wait_for(client, lambda s: s.lease.holder is None and s.state == "OFF", "nobody in command")
+    leave_at_rest(client)
 
 
 def events_since(client, t_ns):

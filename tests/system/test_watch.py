@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from tests.support.patience import PATIENCE_S
-from tests.system.daemons import daemon, wait_for, write_sim
+from tests.system.daemons import daemon, leave_at_rest, wait_for, write_sim
 from tests.system.terminal import ScreenOf
 
 pytestmark = pytest.mark.system
@@ -41,8 +41,7 @@ def screen(environment, client):
         yield screen
     finally:
         screen.close()
-        client.rpc("stop", by="teardown")
-        wait_for(client, lambda s: s.lease.holder is None and s.state == "OFF", "nobody in command")
+        leave_at_rest(client)
 
 
 def enabled(screen, client):
