@@ -2,7 +2,9 @@
 
 import signal
 import subprocess
+from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -101,8 +103,68 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
     assert "[motor]" in run.metadata["config"]
 
 
-def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
-    with running.connect() as client, client.subscribe_plan() as progress:
+def test_malformed_benches_are_one_line_and_exit_1(tmp_path):
+    path = write_sim(tmp_path)
+    path.write_text(path.read_text().replace("pole_pairs = 8", "pole_pair = 8"))
+    program = Program(tmp_path, "run", "-c", path, ready=False)
+    assert program.wait() == 1
+    [line] = program.said().splitlines()
+    assert "pole_pair" in line
+    assert "did you mean pole_pairs?" in line
+
+
+@dataclass(frozen=True)
+class Killed:
+    """A daemon that was killed while it ran; the numbers of its processes."""
+
+    folder: Path
+    bench: Path
+    code: int
+    pids: list[int]
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lasting")
+    path = write_sim(folder)
+    with daemon(folder, path) as program:
+        with program.connect() as client:
+            pids = [view.pid for view in client.state().processes.values()]
+        return Killed(folder, path, program.end(signal.SIGKILL), pids)
+
+
+@pytest.fixture(scope="module")
+def lasting(killed):
+    """A daemon that begins after one was killed, and outlives its loops, recorded as they ran."""
+    with daemon(killed.folder, killed.bench) as program:
+        with program.connect() as client:
+            assert client.state().state == "OFF"
+        yield program
+        assert program.end() == 0
+        for run in program.runs():
+            check_ticks(run.ticks(("tick", "missed", "flags")))
+
+
+@pytest.fixture
+def outlived(lasting):
+    """A daemon that is OFF, and is so again after the test."""
+    yield lasting
+    with lasting.connect() as client:
+        leave_at_rest(client)
+
+
+def test_a_bench_is_run_once_at_a_time_and_again_after_kill_9(outlived, killed):
+    assert killed.code == -signal.SIGKILL
+    second = Program(killed.folder, "run", "-c", killed.bench, ready=False)
+    assert second.wait() == 1
+    assert "is in use" in second.said()
+    assert str(outlived.process.pid) in second.said()
+    wait_until(lambda: not any(alive(pid) for pid in killed.pids), "the old processes to end")
+
+
+def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(outlived):
+    before = len(outlived.runs())
+    with outlived.connect() as client, client.subscribe_plan() as progress:
         with client.lease("anna") as lease:
             client.rpc(
                 "plan/start", token=lease.token, name="calibrate", settings=SHORT_PLAN,
@@ -116,8 +178,8 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
         assert (view.state, view.points_done) == ("done", 2)
         wait_for(client, lambda s: not s.recording.recording, "the recording to end")
         mesh = client.mesh()
-    assert running.end() == 0
-    [plan_run] = [run for run in running.runs() if run.metadata["plan"]]
+    runs = outlived.runs()[before:]
+    [plan_run] = [run for run in runs if run.metadata["plan"]]
     assert str(plan_run.path) == view.recording
     assert plan_run.metadata["plan"]["name"] == "calibrate"
     assert "a short one" in plan_run.metadata["notes"]
@@ -137,37 +199,8 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
     for point in takes:
         inside = (ticks["tick"] >= point["tick_start"]) & (ticks["tick"] <= point["tick_end"])
         assert (ticks["plan_point"][inside] == point["index"]).all()
-    numbers = np.concatenate([run.ticks(("tick",))["tick"] for run in running.runs()])
+    numbers = np.concatenate([run.ticks(("tick",))["tick"] for run in runs])
     assert (np.diff(numbers.astype(int)) >= 1).all()
-
-
-def test_malformed_benches_are_one_line_and_exit_1(tmp_path):
-    path = write_sim(tmp_path)
-    path.write_text(path.read_text().replace("pole_pairs = 8", "pole_pair = 8"))
-    program = Program(tmp_path, "run", "-c", path, ready=False)
-    assert program.wait() == 1
-    [line] = program.said().splitlines()
-    assert "pole_pair" in line
-    assert "did you mean pole_pairs?" in line
-
-
-@pytest.fixture(scope="module")
-def lasting(tmp_path_factory):
-    """A daemon that outlives its loops, which are recorded as they ran."""
-    folder = tmp_path_factory.mktemp("lasting")
-    with daemon(folder, write_sim(folder)) as program:
-        yield program
-        assert program.end() == 0
-        for run in program.runs():
-            check_ticks(run.ticks(("tick", "missed", "flags")))
-
-
-@pytest.fixture
-def outlived(lasting):
-    """A daemon that is OFF, and is so again after the test."""
-    yield lasting
-    with lasting.connect() as client:
-        leave_at_rest(client)
 
 
 def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(outlived):
@@ -209,21 +242,6 @@ def test_a_stopped_loop_is_ended_and_comes_back_off_after_reset(outlived):
         state = wait_for(client, lambda s: s.tick is not None, "ticks")
         assert (state.state, state.fault) == ("OFF", "")
         assert state.processes["loop"].pid != stopped
-
-
-def test_a_bench_is_run_once_at_a_time_and_again_after_kill_9(running, tmp_path):
-    second = Program(tmp_path, "run", "-c", tmp_path / "system.toml", ready=False)
-    assert second.wait() == 1
-    assert "is in use" in second.said()
-    assert str(running.process.pid) in second.said()
-    with running.connect() as client:
-        pids = [view.pid for view in client.state().processes.values()]
-    assert running.end(signal.SIGKILL) == -signal.SIGKILL
-    with daemon(tmp_path, tmp_path / "system.toml") as again:
-        with again.connect() as client:
-            assert client.state().state == "OFF"
-        wait_until(lambda: not any(alive(pid) for pid in pids), "the old processes to end")
-        assert again.end() == 0
 
 
 def alive(pid):

@@ -29,8 +29,9 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 RATE_HZ = 2000
 RING_S = 100.0
-TICKS = 6000
-"""How many ticks are awaited while something is wrong."""
+TICKS = 3000
+"""How many ticks are awaited while something is wrong: longer than the loop waits for a supervisor
+(`STALE_S`)."""
 FULL_BYTES = 100_000
 """Unread telemetry: far more than the subscriber itself has room for."""
 ROOM_BYTES = 16384
@@ -121,57 +122,15 @@ def check_recorded_to_the_end(bench):
     return runs
 
 
-def test_a_subscriber_that_stands_still_and_hogs_on_every_processor(tmp_path):
-    with enabled(tmp_path, write_bench(tmp_path)) as bench:
-        name, endpoint, streamed = bench.daemon.config.bench.name, bench.daemon.endpoint, []
-        with (
-            Subscriber(name, endpoint, ROOM_BYTES) as stopped,
-            bench.client.subscribe_ticks(lambda block: streamed.append(int(block["tick"][-1]))),
-            bench.client.subscribe_ticks(kept=2) as slow,
-        ):
-            stopped.begin()
-            read = [slow.get()]
-            stopped.process.send_signal(signal.SIGSTOP)
-            wait_until(
-                lambda: unsent_bytes(endpoint) > FULL_BYTES, "the stopped one's link to be full"
-            )
-            before = bench.client.state()
-            bench.go_on()
-            last = int(bench.ticks["tick"][-1])
-            wait_until(lambda: streamed[-1] >= last, "the other subscriber to get all")
-            after = bench.client.state()
-            assert after.loop.lost_by_supervisor == before.loop.lost_by_supervisor
-            assert after.telemetry_dropped == 0
-            read += [slow.get(), slow.get()]
-            span = int(read[-1]["tick"][-1]) - int(read[0]["tick"][0]) + 1
-            assert slow.losses.lost_ticks > 0
-            assert sum(map(len, read)) + slow.lost_ticks + slow.losses.missed_ticks == span
-            stopped.process.send_signal(signal.SIGCONT)
-            wait_until(lambda: unsent_bytes(endpoint) == 0, "the stopped one to read")
-            account = stopped.end()
-            assert account.received > 0
-            assert (
-                account.silent == 0
-            )  # what the buffers on the way did not hold is reported as lost
-        with hogs():
-            bench.go_on()
-        check_recorded_to_the_end(bench)
-
-
-def test_a_recorder_that_is_killed_again_and_again(tmp_path):
+def test_a_subscriber_that_stands_still_hogs_and_a_recorder_killed_again_and_again(tmp_path):
     with enabled(tmp_path, write_bench(tmp_path)) as bench:
         recording = bench.client.state().recording
         assert recording.path == f"{recording.final_path}.part"
         assert Path(recording.path).exists()
-        for number in range(1, 4):
-            bench.go_on(TICKS // 3)
-            os.kill(bench.pid("recorder"), signal.SIGKILL)
-            wait_for(
-                bench.client,
-                lambda s, n=number: s.processes["recorder"].restarts == n and s.recording.recording,
-                f"recorder {number + 1}",
-            )
-        bench.go_on(TICKS // 3)
+        beside_a_subscriber_that_stands_still(bench)
+        with hogs():
+            bench.go_on()
+        kill_the_recorder(bench, times=3)
         said = [event for event in bench.client.events() if "recorder ended" in event.message]
         assert len(said) == 3
         runs = check_recorded_to_the_end(bench)
@@ -181,6 +140,48 @@ def test_a_recorder_that_is_killed_again_and_again(tmp_path):
         assert restart["tick_before"] == before.ticks(("tick",))["tick"][-1]
         assert restart["tick_after"] == after.ticks(("tick",))["tick"][0]
         assert restart["lost"] == 0
+
+
+def beside_a_subscriber_that_stands_still(bench):
+    """Others get all; what the one that stands still loses is said to it."""
+    name, endpoint, streamed = bench.daemon.config.bench.name, bench.daemon.endpoint, []
+    with (
+        Subscriber(name, endpoint, ROOM_BYTES) as stopped,
+        bench.client.subscribe_ticks(lambda block: streamed.append(int(block["tick"][-1]))),
+        bench.client.subscribe_ticks(kept=2) as slow,
+    ):
+        stopped.begin()
+        read = [slow.get()]
+        stopped.process.send_signal(signal.SIGSTOP)
+        wait_until(lambda: unsent_bytes(endpoint) > FULL_BYTES, "the stopped one's link to be full")
+        before = bench.client.state()
+        bench.go_on()
+        last = int(bench.ticks["tick"][-1])
+        wait_until(lambda: streamed[-1] >= last, "the other subscriber to get all")
+        after = bench.client.state()
+        assert after.loop.lost_by_supervisor == before.loop.lost_by_supervisor
+        assert after.telemetry_dropped == 0
+        read += [slow.get(), slow.get()]
+        span = int(read[-1]["tick"][-1]) - int(read[0]["tick"][0]) + 1
+        assert slow.losses.lost_ticks > 0
+        assert sum(map(len, read)) + slow.lost_ticks + slow.losses.missed_ticks == span
+        stopped.process.send_signal(signal.SIGCONT)
+        wait_until(lambda: unsent_bytes(endpoint) == 0, "the stopped one to read")
+        account = stopped.end()
+        assert account.received > 0
+        assert account.silent == 0  # what the buffers on the way did not hold is reported as lost
+
+
+def kill_the_recorder(bench, times):
+    for number in range(1, times + 1):
+        bench.go_on(TICKS // 3)
+        os.kill(bench.pid("recorder"), signal.SIGKILL)
+        wait_for(
+            bench.client,
+            lambda s, n=number: s.processes["recorder"].restarts == n and s.recording.recording,
+            f"recorder {number + 1}",
+        )
+    bench.go_on(TICKS // 3)
 
 
 @needs_mount
@@ -219,7 +220,7 @@ def test_a_file_that_can_grow_no_more(tmp_path):
 def check_recorded_until_it_ended(bench, run):
     """End the bench: the file has all ticks up to where it ends; the loop went on after it."""
     recorded, events = run.ticks(), bench.client.events()
-    assert len(recorded) > TICKS // 10
+    assert len(recorded) > TICKS // 5
     assert any("the recorder says" in event.message for event in events)
     published = bench.end()
     check_ticks(recorded)

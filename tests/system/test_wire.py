@@ -3,12 +3,15 @@
 import os
 import signal
 import time
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motord.client import ClientError
+from motord.recording.file_names import stem_of, whole_of
 from motord.recording.reader import open_run
 from motord.schema import State
 from tests.support import stalls
@@ -97,11 +100,9 @@ def check_held_speed(ticks, begun, held):
 
 
 @pytest.fixture
-def wire(tmp_path, request):
-    """A bench whose inverter waits 1 s for commands, or as long as the test's parameter says."""
+def wire(tmp_path):
     bench = write_bench(tmp_path, rig=DRAG)
-    inverter_timeout_s = getattr(request, "param", 1.0)
-    text = patient(bench.read_text(), "wire", 500, inverter_timeout_s)
+    text = patient(bench.read_text(), "wire", 500, INVERTER_TIMEOUT_S)
     text = text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")
     bench.write_text(text)
     truth = tmp_path / "truth.mcap"
@@ -208,10 +209,13 @@ def check_brake(ticks, begun, held):
     assert 0.0 < held.brake.setpoint < 1.0
 
 
-def test_three_newton_metres_at_0_7_turns_a_second_then_sigterm_ramps_down(wire):
+def test_recorder_and_loop_are_killed_then_three_newton_metres_and_sigterm_ramps_down(wire):
     with wire.daemon.connect() as client:
         lease = client.lease("anna")
         lease.acquire()
+        recorder = kill_the_recorder(wire, client, lease)
+        loop = kill_the_loop(wire, client, lease)
+        wait_until(lambda: resets(client, lease), "the next loop")
         begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
         assert held.brake.health in ("ok", "failing")
         assert wire.daemon.end() == 0, wire.daemon.said()
@@ -229,21 +233,63 @@ def test_three_newton_metres_at_0_7_turns_a_second_then_sigterm_ramps_down(wire)
     check_torque(truth[then], wire.daemon.config.motor, 3.0, 0.04)
     assert currents(truth, ended_ns, DECAYED_S).max() < ZERO_A
     assert (truth["enable_line"][-100:] == 0).all()
+    a_stop_took_the_current_away_whoever_recorded(wire, truth, recorder)
+    a_loop_that_was_killed_left_no_current(truth, loop)
 
 
-@pytest.mark.parametrize("wire", [INVERTER_TIMEOUT_S], indirect=True, ids=["short-timeout"])
-def test_kill_9_of_the_loop_leaves_the_inverter_without_current(wire):
-    with wire.daemon.connect() as client:
-        lease = client.lease("anna")
-        lease.acquire()
-        _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
-        os.kill(state.processes["loop"].pid, signal.SIGKILL)
-        killed_ns = time.time_ns()
-        assert wait_for(client, lambda s: s.fault, "the fault").state == "OFF"
-        go_on(wire.devices, wakes=round(8000 * INVERTER_TIMEOUT_S))
-    truth = wire.truth()
-    assert currents(truth, state.tick.t_ns - 200_000_000).max() > 1.0
-    assert currents(truth, killed_ns, INVERTER_TIMEOUT_S + DECAYED_S).max() < ZERO_A
+@dataclass(frozen=True)
+class Killed:
+    """The bench was enabled; what was to take the current away came; then the rig went on.
+
+    recording: its name while the bench was enabled.
+    """
+
+    enabled_ns: int
+    came_ns: int
+    over_ns: int
+    recording: str
+
+    def rows(self, truth):
+        return truth[truth["t_ns"] < self.over_ns]
+
+
+def kill_the_recorder(wire, client, lease):
+    """Kill it under a bench that is enabled, whose commander stops the bench then."""
+    _, before = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
+    os.kill(before.processes["recorder"].pid, signal.SIGKILL)
+    wait_for(client, lambda s: s.processes["recorder"].restarts == 1, "the next recorder")
+    assert client.state().state == "ENABLED", client.state().trips
+    assert client.rpc("stop") == {"state": "OFF"}
+    stopped_ns = client.state().tick.t_ns
+    wait_until(lambda: client.state().tick.t_ns > stopped_ns + 500_000_000, "0.5 s")
+    go_on(wire.devices)
+    recording = stem_of(Path(before.recording.final_path)).name
+    return Killed(before.tick.t_ns, stopped_ns, time.time_ns(), recording)
+
+
+def a_stop_took_the_current_away_whoever_recorded(wire, truth, killed):
+    runs = wire.daemon.runs()
+    files = [run for run in runs if stem_of(whole_of(run.path)).name == killed.recording]
+    assert len(files) > 1
+    check_ticks(np.concatenate([file.ticks(("tick", "missed", "flags")) for file in files]))
+    assert currents(killed.rows(truth), killed.came_ns, DECAYED_S).max() < ZERO_A
+
+
+def kill_the_loop(wire, client, lease):
+    _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
+    os.kill(state.processes["loop"].pid, signal.SIGKILL)
+    killed_ns = time.time_ns()
+    assert wait_for(client, lambda s: s.fault, "the fault").state == "OFF"
+    go_on(wire.devices, wakes=round(8000 * INVERTER_TIMEOUT_S))
+    recording = stem_of(Path(state.recording.final_path)).name
+    return Killed(state.tick.t_ns, killed_ns, time.time_ns(), recording)
+
+
+def a_loop_that_was_killed_left_no_current(truth, killed):
+    """The inverter's own timeout takes it away."""
+    truth = killed.rows(truth)
+    assert currents(truth, killed.enabled_ns - 200_000_000).max() > 1.0
+    assert currents(truth, killed.came_ns, INVERTER_TIMEOUT_S + DECAYED_S).max() < ZERO_A
 
 
 def test_kill_9_of_the_supervisor_ramps_down(wire):
@@ -274,22 +320,6 @@ def test_kill_9_of_the_supervisor_ramps_down(wire):
     assert currents(truth, state.tick.t_ns - 200_000_000).max() > 1.0
     zero_ns = int(after["t_ns"][0] + after["sample_age_ns"][0])
     assert currents(truth, zero_ns, DECAYED_S).max() < ZERO_A
-
-
-def test_kill_9_of_the_recorder_leaves_the_commander_in_command(wire):
-    with wire.daemon.connect() as client, client.lease("anna") as lease:
-        _, before = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
-        os.kill(before.processes["recorder"].pid, signal.SIGKILL)
-        wait_for(client, lambda s: s.processes["recorder"].restarts == 1, "the next recorder")
-        assert client.state().state == "ENABLED", client.state().trips
-        assert client.rpc("stop") == {"state": "OFF"}
-        stopped_ns = client.state().tick.t_ns
-        wait_until(lambda: client.state().tick.t_ns > stopped_ns + 500_000_000, "0.5 s")
-    assert wire.daemon.end() == 0
-    go_on(wire.devices)
-    files = wire.daemon.last_recording()
-    check_ticks(np.concatenate([file.ticks(("tick", "missed", "flags")) for file in files]))
-    assert currents(wire.truth(), stopped_ns, DECAYED_S).max() < ZERO_A
 
 
 def test_a_daemon_without_its_devices_says_which(tmp_path):
