@@ -28,7 +28,8 @@ def measure(folder: Path) -> dict[str, Reached]:
     """Run the tests on a library that counts; return what they reached of each file."""
     gcov = needs("gcov", "gcc")
     compile_library(folder / "libbridge.so", "-O0", "--coverage")
-    environment = dict(os.environ, MOTORD_FIRMWARE_BUILD=str(folder))
+    few = {"MOTORD_HYPOTHESIS": "quick"}  # examples enough to get everywhere
+    environment = {**os.environ, **few, "MOTORD_FIRMWARE_BUILD": str(folder)}
     environment.pop("COVERAGE_PROCESS_START", None)
     run(
         sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-cov",
