@@ -114,7 +114,7 @@ def test_malformed_benches_are_one_line_and_exit_1(tmp_path):
 
 
 @dataclass(frozen=True)
-class Killed:
+class KilledDaemon:
     """A daemon that was killed while it ran; the numbers of its processes."""
 
     folder: Path
@@ -130,7 +130,7 @@ def killed(tmp_path_factory):
     with daemon(folder, path) as program:
         with program.connect() as client:
             pids = [view.pid for view in client.state().processes.values()]
-        return Killed(folder, path, program.end(signal.SIGKILL), pids)
+        return KilledDaemon(folder, path, program.end(signal.SIGKILL), pids)
 
 
 @pytest.fixture(scope="module")

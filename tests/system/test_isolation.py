@@ -127,7 +127,7 @@ def test_a_subscriber_that_stands_still_hogs_and_a_recorder_killed_again_and_aga
         recording = bench.client.state().recording
         assert recording.path == f"{recording.final_path}.part"
         assert Path(recording.path).exists()
-        beside_a_subscriber_that_stands_still(bench)
+        stop_a_subscriber(bench)
         with hogs():
             bench.go_on()
         kill_the_recorder(bench, times=3)
@@ -142,8 +142,8 @@ def test_a_subscriber_that_stands_still_hogs_and_a_recorder_killed_again_and_aga
         assert restart["lost"] == 0
 
 
-def beside_a_subscriber_that_stands_still(bench):
-    """Others get all; what the one that stands still loses is said to it."""
+def stop_a_subscriber(bench):
+    """Others get all; what the one that stands still loses is reported to it."""
     name, endpoint, streamed = bench.daemon.config.bench.name, bench.daemon.endpoint, []
     with (
         Subscriber(name, endpoint, ROOM_BYTES) as stopped,

@@ -238,7 +238,7 @@ def test_recorder_and_loop_are_killed_then_three_newton_metres_and_sigterm_ramps
 
 
 @dataclass(frozen=True)
-class Killed:
+class CurrentGone:
     """The bench was enabled; what was to take the current away came; then the rig went on.
 
     recording: its name while the bench was enabled.
@@ -264,7 +264,7 @@ def kill_the_recorder(wire, client, lease):
     wait_until(lambda: client.state().tick.t_ns > stopped_ns + 500_000_000, "0.5 s")
     go_on(wire.devices)
     recording = stem_of(Path(before.recording.final_path)).name
-    return Killed(before.tick.t_ns, stopped_ns, time.time_ns(), recording)
+    return CurrentGone(before.tick.t_ns, stopped_ns, time.time_ns(), recording)
 
 
 def a_stop_took_the_current_away_whoever_recorded(wire, truth, killed):
@@ -282,7 +282,7 @@ def kill_the_loop(wire, client, lease):
     assert wait_for(client, lambda s: s.fault, "the fault").state == "OFF"
     go_on(wire.devices, wakes=round(8000 * INVERTER_TIMEOUT_S))
     recording = stem_of(Path(state.recording.final_path)).name
-    return Killed(state.tick.t_ns, killed_ns, time.time_ns(), recording)
+    return CurrentGone(state.tick.t_ns, killed_ns, time.time_ns(), recording)
 
 
 def a_loop_that_was_killed_left_no_current(truth, killed):
