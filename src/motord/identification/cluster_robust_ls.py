@@ -12,6 +12,7 @@ direction, which one cluster alone determines, has no residual: its variance is 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -48,20 +49,60 @@ class ClusterFit:
 
 
 @dataclass(frozen=True)
-class BiasReducedFit(ClusterFit):
-    """A fit with bias-reduced cluster-robust covariance (CR2).
+class BiasReduction:
+    """What CR2 makes of columns: the same for all values that are fitted by them.
 
-    Columns are times root (p, p), a root of (X' X)^-1; of these, leverage (g, p, p) is X_g' X_g,
-    and adjustment (g, p, p) what (I - H_g)^-1/2 makes of them. singletons (m, p): singleton
-    directions of the solution, each times the standard deviation that white noise of variance 1
-    gives it. influence (p, g): of each cluster on the solution, by its adjusted residuals.
+    parts: rows (n_g, p) of each cluster, columns times root (p, p), a root of (X' X)^-1; of these,
+    leverage (g, p, p) is X_g' X_g, and adjustment (g, p, p) what (I - H_g)^-1/2 makes of them.
+    singletons (m, p): singleton directions of the solution, each times the standard deviation that
+    white noise of variance 1 gives it.
     """
 
     root: np.ndarray
+    parts: list[np.ndarray]
     leverage: np.ndarray
     adjustment: np.ndarray
     singletons: np.ndarray
-    influence: np.ndarray
+
+    @classmethod
+    def of(cls, regressors: "Regressors") -> "BiasReduction":
+        """Adjust the columns."""
+        scale = np.sqrt(np.maximum(np.diag(regressors.inverse), 1e-300))
+        sizes, vectors = np.linalg.eigh(regressors.inverse / np.outer(scale, scale))
+        root = scale[:, None] * vectors * np.sqrt(np.maximum(sizes, 0.0))
+        parts = [x @ root for x in regressors.split(regressors.columns)]
+        leverage = np.array([part.T @ part for part in parts])
+        shares, axes = np.linalg.eigh(leverage)
+        complement = 1.0 - shares
+        known = complement > SINGLETON_LIMIT
+        factor = np.where(known, np.maximum(complement, SINGLETON_LIMIT) ** -0.5, 0.0)
+        adjustment = np.einsum("gik,gk,gjk->gij", axes, factor, axes)
+        singletons = np.swapaxes(axes, 1, 2)[~known] @ root.T
+        return cls(root, parts, leverage, adjustment, singletons)
+
+
+@dataclass(frozen=True)
+class BiasReducedFit:
+    """A fit as `ClusterFit`, but with bias-reduced cluster-robust covariance (CR2)."""
+
+    solution: np.ndarray
+    residual: np.ndarray
+    noise: float
+    regressors: "Regressors"
+
+    @cached_property
+    def influence(self) -> np.ndarray:
+        """Influence (p, g) of each cluster on the solution, by its adjusted residuals."""
+        reduction = self.regressors.bias_reduction
+        pairs = zip(reduction.parts, self.regressors.split(self.residual), strict=True)
+        scores = np.array([part.T @ e for part, e in pairs])
+        return np.asarray(reduction.root @ np.einsum("gij,gj->ig", reduction.adjustment, scores))
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the solution (p, p): of how the clusters differ alone."""
+        influence, singletons = self.influence, self.regressors.bias_reduction.singletons
+        return np.asarray(influence @ influence.T + self.noise**2 * singletons.T @ singletons)
 
     def freedom(self, contrast: np.ndarray) -> float:
         """Return Satterthwaite's degrees of freedom of contrast (p,) times the solution."""
@@ -74,14 +115,15 @@ class BiasReducedFit(ClusterFit):
 
         The variance of contrast (p,) times the solution is their sum of squares: a quadratic form.
         """
-        weights = self.adjustment @ (self.root.T @ contrast)
-        crossed = np.einsum("gij,gj->gi", self.leverage, weights)
+        reduction = self.regressors.bias_reduction
+        weights = reduction.adjustment @ (reduction.root.T @ contrast)
+        crossed = np.einsum("gij,gj->gi", reduction.leverage, weights)
         own = np.einsum("gi,gi->g", weights, crossed)
         return np.asarray(np.diag(own) - crossed @ crossed.T)
 
     def singleton_variance(self, contrast: np.ndarray) -> float:
         """Return the variance by singleton directions for white noise of variance 1."""
-        return float(((self.singletons @ contrast) ** 2).sum())
+        return float(((self.regressors.bias_reduction.singletons @ contrast) ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -116,14 +158,19 @@ class Regressors:
         solution = self.inverse @ (self.columns.T @ values)
         return solution, np.asarray(values - self.columns @ solution)
 
+    def _with_noise(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return the solution (p,) of values (n,), its residual (n,) and the deviation of that."""
+        solution, residual = self.solved(values)
+        freedom = max(residual.size - solution.size, 1)
+        return solution, residual, float(np.sqrt(residual @ residual / freedom))
+
     def fit(self, values: np.ndarray) -> ClusterFit:
         """Fit values (n,).
 
         The covariance is that of white noise, or, where it is larger, the one that follows from how
         the turns differ: sum of g g' over turns, g a turn's columns times its residuals.
         """
-        solution, residual = self.solved(values)
-        noise = float(np.sqrt(residual @ residual / max(residual.size - solution.size, 1)))
+        solution, residual, noise = self._with_noise(values)
         homoskedastic = noise**2 * self.inverse
         pairs = zip(self.split(self.columns), self.split(residual), strict=True)
         scores = np.array([x.T @ e for x, e in pairs])
@@ -132,26 +179,12 @@ class Regressors:
 
     def fit_bias_reduced(self, values: np.ndarray) -> BiasReducedFit:
         """Fit values (n,); the covariance is that of how the clusters differ (CR2) alone."""
-        fit = self.fit(values)
-        scale = np.sqrt(np.maximum(np.diag(self.inverse), 1e-300))
-        sizes, vectors = np.linalg.eigh(self.inverse / np.outer(scale, scale))
-        root = scale[:, None] * vectors * np.sqrt(np.maximum(sizes, 0.0))
-        parts = [x @ root for x in self.split(self.columns)]
-        leverage = np.array([part.T @ part for part in parts])
-        shares, axes = np.linalg.eigh(leverage)
-        complement = 1.0 - shares
-        known = complement > SINGLETON_LIMIT
-        factor = np.where(known, np.maximum(complement, SINGLETON_LIMIT) ** -0.5, 0.0)
-        adjustment = np.einsum("gik,gk,gjk->gij", axes, factor, axes)
-        pairs = zip(parts, self.split(fit.residual), strict=True)
-        scores = [part.T @ e for part, e in pairs]
-        influence = root @ np.einsum("gij,gj->ig", adjustment, np.array(scores))
-        singletons = np.swapaxes(axes, 1, 2)[~known] @ root.T
-        covariance = influence @ influence.T + fit.noise**2 * singletons.T @ singletons
-        return BiasReducedFit(
-            *(fit.solution, covariance, fit.residual, fit.noise),
-            *(root, leverage, adjustment, singletons, influence),
-        )
+        return BiasReducedFit(*self._with_noise(values), self)
+
+    @cached_property
+    def bias_reduction(self) -> BiasReduction:
+        """What CR2 makes of the columns."""
+        return BiasReduction.of(self)
 
     def one_more(self, fit: ClusterFit, column: np.ndarray) -> tuple[float, float]:
         """Return the coefficient, and its variance, that one more column (n,) would get.

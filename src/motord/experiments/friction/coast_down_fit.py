@@ -14,9 +14,7 @@ from motord.experiments.friction.linearisation import Linearisation
 from motord.experiments.friction.two_step_fit import (
     OWN,
     TwoStepFit,
-    bases,
     orthonormal,
-    partialled_out,
 )
 from motord.identification import IdentifyError
 from motord.identification.orders import allowed_orders
@@ -106,6 +104,11 @@ class CoastDownFit:
         fit = TwoStepFit.of(columns, rows.first, values)
         return CoastDownFit(rows, self.orders, q_rad, values, columns, fit, around)
 
+    @property
+    def common(self) -> np.ndarray:
+        """Columns (n, p - 2) that the coast-downs have in common."""
+        return self.columns[:, OWN:]
+
     def explained_by(self, columns: np.ndarray) -> np.ndarray:
         """Return what columns (n, m) of the model explain of the values (n, m)."""
         if self.around is None:
@@ -139,7 +142,7 @@ class CoastDownFit:
         Lovell): of many columns that are tried, each costs no fit of the others.
         """
         common, residual = self._with_own_friction
-        free = partialled_out(self._bases, more, self.rows.first)
+        free = self.fit.own.partialled_out(more)
         q = orthonormal(free - common @ (common.T @ free), more)
         left = residual - q @ (q.T @ residual)
         return float(left @ left)
@@ -147,23 +150,16 @@ class CoastDownFit:
     @cached_property
     def _with_own_friction(self) -> tuple[np.ndarray, np.ndarray]:
         """Return orthonormal columns of what is common less own friction, and the residual."""
-        common, values = (
-            partialled_out(self._bases, x, self.rows.first)
-            for x in (self.columns[:, OWN:], self.values)
-        )
-        q = orthonormal(common, self.columns[:, OWN:])
+        common, values = (self.fit.own.partialled_out(x) for x in (self.common, self.values))
+        q = orthonormal(common, self.common)
         return q, values - q @ (q.T @ values)
-
-    @cached_property
-    def _bases(self) -> list[np.ndarray]:
-        return bases(self.columns[:, :OWN], self.rows.first)
 
     def with_stribeck(
         self, speed_rad_s: np.ndarray, at_rad_s: float, scale: float = 0.0
     ) -> TwoStepFit:
         """Fit a Stribeck part of w_s `at_rad_s`, too; with `scale` (S/J) w_s is free around it."""
-        columns = [self.columns, self.stribeck(speed_rad_s, at_rad_s, scale)]
-        return TwoStepFit.of(np.hstack(columns), self.rows.first, self.values)
+        columns = np.hstack([self.columns, self.stribeck(speed_rad_s, at_rad_s, scale)])
+        return TwoStepFit.with_common(self.fit.own, columns[:, OWN:], self.values)
 
     def stribeck(self, speed_rad_s: np.ndarray, at_rad_s: float, scale: float = 0.0) -> np.ndarray:
         """Return the columns of a Stribeck part (n, 1), with `scale` (n, 2)."""

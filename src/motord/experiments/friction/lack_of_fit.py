@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.experiments.friction.coast_down_fit import CoastDownFit
-from motord.experiments.friction.two_step_fit import OWN, TwoStepFit, bases, partialled_out
+from motord.experiments.friction.two_step_fit import TwoStepFit
 from motord.identification.cluster_robust_ls import Regressors
 from motord.intervals import t_quantile
 
@@ -71,17 +71,13 @@ def lack_of_fit(
 
     speed_rad_s (n,): of the rows; at_rad_s, scale: w_s and S/J of that part, 0 for none.
     """
-    columns, square = group.columns, group.windage(speed_rad_s)
+    own, more, square = group.fit.own, group.common, group.windage(speed_rad_s)
     if at_rad_s:
-        columns = np.hstack([columns, group.stribeck(speed_rad_s, at_rad_s, scale)])
-    first = group.rows.first
-    own_bases = bases(columns[:, :OWN], first)
-    common = partialled_out(own_bases, np.hstack([columns[:, OWN:], square]), first)
-    values = partialled_out(own_bases, group.values, first)
-    regressors = Regressors.of(common, first)
-    fit = regressors.fit_bias_reduced(values)
+        more = np.hstack([more, group.stribeck(speed_rad_s, at_rad_s, scale)])
+    regressors = Regressors.of(own.partialled_out(np.hstack([more, square])), own.first)
+    fit = regressors.fit_bias_reduced(own.partialled_out(group.values))
     last = np.eye(fit.solution.size)[-1]
-    freedom = min(fit.freedom(last), first.size - 1.0)
+    freedom = min(fit.freedom(last), own.first.size - 1.0)
     rounding = ROUNDING * abs(float(group.fit.solution[0])) / float(speed_rad_s.max()) ** 2
     white = fit.noise * np.sqrt(regressors.inverse[-1, -1])
     stderr = max(float(np.sqrt(fit.covariance[-1, -1])), float(white), rounding)
@@ -89,7 +85,7 @@ def lack_of_fit(
         float(fit.solution[-1]),
         t_quantile(1 - LEVEL / 2, freedom) * stderr,
         t_quantile(0.975, freedom) * stderr,
-        -TwoStepFit.of(columns, first, square[:, 0]).solution,
+        -TwoStepFit.with_common(own, more, square[:, 0]).solution,
     )
 
 

@@ -16,6 +16,7 @@ that over the coast-downs: errors may be correlated within one in any way.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -37,42 +38,77 @@ COLLINEAR = 3e-8
 
 
 @dataclass(frozen=True)
-class TwoStepFit(ClusterFit):
-    """solution (p,): Coulomb and viscous friction, then the common columns' coefficients.
+class OwnFriction:
+    """Coulomb and viscous friction of each coast-down, which several fits have alike.
 
-    sensitivity: T (p, p), to both steps; common: the first, its residual that with friction of each
-    coast-down its own; friction: the second.
+    columns (n, 2): of both; first (g,): the first row of each coast-down.
     """
 
+    columns: np.ndarray
+    first: np.ndarray
+
+    @cached_property
+    def regressors(self) -> Regressors:
+        """The columns, of friction that the coast-downs have in common."""
+        return Regressors.of(self.columns, self.first)
+
+    @cached_property
+    def _bases(self) -> list[np.ndarray]:
+        return bases(self.columns, self.first)
+
+    def partialled_out(self, columns: np.ndarray) -> np.ndarray:
+        """Return residuals of columns (n,) or (n, p) on each coast-down's own friction."""
+        return partialled_out(self._bases, columns, self.first)
+
+
+@dataclass(frozen=True)
+class TwoStepFit:
+    """solution (p,): Coulomb and viscous friction, then the common columns' coefficients.
+
+    residual (n,), its standard deviation (noise); sensitivity: T (p, p), to both steps; common: the
+    first, its residual that with friction of each coast-down its own; friction: the second.
+    """
+
+    solution: np.ndarray
+    residual: np.ndarray
+    noise: float
     sensitivity: np.ndarray
-    friction: ClusterFit
-    common: ClusterFit
-    clusters: int
+    friction: ClusterFit | BiasReducedFit
+    common: ClusterFit | BiasReducedFit
+    own: OwnFriction
 
     @classmethod
     def of(cls, columns: np.ndarray, first: np.ndarray, values: np.ndarray) -> "TwoStepFit":
         """Fit values (n,) by columns (n, p); first (g,): the first row of each coast-down."""
-        own, more = columns[:, :OWN], columns[:, OWN:]
-        regressors = Regressors.of(own, first)
-        own_bases = bases(own, first)
-        free, free_values = (partialled_out(own_bases, x, first) for x in (more, values))
-        common = _cluster_robust(Regressors.of(free, first), free_values)
-        friction = _cluster_robust(regressors, values - more @ common.solution)
-        sensitivity = np.eye(columns.shape[1])
-        sensitivity[:OWN, OWN:] = -regressors.inverse @ (own.T @ more)
-        covariance = _covariance(friction, common, sensitivity)
+        return cls.with_common(OwnFriction(columns[:, :OWN], first), columns[:, OWN:], values)
+
+    @classmethod
+    def with_common(cls, own: OwnFriction, more: np.ndarray, values: np.ndarray) -> "TwoStepFit":
+        """Fit values (n,) by own friction and by columns (n, p - 2) that all have in common."""
+        free, free_values = own.partialled_out(more), own.partialled_out(values)
+        common = _cluster_robust(Regressors.of(free, own.first), free_values)
+        friction = _cluster_robust(own.regressors, values - more @ common.solution)
+        sensitivity = np.eye(OWN + more.shape[1])
+        sensitivity[:OWN, OWN:] = -own.regressors.inverse @ (own.columns.T @ more)
         solution = np.concatenate([friction.solution, common.solution])
-        return cls(
-            solution, covariance, friction.residual, friction.noise,
-            sensitivity, friction, common, first.size,
-        )  # fmt: skip
+        return cls(solution, friction.residual, friction.noise, sensitivity, friction, common, own)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance (p, p) of both steps; of few coast-downs, that of white noise."""
+        friction, common = self.friction, self.common
+        cross = np.zeros((OWN, common.solution.size))
+        if isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit):
+            cross = friction.influence @ common.influence.T
+        steps = np.block([[friction.covariance, cross], [cross.T, common.covariance]])
+        return np.asarray(self.sensitivity @ steps @ self.sensitivity.T)
 
     def freedom(self, contrast: np.ndarray) -> float:
         """Return the degrees of freedom of contrast (p,) times the solution.
 
         Satterthwaite's of both steps, at most one less than coast-downs.
         """
-        most, friction, common = float(self.clusters - 1), self.friction, self.common
+        most, friction, common = float(self.own.first.size - 1), self.friction, self.common
         if not (isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit)):
             return most
         own, shared = np.split(self.sensitivity.T @ contrast, [OWN])
@@ -111,16 +147,7 @@ def partialled_out(own: Sequence[np.ndarray], columns: np.ndarray, first: np.nda
     return np.concatenate([y - q @ (q.T @ y) for q, y in pairs])
 
 
-def _covariance(friction: ClusterFit, common: ClusterFit, sensitivity: np.ndarray) -> np.ndarray:
-    """Return the covariance (p, p) of both steps; of few coast-downs, that of white noise."""
-    cross = np.zeros((OWN, common.solution.size))
-    if isinstance(friction, BiasReducedFit) and isinstance(common, BiasReducedFit):
-        cross = friction.influence @ common.influence.T
-    steps = np.block([[friction.covariance, cross], [cross.T, common.covariance]])
-    return np.asarray(sensitivity @ steps @ sensitivity.T)
-
-
-def _cluster_robust(regressors: Regressors, values: np.ndarray) -> ClusterFit:
+def _cluster_robust(regressors: Regressors, values: np.ndarray) -> ClusterFit | BiasReducedFit:
     """Return the fit with the covariance of how the coast-downs differ alone, if they are enough.
 
     That of white noise is no lower limit for it: the encoder's rounding changes from sample to
