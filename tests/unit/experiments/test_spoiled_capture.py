@@ -5,7 +5,7 @@ No figure is beyond its interval by it: it is left out, or only samples of it ar
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -80,12 +80,20 @@ SLOW = {"calibrate", "friction", "sensitivity"}
 """Analyses of a second each, tried in one way of each kind."""
 
 
+@lru_cache(maxsize=1)
+def sound_ticks(path: Path) -> np.ndarray:
+    """Return the ticks of a recording, which are read once for all ways to spoil them."""
+    ticks = Run(path).ticks()
+    ticks.flags.writeable = False
+    return ticks
+
+
 class SpoiledRun(Run):
     """A recording with other ticks than its file has."""
 
     def __init__(self, path: Path, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
         super().__init__(path)
-        ticks = super().ticks()
+        ticks = sound_ticks(path)
         point = self.operating_points()[SPOILED]
         own = (ticks["plan_point"] == point["index"]) & (ticks["t_ns"] >= point["t_start_ns"])
         own &= ticks["t_ns"] <= point["t_end_ns"]
