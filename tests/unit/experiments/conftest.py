@@ -7,6 +7,7 @@ import pytest
 from motord.calibration import Calibration
 from motord.config import load, packaged
 from motord.experiments.plans import build
+from motord.identification.disturbances import lines_of_points
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.virtual import VirtualBench
@@ -58,3 +59,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     bench.install(calibration)
     record(bench, files.on, "on")
     return files
+
+
+@pytest.fixture
+def no_search_for_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare the time of looking for lines that are not locked to the rotor: there are none."""
+    monkeypatch.setattr(lines_of_points, "asynchronous_lines", lambda *_: ())

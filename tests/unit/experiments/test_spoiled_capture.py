@@ -16,12 +16,13 @@ from motord.config.experiments import analysis_kinds, resolve_name
 from motord.experiments.analysis import Analysis
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.identification import IdentifyError
-from motord.identification.disturbances import lines_of_points
 from motord.identification.rotor.left_out import PART
 from motord.recording.reader import Run
 from motord.results.figures import figures
 from motord.schema import joined, rows_of
 from tests.support.plan_recordings import PLANS, PlanFiles
+
+pytestmark = pytest.mark.usefixtures("no_search_for_lines")
 
 COUNTS = 4096
 SPOILED = 1
@@ -138,12 +139,6 @@ def outcome(name: str, run: Run, options: Mapping[str, Path]) -> Outcome:
 @pytest.fixture(scope="session")
 def files(tmp_path_factory: pytest.TempPathFactory) -> PlanFiles:
     return PlanFiles(tmp_path_factory.mktemp("plans"))
-
-
-@pytest.fixture(autouse=True)
-def no_search_for_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare the time of looking for lines that are not locked to the rotor: there are none."""
-    monkeypatch.setattr(lines_of_points, "asynchronous_lines", lambda *_: ())
 
 
 def test_every_analysis_of_several_captures_is_tried() -> None:

@@ -44,6 +44,7 @@ def with_bench_file(recorded: Recorded, path: Path, old: str, new: str) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("no_search_for_lines")
 def test_images_of_held_currents_are_not_at_the_orders_of_the_slots(
     recorded: Recorded, tmp_path: Path
 ) -> None:
@@ -77,6 +78,7 @@ def test_images_are_left_where_the_timing_of_phase_currents_is_not_known(
     assert phase_hold(open_run(path)) is None
 
 
+@pytest.mark.usefixtures("no_search_for_lines")
 def test_images_are_left_where_commands_are_held_for_another_time_than_samples_are_apart(
     recorded: Recorded, tmp_path: Path
 ) -> None:
@@ -88,6 +90,7 @@ def test_images_are_left_where_commands_are_held_for_another_time_than_samples_a
     assert [one.rms_percent for one in other] == [one.rms_percent for one in seen]
 
 
+@pytest.mark.usefixtures("no_search_for_lines")
 def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded) -> None:
     for point in explained(recorded, recorded.off):
         measured = point.measured.rms_percent
@@ -97,6 +100,7 @@ def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded
         assert 0.2e-3 < point.current_age_s < 0.4e-3  # of a period of 1 ms
 
 
+@pytest.mark.usefixtures("no_search_for_lines")
 def test_what_is_left_is_separated_with_compensation(recorded: Recorded) -> None:
     for point in explained(recorded, recorded.on):
         assert point.reconstructed.rms_percent == pytest.approx(point.measured.rms_percent, rel=0.2)
