@@ -51,16 +51,17 @@ def matching(pattern: str, what: str) -> AfterValidator:
 
 
 _SCALARS = ("bool", "float", "int", "str")
+_CONTAINERS = (dict, list, tuple)
 
 
 def _make_scalars_strict(schema: Any) -> None:
+    parts = schema
     if isinstance(schema, dict):
         if schema.get("type") in _SCALARS:
             schema["strict"] = True
-        for part in schema.values():
-            _make_scalars_strict(part)
-    elif isinstance(schema, list | tuple):
-        for part in schema:
+        parts = schema.values()
+    for part in parts:
+        if isinstance(part, _CONTAINERS):
             _make_scalars_strict(part)
 
 

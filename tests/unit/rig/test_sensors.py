@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import signal
+from scipy import linalg, signal
 
-from motord.rig.build import build, mount_matrices
+from motord.rig.build import build, matrix_exponential, mount_matrices
 from motord.rig.sensors import gray_code, read_encoder, step_torque_sensor
 from motord.rig.truth import RigTruth, load
 from tests.unit.rig.probe import Probe, plain
@@ -73,6 +73,15 @@ def test_mount_rings_at_its_resonance() -> None:
 def test_mount_matrices_keep_a_constant() -> None:
     a, b0, b1 = mount_matrices(700.0, 0.02, 1e-4)
     np.testing.assert_allclose(a @ [1.0, 0.0] + b0 + b1, [1.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("norm", [1e-9, 1.9, 2.1, 20.0])
+def test_matrix_exponential_is_scipys(norm: float) -> None:
+    matrix = np.random.default_rng(3).standard_normal((4, 4))
+    matrix *= norm / np.abs(matrix).sum(axis=1).max()
+    expected = linalg.expm(matrix)
+    limit = 1e-14 * np.abs(expected).max()
+    np.testing.assert_allclose(matrix_exponential(matrix), expected, rtol=0, atol=limit)
 
 
 def test_torque_sensor_in_the_rig_sees_what_acts_on_the_stator() -> None:
