@@ -142,6 +142,12 @@ def test_numba_loads_no_package_that_kept_kernels_do_not_need() -> None:
     assert done.stdout == "set()\n", done.stderr
 
 
+def test_a_simulated_bench_starts_without_scipy() -> None:
+    """A seventh of a second of every start of its loop, its emulator and its workers."""
+    code = "import sys, motord.hal.sim.rig\nassert 'scipy' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_settings_of_numba_in_the_working_folder_are_not_read_and_not_spoken_of(
     tmp_path: Path,
 ) -> None:
