@@ -1,10 +1,11 @@
 """Aliased ripple of the zero-order hold: what the sampled sensor shows and is not there.
 
 A current is held for a period T of the loop, so it has images of its harmonics at the loop's rate,
-f + k / T. They pass the current loops (dead time and lag) and make torque with the
-back-EMF; the torque sensor, sampled once a period, shows them folded back onto the orders of the
-turn. A mount that resonates near the loop's rate passes them on with another sign than the torque
-itself, so that nulling what the sensor shows would put a real ripple in place of an aliased one.
+f + k / T. They pass the current loops (dead time and lag) and make torque with the back-EMF;
+the torque sensor, sampled once in one or more whole periods, shows them folded back onto the orders
+of the turn. A mount that resonates near the loop's rate passes them on with another sign than the
+torque itself, so that nulling what the sensor shows would put a real ripple in place of an aliased
+one.
 """
 
 from collections.abc import Iterator
@@ -22,7 +23,10 @@ from motord.identification.torque.torque_sensor import response
 IMAGES = (-4, -3, -2, -1, 1, 2, 3, 4)
 """Images k that count; the others are small, and beyond the mount."""
 
-IMAGE_DOUBT = 0.03
+SAME_PERIOD = 0.05
+"""Part of a period of the loop by which the time between samples may miss a whole number."""
+
+IMAGE_STANDARD_UNCERTAINTY = 0.03
 """Standard uncertainty of the RMS of images, in parts: gains of 0.8 to 1.12 change it by 4 %."""
 
 
@@ -31,17 +35,25 @@ class ZeroOrderHold:
     """Timing of the currents against the samples of the torque.
 
     dead_s: from a sample of the torque until the current of the command of that tick begins to
-    move; lag_s: time constant with which it then follows.
+    move; lag_s: time constant with which it then follows; period_s: of the loop, for which each
+    command is held.
     """
 
     dead_s: float
     lag_s: float
+    period_s: float
 
-    def image(self, frequency_Hz: np.ndarray, period_s: float, k: int) -> np.ndarray:
+    def is_folded_by(self, samples: Samples) -> bool:
+        """Return whether these samples fold images onto the orders that they are images of."""
+        periods = samples.period_s / self.period_s
+        return periods > 0.5 and abs(periods - round(periods)) < SAME_PERIOD
+
+    def image(self, frequency_Hz: np.ndarray, k: int) -> np.ndarray:
         """Return image k of a current of unit command, at frequency + k / period (complex)."""
-        shifted_rad_s = 2 * np.pi * (frequency_Hz + k / period_s)
+        shifted_rad_s = 2 * np.pi * (frequency_Hz + k / self.period_s)
         held = np.ones_like(shifted_rad_s, complex)
-        step, turned = -np.expm1(-2j * np.pi * frequency_Hz * period_s), shifted_rad_s * period_s
+        step = -np.expm1(-2j * np.pi * frequency_Hz * self.period_s)
+        turned = shifted_rad_s * self.period_s
         np.divide(step, 1j * turned, out=held, where=turned != 0)
         passed = np.exp(-1j * shifted_rad_s * self.dead_s) / (1 + 1j * shifted_rad_s * self.lag_s)
         return np.asarray(held * passed)
@@ -59,11 +71,11 @@ def aliased_ripple(
 
     gain (3,): what flows over what is commanded. The speed is taken as steady.
     """
-    counts, period_s, velocity_Hz = motor.counts, samples.period_s, samples.velocity_Hz
+    counts, velocity_Hz = motor.counts, samples.velocity_Hz
     turned_Hz = np.fft.fftfreq(counts, 1 / counts) * velocity_Hz
     seen = np.zeros(counts, complex)
     for k, torque_Nm in _image_torques(samples, gain, motor, hold):
-        seen += np.fft.fft(torque_Nm) * response(sensor, turned_Hz + k / period_s)
+        seen += np.fft.fft(torque_Nm) * response(sensor, turned_Hz + k / hold.period_s)
     return np.asarray(2 / counts * seen[order] / response(sensor, order * velocity_Hz))
 
 
@@ -103,8 +115,8 @@ def with_images(
     above_Nm2 = (to_Nm * (ripple.rms_percent + (ripple.stderr_percent or 0.0))) ** 2
     rms_Nm = float(np.sqrt(square_Nm2 + images_Nm2))
     noise_Nm = float(np.sqrt(above_Nm2 + images_Nm2)) - rms_Nm
-    doubt_Nm = IMAGE_DOUBT * images_Nm2 / rms_Nm if rms_Nm else 0.0
-    return with_rms(ripple, rms_Nm, float(np.hypot(noise_Nm, doubt_Nm)), motor.rated_torque_Nm)
+    unknown_Nm = IMAGE_STANDARD_UNCERTAINTY * images_Nm2 / rms_Nm if rms_Nm else 0.0
+    return with_rms(ripple, rms_Nm, float(np.hypot(noise_Nm, unknown_Nm)), motor.rated_torque_Nm)
 
 
 def _image_torques(
@@ -123,5 +135,5 @@ def _image_torques(
     turned_Hz = np.fft.fftfreq(counts, 1 / counts) * samples.velocity_Hz
     back_emf = motor.back_emf_table().T
     for k in IMAGES:
-        current_A = np.fft.ifft(spectrum * hold.image(turned_Hz, samples.period_s, k), axis=1)
+        current_A = np.fft.ifft(spectrum * hold.image(turned_Hz, k), axis=1)
         yield k, (current_A * back_emf).sum(axis=0)

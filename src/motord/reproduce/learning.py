@@ -69,7 +69,7 @@ def learn_virtual(
     """
     plan = build("learn", config, mesh)
     subject = Subject.of_config(config)
-    learning = Learning(hold=zero_order_hold(config.inverter))
+    learning = Learning(hold=zero_order_hold(config.inverter, 1 / config.loop.rate_Hz))
     done: list[LearnPass] = []
     truth: list[Errors] = []
     ticks = 0

@@ -8,7 +8,7 @@ from scipy import signal
 
 from motord.config import BackEmfHarmonic, MotorConfig, TorqueSensorConfig
 from motord.identification.aliased_ripple import (
-    IMAGE_DOUBT,
+    IMAGE_STANDARD_UNCERTAINTY,
     ZeroOrderHold,
     aliased_ripple,
     with_images,
@@ -29,7 +29,7 @@ MOTOR = MotorConfig(
     connection="independent",
     back_emf=(BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.2),),
 )
-HOLD = ZeroOrderHold(dead_s=0.2e-3, lag_s=0.15e-3)
+HOLD = ZeroOrderHold(dead_s=0.2e-3, lag_s=0.15e-3, period_s=PERIOD_S)
 
 
 def commands(angle_rad: np.ndarray) -> np.ndarray:
@@ -62,13 +62,15 @@ def simulated(
     return angle_rad[second], seen_Nm[second], torque_Nm[samples // 2 * FINE :]
 
 
-def as_samples(angle_rad: np.ndarray, seen_Nm: np.ndarray) -> Samples:
+def as_samples(angle_rad: np.ndarray, seen_Nm: np.ndarray, every: int = 1) -> Samples:
+    """Return the point as of a board that samples in one period of the loop of so many."""
+    angle_rad, seen_Nm = angle_rad[::every], seen_Nm[::every]
     count = np.rint(angle_rad / (2 * np.pi) * COUNTS).astype(int) % COUNTS
     return Samples(
         torque_set_Nm=1.0,
         speed_set_Hz=SPEED_HZ,
         compensate=7,
-        t_s=np.arange(count.size) * PERIOD_S,
+        t_s=np.arange(count.size) * PERIOD_S * every,
         count=count,
         torque_Nm=seen_Nm,
         i_A=commands(angle_rad),
@@ -77,11 +79,13 @@ def as_samples(angle_rad: np.ndarray, seen_Nm: np.ndarray) -> Samples:
     )
 
 
+@pytest.mark.parametrize("every", [1, 2, 4])
 @pytest.mark.parametrize("resonance_Hz", [700.0, 2500.0])
-def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float) -> None:
+def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float, every: int) -> None:
     sensor = TorqueSensorConfig(resonance_Hz=resonance_Hz, damping_ratio=0.1)
     angle_rad, seen_Nm, _ = simulated(sensor)
-    samples = as_samples(angle_rad, seen_Nm)
+    samples = as_samples(angle_rad, seen_Nm, every)
+    angle_rad, seen_Nm = angle_rad[::every], seen_Nm[::every]
     order = np.array([30])
     predicted = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
     turn = np.exp(-1j * np.outer(order, angle_rad))
@@ -92,14 +96,15 @@ def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float) -> N
     np.testing.assert_allclose(shown - predicted, real, atol=0.02 * np.abs(predicted).max() + 5e-4)
 
 
+@pytest.mark.parametrize("every", [1, 2])
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("resonance_Hz", [700.0, 2500.0])
 def test_the_rms_has_the_images_as_they_are_on_the_shaft(
-    resonance_Hz: float, direction: int
+    resonance_Hz: float, direction: int, every: int
 ) -> None:
     sensor = TorqueSensorConfig(resonance_Hz=resonance_Hz, damping_ratio=0.1)
     angle_rad, seen_Nm, torque_Nm = simulated(sensor, direction)
-    samples, gain = as_samples(angle_rad, seen_Nm), np.ones(3)
+    samples, gain = as_samples(angle_rad, seen_Nm, every), np.ones(3)
     seen = point_ripple(samples, MOTOR, sensor)
     freed = without_aliases(seen, samples, gain, MOTOR, sensor, HOLD)
     found = with_images(freed, samples, gain, MOTOR, HOLD)
@@ -118,11 +123,11 @@ def test_an_order_at_the_rate_of_the_loop_is_none_of_the_images() -> None:
     motor = MOTOR.model_copy(update={"counts": 2 * COUNTS})
     sensor = TorqueSensorConfig(resonance_Hz=700.0, damping_ratio=0.1)
     samples = as_samples(*simulated(sensor)[:2])
-    t_s = np.arange(samples.count.size) / 1024
+    t_s, hold = np.arange(samples.count.size) / 1024, replace(HOLD, period_s=1 / 1024)
     samples = replace(samples, count=2 * samples.count, t_s=t_s)
-    assert COUNTS * samples.velocity_Hz == 1 / samples.period_s
+    assert COUNTS * samples.velocity_Hz == 1 / hold.period_s
     order = np.array([30])
-    assert np.isfinite(aliased_ripple(samples, np.ones(3), motor, sensor, HOLD, order)).all()
+    assert np.isfinite(aliased_ripple(samples, np.ones(3), motor, sensor, hold, order)).all()
 
 
 @pytest.mark.parametrize("stderr_percent", [0.0, 0.5])
@@ -136,7 +141,7 @@ def test_the_interval_of_the_square_stays_and_that_of_the_images_comes_on_top(
     above, below = (ripple.rms_percent + stderr_percent) ** 2, ripple.rms_percent**2
     images = found.rms_percent**2 - below
     noise_percent = np.sqrt(above + images) - found.rms_percent
-    doubt_percent = IMAGE_DOUBT * images / found.rms_percent
+    doubt_percent = IMAGE_STANDARD_UNCERTAINTY * images / found.rms_percent
     assert found.stderr_percent == pytest.approx(np.hypot(noise_percent, doubt_percent))
     assert found.noise_stderr_percent == found.stderr_percent
 
@@ -146,12 +151,24 @@ def base(order: int) -> complex:
     angle_rad = 2 * np.pi * np.arange(COUNTS) / COUNTS
     spectrum = np.fft.fft(commands(angle_rad), axis=0)
     turned = np.fft.fftfreq(COUNTS, 1 / COUNTS)
-    passed = np.nan_to_num(HOLD.image(turned + 1e-12, PERIOD_S, 0), nan=1.0)
+    passed = np.nan_to_num(HOLD.image(turned + 1e-12, 0), nan=1.0)
     current_A = np.fft.ifft(spectrum * passed[:, None], axis=0)
     torque = np.fft.fft((current_A * MOTOR.back_emf_table()).sum(axis=1))
     return complex(2 / COUNTS * torque[order])
 
 
+@pytest.mark.parametrize(
+    ("periods", "folded"),
+    [(0.1, False), (0.5, False), (0.96, True), (1.0, True), (1.5, False), (1.96, True)],
+)
+def test_images_are_folded_by_samples_a_whole_number_of_periods_apart(
+    periods: float, folded: bool
+) -> None:
+    angle_rad = 2 * np.pi * np.arange(COUNTS) / COUNTS
+    samples = as_samples(angle_rad, angle_rad)
+    assert HOLD.is_folded_by(replace(samples, t_s=periods * samples.t_s)) == folded
+
+
 def test_a_steady_current_has_no_images() -> None:
     frequency_Hz = np.array([0.0])
-    assert HOLD.image(frequency_Hz, PERIOD_S, 1)[0] == 0
+    assert HOLD.image(frequency_Hz, 1)[0] == 0

@@ -42,9 +42,10 @@ class SeenRipple(PointRipple):
 def band_order(samples: Samples, hold: ZeroOrderHold | None) -> int:
     """Return the highest order that the currents follow at this speed.
 
-    A part of the loop's rate, or the corner of the current loops if that is lower.
+    A part of the loop's rate, or the corner of the current loops if that is lower. Without timing
+    the loop is taken to be as fast as the samples.
     """
-    band_Hz = BAND_SHARE / samples.period_s
+    band_Hz = BAND_SHARE / (samples.period_s if hold is None else hold.period_s)
     if hold is not None and hold.lag_s > 0:
         band_Hz = min(band_Hz, 1 / (2 * np.pi * hold.lag_s))
     return int(band_Hz / samples.speed_Hz)
@@ -81,7 +82,7 @@ def seen_by(
 ) -> SeenRipple:
     """Return the ripple of a point; gain (3,): what flows over what is commanded."""
     ripple = point_ripple(samples, motor, sensor)
-    if hold is not None:
+    if hold is not None and hold.is_folded_by(samples):
         ripple = without_aliases(ripple, samples, gain, motor, sensor, hold)
     band = band_order(samples, hold)
     return SeenRipple(

@@ -14,7 +14,7 @@ to have been compensated out of phase.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from math import hypot, isclose
+from math import hypot
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from motord.calibration import Calibration, RmsErrors
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
-from motord.experiments.hold_timing import loop_period_s, phase_hold
+from motord.experiments.hold_timing import phase_hold
 from motord.experiments.subject import Subject
 from motord.findings import Finding
 from motord.identification.aliased_ripple import ZeroOrderHold, with_images, without_aliases
@@ -44,23 +44,22 @@ AS_COMMANDED = np.ones(3)
 """What flows over what is commanded, as far as images go: the measured ripple of a recording is the
 same with a calibration and without."""
 
-SAME_PERIOD = 0.05
-"""Part by which samples may be further apart than the loop's ticks, or nearer."""
-
 
 @dataclass(frozen=True)
 class Explained:
     """Ripple of an operating point, measured and from its currents.
 
-    rest_percent: RMS, in percent of rated torque, of the measured ripple less the reconstructed
-    one, order by order with their phases. current_age_s: how much older the currents are than the
-    recording says.
+    sampled_percent: RMS, in percent of rated torque, of the measured ripple as it is sampled,
+    without images of held currents between the samples; rest_percent: of this less the
+    reconstructed ripple, order by order with their phases. current_age_s: how much older the
+    currents are than the recording says.
     """
 
     JSON: ClassVar = ("reconstructed_percent", "rest_percent", "share_explained", "current_age_s")
 
     measured: PointRipple
     reconstructed: PointRipple
+    sampled_percent: float
     rest_percent: float
     current_age_s: float
 
@@ -71,8 +70,8 @@ class Explained:
 
     @property
     def share_explained(self) -> float:
-        """Part of the measured ripple's power that the currents explain; below 0 if none."""
-        power = self.measured.rms_percent**2
+        """Part of the sampled ripple's power that the currents explain; below 0 if none."""
+        power = self.sampled_percent**2
         return 1.0 - self.rest_percent**2 / power if power > 0 else 0.0
 
 
@@ -155,16 +154,12 @@ def _samples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -
 def _with_holds(
     runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut
 ) -> Iterator[tuple[Samples, ZeroOrderHold | None]]:
-    """Yield the samples of points with the timing of their phase currents, if it is known.
-
-    Not where each command is not of one sample, as of a board that samples less often.
-    """
+    """Yield the samples of points with the timing of their phase currents, if they show it."""
     for run in runs:
         hold = phase_hold(run)
-        period_s = loop_period_s(run) if hold else 0.0
         for samples in _samples([run], subject, left_out):
-            each = isclose(samples.period_s, period_s, rel_tol=SAME_PERIOD)
-            yield samples, hold if samples.commanded and each else None
+            shown = hold is not None and samples.commanded and hold.is_folded_by(samples)
+            yield samples, hold if shown else None
 
 
 def held_ripple(
@@ -216,7 +211,8 @@ def explain(
     noise_Nm = np.hypot(measured.noise_Nm, reconstructed.noise_Nm)
     rms_Nm, _ = repeating_rms(residual_Nm, noise_Nm)
     held = held_ripple(measured, samples, motor, sensor, hold)
-    return Explained(held, reconstructed, 100 / motor.rated_torque_Nm * rms_Nm, age_s)
+    rest_percent = 100 / motor.rated_torque_Nm * rms_Nm
+    return Explained(held, reconstructed, measured.rms_percent, rest_percent, age_s)
 
 
 def reconstructed_torque(

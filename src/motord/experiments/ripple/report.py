@@ -146,15 +146,15 @@ def fill_shares(page: Page, points: Sequence[Explained], of: str = "") -> None:
         return
     at = [(p.measured.torque_Nm, p.measured.speed_Hz) for p in points]
     panels = [
-        ("Measured", [p.measured.rms_percent for p in points]),
+        ("Measured", [p.sampled_percent for p in points]),
         ("From the currents", [p.reconstructed_percent for p in points]),
         ("Rest", [p.rest_percent for p in points]),
     ]
     page.heading(f"Where the ripple comes from{f': {of}' if of else ''}")
     page.picture(
         rms_error([(title, dict(zip(at, values, strict=True))) for title, values in panels]),
-        "RMS error of the measured torque (Poels 2008, Figure 4.10), of the torque reconstructed "
-        "from the sensed currents with the calibration (Figure 4.11), and of the difference of "
-        "the two. The second is what current control left; the third are errors of the current "
-        "sensors and of the model, which no current shows.",
+        "RMS error of the measured torque as it is sampled (Poels 2008, Figure 4.10), of the "
+        "torque reconstructed from the sensed currents with the calibration (Figure 4.11), and of "
+        "the difference of the two. The second is what current control left; the third are errors "
+        "of the current sensors and of the model, which no current shows.",
     )

@@ -21,7 +21,9 @@ from motord.experiments.ilc.analysis import (
 )
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.report import report
+from motord.experiments.ilc.seen import SeenRipple
 from motord.experiments.subject import AnalysisError, Subject
+from motord.identification.operating_points import CURRENTS
 from motord.recording.captures import true_torque
 from motord.recording.reader import Run, open_run
 from motord.recording.writer import RunWriter
@@ -173,11 +175,36 @@ def test_timing_of_the_currents_is_read_from_the_bench_file(
 ) -> None:
     hold = recorded_hold(open_run(first[0]))
     assert hold is not None
-    assert (hold.dead_s, hold.lag_s) == pytest.approx((0.2e-3, 0.2e-3))
+    assert (hold.dead_s, hold.lag_s, hold.period_s) == pytest.approx((0.2e-3, 0.2e-3, 1e-3))
     late = zero_order_hold(
-        InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), sample_age_s=0.3e-3
+        InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), 1e-3, sample_age_s=0.3e-3
     )
     assert (late.dead_s, late.lag_s) == pytest.approx((0.7e-3, 0.1e-3))
+
+
+def sampled_half_as_often(ticks: np.ndarray) -> np.ndarray:
+    """Return the ticks as of a board that has a new sample for every other tick."""
+    stale = ticks[1::2]
+    for name in ("t_ns", "encoder_count", "torque_Nm", *CURRENTS):
+        stale[name] = ticks[name][: 2 * stale.size : 2]
+    stale["sample_age_ns"] += 1_000_000
+    return ticks
+
+
+def test_a_board_that_samples_half_as_often_shows_the_same_to_learn_from(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    """The loop holds its commands as long as before: images and band are the same."""
+    path, calibration = first
+    slow = change_recording(path, tmp_path / "slow.mcap", sampled_half_as_often)
+    assert recorded_hold(open_run(slow)) == recorded_hold(open_run(path))
+    fast, seen = (learned_from(one, calibration).ripples for one in (path, slow))
+    for one, other in zip(fast, seen, strict=True):
+        assert isinstance(one, SeenRipple)
+        assert isinstance(other, SeenRipple)
+        assert other.band == pytest.approx(one.band, abs=1)
+        learned = np.array([8, 16, 32, 48, 64, 96]) - 1
+        assert np.abs(other.line_Nm - one.line_Nm[: other.order.size])[learned].max() < 2e-3
 
 
 def test_the_command_writes_the_next_calibration_and_a_page(

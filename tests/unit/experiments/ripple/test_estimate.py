@@ -79,12 +79,13 @@ def test_images_are_left_where_the_timing_of_phase_currents_is_not_known(
 
 
 @pytest.mark.usefixtures("no_search_for_lines")
-def test_images_are_left_where_commands_are_held_for_another_time_than_samples_are_apart(
-    recorded: Recorded, tmp_path: Path
+@pytest.mark.parametrize("rate_Hz", [500, 1500])
+def test_images_are_left_where_samples_are_no_whole_number_of_the_periods_of_the_loop_apart(
+    recorded: Recorded, tmp_path: Path, rate_Hz: int
 ) -> None:
-    """As of a board that samples half as often as the loop commands, or an imported recording."""
+    """As in an imported recording of another rate."""
     subject = Subject.of_config(load())
-    changes = ("lag_s", "# lag_s"), ("rate_Hz = 1000", "rate_Hz = 2000")
+    changes = ("lag_s", "# lag_s"), ("rate_Hz = 1000", f"rate_Hz = {rate_Hz}")
     paths = [with_bench_file(recorded, tmp_path / f"{one[1]}.mcap", *one) for one in changes]
     seen, other = (estimate.ripples([open_run(one)], subject, EveryCapture()) for one in paths)
     assert [one.rms_percent for one in other] == [one.rms_percent for one in seen]
@@ -105,6 +106,17 @@ def test_what_is_left_is_separated_with_compensation(recorded: Recorded) -> None
     for point in explained(recorded, recorded.on):
         assert point.reconstructed.rms_percent == pytest.approx(point.measured.rms_percent, rel=0.2)
         assert point.rest_percent < 0.7 * point.measured.rms_percent
+
+
+def test_images_between_the_samples_are_not_explained(recorded: Recorded, tmp_path: Path) -> None:
+    """Of the same samples, the share is the same where images are known and where they are not."""
+    path = with_bench_file(recorded, tmp_path / "untimed.mcap", "lag_s", "# lag_s")
+    for held, sampled in zip(
+        explained(recorded, recorded.on), explained(recorded, path), strict=True
+    ):
+        assert held.measured.rms_percent != sampled.measured.rms_percent
+        assert held.share_explained == sampled.share_explained
+        assert sampled.sampled_percent == sampled.measured.rms_percent
 
 
 def test_verify_with_the_calibration_reports_the_shares(recorded: Recorded, tmp_path: Path) -> None:
