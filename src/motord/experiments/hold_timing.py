@@ -1,7 +1,7 @@
 """Timing of the currents against the samples of the torque, by bench file or recording."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from motord.config import LoopConfig
 from motord.config.devices import InverterConfig
 from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.identification.resample import rising
-from motord.recording.reader import Run
+from motord.recording.reader import Bounds, Run
 from motord.untrusted import parse_toml
 
 
@@ -21,8 +21,11 @@ def zero_order_hold(
     return ZeroOrderHold(dead_s, inverter.lag_s, period_s)
 
 
-def recorded_hold(run: Run) -> ZeroOrderHold | None:
-    """Return the timing of the currents in a run; None if its bench file does not say."""
+def recorded_hold(run: Run, **bounds: Unpack[Bounds]) -> ZeroOrderHold | None:
+    """Return the timing of the currents in a run; None if its bench file does not say.
+
+    bounds: of the time whose samples say how old they are; all of it without.
+    """
     try:
         bench = parse_toml(run.metadata["config"])
         table, period_s = bench["inverter"], loop_period_s(bench)
@@ -32,19 +35,19 @@ def recorded_hold(run: Run) -> ZeroOrderHold | None:
         return None
     if "actuation_delay_s" not in given:
         return None
-    ticks = run.ticks(("t_ns", "sample_age_ns"))
+    ticks = run.ticks(("t_ns", "sample_age_ns"), **bounds)
     age_ns = ticks["sample_age_ns"][rising(ticks["t_ns"])]
     age_s = float(np.median(age_ns)) * 1e-9 if age_ns.size else 0.0
     return zero_order_hold(inverter, period_s, age_s)
 
 
-def phase_hold(run: Run) -> ZeroOrderHold | None:
+def phase_hold(run: Run, **bounds: Unpack[Bounds]) -> ZeroOrderHold | None:
     """Return the timing of held phase currents; None without their lag, or of a drive with axes.
 
     Images depend on the lag of the current loops; a drive that takes currents along the rotor's
     axes turns them between commands.
     """
-    hold = recorded_hold(run)
+    hold = recorded_hold(run, **bounds)
     if hold is None or not hold.lag_s:
         return None
     rotating = parse_toml(run.metadata["config"])["inverter"].get("driver") == "can-dq"

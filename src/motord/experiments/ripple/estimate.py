@@ -24,9 +24,10 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
 from motord.experiments.hold_timing import phase_hold
+from motord.experiments.shaft_ripple import shaft_ripple, with_held_images
 from motord.experiments.subject import Subject
 from motord.findings import Finding
-from motord.identification.aliased_ripple import ZeroOrderHold, with_images, without_aliases
+from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, require_currents
 from motord.identification.point_ripple import (
@@ -39,10 +40,6 @@ from motord.identification.point_ripple import (
 from motord.identification.zero_sequence import is_missing, restored
 from motord.recording.captures import captures
 from motord.recording.reader import Run
-
-AS_COMMANDED = np.ones(3)
-"""What flows over what is commanded, as far as images go: the measured ripple of a recording is the
-same with a calibration and without."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +117,7 @@ def ripples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) ->
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
     found = []
     for samples, hold in _with_holds(runs, subject, left_out):
-        seen = point_ripple(samples, motor, sensor)
-        held = held_ripple(seen, samples, motor, sensor, hold)
+        held = shaft_ripple(samples, motor, sensor, hold)
         found.append((held, DetectedLines.of(samples, motor.counts)))
     return with_asynchronous(found, _samples(runs, subject, left_out), motor, sensor)
 
@@ -154,29 +150,11 @@ def _samples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -
 def _with_holds(
     runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut
 ) -> Iterator[tuple[Samples, ZeroOrderHold | None]]:
-    """Yield the samples of points with the timing of their phase currents, if they show it."""
+    """Yield the samples of points with the timing of their phase currents, if it is known."""
     for run in runs:
         hold = phase_hold(run)
         for samples in _samples([run], subject, left_out):
-            shown = hold is not None and samples.commanded and hold.is_folded_by(samples)
-            yield samples, hold if shown else None
-
-
-def held_ripple(
-    seen: PointRipple,
-    samples: Samples,
-    motor: MotorConfig,
-    sensor: TorqueSensorConfig,
-    hold: ZeroOrderHold | None,
-) -> PointRipple:
-    """Return the ripple seen with images of held currents where they are, not aliased.
-
-    Without hold, the ripple is as the samples show it.
-    """
-    if hold is None:
-        return seen
-    freed = without_aliases(seen, samples, AS_COMMANDED, motor, sensor, hold)
-    return with_images(freed, samples, AS_COMMANDED, motor, hold)
+            yield samples, hold
 
 
 def middle_point(places: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -210,7 +188,7 @@ def explain(
     residual_Nm = measured.even_odd_Nm - reconstructed.even_odd_Nm
     noise_Nm = np.hypot(measured.noise_Nm, reconstructed.noise_Nm)
     rms_Nm, _ = repeating_rms(residual_Nm, noise_Nm)
-    held = held_ripple(measured, samples, motor, sensor, hold)
+    held = with_held_images(measured, samples, motor, sensor, hold)
     rest_percent = 100 / motor.rated_torque_Nm * rms_Nm
     return Explained(held, reconstructed, measured.rms_percent, rest_percent, age_s)
 

@@ -9,6 +9,7 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
+from motord.experiments.hold_timing import phase_hold
 from motord.experiments.ripple_findings import asynchronous_line
 from motord.experiments.sensitivity.applied import NEEDED, Applied, AppliedCompensation
 from motord.experiments.sensitivity.curves import (
@@ -22,6 +23,7 @@ from motord.experiments.sensitivity.curves import (
 )
 from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitivity, Theory
 from motord.experiments.sensitivity.slope_fit import series
+from motord.experiments.shaft_ripple import shaft_ripple
 from motord.experiments.signal_findings import current_scale, signal_findings
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
@@ -34,7 +36,7 @@ from motord.identification.operating_points import (
     require_turns,
     stacked,
 )
-from motord.identification.point_ripple import PointRipple, point_ripple
+from motord.identification.point_ripple import PointRipple
 from motord.identification.signal_condition import CurrentProducts
 from motord.recording.captures import COLUMNS, captures
 from motord.recording.reader import Run
@@ -137,10 +139,12 @@ def measured_ripples(
     """
     motor, sensor = subject.motor, subject.sensor
     found, errors = [], []
-    for samples, induced in _prepared(runs, subject, left_out):
-        detected = DetectedLines.of(samples, motor.counts)
-        found.append((point_ripple(samples, motor, sensor), detected))
-        errors.append(induced)
+    for run in runs:
+        hold = phase_hold(run)
+        for samples, induced in _prepared([run], subject, left_out):
+            detected = DetectedLines.of(samples, motor.counts)
+            found.append((shaft_ripple(samples, motor, sensor, hold), detected))
+            errors.append(induced)
     points = (samples for samples, _ in _prepared(runs, subject, left_out))
     ripples = with_asynchronous(found, points, motor, sensor)
     return [pair for pair in zip(ripples, errors, strict=True) if _single(pair[1])]

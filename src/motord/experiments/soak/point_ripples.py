@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from motord.experiments.hold_timing import phase_hold
 from motord.experiments.ripple_findings import findings, is_hidden
+from motord.experiments.shaft_ripple import shaft_ripple
 from motord.experiments.subject import Subject
 from motord.findings import Finding, listed
 from motord.identification import CaptureError, IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
-from motord.identification.point_ripple import PointRipple, point_ripple
+from motord.identification.point_ripple import PointRipple
 from motord.intervals import LEVEL, t_quantile
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of
@@ -43,6 +45,7 @@ def point_ripples(
     inner = run.plan_metadata.get("settings", {}).get("inner")
     turns = isinstance(inner, Mapping) and "turns" in inner
     points = [one for one in points if turns and one["speed_Hz"]]
+    hold = phase_hold(run, **bounds_of(points[0])) if points else None
     index, found = [], []
     unusable: dict[int, PointRipple | CaptureError] = {}
     for number, samples in _samples(run, points, subject):
@@ -51,7 +54,7 @@ def point_ripples(
             continue
         index.append(number)
         lines = DetectedLines.of(samples, motor.counts)
-        found.append((point_ripple(samples, motor, sensor), lines))
+        found.append((shaft_ripple(samples, motor, sensor, hold), lines))
     again = (one for _, one in _samples(run, points, subject) if isinstance(one, Samples))
     ripples = with_asynchronous(found, again, motor, sensor)
     return unusable | dict(zip(index, ripples, strict=True))

@@ -100,6 +100,7 @@ def test_a_refusal_says_so_too() -> None:
     with pytest.raises(IdentifyError) as refused:
         found(90.0, "independent", sensor=HIGHPASS)
     assert "mean torque" not in str(refused.value)
+    assert refused.value.__cause__ is not refused.value
 
 
 @pytest.mark.parametrize("connection", ["independent", "star"])
@@ -116,7 +117,7 @@ def test_a_refusal_of_a_fit_has_the_likelier_cause_first_and_no_other_advice(
     assert refused.endswith(f"({known.fact})")
     assert "more turns" not in refused
     few = IdentifyError("5 whole turns in all")
-    assert means.explained(few, AccuracyConfig()) is few
+    assert means.explained(few, AccuracyConfig()) is None
 
 
 def test_a_refusal_that_names_a_phase_says_that_first() -> None:

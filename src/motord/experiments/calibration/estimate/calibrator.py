@@ -44,10 +44,13 @@ from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
+from motord.experiments.hold_timing import phase_hold
 from motord.experiments.magnet_temperature import ReferredBackEmf, referred
+from motord.experiments.shaft_ripple import shaft_ripple
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import PhaseProgress, Subject
 from motord.identification import IdentifyError
+from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.identification.basis import Basis
 from motord.identification.operating_points import (
     PointData,
@@ -60,7 +63,7 @@ from motord.identification.orders import (
     allowed_orders,
     resolved_cogging_order,
 )
-from motord.identification.point_ripple import PointRipple, point_ripple
+from motord.identification.point_ripple import PointRipple
 from motord.identification.signal_condition import SignalFault
 from motord.identification.zero_sequence import is_missing
 from motord.recording.captures import captures
@@ -120,22 +123,27 @@ class Calibrator:
         """
         all_runs = list(runs)
 
+        def held() -> Iterator[tuple[PointData, ZeroOrderHold | None]]:
+            for run in all_runs:
+                hold = phase_hold(run)
+                yield from ((point, hold) for point in referred(captures(run), run, subject))
+
         def read() -> Iterator[PointData]:
-            return (point for run in all_runs for point in referred(captures(run), run, subject))
+            return (point for point, _ in held())
 
         calibrator = cls(subject.motor, subject.sensor, read, subject.accuracy, progress)
         points = sum(len(good_points(run.operating_points())) for run in all_runs)
-        for number, point in enumerate(read(), start=1):
-            calibrator.add(point)
+        for number, (point, hold) in enumerate(held(), start=1):
+            calibrator.add(point, hold)
             progress(READING, number / points)
         return calibrator
 
-    def add(self, point: PointData) -> None:
+    def add(self, point: PointData, hold: ZeroOrderHold | None = None) -> None:
         """Take a point that can be used, is long enough, and of known temperature if asked for."""
         for samples in self._samples([point]):
-            self._add(samples, induced=bool(point.induced))
+            self._add(samples, hold, induced=bool(point.induced))
 
-    def _add(self, samples: Samples, *, induced: bool) -> None:
+    def _add(self, samples: Samples, hold: ZeroOrderHold | None, *, induced: bool) -> None:
         if not _usable(samples):
             (self._unknown if isnan(samples.back_emf_factor) else self._short).append(samples.label)
             return
@@ -148,7 +156,7 @@ class Calibrator:
         if induced:
             return
         self._residual.add(samples)
-        self._ripples.append(point_ripple(samples, self._motor, self._sensor))
+        self._ripples.append(shaft_ripple(samples, self._motor, self._sensor, hold))
 
     def result(self, method: Method) -> CalibrationResult:
         """Return what all points together give. Raises IdentifyError."""
@@ -160,7 +168,9 @@ class Calibrator:
             for one in faults:
                 if one.severity == "serious":
                     raise IdentifyError(f"{one.meaning}; {one.action} ({error})") from error
-            raise self._means.explained(error, self._bench.accuracy) from error
+            if (likelier := self._means.explained(error, self._bench.accuracy)) is None:
+                raise
+            raise likelier from error
         scale = [
             *self._means.findings(self._bench.accuracy, found),
             *common_gain_finding(found, self._bench.accuracy),

@@ -73,8 +73,8 @@ class MeanTorques:
             serious = [one.name for one in others if one.severity == "serious"]
             yield _finding(slope, off_percent, limit_percent, serious)
 
-    def explained(self, error: IdentifyError, accuracy: AccuracyConfig) -> IdentifyError:
-        """Return a refusal with what the mean torques say, the likelier cause first.
+    def explained(self, error: IdentifyError, accuracy: AccuracyConfig) -> IdentifyError | None:
+        """Return a refusal with what the mean torques say, the likelier cause first; None without.
 
         Where the fit is none that is the mean torque, also where it is no more than a warning.
         """
@@ -83,7 +83,7 @@ class MeanTorques:
                 return IdentifyError(f"{one.meaning}; {one.action} ({error.fact})")
             if one.severity == "serious":
                 return IdentifyError(f"{error}; {one.meaning}; {one.action}")
-        return error
+        return None
 
 
 def _chance_percent(slope: Slope, accuracy: AccuracyConfig) -> float:
