@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -59,8 +60,30 @@ def print_result(result: Any, text: str, as_json: bool) -> None:
         typer.echo(text)
 
 
+KINDS = {"str": "text", "int": "whole number", "float": "number", "Path": "path"}
+"""What a value is called in the help, by the name of its type."""
+
+
+def with_kinds(command: Any) -> Any:
+    """Return a command (or None) whose help says what its values are, without types of Python."""
+    for one in command.params if command else ():
+        one.display_type = partial(_kind, type(one).display_type, one)
+    return command
+
+
+def _kind(display_type: Callable[..., str], parameter: Any, ctx: Any) -> str:
+    """Return the kind of a value as the help shows it; that there may be several is in its name."""
+    name = display_type(parameter, ctx).strip("<>").removeprefix("list[").removesuffix("]")
+    kinds = (KINDS.get(one, one) for one in name.removesuffix(" range").split(","))
+    return f"<{','.join(kinds)}>"
+
+
 class CommandGroup(TyperGroup):
     """Carries out a command; an error that is none of the program ends it with one line."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command, or None if there is none of that name."""
+        return with_kinds(super().get_command(ctx, cmd_name))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands with all of their summaries, however narrow the terminal is."""
@@ -150,7 +173,7 @@ def single(name: str, function: Callable[..., Any]) -> Any:
     app.command(name)(function)
     command = typer.main.get_command(app)
     command.name = name
-    return command
+    return with_kinds(command)
 
 
 def plain_console(*, stderr: bool = False) -> "Console":

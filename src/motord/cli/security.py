@@ -109,7 +109,9 @@ def list_(
 
 
 @app.command()
-def remove(name: str, folder: In = Path()) -> None:
+def remove(
+    name: Annotated[str, typer.Argument(help="Who: a person or a program.")], folder: In = Path()
+) -> None:
     """Take the role of a client away: it may do nothing more, within seconds."""
     _authority().remove(folder, name)
     typer.echo(f"{name} has no role any more")

@@ -29,6 +29,7 @@ REFUSED = [
     ("test type.toml --serial 1 --recordings run.mcap --certificate type.toml", "reads type.toml"),
     ("calibration export good.json --format odrive --force -o good.json", "reads good.json"),
     ("calibration export good.json --format csv -c bench.toml --force -o bench.toml", "bench.toml"),
+    ("record import emf.csv --map type.toml -o emf.csv", "reads emf.csv"),
     ("latency --seconds 0 -c bench.toml --plot bench.toml", "reads bench.toml"),
 ]
 
@@ -68,3 +69,10 @@ def test_other_files_are_no_wrong_usage(command):
     Path("bench.toml").write_text(packaged("sim.toml").read_text())
     result = CliRunner().invoke(app, shlex.split(command))
     assert result.exit_code == 1  # run.mcap is no recording, type.toml no motor type
+
+
+def test_an_import_makes_no_folder(folder):
+    result = CliRunner().invoke(app, shlex.split("record import emf.csv --map type.toml -o no/x"))
+    assert result.exit_code == 1
+    assert f"--output no/x: there is no folder {folder}/no; make it" in result.stderr
+    assert not Path("no").exists()

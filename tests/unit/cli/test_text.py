@@ -29,6 +29,7 @@ def commands(command, path=()):
 
 
 ALL = dict(commands(typer.main.get_command(app)))
+PYTHON = re.compile(r"\b(str|int|float|bool|Path|list|tuple|dict|None|Any)\b|\brange\b")
 PLACES = re.compile(r"\[[a-z][a-z_.*]*\]")
 
 
@@ -46,6 +47,15 @@ def test_sections_in_brackets_are_in_the_help(path):
     for text in texts(ALL[path]):
         for place in PLACES.findall(text):
             assert place in shown
+
+
+@pytest.mark.parametrize("path", ALL, ids=" ".join)
+def test_each_option_has_help_and_a_kind_that_is_no_type_of_python(path):
+    context = typer.Context(ALL[path])
+    for one in ALL[path].get_params(context):
+        assert one.hidden or one.help, one.name
+        shown, _ = one.get_help_record(context) or ("", "")
+        assert not PYTHON.search(shown)
 
 
 def test_there_are_sections_in_the_help_of_some():

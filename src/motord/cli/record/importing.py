@@ -10,6 +10,7 @@ import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.console import fail, print_result, progress_bar
+from motord.cli.output_files import check_output_files
 
 if TYPE_CHECKING:
     from motord.importing.convert import Imported
@@ -24,7 +25,9 @@ def import_recording(
     map_file: Annotated[
         Path, typer.Option("--map", metavar="MAP.toml", help="Which column is what.")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="RUN.mcap")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="RUN.mcap", help="The recording to write.")
+    ],
     strict: Annotated[
         bool, typer.Option("--strict", help="Fail if a row lacks something or its time is wrong.")
     ] = False,
@@ -37,6 +40,7 @@ def import_recording(
     """Make a run of a recording from elsewhere; most of `analyse` works on it."""
     from motord.importing.convert import import_run
 
+    check_output_files({"--output": output}, [file, map_file])
     try:
         with _progress(silent=as_json) as progress:
             done = import_run(
