@@ -2,12 +2,11 @@
 
 Where readings of the DC current are means, mean(u i) = mean(u) mean(i) + the mean product of their
 ripples, which is at most that of their RMS values. Of the bus voltage's variance within readings,
-white noise of its sensor is no ripple: its density is the median of the periodogram, over ln 2.
+white noise of its sensor is no ripple.
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import log
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
 from motord.experiments.torque_speed.turns import COLUMNS, CapturedTurns
 from motord.identification import IdentifyError
+from motord.identification.disturbances.noise_floor import noise_floor
 from motord.identification.operating_points import PointData, good_points, split
 from motord.identification.signal_condition import SignalFault
 from motord.recording.plan_columns import plan_columns
@@ -128,13 +128,5 @@ def bus_voltage(
     place = np.searchsorted(at_s, tick_s)
     inside = (place > 0) & (place < at_s.size)
     apart_V = voltage_V[inside] - between_V[place[inside] - 1]
-    square_V2 = float(np.mean(apart_V**2)) - white_noise_V2(voltage_V)
+    square_V2 = float(np.mean(apart_V**2)) - noise_floor(voltage_V).variance
     return np.concatenate([between_V[:1], between_V]), max(square_V2, 0.0) ** 0.5
-
-
-def white_noise_V2(voltage_V: np.ndarray) -> float:
-    """Return the variance of the white noise in a voltage (n,), evenly sampled."""
-    if voltage_V.size < 4:
-        return 0.0
-    density = np.abs(np.fft.rfft(voltage_V - voltage_V.mean())[1:]) ** 2
-    return float(np.median(density)) / log(2) / voltage_V.size
