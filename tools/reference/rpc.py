@@ -13,7 +13,7 @@ from tools.reference.models import fields, output_fields
 from motord.api import errors, messages
 from motord.api.plan_messages import PlanView
 from motord.api.queue_messages import QueuedPlan, QueueItem, QueueRun, QueueView
-from motord.api.replies import AvailablePlan, CalibrationEntry
+from motord.api.replies import AcceptedSetpoint, AvailablePlan, CalibrationEntry
 from motord.api.requests import RPCS, PlanStart, Rpc
 from motord.security.access import READ
 
@@ -68,6 +68,7 @@ def lease_of(one: Rpc[Any, Any]) -> str:
 
 def _request(one: Rpc[Any, Any]) -> Iterator[str]:
     links = {model.__name__: f"[`{model.__name__}`](#{anchor(model.__name__)})" for model in PARTS}
+    links[AcceptedSetpoint.__name__] = links[messages.SetpointView.__name__]  # the same fields
     yield f"### {one.name}"
     yield one.meaning or summary(one.request)
     if one.request.model_fields:

@@ -1,7 +1,6 @@
 """Replies of the RPCs: built by the service, checked by the client, which trusts no daemon.
 
-Types are strict; fields that a model does not name are passed on, so that replies may grow. The
-set-point in a reply is read as in the state: leniently, and without such fields.
+Types are strict; fields that a model does not name are passed on, so that replies may grow.
 """
 
 from typing import Annotated, Any, Literal
@@ -56,10 +55,14 @@ class StateReply(RpcReply):
     """State of the drive, or of the plan."""
 
 
+class AcceptedSetpoint(SetpointView, extra="allow", strict=True, frozen=True, allow_inf_nan=False):
+    """What the state publishes of the set-point, as strict as other replies."""
+
+
 class SetpointReply(StateReply):
     """`set`."""
 
-    setpoint: SetpointView
+    setpoint: AcceptedSetpoint
     """What is in force now; the torque is on its way to its target."""
     reached_in_s: Duration
     """How long brake and ramp take from now."""

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 import threading
 import time
 from contextlib import suppress
@@ -133,6 +134,29 @@ def test_what_is_too_long_is_not_sent(client):
 def test_what_is_too_long_is_not_read():
     with pytest.raises(ClientError, match="at most"):
         decode_state(bytes(MAX_REPLY_BYTES + 1))
+
+
+SETPOINT = {
+    "torque_Nm": 1.0, "torque_target_Nm": 2.0, "speed_Hz": None, "brake": 0.0, "drive_Hz": 0.0,
+    "compensate": "on",
+}  # fmt: skip
+
+
+def answer_to_set(**changes):
+    content = {"state": "ENABLED", "reached_in_s": 1.0, "setpoint": {**SETPOINT, **changes}}
+    return decode_reply(RPCS["set"], json.dumps(content).encode())
+
+
+def test_what_the_set_point_of_a_reply_has_besides_is_passed_on():
+    assert answer_to_set(speed_set_by="anna").content()["setpoint"]["speed_set_by"] == "anna"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("torque_Nm", "1.0"), ("brake", True), ("drive_Hz", math.nan)]
+)
+def test_a_set_point_of_a_reply_that_is_not_of_its_types_is_none(key, value):
+    with pytest.raises(ClientError, match=f"not what the daemon says: .*{key}"):
+        answer_to_set(**{key: value})
 
 
 DECODERS = {

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import (
+    AcceptedSetpoint,
     LeaseGrant,
     LeaseTerms,
     NoteReply,
@@ -229,6 +230,6 @@ class ManualOperation:
         bench = self.bench
         return SetpointReply(
             state=bench.state.name,
-            setpoint=bench.setpoint_view(),
+            setpoint=AcceptedSetpoint(**vars(bench.setpoint_view())),
             reached_in_s=round(bench.manual.reached_in_s(bench.monitor.torque_set_Nm), 3),
         )
