@@ -115,7 +115,7 @@ class CommandGroup(TyperGroup):
             _name_value(error)
             if (message := explanation(error)) is None:
                 raise
-            fail(message)
+            fail_with(getattr(error, "lines", [message]))
 
 
 NO_NUMBER = {

@@ -44,4 +44,12 @@ PositiveValues = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=
 
 
 class ConfigError(Exception):
-    """A bench file that cannot be used; the message says where, what and what to do."""
+    """A bench file that cannot be used; the message says where, what and what to do.
+
+    It has a line for each thing that is wrong.
+    """
+
+    @property
+    def lines(self) -> list[str]:
+        """What is wrong, one by one."""
+        return str(self).splitlines()

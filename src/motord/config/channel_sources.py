@@ -151,12 +151,12 @@ class OtherSource(Section):
         return self.timeout_s
 
 
-_OWN = {"modbus": "Modbus", "can": "Can", "serial": "Serial", "simulated": "Simulated"}
+OWN = {"modbus": "Modbus", "can": "Can", "serial": "Serial", "simulated": "Simulated"}
 
 
 def _tag(source: Any) -> str:
     name = source.get("driver") if isinstance(source, dict) else getattr(source, "driver", None)
-    return _OWN.get(str(name), "Other")
+    return OWN.get(str(name), "Other")
 
 
 ChannelSource = Annotated[

@@ -1,7 +1,7 @@
 """From TOML to a checked bench; whatever is wrong is named with file, line and key."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
@@ -9,6 +9,8 @@ from pydantic import BaseModel, ValidationError
 
 from motord.config.base import ConfigError, Section
 from motord.config.bench import Config
+from motord.config.devices import DeviceConfig
+from motord.config.driver_names import unknown_drivers
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
 from motord.config.named_files import as_kept, named_files, packaged, resolve
@@ -92,7 +94,7 @@ def validate(model: type[_Model], path: Path, text: str, data: dict[str, Any]) -
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(_explain(error, model, path, text)) from None
+        raise ConfigError(_explain(error, model, path, text, data)) from None
 
 
 def _read_bench(path: Path) -> tuple[str, dict[str, Any]]:
@@ -111,13 +113,18 @@ def _resolve_files(path: Path, data: dict[str, Any]) -> None:
         table[key] = resolve(path, Path(name))
 
 
-def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:
+def _explain(
+    error: ValidationError, model: type[Section], path: Path, text: str, data: dict[str, Any]
+) -> str:
+    """Return what is wrong, a line for each place: without what follows from an unknown driver."""
     lines: dict[str, list[str]] = {}
     got: dict[str, str] = {}
+    unknown = dict(_unknown_drivers(model, data))
     for item in complaints(error):
         keys = _keys(item["loc"], whole=item["type"] == "extra_forbidden")
-        where = f"{path}:{_line_of(text, keys)}" if _line_of(text, keys) else str(path)
-        place = f"{where}: {dotted(keys)}" if keys else where
+        if "Other" in item["loc"] and (*keys[:-1], "driver") in unknown:
+            continue
+        place = _place(path, text, keys)
         what = _what(item, model, keys)
         if item["type"] not in ("extra_forbidden", "missing") and not isinstance(
             item.get("input"), dict | list
@@ -126,10 +133,33 @@ def _explain(error: ValidationError, model: type[Section], path: Path, text: str
             if not keys or item["input"] != keys[-1]:  # of a key that is wrong it is the key
                 got[place] = f", got {item['input']!r}"
         lines.setdefault(place, []).append(what)
-    return "; ".join(
+    for of_driver, wrong in unknown.items():
+        lines[_place(path, text, of_driver)] = [wrong]
+    return "\n".join(
         f"{place}: {', or '.join(dict.fromkeys(what))}{got.get(place, '')}"
         for place, what in lines.items()
     )
+
+
+def _unknown_drivers(
+    model: type[Section], data: dict[str, Any]
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the keys of a bench file that name no driver, with what is wrong."""
+    kinds = {name: field.annotation for name, field in model.model_fields.items()}
+    devices = {
+        name: kind
+        for name, kind in kinds.items()
+        if isinstance(kind, type) and issubclass(kind, DeviceConfig)
+    }
+    for keys, wrong in unknown_drivers(devices, data) if devices else ():
+        yield tuple(keys), wrong
+
+
+def _place(path: Path, text: str, keys: Sequence[str]) -> str:
+    """Return file, line and keys as text."""
+    line = _line_of(text, list(keys))
+    where = f"{path}:{line}" if line else str(path)
+    return f"{where}: {dotted(keys)}" if keys else where
 
 
 def _what(item: Any, model: type[Section], keys: list[str]) -> str:

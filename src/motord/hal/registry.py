@@ -11,10 +11,9 @@ from pkgutil import resolve_name
 from typing import Any, Literal, cast
 
 from motord.config import Config
+from motord.config.driver_names import DRIVERS
 from motord.hal.base import DeviceError, Rig, SetpointDevice
 from motord.hal.wire_rig import WireRig
-
-GROUP = "motord.drivers"
 
 BUILT_IN = {
     "inverter.can": "motord.hal.inverter.phase_currents:CanInverter",
@@ -50,7 +49,7 @@ def make_setpoint_device(kind: Literal["brake", "drive"], config: Config) -> Set
 
 def known(kind: str) -> list[str]:
     """Return the names of the drivers for a kind of device, those of other packages included."""
-    names = [*BUILT_IN, *WITHOUT_WIRE, *(entry.name for entry in entry_points(group=GROUP))]
+    names = [*BUILT_IN, *WITHOUT_WIRE, *(entry.name for entry in entry_points(group=DRIVERS))]
     return sorted({name.partition(".")[2] for name in names if name.startswith(f"{kind}.")})
 
 
@@ -58,7 +57,7 @@ def _driver(kind: str, name: str) -> Any:
     """Return the class or function that makes a driver of a `Config`. Raises DeviceError."""
     target = BUILT_IN.get(f"{kind}.{name}")
     if target is None:
-        found = entry_points(group=GROUP, name=f"{kind}.{name}")
+        found = entry_points(group=DRIVERS, name=f"{kind}.{name}")
         if not found:
             raise DeviceError(
                 f'[{kind}] driver = "{name}" is not known; known: {", ".join(known(kind))}'

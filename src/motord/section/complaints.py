@@ -43,6 +43,8 @@ def message(item: ErrorDetails) -> str:
         values = "one value" if bound == 1 else f"{bound} values"
         found = item["ctx"]["actual_length"]  # None: pydantic ends counting
         return f"takes {which} {values}, got {'more' if found is None else found or 'none'}"
+    if item["type"] == "path_type":
+        return "takes the name of a file"
     return item["msg"].removeprefix("Value error, ")
 
 

@@ -121,9 +121,11 @@ def test_what_is_wrong_is_named(
 
 def test_two_mistakes_are_both_named(tmp_path: Path) -> None:
     text = BENCH.replace("rate_Hz = 1000", "rate_Hz = 1").replace("slots = 48", "slots = 0")
-    message = complaint(tmp_path, text)
-    assert "loop.rate_Hz" in message
-    assert "motor.slots" in message
+    with pytest.raises(ConfigError) as caught:
+        read(tmp_path, text)
+    first, second = caught.value.lines
+    assert "loop.rate_Hz" in first
+    assert "motor.slots" in second
 
 
 def test_half_a_simulation_is_refused(tmp_path: Path) -> None:
@@ -473,3 +475,35 @@ def test_an_unknown_key_in_capitals_is_named(tmp_path):
     path.write_text("[Loop]\nrate_Hz = 1000\n")
     with pytest.raises(ConfigError, match=r"Loop: unknown key; did you mean loop\?"):
         load(path)
+
+
+SOURCE = '[[channels]]\nname = "t"\nunit = "degC"\n[channels.source]\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "tail", "said"),
+    [
+        ("rate_Hz = 1000", "rate = 1\nspin = 3", "", ["6: loop.spin:", "5: loop.rate: unknown"]),
+        (
+            "slots = 48", "slots = 0", '[brake]\ndriver = "modbos"\n',
+            ["10: motor.slots:", '19: brake.driver: "modbos" is not known; known: sim, none'],
+        ),
+        (
+            "", "", f'{SOURCE}driver = "modbsu"\nregister = 4\n',
+            ['22: channels[0].source.driver: "modbsu" is not known; known: modbus, can, serial'],
+        ),
+        (
+            "", "", f"{SOURCE}register = 4\nunit = 2\n",
+            ["21: channels[0].source.driver: missing; known: modbus, can, serial, simulated"],
+        ),
+    ],
+)  # fmt: skip
+def test_each_thing_that_is_wrong_is_on_a_line_of_its_own(
+    tmp_path: Path, old: str, new: str, tail: str, said: list[str]
+) -> None:
+    """An unknown driver is among them; what no driver has is not, where there is none."""
+    with pytest.raises(ConfigError) as caught:
+        read(tmp_path, (BENCH.replace(old, new) if old else BENCH) + tail)
+    assert len(caught.value.lines) == len(said)
+    for line, beginning in zip(caught.value.lines, said, strict=True):
+        assert line.startswith(f"{tmp_path / 'bench.toml'}:{beginning}")

@@ -6,6 +6,7 @@ import pytest
 from motord import config
 from motord.config import BrakeConfig, Config, ModbusConfig
 from motord.config.devices import InverterConfig
+from motord.config.driver_names import DRIVERS
 from motord.hal import registry
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial import SerialBridge
@@ -23,10 +24,10 @@ class Foreign:
         self.config = config
 
 
-FOREIGN = EntryPoint("inverter.foreign", f"{__name__}:Foreign", registry.GROUP)
-BROKEN = EntryPoint("inverter.broken", "no.such.module:Driver", registry.GROUP)
-NAMELESS = EntryPoint("inverter.nameless", f"{__name__}:Missing", registry.GROUP)
-MODULE = EntryPoint("inverter.module", __name__, registry.GROUP)
+FOREIGN = EntryPoint("inverter.foreign", f"{__name__}:Foreign", DRIVERS)
+BROKEN = EntryPoint("inverter.broken", "no.such.module:Driver", DRIVERS)
+NAMELESS = EntryPoint("inverter.nameless", f"{__name__}:Missing", DRIVERS)
+MODULE = EntryPoint("inverter.module", __name__, DRIVERS)
 
 
 @pytest.fixture(autouse=True)

@@ -10,13 +10,11 @@ from typing import Any, cast
 import numpy as np
 
 from motord.config import ChannelConfig, Config, ConfigError
-from motord.config.channel_sources import OtherSource
+from motord.config.channel_sources import OWN, OtherSource
+from motord.config.driver_names import CHANNELS
 from motord.hal.base import DeviceError
 from motord.hal.channel_source import ChannelSource, RawSample
 from motord.schema import TICK_DTYPE
-
-GROUP = "motord.channels"
-OWN = ("can", "modbus", "serial", "simulated")
 
 Ticks = Callable[[], np.ndarray]
 Sources = list[tuple[ChannelConfig, ChannelSource]]
@@ -44,8 +42,8 @@ def check_drivers(channels: Sequence[ChannelConfig]) -> None:
     """Raise DeviceError if no package brings the driver of a channel."""
     for number, channel in enumerate(channels):
         name = channel.source.driver
-        if isinstance(channel.source, OtherSource) and not entry_points(group=GROUP, name=name):
-            others = sorted(entry.name for entry in entry_points(group=GROUP))
+        if isinstance(channel.source, OtherSource) and not entry_points(group=CHANNELS, name=name):
+            others = sorted(entry.name for entry in entry_points(group=CHANNELS))
             raise DeviceError(
                 f'{channel.place(number)}: driver = "{name}" is not known; known: '
                 f"{', '.join([*OWN, *others])}"
@@ -120,5 +118,5 @@ def _makers(
 
 def _of_another_package(channel: ChannelConfig) -> ChannelSource:
     check_drivers([channel])
-    entry = next(iter(entry_points(group=GROUP, name=channel.source.driver)))
+    entry = next(iter(entry_points(group=CHANNELS, name=channel.source.driver)))
     return cast("ChannelSource", resolve_name(entry.value)(channel))
