@@ -24,6 +24,7 @@ from motord.client.decoding import decode_event, decode_state
 from motord.client.discovery import identity_for, open_session
 from motord.client.error import ClientError
 from motord.client.roster import BenchEntry, BenchRoster
+from motord.process.ending_threads import ends_in_time, join_in_time
 from motord.security.identity import Identity
 
 ANSWER_S = 1.0
@@ -70,8 +71,11 @@ class Benches:
     def close(self) -> None:
         """End all sessions; may be called twice."""
         self._closing.set()
-        self._thread.join()
-        for session in self._sessions.values():
+        join_in_time(self._thread)
+        ends_in_time(self._close_sessions, "motord-close")
+
+    def _close_sessions(self) -> None:
+        for session in list(self._sessions.values()):
             if not session.is_closed():
                 session.close()  # type: ignore[no-untyped-call]
 

@@ -22,6 +22,7 @@ from motord.api.requests import (
 )
 from motord.client.decoding import decode_reply, no_reply_in_time, single_reply
 from motord.client.error import ClientError
+from motord.process.ending_threads import ends_in_time
 from motord.security.access import permits
 from motord.security.identity import Identity
 
@@ -69,7 +70,7 @@ class DaemonConnection:
     def close(self) -> None:
         """End the connection; may be called twice."""
         if not self._session.is_closed():
-            self._session.close()  # type: ignore[no-untyped-call]
+            ends_in_time(self._session.close, "motord-close")
 
     def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
         """Call `rpc/<name>` (docs/api.md lists them) and return the reply.

@@ -11,6 +11,7 @@ from motord.client.client import Client
 from motord.client.connection import QUERY_S
 from motord.client.diagnosis import why_closed, why_no_endpoint, why_no_socket
 from motord.client.error import ClientError
+from motord.process.ending_threads import ends_in_time
 from motord.security import identity as identity_folder
 from motord.security.identity import Identity
 from motord.security.roles import SecurityError
@@ -37,7 +38,7 @@ def connect(
     try:
         return Client(session, _find_bench(session, bench, endpoint, who), endpoint, who)
     except (ClientError, zenoh.ZError) as error:  # Zenoh's own if it is cut off meanwhile
-        session.close()  # type: ignore[no-untyped-call]
+        ends_in_time(session.close, "motord-close")
         if isinstance(error, ClientError):
             raise
         raise _unreachable(bench, endpoint, who) from None

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 CLOSE_S = 3.0
-"""For work under way at the end: a plan's own program, or a disk, may never return."""
+"""For work under way at the end: a plan's own program, a disk, or the other end of a connection, as
+on a computer that sleeps, may never return."""
 
 T = TypeVar("T")
 _Queue = SimpleQueue[tuple[Future[Any], Callable[[], object]] | None]
@@ -20,6 +21,26 @@ def join_until(end_s: float, threads: Iterable[threading.Thread]) -> None:
     """Wait for the end of threads, until `end_s` (monotonic) at the latest."""
     for thread in threads:
         thread.join(max(0.0, end_s - time.monotonic()))
+
+
+def join_in_time(*threads: threading.Thread) -> None:
+    """Wait for the end of threads, `CLOSE_S` at most."""
+    join_until(time.monotonic() + CLOSE_S, threads)
+
+
+def ends_in_time(work: Callable[[], object], name: str) -> bool:
+    """Return whether `work`, in a thread that keeps no process, ends within `CLOSE_S`.
+
+    Raises what it raises within that time.
+    """
+    future: Future[object] = Future()
+    thread = threading.Thread(target=_do, args=(future, work), name=name, daemon=True)
+    thread.start()
+    join_in_time(thread)
+    if not future.done():
+        return False
+    future.result()
+    return True
 
 
 class Worker:
@@ -53,11 +74,15 @@ class Worker:
 def _serve(queue: _Queue) -> None:
     while (item := queue.get()) is not None:
         future, work = item
-        try:
-            future.set_result(work())
-        except BaseException as error:  # for whoever asks for the result
-            future.set_exception(error)
+        _do(future, work)
         del item, future, work  # and what they hold, however long there is no other
+
+
+def _do(future: Future[Any], work: Callable[[], object]) -> None:
+    try:
+        future.set_result(work())
+    except BaseException as error:  # for whoever asks for the result
+        future.set_exception(error)
 
 
 _queues: "WeakKeyDictionary[threading.Thread, _Queue]" = WeakKeyDictionary()
@@ -68,4 +93,4 @@ def _end() -> None:
     threads = dict(_queues)
     for queue in threads.values():
         queue.put(None)
-    join_until(time.monotonic() + CLOSE_S, threads)
+    join_in_time(*threads)

@@ -18,6 +18,7 @@ import numpy as np
 
 from motord.atomic_write import sync_folder
 from motord.config import Config
+from motord.process.ending_threads import join_in_time
 from motord.recorder.mark import Mark
 from motord.recorder.ring_source import after, indexes_of, mark_of
 from motord.recording.errors import RecordError
@@ -88,7 +89,7 @@ class CrashRecovery:
         """Leave the rest as it is."""
         self._stopping.set()
         if self._thread.is_alive():
-            self._thread.join()
+            join_in_time(self._thread)
 
     def run(self) -> None:
         """Recover all there is."""

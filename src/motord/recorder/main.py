@@ -20,6 +20,7 @@ from pathlib import Path
 from motord.config import Config, ConfigError, load_started
 from motord.process.allocator import allocate_from_one_heap
 from motord.process.bench_options import bench_options
+from motord.process.ending_threads import join_in_time
 from motord.recorder.blackbox_request import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
@@ -101,7 +102,7 @@ class Reporter:
             yield
         finally:
             over.set()
-            thread.join()
+            join_in_time(thread)
 
 
 def run(

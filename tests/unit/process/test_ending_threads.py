@@ -1,13 +1,16 @@
 """Threads that do not keep their process."""
 
+import re
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
-from motord.process.ending_threads import Worker, join_until
+from motord.process import ending_threads
+from motord.process.ending_threads import Worker, ends_in_time, join_until
 from tests.support.patience import PATIENCE_S
 
 
@@ -43,6 +46,33 @@ def test_threads_are_waited_for_together():
     go_on.set()
     join_until(time.monotonic() + PATIENCE_S, threads)
     assert not any(thread.is_alive() for thread in threads)
+
+
+def test_what_never_returns_is_left_and_what_fails_says_so(monkeypatch):
+    go_on = threading.Event()
+    with monkeypatch.context() as changed:
+        changed.setattr(ending_threads, "CLOSE_S", 0.01)
+        assert not ends_in_time(go_on.wait, "tests")
+    go_on.set()
+    assert ends_in_time(go_on.wait, "tests")
+    with pytest.raises(ZeroDivisionError):
+        ends_in_time(lambda: 1 / 0, "tests")
+
+
+UNLIMITED = re.compile(r"(thread|follower)\.join\(\)|session\.close\(\)")
+SOURCE = Path(ending_threads.__file__).parents[1]
+
+
+@pytest.mark.parametrize("package", ["client", "recorder", "service"])
+def test_no_process_waits_for_a_thread_or_a_connection_without_a_limit(package):
+    found = [
+        f"{path.relative_to(SOURCE)}: {line.strip()}"
+        for path in sorted((SOURCE / package).rglob("*.py"))
+        for line in path.read_text().splitlines()
+        if UNLIMITED.search(line)
+    ]
+    in_its_own_thread = ["client/benches.py: session.close()  # type: ignore[no-untyped-call]"]
+    assert found == (in_its_own_thread if package == "client" else [])
 
 
 PROGRAM = """

@@ -15,6 +15,7 @@ import zenoh
 from motord.api.endpoints import client_config, gateway_config
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_closed
+from motord.process import ending_threads
 from motord.recorder.pipe_lines import LineWriter
 from motord.security import authority, identity
 from motord.security.roles import Role, SecurityError
@@ -262,7 +263,7 @@ def test_a_gateway_shows_once_that_it_goes_on_to_a_daemon_that_does_not_take_it(
 def test_a_client_that_takes_nothing_does_not_keep_all_others_out(monkeypatch):
     """Zenoh waits more than 10 s for it: what is silent for so long is taken for one that hangs."""
     taken = threading.Event()
-    monkeypatch.setattr(process, "CLOSE_S", 0.05)
+    monkeypatch.setattr(ending_threads, "CLOSE_S", 0.05)
     with pytest.raises(SecurityError, match="takes nothing"):
         process._close(SimpleNamespace(close=taken.wait))
     monkeypatch.setattr(process, "CLOSE_S", PATIENCE_S)

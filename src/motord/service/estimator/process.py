@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from motord.config import Config
+from motord.process.ending_threads import join_in_time
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.schema import TICK_DTYPE, joined, rows_of
@@ -155,7 +156,7 @@ def run(estimation: Estimation, captures: CaptureTicks, commands: Iterable[bytes
                 estimation.handle(line)
     finally:
         ended.set()
-        follower.join()
+        join_in_time(follower)
 
 
 def serve(config: Config, run_dir: RunDir, reports: LineWriter) -> None:

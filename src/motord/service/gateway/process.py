@@ -23,6 +23,7 @@ from motord.api.endpoints import gateway_config
 from motord.config import Config, ConfigError
 from motord.config.zenoh import TlsConfig
 from motord.process.bench_options import bench_options
+from motord.process.ending_threads import ends_in_time
 from motord.process.thread_errors import end_with_any_thread
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
@@ -37,9 +38,6 @@ STDIN = 0
 BACKLOG_MAX_BYTES = 1 << 20
 LOOK_S = 1.0
 """How often it looks whether roles or certificates have changed, and shows that it goes on."""
-CLOSE_S = 3.0
-"""For all connections to end. Zenoh waits longer for a client that takes nothing any more, as on a
-computer that sleeps, and all others would stay out as long."""
 
 Signature = tuple[tuple[int, int, int], ...]
 
@@ -178,10 +176,7 @@ def _keep_unchanged(
 
 
 def _close(session: zenoh.Session) -> None:
-    closing = threading.Thread(target=session.close, name="motord-gateway-close", daemon=True)
-    closing.start()
-    closing.join(CLOSE_S)
-    if closing.is_alive():
+    if not ends_in_time(session.close, "motord-gateway-close"):  # or all others stay out as long
         raise SecurityError("a client that takes nothing holds up the end of all connections")
 
 

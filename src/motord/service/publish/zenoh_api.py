@@ -15,6 +15,7 @@ from zenoh.handlers import Callback
 
 from motord.api.endpoints import daemon_config, key
 from motord.api.requests import RPCS
+from motord.process.ending_threads import ends_in_time
 from motord.security.access import WATCHED
 from motord.service.host.log import log_error
 from motord.service.host.unix_socket import SocketError, owned_by
@@ -109,7 +110,7 @@ class Api:
                 declared.undeclare()
             self._intake.close()
             self._outstanding.close()
-            self._session.close()  # type: ignore[no-untyped-call]
+            ends_in_time(self._session.close, "motord-close")
             self._session = None
 
     def _declare(self, full: str, take: Callable[[zenoh.Query], None]) -> None:
