@@ -345,13 +345,18 @@ def test_a_recorder_that_waits_for_its_disk_is_not_ended(played):
     assert (view.recording, view.detail) == (True, {"ticks": 3})
 
 
-def test_one_that_waits_for_its_disk_since_it_was_started_is_said_too(played):
+def started_again(played):
+    """Have the recorder end and another one start."""
     played.up()
     played.step(2, State.ENABLED)
     played.recorders[0].report(ticks=3)
     played.step(2, State.ENABLED)
     played.recorders[0].code = -9
     played.step(20, State.ENABLED)
+
+
+def test_one_that_waits_for_its_disk_since_it_was_started_is_said_too(played):
+    started_again(played)
     assert played.state()["recording"]["error"] == ""
     for _ in range(8):
         played.recorders[1].send({"recording": False, "blocked": True})
@@ -361,12 +366,7 @@ def test_one_that_waits_for_its_disk_since_it_was_started_is_said_too(played):
 
 
 def test_one_that_starts_is_not_silent(played):
-    played.up()
-    played.step(2, State.ENABLED)
-    played.recorders[0].report(ticks=3)
-    played.step(2, State.ENABLED)
-    played.recorders[0].code = -9
-    played.step(20, State.ENABLED)
+    started_again(played)
     played.step(800, State.ENABLED)
     assert len(played.recorders) == 2
     assert played.state()["recording"]["error"] == ""
