@@ -3,7 +3,7 @@
 No more than these two are held in memory.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -49,12 +49,21 @@ class TrueTorque:
     weights: np.ndarray
 
 
-def true_torque(run: Run) -> Iterator[TrueTorque]:
-    """Yield the true torque of each operating point of good quality, in time order."""
-    columns = ("angle_rad", "speed_rad_s", "torque_Nm")
+TRUE_TORQUE = ("angle_rad", "speed_rad_s", "torque_Nm")
+
+
+def true_torque(
+    run: Run,
+    columns: Sequence[str] = TRUE_TORQUE,
+    refined: Callable[[np.ndarray], np.ndarray] = lambda truth: truth,
+) -> Iterator[TrueTorque]:
+    """Yield the true torque of each operating point of good quality, in time order.
+
+    refined: returns TRUE_TORQUE, at more instants, of the truth that has these columns.
+    """
     for point in good_points(run.operating_points()):
         truth = run.truth(columns, **bounds_of(point))
-        yield true_torque_of(point, truth)
+        yield true_torque_of(point, refined(truth))
 
 
 def true_torque_of(point: Mapping[str, Any], truth: np.ndarray) -> TrueTorque:

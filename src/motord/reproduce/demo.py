@@ -53,7 +53,8 @@ HIGHEST_ORDER = 300
 LEAD = (
     "A simulated bench was taken over a mesh of torques and speeds, calibrated from its "
     "own torque sensor, and taken over the mesh again with compensation. The errors "
-    "shown are those of the true torque, which the controller never sees."
+    "shown are those of the true torque, between the loop's ticks as well, which the controller "
+    "never sees."
 )
 
 

@@ -14,6 +14,8 @@ from motord.identification.point_ripple import PointRipple, rms_error_percent
 from motord.identification.resample import fill_gaps
 from motord.recording.captures import TrueTorque, true_torque
 from motord.recording.reader import open_run
+from motord.reproduce.between_ticks import COLUMNS, BetweenTicks
+from motord.rig.truth import load as load_truth
 
 Errors = dict[TorqueSpeed, float]
 """RMS error in percent of rated torque by (torque_Nm, speed_Hz)."""
@@ -41,7 +43,8 @@ def evaluate(config: Config, path: Path) -> Ripple:
     measured = tuple(ripples([run], Subject.of_config(config), EveryCapture()))
     true_percent: Errors = {}
     turns: dict[TorqueSpeed, np.ndarray] = {}
-    for true in true_torque(run):
+    between = BetweenTicks.of(motor, load_truth(config.bench.rig))
+    for true in true_torque(run, COLUMNS, between.truth):
         key = true.torque_set_Nm, true.speed_Hz
         true_percent[key] = rms_error_percent(true.torque_Nm, motor.rated_torque_Nm, true.weights)
         turns[key] = _over_turn(true)

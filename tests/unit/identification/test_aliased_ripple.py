@@ -38,13 +38,8 @@ def commands(angle_rad: np.ndarray) -> np.ndarray:
     return np.asarray(4 * np.sin(5 * turned - lag) + 1.5 * np.sin(35 * turned - 7 * lag + 0.3))
 
 
-def simulated(
-    sensor: TorqueSensorConfig, direction: int = 1
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return angle and sensor's torque at the samples of the second of two turns.
-
-    And the torque in fine steps of this turn.
-    """
+def fine_torque(direction: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return angle, currents (n, 3) and their torque over two turns, in FINE steps a period."""
     samples = 2 * round(1 / PERIOD_S)
     t_s = np.arange(samples * FINE) * PERIOD_S / FINE
     held = commands(2 * np.pi * direction * SPEED_HZ * np.arange(samples) * PERIOD_S)
@@ -55,11 +50,23 @@ def simulated(
     angle_rad = 2 * np.pi * direction * SPEED_HZ * t_s
     lag = 2 * np.pi / 3 * np.arange(3)
     torque_Nm = (0.2 * np.sin(5 * angle_rad[:, None] - lag) * current_A).sum(axis=1)
+    return angle_rad, current_A, torque_Nm
+
+
+def simulated(
+    sensor: TorqueSensorConfig, direction: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return angle and sensor's torque at the samples of the second of two turns.
+
+    And the torque in fine steps of this turn.
+    """
+    angle_rad, _, torque_Nm = fine_torque(direction)
+    t_s = np.arange(torque_Nm.size) * PERIOD_S / FINE
     w = 2 * np.pi * sensor.resonance_Hz
     mount = ([w * w], [1, 2 * sensor.damping_ratio * w, w * w])
     seen_Nm = signal.lsim(mount, torque_Nm - torque_Nm[-1], t_s)[1]
-    second = slice(samples // 2 * FINE, None, FINE)
-    return angle_rad[second], seen_Nm[second], torque_Nm[samples // 2 * FINE :]
+    half = torque_Nm.size // 2
+    return angle_rad[half::FINE], seen_Nm[half::FINE], torque_Nm[half:]
 
 
 def as_samples(angle_rad: np.ndarray, seen_Nm: np.ndarray, every: int = 1) -> Samples:

@@ -9,8 +9,10 @@ from typer.testing import CliRunner
 
 from motord.calibration import load
 from motord.cli import app
+from motord.config import load as load_bench
 from motord.reproduce.bench import SimulatedBench
 from motord.reproduce.demo import FILES
+from motord.reproduce.evaluate import evaluate
 from motord.simulate import PlanSource
 from motord.virtual.mesh import processors
 
@@ -46,6 +48,18 @@ def test_what_it_leaves_in_place_of_an_earlier_one(quick: tuple[Path, str]) -> N
     assert found["before"]["mean"] > 5.0
     assert 0.02 < found["after"]["max"] < 0.5
     assert load(folder / "calibration.json").rms_error_percent.after is not None
+
+
+def test_the_interval_of_verify_holds_the_true_torque_between_the_ticks(
+    quick: tuple[Path, str],
+) -> None:
+    for name in ("verify-off.mcap", "verify-on.mcap"):
+        found = evaluate(load_bench(), quick[0] / name)
+        assert len(found.ripples) == 4
+        for one in found.ripples:
+            assert one.stderr_percent is not None
+            off = one.rms_percent - found.true_percent[one.torque_Nm, one.speed_Hz]
+            assert abs(off) < 1.96 * one.stderr_percent
 
 
 def test_another_seed_is_another_calibration_of_the_same_truth(tmp_path: Path) -> None:
