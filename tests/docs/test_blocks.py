@@ -111,7 +111,7 @@ def test_toml_is_valid(block: Block) -> None:
         assert example == ("spin_down", "spin_down:EXPERIMENT")  # as test_external.py announces it
         assert (ROOT / "tests/unit/experiments/external/spin_down/__init__.py").exists()
     elif kind == "entry points":
-        from motord.hal.registry import GROUP as DRIVERS
+        from motord.config.driver_names import DRIVERS
 
         [[group, drivers]] = tables["project"]["entry-points"].items()
         assert group == DRIVERS
