@@ -103,14 +103,14 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
     assert "[motor]" in run.metadata["config"]
 
 
-def test_malformed_benches_are_one_line_and_exit_1(tmp_path):
+def test_malformed_benches_are_exit_1_and_a_line_for_each_thing_that_is_wrong(tmp_path):
     path = write_sim(tmp_path)
     path.write_text(path.read_text().replace("pole_pairs = 8", "pole_pair = 8"))
     program = Program(tmp_path, "run", "-c", path, ready=False)
     assert program.wait() == 1
-    [line] = program.said().splitlines()
-    assert "pole_pair" in line
-    assert "did you mean pole_pairs?" in line
+    missing, unknown = program.said().splitlines()
+    assert "motor.pole_pairs: missing" in missing
+    assert "motor.pole_pair: unknown key; did you mean pole_pairs?" in unknown
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ def said(folder: Path, bench: str) -> list[str]:
     path.write_text(bench)
     with pytest.raises(ConfigError) as refused:
         load(path)
-    return re.split(rf"(?:; )?{re.escape(str(path))}:?\d*: ", str(refused.value))[1:]
+    return [re.sub(rf"^{re.escape(str(path))}:?\d*: ", "", one) for one in refused.value.lines]
 
 
 @pytest.mark.parametrize(

@@ -266,7 +266,7 @@ def test_a_client_that_takes_nothing_does_not_keep_all_others_out(monkeypatch):
     monkeypatch.setattr(ending_threads, "CLOSE_S", 0.05)
     with pytest.raises(SecurityError, match="takes nothing"):
         process._close(SimpleNamespace(close=taken.wait))
-    monkeypatch.setattr(process, "CLOSE_S", PATIENCE_S)
+    monkeypatch.setattr(ending_threads, "CLOSE_S", PATIENCE_S)
     taken.set()
     process._close(SimpleNamespace(close=taken.wait))
 
