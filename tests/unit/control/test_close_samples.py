@@ -106,14 +106,15 @@ def seen(config: Config, draw: np.random.Generator, speed_rad_s: float) -> tuple
     part=st.sampled_from([0.01, 0.1, 0.8]),
     seed=st.integers(0, 2**32 - 1),
 )
-@example(loop_Hz=1000, ratio=1.661, bandwidth_Hz=805.0, counts=512, part=0.8, seed=1)
+@example(loop_Hz=1000, ratio=1.9, bandwidth_Hz=805.0, counts=512, part=0.8, seed=1)
 @settings(max_examples=examples(200), deadline=None)
 def test_close_samples_are_no_jump_and_no_over_speed(
     loop_Hz: int, ratio: float, bandwidth_Hz: float, counts: int, part: float, seed: int
 ) -> None:
     """At the least limits that are legal, at each speed that may be set.
 
-    The example is beyond its speed limit if times of samples that are off are left out of it.
+    The example is beyond its speed limit if times of samples that are off are left out of it: by
+    3 % if everywhere, by 12 % if only in the part that grows with the speed.
     """
     bridge_Hz = max(round(loop_Hz * ratio), 100)
     rates = counts, loop_Hz, bridge_Hz, bandwidth_Hz
