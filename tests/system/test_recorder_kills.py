@@ -41,3 +41,4 @@ def test_one_that_is_killed_right_before_the_daemon_ends_loses_nothing_either(tm
     assert ticks["tick"][-1] > enabled.tick.tick
     assert State(int(ticks["state"][-1])) is State.OFF
     assert files[-1].end["reason"] == "the daemon shut down"
+    assert [event["kind"] for event in files[-1].events()].count("timing") == 1

@@ -53,6 +53,7 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
                 first_tick=_first_tick(command) or 0,
                 newest=_newest(command),
                 to_end=bool(command["to_end"]),
+                events=[checked_event(event) for event in command.get("events", ())],
             )
         case "stop":
             session.stop(str(command.get("reason", "asked to")), now_s)

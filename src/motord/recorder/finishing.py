@@ -1,7 +1,8 @@
-"""What is missing of a recording that ended without its recorder, out of the ring."""
+"""What is missing of a recording that ended without its recorder: events, ticks out of the ring."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,28 @@ from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingReader
 from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
+
+EVENT_FILES = 2
+"""Newest files in which the last events of a recording may be: one may just have become full."""
+Event = Mapping[str, Any]
+
+
+def events_missing(stem: Path, events: Sequence[Event]) -> list[Event]:
+    """Return those of the last `events` of the recording `stem` that are in none of its files."""
+    files = numbers(stem)[-EVENT_FILES:] if events else ()
+    written = {_key(event) for number in files for event in _events_in(file_name(stem, number))}
+    return [event for event in events if _key(event) not in written]
+
+
+def _key(event: Event) -> tuple[object, ...]:
+    return event["t_ns"], event["kind"], event["message"]
+
+
+def _events_in(path: Path) -> list[dict[str, Any]]:
+    try:
+        return open_run_unfinished_or_not(path).events()
+    except RecordError:
+        return []
 
 
 def missing_of(

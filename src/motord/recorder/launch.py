@@ -80,11 +80,18 @@ class RecorderLink(PipedChild[RecorderReport]):
         self.send({"do": "start", **_content(task), "resume": resume})
 
     def finish(
-        self, task: RecordingTask, reason: str, *, newest: Mark | None, to_end: bool
+        self,
+        task: RecordingTask,
+        reason: str,
+        *,
+        newest: Mark | None,
+        to_end: bool,
+        events: Sequence[Mapping[str, object]] = (),
     ) -> None:
         """Record what is missing of a recording that has ended, as `Session.finish` does."""
         last = {"newest": vars(newest) if newest is not None else None, "to_end": to_end}
-        self.send({"do": "finish", "reason": reason, **_content(task), **last})
+        ends = {"reason": reason, **last, "events": list(events)}
+        self.send({"do": "finish", **_content(task), **ends})
 
     def stop(self, reason: str) -> None:
         """End the recording."""

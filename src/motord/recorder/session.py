@@ -1,12 +1,12 @@
 """The recording that goes on: ticks from the ring into files, whatever becomes of the disk."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from motord.config import RecordingConfig
 from motord.recorder.background import Background
 from motord.recorder.blackbox import BlackBoxWriter
-from motord.recorder.finishing import missing_of
+from motord.recorder.finishing import Event, events_missing, missing_of
 from motord.recorder.mark import Mark
 from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, RecordingTask, note_outcome
 from motord.recorder.ring_source import RingPiece, RingSource, last_mark, neighbours
@@ -206,10 +206,12 @@ class Session:
         first_tick: int = 0,
         newest: Mark | None = None,
         to_end: bool = False,
+        events: Sequence[Event] = (),
     ) -> None:
         """Record what the ring has of a recording that has ended, as `missing_of` says.
 
-        Nothing, if it is closed; else what goes on is ended. Raises RecordError.
+        And those of its last `events` that are not written yet. Nothing, if it is closed; else what
+        goes on is ended. Raises RecordError.
         """
         if self._goes_on(stem) or not closed_in_order(stem):
             self.stop(f"the recording {stem.name} is finished", now_s)
@@ -218,9 +220,12 @@ class Session:
             return
         self.metadata, self._recording = metadata, None
         piece = missing_of(self._ring, stem, first_tick, newest, to_end=to_end)
+        events = events_missing(stem, events)
         self._recording = recording = RollingFile(stem, metadata, self._settings, now_s)
         self.error = ""
         recording.take(piece, now_s)
+        for event in events:
+            recording.event(**event)
         self.stop(reason, now_s)
         if self._newest is not None and len(piece.block):  # else the files are asked
             ends = (self._newest, Mark.of(piece.block[-1]))

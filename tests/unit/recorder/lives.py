@@ -23,13 +23,14 @@ from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.recording.file_names import stem_of, whole_of
 from motord.recording.mcap import mcap_file
-from motord.recording.reader import open_run
+from motord.recording.reader import Run, open_run
 from motord.schema import TICK_DTYPE, State, as_bytes, joined, rows_of
 from motord.service.host.events import EventLog
 from motord.service.recording import control, session
 from motord.service.recording.control import RecordingControl
 from motord.service.recording.session import RECORDER
 from motord.shm.ring import RingWriter
+from motord.shm.timing import KIND, Timing
 from tests.unit.recording.runs import START_NS
 
 BENCH = config.load()
@@ -192,6 +193,7 @@ class Bench:
         self._recorders: list[Recorder] = []
         self._recorder: Recorder | None = self._start_recorder(self.now_s)
         self.events = EventLog(self._unix_ns)
+        Timing.create(folder / "timing")
         self.control = RecordingControl(
             BENCH.model_copy(update={"recording": self.settings, "loop": loop}),
             "",
@@ -258,15 +260,26 @@ class Bench:
 
     def recorded(self) -> dict[str, np.ndarray]:
         """Return the ticks of each recording, sorted by their numbers."""
-        blocks: dict[str, list[np.ndarray]] = {}
+        found = {name: joined([run.ticks() for run in runs]) for name, runs in self._runs().items()}
+        return {name: rows_of(ticks, np.argsort(ticks["tick"])) for name, ticks in found.items()}
+
+    def timings(self) -> dict[str, int]:
+        """Return how many events `timing` each recording has."""
+        return {
+            name: sum(event["kind"] == KIND for run in runs for event in run.events())
+            for name, runs in self._runs().items()
+        }
+
+    def _runs(self) -> dict[str, list[Run]]:
+        """Return the files of each recording."""
+        runs: dict[str, list[Run]] = {}
         folder = self.settings.directory
         for path in sorted(folder.glob("*.mcap*")) if folder.is_dir() else []:
             stem = stem_of(whole_of(path))
             assert stem is not None
             with suppress(RecordError):  # killed before there was anything in it
-                blocks.setdefault(stem.name, []).append(open_run(path).ticks())
-        found = {name: joined(parts) for name, parts in blocks.items()}
-        return {name: rows_of(ticks, np.argsort(ticks["tick"])) for name, ticks in found.items()}
+                runs.setdefault(stem.name, []).append(open_run(path))
+        return runs
 
     def _now_ns(self) -> int:
         return round(self.now_s * 1e9)

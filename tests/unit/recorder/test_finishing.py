@@ -105,6 +105,22 @@ def test_one_of_which_there_is_no_file_begins_with_its_first_tick(bench):
     assert bench.recorded() == list(range(60, 80))
 
 
+def test_its_last_events_are_written_once(bench):
+    """Some of them may have been written before the recorder died."""
+    bench.start()
+    bench.loop(100)
+    known = {"kind": "note", "message": "before", "data": {}}
+    bench.do(do="event", t_ns=START_NS, content=known)
+    bench.step(1.1)
+    bench.session = bench.new_session()
+    last = {"kind": "timing", "message": "at the end", "data": {"missed": 3}}
+    events = [{"t_ns": START_NS, **known}, {"t_ns": START_NS + 1, **last}]
+    bench.finish(events=events)
+    bench.finish(events=events)
+    written = [(e["t_ns"], e["message"], e["data"]) for e in bench.events() if e["kind"] != "gap"]
+    assert written == [(START_NS, "before", {}), (START_NS + 1, "at the end", {"missed": 3})]
+
+
 def test_a_file_closed_for_want_of_space_is_not_the_end_of_its_recording(bench):
     bench.start()
     bench.loop(100)

@@ -1,4 +1,7 @@
-"""No tick of a powered bench is lost, or in two files, wherever the recorder is killed."""
+"""No tick of a powered bench is lost, or in two files, wherever the recorder is killed.
+
+Nor is what is recorded as a recording ends.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -70,8 +73,12 @@ def make(tmp_path_factory) -> Iterator[Callable[..., Bench]]:
 
 
 def check(bench: Bench, where: str) -> None:
-    """Every tick from shortly before the bench was powered until shortly after it, once."""
+    """Every tick from shortly before the bench was powered until shortly after it, once.
+
+    And in each recording the one event with which it ends.
+    """
     recorded, ticks = bench.recorded(), bench.ticks
+    assert set(bench.timings().values()) == {1}, (where, bench.timings())
     numbers = np.concatenate([block["tick"] for block in recorded.values()])
     assert len(np.unique(numbers)) == len(numbers), where
     powered = ticks["tick"][ticks["state"] == State.ENABLED].astype(int)

@@ -190,6 +190,26 @@ def test_nothing_is_lost_while_there_is_no_recorder(bench):
     assert sum(part.work.samples for part in timings(commands)) == 2
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_a_recording_that_ends_as_its_recorder_has_died_is_finished_with_it(bench, known):
+    """Whether that is known by then or not: the pipe takes it, and nobody reads it."""
+    bench.next_recorder()
+    live = bench.loop()
+    bench.power_on()
+    count_time(live.work.cells, 1_000)
+    if known:
+        bench.children.running = None
+        bench.recording.step(0)
+    bench.recording.end("over")
+    [finish] = bench.next_recorder().received()
+    assert finish["do"] == "finish"
+    [event] = finish["events"]
+    assert TimingSummary.model_validate(event["data"]).work.samples == 1
+    bench.now_ns += 1_000_000
+    bench.power_on()
+    assert [command["kind"] for command in bench.recorders[-1].received()] == ["start"]
+
+
 def test_without_a_loop_that_counts_there_is_no_such_event(bench):
     recorder = bench.next_recorder()
     bench.power_on()

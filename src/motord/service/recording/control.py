@@ -275,8 +275,8 @@ class RecordingControl:
             self._on_plan_unrecorded(f"not recorded for {unrecorded_s:.1f} s: {why}")
 
     def _end_timing(self) -> None:
-        """Record what the loop has counted since the last time, if that can be recorded."""
-        if self.recorder.link is not None and self.recorder.task is not None:
+        """Record what the loop has counted since the last time, if something is recorded."""
+        if self.recorder.task is not None:
             self._timing.end(self._unix_ns())
 
     def _begin(

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from motord.api.messages import Event
 from motord.recorder.launch import RecorderLink
 from motord.recorder.mark import Mark
 from motord.recorder.protocol import RecorderReport, RecordingTask
@@ -21,7 +22,7 @@ class EndedRecording:
     """A recording that ended at `t_ns` (Unix ns), and why; it may not be closed yet.
 
     newest: the newest tick by then, None without any. to_end: the loop had ended, and what else
-    it had published belongs to the recording, too.
+    it had published belongs to the recording, too. events: its last ones, which may not be written.
     """
 
     task: RecordingTask
@@ -29,6 +30,7 @@ class EndedRecording:
     t_ns: int
     newest: Mark | None
     to_end: bool
+    events: tuple[Event, ...] = ()
 
 
 class EndedRecordings:
@@ -48,9 +50,17 @@ class EndedRecordings:
     def __len__(self) -> int:
         return len(self._ended)
 
-    def add(self, task: RecordingTask, why: str, newest: Mark | None, *, to_end: bool) -> None:
+    def add(
+        self,
+        task: RecordingTask,
+        why: str,
+        newest: Mark | None,
+        *,
+        to_end: bool,
+        events: tuple[Event, ...] = (),
+    ) -> None:
         """Keep a recording that ends now."""
-        self._ended.append(EndedRecording(task, why, self._unix_ns(), newest, to_end))
+        self._ended.append(EndedRecording(task, why, self._unix_ns(), newest, to_end, events))
         if len(self._ended) > ENDED_MAX:
             self._give_up(self._ended.popleft())
 
@@ -58,7 +68,10 @@ class EndedRecordings:
         """Have all finished, as far as the ring reaches back to them."""
         self.give_up_old()
         for ended in self._ended:
-            link.finish(ended.task, ended.why, newest=ended.newest, to_end=ended.to_end)
+            events = [dict(event) for event in ended.events]
+            link.finish(
+                ended.task, ended.why, newest=ended.newest, to_end=ended.to_end, events=events
+            )
 
     def take(self, report: RecorderReport) -> None:
         """Drop what a recorder reports as closed, or as failed: of that, too, it says why."""

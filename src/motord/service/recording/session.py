@@ -25,6 +25,8 @@ EVENTS_MAX = 1000
 """Events that are kept for a recorder that is not up yet."""
 EVENTS_BEFORE_S = 10.0
 """Events of this time before a recording go into it."""
+EVENTS_LAST = 100
+"""Events that are kept of a recording, for one that has to be finished."""
 CLOSE_S = 2.0
 """Time for a recorder to close its file before it is ended."""
 UP_S = 8.0
@@ -59,6 +61,7 @@ class RecorderSession:
         """Number of the recorder's process, None if there is none."""
         self._dropped = 0
         self._unsent: deque[Event] = deque(maxlen=EVENTS_MAX)
+        self._sent: deque[Event] = deque(maxlen=EVENTS_LAST)  # of `task`, perhaps not written yet
         self._leftovers: Mapping[str, str] = {}
         self._readings: dict[str, tuple[int, ChannelConfig, Mapping[str, Any]]] = {}
         self._faults = ChildFaults(RECORDER, children, events)
@@ -160,7 +163,7 @@ class RecorderSession:
         if self.link is None or self.task is None:
             self._unsent.append(event)
         else:
-            self.link.record("event", event.t_ns, dict(event))
+            self._send_event(self.link, event)
 
     def state(self, t_ns: int, state: Mapping[str, Any]) -> None:
         """Record the bench's state by name at `t_ns` (Unix ns), if something is recorded."""
@@ -227,7 +230,12 @@ class RecorderSession:
             self._leftovers = dict(report.leftovers)
 
     def _note_end(self, task: RecordingTask, why: str) -> None:
-        self.ended.add(task, why, self.newest, to_end=self.loop_over)
+        since_ns = self._unix_ns() - round(EVENTS_BEFORE_S * 1e9)
+        last = [event for event in (*self._sent, *self._unsent) if event.t_ns >= since_ns]
+        self._sent.clear()
+        self._unsent.clear()
+        events = tuple(last[-EVENTS_LAST:])
+        self.ended.add(task, why, self.newest, to_end=self.loop_over, events=events)
         self._asked_ns = self._now_ns
 
     def _send_ended(self, link: RecorderLink) -> None:
@@ -247,7 +255,11 @@ class RecorderSession:
         while self._unsent:
             event = self._unsent.popleft()
             if event.t_ns >= since_ns:
-                link.record("event", event.t_ns, dict(event))
+                self._send_event(link, event)
+
+    def _send_event(self, link: RecorderLink, event: Event) -> None:
+        link.record("event", event.t_ns, dict(event))
+        self._sent.append(event)
 
     def _send_reading(
         self, link: RecorderLink, t_ns: int, channel: ChannelConfig, content: Mapping[str, Any]
