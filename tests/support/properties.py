@@ -7,7 +7,7 @@ QUICK = os.environ.get("MOTORD_HYPOTHESIS") == "quick"
 FEW = 5
 """Interpreted, a few examples reach the same lines."""
 SOME = 20
-"""In `make quick`; `make test` has them all."""
+"""In `make quick`, and where the coverage of the firmware is measured; `make test` has them all."""
 
 
 def examples(count: int) -> int:

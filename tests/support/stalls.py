@@ -164,6 +164,12 @@ def _age_s(state: Any) -> float:
     return max((state.ages.get(name, 0.0) for name in SIGNALS), default=0.0)
 
 
+def is_explicable(cause: str) -> bool:
+    """Return whether a stall can be the cause of a trip by `cause` (the name of the first one)."""
+    stale = cause in Trip.__members__ and bool(Trip[cause] & STALENESS)
+    return stale or cause in (*LINE, "ENCODER_IMPLAUSIBLE")
+
+
 def forgive(
     where: str,
     cause: str,
@@ -186,8 +192,7 @@ def forgive(
         lasted_s = stalls.missed_s(missed)
         said += f", the loop for {lasted_s:.2f} s"
     else:
-        known = cause in Trip.__members__ and bool(Trip[cause] & STALENESS)
-        known |= cause in LINE or cause == "timeout"
+        known = is_explicable(cause) or cause == "timeout"
         assert known, f"no trip that a busy computer explains: {said}"
         if board_is_a_process:  # heartbeats and samples go through all of them
             lasted_s = stalls.delay_s(missed)

@@ -12,6 +12,7 @@ import pytest
 from tests.support import stalls
 from tests.support.ports import free_port
 from tests.support.stalls import Stalls, forgive
+from tests.system.daemons import leave_at_rest
 
 
 @pytest.fixture(autouse=True)
@@ -36,6 +37,21 @@ def test_staleness_is_forgiven_with_proof_and_counted(
     kept = stalled(1.01, monkeypatch)
     forgive("a test", cause, kept, limit_s=1.0, missed=100)
     assert [f"a test: {cause}; kept from running for 1.01 s"] == stalls.FORGIVEN
+
+
+@pytest.mark.parametrize(
+    ("state", "first_trip", "left"),
+    [("OFF", "", True), ("TRIPPED", "SUPERVISOR_STALE", True), ("TRIPPED", "OVER_SPEED", False)],
+)
+def test_a_test_may_leave_no_trip_that_a_stall_cannot_explain(
+    state: str, first_trip: str, left: bool
+) -> None:
+    lease = SimpleNamespace(holder=None)
+    view = SimpleNamespace(lease=lease, state=state, first_trip=first_trip, trips=[first_trip])
+    states = contextlib.nullcontext(SimpleNamespace(get=lambda _timeout_s: view))
+    client = SimpleNamespace(rpc=lambda *_, **__: None, subscribe_state=lambda: states)
+    with contextlib.nullcontext() if left else pytest.raises(AssertionError, match="OVER_SPEED"):
+        leave_at_rest(client)
 
 
 def test_a_stall_that_had_begun_before_counts_whole(monkeypatch: pytest.MonkeyPatch) -> None:
