@@ -12,14 +12,17 @@ from typing import Protocol
 import pytest
 from _pytest.runner import runtestprotocol
 
-from tests.support.stalls import STALE_S, Stalls, forgive
+from tests.support.stalls import STALE_S, Stalls, Waits, forgive
 
 TIMES = 3
 """A test is run again at most so many times: one that always fails is red on any computer."""
 
 
 class Bench(Protocol):
-    """A daemon of a simulated bench. `kept`: the stalls since it began, up to its end."""
+    """A daemon of a simulated bench. `kept`: the stalls since it began, up to its end.
+
+    With its processes their waits are gone.
+    """
 
     kept: Stalls
 
@@ -45,10 +48,10 @@ def run(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for _ in range(TIMES + 1):
         kept = Stalls()
-        positions = _positions()
+        before = _before()
         reports = runtestprotocol(item, log=False, nextitem=nextitem)
         failed = any(report.failed for report in reports)
-        if not tripped_by_stall(item.nodeid, kept, positions, passed=not failed) or not failed:
+        if not tripped_by_stall(item.nodeid, kept, before, passed=not failed) or not failed:
             break
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
@@ -56,28 +59,32 @@ def run(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
     return True
 
 
-def _positions() -> list[int]:
-    """Return where the logs of benches that run end, and forget all others."""
+def _before() -> list[tuple[int, Waits]]:
+    """Return of benches that run where their logs end, and their stalls; forget all others."""
     running = [(bench, at) for bench in BENCHES if (at := bench.position()) is not None]
     BENCHES[:] = [bench for bench, _ in running]
-    return [at for _, at in running]
+    return [(at, bench.kept.so_far()) for bench, at in running]
 
 
 def tripped_by_stall(
-    where: str, kept: Stalls, positions: Sequence[int], *, passed: bool = False
+    where: str, kept: Stalls, before: Sequence[tuple[int, Waits]], *, passed: bool = False
 ) -> bool:
     """Return whether a stall explains a trip of `BENCHES`, which is then counted and left.
 
-    kept: stalls since the test began; positions: where the logs of those that ran before ended.
-    Of a test that has passed, the benches count that still run.
+    kept: stalls since the test began; before: what `_before` returned then. Of a test that has
+    passed, the benches count that still run.
     """
     forgiven = False
     for number, bench in enumerate(BENCHES):
-        if passed and bench.position() is None:
+        runs = bench.position() is not None
+        if passed and not runs:
             continue
-        before = number < len(positions)
-        cause = bench.first_trip(positions[number] if before else 0)
-        if cause and _forgiven(where, cause, kept if before else bench.kept):
+        position, own = 0, bench.kept
+        if number < len(before):
+            position, waits = before[number]
+            own = kept if runs else bench.kept.after(waits)
+        cause = bench.first_trip(position)
+        if cause and _forgiven(where, cause, own):
             bench.leave_trip()
             forgiven = True
     return forgiven

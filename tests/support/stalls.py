@@ -85,6 +85,10 @@ def stolen_s() -> float:
     return int(fields[8]) / os.sysconf("SC_CLK_TCK") / (os.cpu_count() or 1)
 
 
+Waits = tuple[dict[str, float], float]
+"""For how long each thread waited, and the time stolen from all."""
+
+
 @dataclass
 class Stalls:
     """How long what runs here has been kept from running since this was made.
@@ -97,11 +101,23 @@ class Stalls:
     age_s: float = 0.0
     _waited_s: dict[str, float] = field(default_factory=waited_s)
     _stolen_s: float = field(default_factory=stolen_s)
-    _ended: "tuple[dict[str, float], float] | None" = None
+    _ended: Waits | None = None
 
     def end(self) -> None:
         """Count no further: with a process that ends, its waits are gone."""
-        self._ended = self._waits_s(), self._stolen_since_s()
+        self._ended = self.so_far()
+
+    def so_far(self) -> Waits:
+        """Return what is counted by now."""
+        return dict(self._waits_s()), self._stolen_since_s()
+
+    def after(self, earlier: Waits) -> "Stalls":
+        """Return these, of which no more are counted, without those of `earlier`, from `so_far`."""
+        (waits_s, stolen_s), (before_s, before_stolen_s) = self.so_far(), earlier
+        later = Stalls(self.missed, self.rate_Hz)
+        waits_s = {name: waits_s[name] - before_s.get(name, 0.0) for name in waits_s}
+        later._ended = waits_s, stolen_s - before_stolen_s
+        return later
 
     def settle(self) -> None:
         """Count no further, and of waits that go on what they have lasted so far.

@@ -193,9 +193,17 @@ class Daemon(Program):
             lease.reset()
             client.stop("tests")
 
+    def end(self, number=signal.SIGTERM):
+        self._count_no_further()
+        return super().end(number)
+
     def close(self):
-        self.kept.end()
+        self._count_no_further()
         super().close()
+
+    def _count_no_further(self):
+        if self.process.poll() is None:
+            self.kept.end()
 
     @property
     def endpoint(self):

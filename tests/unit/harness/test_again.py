@@ -92,6 +92,33 @@ def test_a_trip_of_before():
     assert again.BENCHES[0] in left
     assert run("before") > 1
 
+class Shared(Bench):
+    def first_trip(self, position=0):
+        return self.cause
+
+@pytest.fixture(scope="class")
+def shared():
+    bench = Shared(runs_on=True)
+    yield bench
+    bench.runs_on = False
+
+class TestOfOneBench:
+    def test_before(self, shared):
+        shared.kept.waited_s = 5.0
+
+    def test_a_stall_in_the_last_one(self, shared):
+        shared.kept.waited_s += 1.1
+        shared.cause = "SUPERVISOR_STALE"
+        assert run("last") == 2
+
+class TestOfAnother(TestOfOneBench):
+    def test_a_stall_in_the_last_one(self, shared):
+        pass
+
+    def test_a_stall_before_the_last_one(self, shared):
+        shared.cause = "SUPERVISOR_STALE"
+        assert run("before the last") > 1
+
 def test_that_always_fails():
     Bench("SUPERVISOR_STALE", 1.1)
     run("always")
@@ -100,6 +127,7 @@ def test_that_always_fails():
 def test_how_often_they_ran():
     assert runs == {
         "stall": 3, "none": 1, "other": 1, "no trip": 1, "success": 1, "before": 1, "always": 4,
+        "last": 2, "before the last": 1,
     }
 """
 
@@ -115,9 +143,9 @@ def test_a_test_runs_again_for_a_trip_that_a_stall_explains_and_no_other(tmp_pat
     failed = set(re.findall(r"^FAILED \S*::(\w+)", done.stdout, flags=re.MULTILINE))
     assert failed == {
         "test_a_stall_that_is_none", "test_another_trip", "test_no_trip", "test_a_trip_of_before",
-        "test_that_always_fails",
+        "test_that_always_fails", "test_a_stall_before_the_last_one",
     }, done.stdout  # fmt: skip
-    assert "5 failed, 3 passed" in done.stdout
+    assert "6 failed, 7 passed" in done.stdout
     counted = re.findall(
         r"^forgiven: \S*::(\w+): SUPERVISOR_STALE", done.stdout, flags=re.MULTILINE
     )
