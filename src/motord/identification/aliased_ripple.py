@@ -5,7 +5,9 @@ f + k / T. They pass the current loops (dead time and lag) and make torque with 
 the torque sensor, sampled once in one or more whole periods, shows them folded back onto the orders
 of the turn. A mount that resonates near the loop's rate passes them on with another sign than the
 torque itself, so that nulling what the sensor shows would put a real ripple in place of an aliased
-one.
+one. A sample that is a_n old when its tick begins shows image k turned by exp(-2 pi j k a_n / T):
+where the sensor is read by a clock of its own, that turns from sample to sample, and the mean over
+the samples is what is left of it at the orders.
 """
 
 from collections.abc import Iterator
@@ -32,11 +34,11 @@ IMAGE_STANDARD_UNCERTAINTY = 0.03
 
 @dataclass(frozen=True)
 class ZeroOrderHold:
-    """Timing of the currents against the samples of the torque.
+    """Timing of the currents against the ticks of the loop.
 
-    dead_s: from a sample of the torque until the current of the command of that tick begins to
-    move; lag_s: time constant with which it then follows; period_s: of the loop, for which each
-    command is held.
+    dead_s: from the beginning of a tick until the current of its command begins to move, nan where
+    it is not known; lag_s: time constant with which it then follows; period_s: of the loop, for
+    which each command is held.
     """
 
     dead_s: float
@@ -44,7 +46,12 @@ class ZeroOrderHold:
     period_s: float
 
     def is_folded_by(self, samples: Samples) -> bool:
-        """Return whether these samples fold images onto the orders that they are images of."""
+        """Return whether these samples fold images onto the orders that they are images of.
+
+        Not known without the dead time.
+        """
+        if not np.isfinite(self.dead_s):
+            return False
         periods = samples.period_s / self.period_s
         return periods > 0.5 and abs(periods - round(periods)) < SAME_PERIOD
 
@@ -73,9 +80,12 @@ def aliased_ripple(
     """
     counts, velocity_Hz = motor.counts, samples.velocity_Hz
     turned_Hz = np.fft.fftfreq(counts, 1 / counts) * velocity_Hz
+    age_s = _ages_s(samples)
+    turn = np.exp(-2j * np.pi / hold.period_s * (age_s - age_s.mean()))
     seen = np.zeros(counts, complex)
     for k, torque_Nm in _image_torques(samples, gain, motor, hold):
-        seen += np.fft.fft(torque_Nm) * response(sensor, turned_Hz + k / hold.period_s)
+        shown_Nm = np.mean(turn**k) * np.fft.fft(torque_Nm)
+        seen += shown_Nm * response(sensor, turned_Hz + k / hold.period_s)
     return np.asarray(2 / counts * seen[order] / response(sensor, order * velocity_Hz))
 
 
@@ -122,8 +132,11 @@ def with_images(
 def _image_torques(
     samples: Samples, gain: np.ndarray, motor: MotorConfig, hold: ZeroOrderHold
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield images k and their torque over the turn (counts,), complex, of the band at k / T."""
-    counts = motor.counts
+    """Yield images k and their torque over the turn (counts,), complex, of the band at k / T.
+
+    As samples of the mean age show them.
+    """
+    counts, hold = motor.counts, replace(hold, dead_s=hold.dead_s + _ages_s(samples).mean())
     fewest = min(end - first for first, end in samples.turns)
     highest = resolved_order(fewest, counts, MAX_CURRENT_ORDER)
     whole = samples.whole
@@ -137,3 +150,8 @@ def _image_torques(
     for k in IMAGES:
         current_A = np.fft.ifft(spectrum * hold.image(turned_Hz, k), axis=1)
         yield k, (current_A * back_emf).sum(axis=0)
+
+
+def _ages_s(samples: Samples) -> np.ndarray:
+    """Return how old samples were when their ticks began (n,); 0 where it was not recorded."""
+    return np.zeros(1) if samples.sample_age_s is None else samples.sample_age_s[samples.whole]

@@ -41,12 +41,13 @@ GOOD = "ok"
 class PointData:
     """One captured operating point: its set-points and the ticks of its capture.
 
-    ticks: structured array with at least the columns REQUIRED; with COMMANDS and `i_age_ns`
-    where the source has them. compensate: 0 without compensation (schema.Compensate). induced:
-    errors that were put on the currents on purpose (sequencing.Induced), so that its ripple is not
-    the motor's; empty without. turns_from_start: whole turns count from the first sample, not from
-    the encoder's zero. back_emf_factor: back-EMF over that of the motor's reference temperature;
-    nan where it cannot be known. recording: name of its file; tick_start: tick at which it begins.
+    ticks: structured array with at least the columns REQUIRED; with COMMANDS, `i_age_ns` and
+    `sample_age_ns` where the source has them. compensate: 0 without compensation
+    (schema.Compensate). induced: errors that were put on the currents on purpose
+    (sequencing.Induced), so that its ripple is not the motor's; empty without. turns_from_start:
+    whole turns count from the first sample, not from the encoder's zero. back_emf_factor: back-EMF
+    over that of the motor's reference temperature; nan where it cannot be known. recording: name of
+    its file; tick_start: tick at which it begins.
     """
 
     torque_Nm: float
@@ -79,7 +80,8 @@ class Samples:
     command_A (n, 3): commands where they were recorded (commanded), else the sensed currents;
     turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
     all currents are nan. faults: signals that are not right; counts that are not are left out.
-    recording: name of its file.
+    recording: name of its file. sample_age_s (n,): how old each sample was when its tick began;
+    None where that was not recorded.
     """
 
     torque_set_Nm: float
@@ -95,6 +97,7 @@ class Samples:
     back_emf_factor: float = 1.0
     faults: tuple[SignalFault, ...] = ()
     recording: str = ""
+    sample_age_s: np.ndarray | None = None
 
     @property
     def label(self) -> str:
@@ -166,12 +169,7 @@ def good_points(operating_points: Sequence[Mapping[str, Any]]) -> list[Mapping[s
 
 def prepare(point: PointData, counts: int) -> Samples:
     """Return the samples of a point. Raises CaptureError, IdentifyError."""
-    label = point.label
-    names = point.ticks.dtype.names or ()
-    missing = [name for name in REQUIRED if name not in names]
-    if missing:
-        raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
-    ticks = point.ticks
+    ticks, label = _complete(point), point.label
     t_ns = ticks["t_ns"]
     t_s = (t_ns - t_ns[:1]) * 1e-9
     i_A = _currents(ticks, t_s)
@@ -204,7 +202,16 @@ def prepare(point: PointData, counts: int) -> Samples:
         back_emf_factor=point.back_emf_factor,
         faults=(*_faults(rows_of(ticks, good), len(turns), counts), *faults),
         recording=point.recording,
+        sample_age_s=_ages(ticks, good),
     )
+
+
+def _complete(point: PointData) -> np.ndarray:
+    """Return the ticks of a point, with all columns REQUIRED. Raises IdentifyError."""
+    names = point.ticks.dtype.names or ()
+    if missing := [name for name in REQUIRED if name not in names]:
+        raise IdentifyError(f"{point.label}: the recording has no {', '.join(missing)}")
+    return point.ticks
 
 
 def _faults(ticks: np.ndarray, turns: int, counts: int) -> tuple[SignalFault, ...]:
@@ -243,6 +250,12 @@ def _commands(ticks: np.ndarray, good: np.ndarray | slice) -> np.ndarray | None:
         return None
     commands = stacked(ticks, COMMANDS)[good]
     return commands if np.isfinite(commands).all() else None
+
+
+def _ages(ticks: np.ndarray, good: np.ndarray | slice) -> np.ndarray | None:
+    """Return how old the samples `good` were when their ticks began (n,), None where unknown."""
+    known = "sample_age_ns" in (ticks.dtype.names or ())
+    return ticks["sample_age_ns"][good] * 1e-9 if known else None
 
 
 def current_lines(

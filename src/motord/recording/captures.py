@@ -13,7 +13,7 @@ import numpy as np
 from motord.identification.operating_points import COMMANDS, REQUIRED, PointData, good_points, split
 from motord.recording.reader import Run, bounds_of
 
-COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "tick", "plan_point")
+COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "sample_age_ns", "tick", "plan_point")
 """Columns of the tick that identification reads."""
 
 

@@ -38,19 +38,33 @@ def commands(angle_rad: np.ndarray) -> np.ndarray:
     return np.asarray(4 * np.sin(5 * turned - lag) + 1.5 * np.sin(35 * turned - 7 * lag + 0.3))
 
 
-def fine_torque(direction: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def fine_torque(
+    direction: int = 1, hold: ZeroOrderHold = HOLD
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return angle, currents (n, 3) and their torque over two turns, in FINE steps a period."""
     samples = 2 * round(1 / PERIOD_S)
     t_s = np.arange(samples * FINE) * PERIOD_S / FINE
     held = commands(2 * np.pi * direction * SPEED_HZ * np.arange(samples) * PERIOD_S)
-    tick = np.floor((t_s - HOLD.dead_s) / PERIOD_S + 1e-9).astype(int)
+    tick = np.floor((t_s - hold.dead_s) / PERIOD_S + 1e-9).astype(int)
     wanted_A = held[np.maximum(tick, 0)]
-    decay = np.exp(-PERIOD_S / FINE / HOLD.lag_s)
+    decay = np.exp(-PERIOD_S / FINE / hold.lag_s)
     current_A = signal.lfilter([0, 1 - decay], [1, -decay], wanted_A, axis=0)
     angle_rad = 2 * np.pi * direction * SPEED_HZ * t_s
     lag = 2 * np.pi / 3 * np.arange(3)
     torque_Nm = (0.2 * np.sin(5 * angle_rad[:, None] - lag) * current_A).sum(axis=1)
     return angle_rad, current_A, torque_Nm
+
+
+def fine_reading(
+    sensor: TorqueSensorConfig, direction: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return angle, sensor's torque and torque over two turns, in FINE steps a period."""
+    angle_rad, _, torque_Nm = fine_torque(direction)
+    t_s = np.arange(torque_Nm.size) * PERIOD_S / FINE
+    w = 2 * np.pi * sensor.resonance_Hz
+    mount = ([w * w], [1, 2 * sensor.damping_ratio * w, w * w])
+    seen_Nm = signal.lsim(mount, torque_Nm - torque_Nm[-1], t_s)[1]
+    return angle_rad, seen_Nm, torque_Nm
 
 
 def simulated(
@@ -60,11 +74,7 @@ def simulated(
 
     And the torque in fine steps of this turn.
     """
-    angle_rad, _, torque_Nm = fine_torque(direction)
-    t_s = np.arange(torque_Nm.size) * PERIOD_S / FINE
-    w = 2 * np.pi * sensor.resonance_Hz
-    mount = ([w * w], [1, 2 * sensor.damping_ratio * w, w * w])
-    seen_Nm = signal.lsim(mount, torque_Nm - torque_Nm[-1], t_s)[1]
+    angle_rad, seen_Nm, torque_Nm = fine_reading(sensor, direction)
     half = torque_Nm.size // 2
     return angle_rad[half::FINE], seen_Nm[half::FINE], torque_Nm[half:]
 
@@ -101,6 +111,32 @@ def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float, ever
     # the torque itself: the commands' as they are held, delayed and lagged
     real = np.array([base(o) for o in order])
     np.testing.assert_allclose(shown - predicted, real, atol=0.02 * np.abs(predicted).max() + 5e-4)
+
+
+@pytest.mark.parametrize("resonance_Hz", [700.0, 2500.0])
+@pytest.mark.parametrize(("oldest", "youngest"), [(0.25, 0.25), (0.0, 0.5), (1.0, 0.0)])
+def test_images_turn_with_the_age_of_the_samples(
+    oldest: float, youngest: float, resonance_Hz: float
+) -> None:
+    """As of a board that samples by its own clock: parts of a period, from first to last."""
+    sensor = TorqueSensorConfig(resonance_Hz=resonance_Hz, damping_ratio=0.1)
+    angle_rad, seen_Nm, _ = fine_reading(sensor)
+    ticks = np.arange(angle_rad.size // 2, angle_rad.size, FINE)
+    late = np.rint(FINE * np.linspace(oldest, youngest, ticks.size)).astype(int)
+    sampled_rad, sampled_Nm = angle_rad[ticks - late], seen_Nm[ticks - late]
+    samples = replace(
+        as_samples(sampled_rad, sampled_Nm),
+        command_A=commands(angle_rad[ticks]),
+        sample_age_s=late * PERIOD_S / FINE,
+    )
+    order = np.array([30])
+    predicted = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
+    turn = np.exp(-1j * np.outer(order, sampled_rad))
+    shown = 2 / ticks.size * (turn @ sampled_Nm) / response(sensor, order * SPEED_HZ)
+    np.testing.assert_allclose(shown - predicted, base(30), atol=1e-3)
+    as_if_new = replace(samples, sample_age_s=None)
+    wrong = aliased_ripple(as_if_new, np.ones(3), MOTOR, sensor, HOLD, order)
+    assert np.abs(wrong - predicted).min() > 3e-3
 
 
 @pytest.mark.parametrize("every", [1, 2])
@@ -173,7 +209,9 @@ def test_images_are_folded_by_samples_a_whole_number_of_periods_apart(
 ) -> None:
     angle_rad = 2 * np.pi * np.arange(COUNTS) / COUNTS
     samples = as_samples(angle_rad, angle_rad)
-    assert HOLD.is_folded_by(replace(samples, t_s=periods * samples.t_s)) == folded
+    apart = replace(samples, t_s=periods * samples.t_s)
+    assert HOLD.is_folded_by(apart) == folded
+    assert not replace(HOLD, dead_s=np.nan).is_folded_by(apart)
 
 
 def test_a_steady_current_has_no_images() -> None:

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.lib.recfunctions import append_fields
 
 from motord.identification import IdentifyError
 from motord.identification.operating_points import (
@@ -102,6 +103,18 @@ def test_without_commands_the_currents_stand_in() -> None:
     ticks["i_cmd_a_A"][5] = np.nan
     again = prepare(PointData(3.0, 1.0, ticks), 4096)
     assert np.array_equal(again.command_A, samples.command_A)
+
+
+def test_samples_know_how_old_they_were_when_their_ticks_began() -> None:
+    ticks = Bench().point(3.0, 1.0, 4, 1).ticks
+    ages_ns = np.arange(ticks.size) * 100
+    known = append_fields(
+        ticks, "sample_age_ns", ages_ns.astype("i4"), usemask=False, asrecarray=False
+    )
+    known["t_ns"][7] = known["t_ns"][6]  # a tick without a new sample
+    samples = prepare(PointData(3.0, 1.0, known), 4096)
+    assert samples.sample_age_s == pytest.approx(1e-9 * np.delete(ages_ns, 7))
+    assert prepare(PointData(3.0, 1.0, ticks), 4096).sample_age_s is None
 
 
 def test_refusals_say_what_is_missing() -> None:

@@ -42,8 +42,8 @@ class SeenRipple(PointRipple):
 def band_order(samples: Samples, hold: ZeroOrderHold | None) -> int:
     """Return the highest order that the currents follow at this speed.
 
-    A part of the loop's rate, or the corner of the current loops if that is lower. Without timing
-    the loop is taken to be as fast as the samples.
+    A part of the loop's rate, or the corner of the current loops if that is lower. Without a bench
+    file the loop is taken to be as fast as the samples.
     """
     band_Hz = BAND_SHARE / (samples.period_s if hold is None else hold.period_s)
     if hold is not None and hold.lag_s > 0:
@@ -64,7 +64,8 @@ def seen_points(
     for samples in points:
         seen = seen_by(samples, motor, sensor, gain, hold, highest_order)
         found.append((seen, DetectedLines.of(samples, motor.counts)))
-        turns.append(replace(samples, i_A=NO_CURRENTS, command_A=NO_CURRENTS))
+        bare = replace(samples, i_A=NO_CURRENTS, command_A=NO_CURRENTS, sample_age_s=None)
+        turns.append(bare)
     ripples = with_asynchronous(found, turns, motor, sensor)
     return [
         replace(one, noise_Nm=np.hypot(one.noise_Nm, noise_of_lines(one, samples, motor, sensor)))

@@ -45,7 +45,7 @@ def point_ripples(
     inner = run.plan_metadata.get("settings", {}).get("inner")
     turns = isinstance(inner, Mapping) and "turns" in inner
     points = [one for one in points if turns and one["speed_Hz"]]
-    hold = phase_hold(run, **bounds_of(points[0])) if points else None
+    hold = phase_hold(run)
     index, found = [], []
     unusable: dict[int, PointRipple | CaptureError] = {}
     for number, samples in _samples(run, points, subject):

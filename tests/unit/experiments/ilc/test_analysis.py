@@ -167,7 +167,10 @@ def test_a_run_without_points_is_refused(first: tuple[Path, Calibration], tmp_pa
     assert recorded_hold(open_run(tmp_path / "untold.mcap")) is None
     with RunWriter(tmp_path / "no-delay.mcap", {**metadata, "config": "[inverter]\n"}):
         pass
-    assert recorded_hold(open_run(tmp_path / "no-delay.mcap")) is None
+    unknown = recorded_hold(open_run(tmp_path / "no-delay.mcap"))
+    assert unknown is not None
+    assert np.isnan(unknown.dead_s)
+    assert unknown.period_s == 1e-3
 
 
 def test_timing_of_the_currents_is_read_from_the_bench_file(
@@ -176,10 +179,8 @@ def test_timing_of_the_currents_is_read_from_the_bench_file(
     hold = recorded_hold(open_run(first[0]))
     assert hold is not None
     assert (hold.dead_s, hold.lag_s, hold.period_s) == pytest.approx((0.2e-3, 0.2e-3, 1e-3))
-    late = zero_order_hold(
-        InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), 1e-3, sample_age_s=0.3e-3
-    )
-    assert (late.dead_s, late.lag_s) == pytest.approx((0.7e-3, 0.1e-3))
+    late = zero_order_hold(InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), 1e-3)
+    assert (late.dead_s, late.lag_s) == pytest.approx((0.4e-3, 0.1e-3))
 
 
 def sampled_half_as_often(ticks: np.ndarray) -> np.ndarray:
@@ -205,6 +206,24 @@ def test_a_board_that_samples_half_as_often_shows_the_same_to_learn_from(
         assert other.band == pytest.approx(one.band, abs=1)
         learned = np.array([8, 16, 32, 48, 64, 96]) - 1
         assert np.abs(other.line_Nm - one.line_Nm[: other.order.size])[learned].max() < 2e-3
+
+
+def test_the_band_is_that_of_the_loop_also_where_the_delay_is_not_known(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    """Of a board that samples half as often: images stay, orders are learned as high as before."""
+    path, calibration = first
+    slow = open_run(change_recording(path, tmp_path / "slow.mcap", sampled_half_as_often))
+    known = learned_from(slow.path, calibration).ripples
+    config = slow.metadata["config"].replace("actuation_delay_s", "# actuation_delay_s")
+    slow.metadata["config"] = config.replace("lag_s", "# lag_s")
+    subject = Subject.of_config(nonlinear())
+    unknown = learn_from_runs([slow], subject, calibration, NOW, Learning()).ripples
+    for one, other in zip(known, unknown, strict=True):
+        assert isinstance(one, SeenRipple)
+        assert isinstance(other, SeenRipple)
+        assert other.band == one.band
+        assert np.abs(other.line_Nm - one.line_Nm)[47] > 1e-3
 
 
 def test_the_command_writes_the_next_calibration_and_a_page(
