@@ -16,6 +16,8 @@ from motord.identification.point_ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
 from motord.recording.reader import bounds_of, open_run
 from motord.report.style import PALETTE
+from motord.reproduce.between_ticks import COLUMNS, BetweenTicks
+from motord.rig.truth import load as load_truth
 
 FILE = Path(__file__).resolve().parent.parent / "docs/images/ripple.svg"
 TEMPLATE = Path(__file__).with_name("ripple_picture.svg")
@@ -77,9 +79,9 @@ def turn_of(path: Path) -> Turn:
         for p in run.operating_points()
         if (p["torque_Nm"], p["speed_Hz"]) == (TORQUE_NM, SPEED_HZ)
     ]
-    truth = run.truth(("angle_rad", "speed_rad_s", "torque_Nm"), **bounds_of(point))
+    truth = run.truth(COLUMNS, **bounds_of(point))
     ticks = run.ticks(("angle_rad", "i_cmd_a_A"), **bounds_of(point))
-    true = true_torque_of(point, truth)
+    true = true_torque_of(point, BetweenTicks(load_truth()).truth(truth))
     return Turn(
         over_angle(true.angle_rad, true.torque_Nm),
         over_angle(np.unwrap(ticks["angle_rad"].astype(float)), ticks["i_cmd_a_A"]),

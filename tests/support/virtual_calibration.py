@@ -13,6 +13,7 @@ from motord.experiments.plans import build
 from motord.identification.operating_points import PointData, split
 from motord.reproduce.evaluate import Errors
 from motord.reproduce.learning import place_of, true_error_percent
+from motord.rig.truth import load as load_truth
 from motord.sequencing import Plan
 from motord.virtual.mesh import run_points
 
@@ -58,7 +59,8 @@ def verify_virtual(
     pool: ProcessPoolExecutor | None = None,
 ) -> Errors:
     """Return the RMS errors of the true torque that `plan` finds with `calibration` in force."""
+    rig = load_truth(config.bench.rig)
     return {
-        place_of(piece): true_error_percent(piece, config.motor.rated_torque_Nm)
+        place_of(piece): true_error_percent(piece, rig, config.motor.rated_torque_Nm)
         for piece in run_points(config, plan, seed, calibration, pool)
     }

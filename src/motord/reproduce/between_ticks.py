@@ -4,16 +4,17 @@ Between two ticks a current follows the command that is held, with a dead time d
 
     i(t) = u + (i(d) - u) exp(-(t - d) / L),    before d the same with the command before.
 
-Both ends are known, so the commands u follow one from the other. Torque less that of the currents
-is smooth from tick to tick: cubic splines. Truth at ticks alone has images of the held currents
-folded onto the orders of the turn, as any sampled torque.
+Both ends are known, so the commands u follow one from the other; what is assumed of the first is
+forgotten from the beginning on or, where the dead time is long, from the end on. Torque less that
+of the currents is smooth from tick to tick: cubic splines. Truth at ticks alone has images of the
+held currents folded onto the orders of the turn, as any sampled torque.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from motord.config import MotorConfig
+from motord.config.motor import back_emf_waves
 from motord.identification.operating_points import stacked
 from motord.rig.truth import RigTruth
 
@@ -27,56 +28,64 @@ _FINE = np.dtype([(name, float) for name in ("angle_rad", "speed_rad_s", "torque
 
 @dataclass(frozen=True)
 class BetweenTicks:
-    """How currents follow their commands in a rig with this motor: dead_s, lag_s."""
+    """What a rig does between the ticks: its currents follow commands of phase currents."""
 
-    motor: MotorConfig
-    dead_s: float
-    lag_s: float
-
-    @classmethod
-    def of(cls, motor: MotorConfig, truth: RigTruth) -> "BetweenTicks":
-        """Return it for a rig."""
-        inverter = truth.inverter
-        return cls(motor, inverter.dead_time_s, 1 / (2 * np.pi * inverter.bandwidth_Hz))
+    rig: RigTruth
 
     def truth(self, at_ticks: np.ndarray) -> np.ndarray:
-        """Return angle, speed and torque at PARTS instants for each of the ticks (COLUMNS)."""
+        """Return angle, speed and torque at PARTS instants for each of the ticks (COLUMNS).
+
+        The last instant is that of the last tick.
+        """
         from scipy.interpolate import CubicSpline  # 0.2 s, of whoever asks for less
 
         t_s = (at_ticks["t_ns"] - at_ticks["t_ns"][0]) * 1e-9
         part_s = float(np.median(np.diff(t_s))) * np.arange(PARTS) / PARTS
-        fine_s = (t_s[:-1, None] + part_s).ravel()
+        fine_s = np.append((t_s[:-1, None] + part_s).ravel(), t_s[-1])
         i_A = stacked(at_ticks, CURRENTS)
         fine = np.empty(fine_s.size, _FINE)
         fine["angle_rad"] = CubicSpline(t_s, at_ticks["angle_rad"])(fine_s)
         fine["speed_rad_s"] = np.interp(fine_s, t_s, at_ticks["speed_rad_s"])
         smooth_Nm = at_ticks["torque_Nm"] - self._torque_Nm(i_A, at_ticks["angle_rad"])
         fine["torque_Nm"] = CubicSpline(t_s, smooth_Nm)(fine_s)
-        fine["torque_Nm"] += self._torque_Nm(self._currents_A(i_A, part_s), fine["angle_rad"])
+        fine_A = np.concatenate([self._currents_A(i_A, part_s), i_A[-1:]])
+        fine["torque_Nm"] += self._torque_Nm(fine_A, fine["angle_rad"])
         return fine
 
     def _torque_Nm(self, i_A: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
         """Return the torque (n,) of currents (n, 3) at angles (n,)."""
-        table = self.motor.back_emf_table()
-        point_rad = 2 * np.pi / len(table) * np.arange(len(table))
-        k = [np.interp(angle_rad, point_rad, one, period=2 * np.pi) for one in table.T]
-        return np.asarray((i_A * np.transpose(k)).sum(axis=1))
+        motor, order = self.rig.motor, self.rig.inverter.phase_order
+        k = back_emf_waves(motor.back_emf, motor.pole_pairs * angle_rad, order)
+        return np.asarray((i_A * k).sum(axis=1))
 
     def _currents_A(self, i_A: np.ndarray, part_s: np.ndarray) -> np.ndarray:
         """Return the currents (parts (n - 1), 3) `part_s` (parts,) after all ticks but the last."""
-        from scipy.signal import lfilter, lfiltic
-
         period_s = PARTS * part_s[1]
-        dead_s = self.dead_s % period_s
-        old, new = np.exp(-dead_s / self.lag_s), np.exp(-(period_s - dead_s) / self.lag_s)
-        feedback = np.array([1.0, new * (1 - old) / (1 - new)])
-        driven_A = (i_A[1:] - new * old * i_A[:-1]) / (1 - new)
-        begin = np.stack([lfiltic([1.0], feedback, [first]) for first in i_A[0]], axis=1)
-        after_A, _ = lfilter([1.0], feedback, driven_A, axis=0, zi=begin)
-        before_A = np.concatenate([i_A[:1], after_A[:-1]])
+        lag_s = 1 / (2 * np.pi * self.rig.inverter.bandwidth_Hz)
+        dead_s = self.rig.inverter.dead_time_s % period_s
+        old, new = np.exp(-dead_s / lag_s), np.exp(-(period_s - dead_s) / lag_s)
+        command_A = _commands_A(i_A[1:] - new * old * i_A[:-1], new * (1 - old), 1 - new, i_A)
+        before_A, after_A = command_A[:-1], command_A[1:]
         turn_A = before_A + (i_A[:-1] - before_A) * old
         s = part_s[:, None]
-        early_A = before_A[:, None] + (i_A[:-1] - before_A)[:, None] * np.exp(-s / self.lag_s)
-        gone = np.exp(-np.maximum(s - dead_s, 0.0) / self.lag_s)
+        early_A = before_A[:, None] + (i_A[:-1] - before_A)[:, None] * np.exp(-s / lag_s)
+        gone = np.exp(-np.maximum(s - dead_s, 0.0) / lag_s)
         late_A = after_A[:, None] + (turn_A - after_A)[:, None] * gone
         return np.asarray(np.where(s < dead_s, early_A, late_A).reshape(-1, 3))
+
+
+def _commands_A(driven_A: np.ndarray, before: float, after: float, i_A: np.ndarray) -> np.ndarray:
+    """Return the commands u (n, 3) of `before` u_m + `after` u_(m+1) = driven_A_m (n - 1, 3).
+
+    Solved in the direction in which errors get smaller. One of the ends, which the equations leave
+    open, is taken for the current i_A (n, 3) there.
+    """
+    from scipy.signal import lfilter, lfiltic
+
+    if backwards := before > after:
+        driven_A, i_A, before, after = driven_A[::-1], i_A[::-1], after, before
+    feedback = np.array([1.0, before / after])
+    begin = np.stack([lfiltic([1.0], feedback, [first]) for first in i_A[0]], axis=1)
+    rest_A, _ = lfilter([1.0], feedback, driven_A / after, axis=0, zi=begin)
+    command_A = np.concatenate([i_A[:1], rest_A])
+    return command_A[::-1] if backwards else command_A

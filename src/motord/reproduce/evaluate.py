@@ -43,7 +43,7 @@ def evaluate(config: Config, path: Path) -> Ripple:
     measured = tuple(ripples([run], Subject.of_config(config), EveryCapture()))
     true_percent: Errors = {}
     turns: dict[TorqueSpeed, np.ndarray] = {}
-    between = BetweenTicks.of(motor, load_truth(config.bench.rig))
+    between = BetweenTicks(load_truth(config.bench.rig))
     for true in true_torque(run, COLUMNS, between.truth):
         key = true.torque_set_Nm, true.speed_Hz
         true_percent[key] = rms_error_percent(true.torque_Nm, motor.rated_torque_Nm, true.weights)

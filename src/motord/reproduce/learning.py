@@ -19,7 +19,10 @@ from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData, split
 from motord.identification.point_ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
+from motord.reproduce.between_ticks import BetweenTicks
 from motord.reproduce.evaluate import Errors
+from motord.rig.truth import RigTruth
+from motord.rig.truth import load as load_truth
 from motord.schema import joined
 from motord.virtual.mesh import MeshPiece, run_points
 
@@ -67,7 +70,7 @@ def learn_virtual(
 
     Raises PlanError, PlanFailed, AnalysisError, IdentifyError.
     """
-    plan = build("learn", config, mesh)
+    plan, rig = build("learn", config, mesh), load_truth(config.bench.rig)
     subject = Subject.of_config(config)
     learning = Learning(hold=zero_order_hold(config.inverter, 1 / config.loop.rate_Hz))
     done: list[LearnPass] = []
@@ -79,7 +82,7 @@ def learn_virtual(
         errors: Errors = {}
         for piece in run_points(config, plan, int(own_seed), calibration, pool):
             points += _captured(piece)
-            errors[place_of(piece)] = true_error_percent(piece, config.motor.rated_torque_Nm)
+            errors[place_of(piece)] = true_error_percent(piece, rig, config.motor.rated_torque_Nm)
             ticks += piece.ticks.size
             progress((number - 1 + len(errors) / len(plan.points)) / passes)
         now = datetime.now(UTC)
@@ -105,9 +108,9 @@ def place_of(piece: MeshPiece) -> TorqueSpeed:
     return float(piece.point["torque_Nm"]), float(piece.point["speed_Hz"])
 
 
-def true_error_percent(piece: MeshPiece, rated_Nm: float) -> float:
-    """Return the RMS error of the true torque of an operating point."""
+def true_error_percent(piece: MeshPiece, rig: RigTruth, rated_Nm: float) -> float:
+    """Return the RMS error of the true torque of an operating point, between the ticks as well."""
     bounds = (int(piece.point["t_start_ns"]), int(piece.point["t_end_ns"]))
     first, end = np.searchsorted(piece.truth["t_ns"], [bounds[0], bounds[1] + 1])
-    true = true_torque_of(piece.point, piece.truth[first:end])
+    true = true_torque_of(piece.point, BetweenTicks(rig).truth(piece.truth[first:end]))
     return rms_error_percent(true.torque_Nm, rated_Nm, true.weights)
