@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -14,11 +15,16 @@ from motord.calibration import Calibration, from_json, load
 from motord.cli.connection_options import with_connection
 from motord.cli.plan import commands
 from motord.cli.plan import learn as module
+from motord.config import load as load_bench
 from motord.experiments.ilc.report import fill
 from motord.experiments.plans import build
 from motord.findings import Finding
+from motord.identification.point_ripple import rms_error_percent
+from motord.recording.captures import true_torque_of
 from motord.report.html import Page
-from motord.reproduce.learning import learn_virtual
+from motord.reproduce.learning import learn_virtual, true_error_percent
+from motord.rig.truth import load as load_truth
+from motord.virtual.mesh import run_points
 from tests.support.virtual_calibration import calibrate_virtual, verify_virtual
 from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration
 
@@ -37,6 +43,21 @@ def test_learning_in_virtual_time_smooths_the_true_torque() -> None:
     page = Page("Learning")
     fill(page, learned.passes[-1], learned.truth)
     assert "RMS error of the true torque" in page.html()
+
+
+def test_the_true_error_has_the_steps_of_the_currents_between_the_ticks() -> None:
+    """They are most of what a calibration without error leaves."""
+    config, rig = load_bench(), load_truth()
+    point = {"torques_Nm": [4.0], "speeds_Hz": [0.9], "turns": 2, "settle_s": 0.5}
+    plan = build("verify", config, {**point, "compensate": "on"})
+    [piece] = run_points(config, plan, 1, true_calibration())
+    bounds_ns = [piece.point["t_start_ns"], piece.point["t_end_ns"] + 1]
+    at_ticks = true_torque_of(
+        piece.point, piece.truth[slice(*np.searchsorted(piece.truth["t_ns"], bounds_ns))]
+    )
+    rated_Nm = config.motor.rated_torque_Nm
+    of_ticks = rms_error_percent(at_ticks.torque_Nm, rated_Nm, at_ticks.weights)
+    assert 1.2 * of_ticks < true_error_percent(piece, rig, rated_Nm) < 1.5 * of_ticks
 
 
 class Daemon:
