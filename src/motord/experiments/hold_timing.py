@@ -21,7 +21,8 @@ def zero_order_hold(inverter: InverterConfig, period_s: float) -> ZeroOrderHold:
 def recorded_hold(run: Run) -> ZeroOrderHold | None:
     """Return the timing of the currents in a run; None without a bench file that can be read.
 
-    The dead time is nan where that does not say `actuation_delay_s`.
+    The dead time, of phase currents, is nan where that does not say `actuation_delay_s`, and of a
+    drive that takes currents along the rotor's axes: it turns them between commands.
     """
     try:
         bench = parse_toml(run.metadata["config"])
@@ -30,20 +31,17 @@ def recorded_hold(run: Run) -> ZeroOrderHold | None:
         hold = zero_order_hold(InverterConfig.model_validate(given), period_s)
     except (AttributeError, KeyError, TypeError, ValueError):
         return None
-    return hold if "actuation_delay_s" in given else replace(hold, dead_s=nan)
+    known = "actuation_delay_s" in given and table.get("driver") != "can-dq"
+    return hold if known else replace(hold, dead_s=nan)
 
 
 def phase_hold(run: Run) -> ZeroOrderHold | None:
-    """Return the timing of held phase currents; None of a drive with axes, without delay or lag.
+    """Return the timing of held phase currents; None where dead time or lag is not known.
 
-    Images depend on the lag of the current loops; a drive that takes currents along the rotor's
-    axes turns them between commands.
+    Images depend on the lag of the current loops.
     """
     hold = recorded_hold(run)
-    if hold is None or isnan(hold.dead_s) or not hold.lag_s:
-        return None
-    rotating = parse_toml(run.metadata["config"])["inverter"].get("driver") == "can-dq"
-    return None if rotating else hold
+    return None if hold is None or isnan(hold.dead_s) or not hold.lag_s else hold
 
 
 def loop_period_s(bench: Mapping[str, Any]) -> float:

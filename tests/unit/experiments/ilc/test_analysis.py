@@ -183,6 +183,19 @@ def test_timing_of_the_currents_is_read_from_the_bench_file(
     assert (late.dead_s, late.lag_s) == pytest.approx((0.4e-3, 0.1e-3))
 
 
+def test_a_drive_that_turns_its_currents_has_no_images_of_held_phase_currents(
+    first: tuple[Path, Calibration],
+) -> None:
+    run = open_run(first[0])
+    config = run.metadata["config"]
+    assert 'driver = "sim"' in config
+    run.metadata["config"] = config.replace('driver = "sim"', 'driver = "can-dq"')
+    hold = recorded_hold(run)
+    assert hold is not None
+    assert np.isnan(hold.dead_s)
+    assert (hold.lag_s, hold.period_s) == (0.2e-3, 1e-3)
+
+
 def sampled_half_as_often(ticks: np.ndarray) -> np.ndarray:
     """Return the ticks as of a board that has a new sample for every other tick."""
     stale = ticks[1::2]
