@@ -70,7 +70,7 @@ def _parsed(question: Question, text: str) -> Any:
     try:
         return parse(question, text)
     except ConfigError as error:
-        raise ConfigError(f"{question.option}: {error}") from None
+        raise error.after(f"{question.option}: ") from None
 
 
 def _not_asked(left: Answers, template: Template) -> str:

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from motord.bench_file.questions import BACK_EMF, Question
 from motord.config import ConfigError
 from motord.config.text.descriptions import field_of
-from motord.section.complaints import wrong_things
+from motord.section.complaints import complaints, message
 from motord.untrusted import parse_toml
 
 
@@ -25,7 +25,8 @@ def parse(question: Question, text: str) -> Any:
         strict = field_of(question.key).annotation in (int, float)  # a bool is no number
         checked = _adapter(question.key).validate_python(value, strict=strict)
     except ValidationError as error:
-        raise ConfigError(f"{'; '.join(wrong_things(error))}, not {text!r}") from None
+        wrong = (f"{message(one)}, not {text!r}" for one in complaints(error))
+        raise ConfigError("\n".join(wrong)) from None
     return value if isinstance(checked, Path) else checked
 
 

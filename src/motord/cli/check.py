@@ -159,7 +159,7 @@ def _rig_notes(bench: "Config") -> Iterator[str]:
         try:
             load(bench.bench.rig)
         except ConfigError as error:
-            yield f"motord emulate cannot be this bench: {error}"
+            yield from error.after("motord emulate cannot be this bench: ").lines
 
 
 def _plan_notes(bench: "Config") -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Output of every command: one clear line on failure, JSON on request, no markup anywhere.
+"""Output of every command: a clear line for what is wrong, JSON on request, no markup anywhere.
 
 What stands in brackets, such as [loop], is text: in help, messages, tables and progress. So
 consoles and columns of rich, and groups of typer, are made here alone.
@@ -24,17 +24,16 @@ if TYPE_CHECKING:
 
 
 def fail(message: str) -> NoReturn:
-    """Print one line on stderr and end with exit code 1."""
-    remark(f"motord: {' '.join(message.split())}")
+    """Print a message on stderr, its lines one by one, and end with exit code 1."""
+    for line in filter(str.strip, message.splitlines()):
+        remark(f"motord: {' '.join(line.split())}")
     raise typer.Exit(1)
 
 
 def fail_with(errors: Sequence[str]) -> None:
     """Print each error on a line of stderr; end with exit code 1 if there is any."""
-    for line in errors[:-1]:
-        remark(f"motord: {line}")
-    for line in errors[-1:]:
-        fail(line)
+    if errors:
+        fail("\n".join(errors))
 
 
 def remark(line: str) -> None:
@@ -115,7 +114,7 @@ class CommandGroup(TyperGroup):
             _name_value(error)
             if (message := explanation(error)) is None:
                 raise
-            fail_with(getattr(error, "lines", [message]))
+            fail(message)
 
 
 NO_NUMBER = {

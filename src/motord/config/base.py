@@ -53,3 +53,7 @@ class ConfigError(Exception):
     def lines(self) -> list[str]:
         """What is wrong, one by one."""
         return str(self).splitlines()
+
+    def after(self, where: str) -> "ConfigError":
+        """Return an error that has `where` before each line."""
+        return ConfigError("\n".join(f"{where}{line}" for line in self.lines))

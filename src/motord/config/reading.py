@@ -86,7 +86,7 @@ def check_table(model: type[_Model], name: str, content: dict[str, Any]) -> _Mod
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise ConfigError("; ".join(f"[{name}] {one}" for one in wrong_things(error))) from None
+        raise ConfigError("\n".join(f"[{name}] {one}" for one in wrong_things(error))) from None
 
 
 def validate(model: type[_Model], path: Path, text: str, data: dict[str, Any]) -> _Model:
@@ -116,9 +116,12 @@ def _resolve_files(path: Path, data: dict[str, Any]) -> None:
 def _explain(
     error: ValidationError, model: type[Section], path: Path, text: str, data: dict[str, Any]
 ) -> str:
-    """Return what is wrong, a line for each place: without what follows from an unknown driver."""
-    lines: dict[str, list[str]] = {}
-    got: dict[str, str] = {}
+    """Return what is wrong, a line for each place, in the order of the file.
+
+    Left out is what follows from an unknown driver.
+    """
+    wrong: dict[tuple[int, str], list[str]] = {}
+    got: dict[tuple[int, str], str] = {}
     unknown = dict(_unknown_drivers(model, data))
     for item in complaints(error):
         keys = _keys(item["loc"], whole=item["type"] == "extra_forbidden")
@@ -132,12 +135,12 @@ def _explain(
             what = f"{what[0].lower()}{what[1:]}"
             if not keys or item["input"] != keys[-1]:  # of a key that is wrong it is the key
                 got[place] = f", got {item['input']!r}"
-        lines.setdefault(place, []).append(what)
-    for of_driver, wrong in unknown.items():
-        lines[_place(path, text, of_driver)] = [wrong]
+        wrong.setdefault(place, []).append(what)
+    for of_driver, what in unknown.items():
+        wrong[_place(path, text, of_driver)] = [what]
     return "\n".join(
-        f"{place}: {', or '.join(dict.fromkeys(what))}{got.get(place, '')}"
-        for place, what in lines.items()
+        f"{place[1]}: {', or '.join(dict.fromkeys(wrong[place]))}{got.get(place, '')}"
+        for place in sorted(wrong, key=lambda place: place[0])
     )
 
 
@@ -155,11 +158,11 @@ def _unknown_drivers(
         yield tuple(keys), wrong
 
 
-def _place(path: Path, text: str, keys: Sequence[str]) -> str:
-    """Return file, line and keys as text."""
+def _place(path: Path, text: str, keys: Sequence[str]) -> tuple[int, str]:
+    """Return the line of keys, 0 for none, and file, line and keys as text."""
     line = _line_of(text, list(keys))
     where = f"{path}:{line}" if line else str(path)
-    return f"{where}: {dotted(keys)}" if keys else where
+    return line, f"{where}: {dotted(keys)}" if keys else where
 
 
 def _what(item: Any, model: type[Section], keys: list[str]) -> str:

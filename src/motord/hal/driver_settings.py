@@ -17,9 +17,10 @@ def read_settings(
 ) -> SettingsT:
     """Return the settings that a bench file has for the driver of a device, as `model` has them.
 
-    Raises DeviceError, which names the key, for one that is missing, unknown or wrong.
+    Raises DeviceError, a line of which names each key that is missing, unknown or wrong.
     """
     try:
         return model.model_validate(getattr(config, kind).settings)
     except ValidationError as error:
-        raise DeviceError(f"[{kind}.settings] {'; '.join(wrong_things(error))}") from None
+        wrong = (f"[{kind}.settings] {one}" for one in wrong_things(error))
+        raise DeviceError("\n".join(wrong)) from None

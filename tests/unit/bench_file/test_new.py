@@ -141,6 +141,7 @@ def test_an_emulated_bench_at_another_rate(template: str, rate_Hz: int) -> None:
         ("serial-bridge", "", {"motor__back_emf": "0"}, "--motor-back-emf: an amplitude above 0"),
         ("serial-bridge", "", {"motor__back_emf": "k.json"}, r"/nowhere/k.json: cannot read"),
         ("serial-bridge", "", {"motor__pole_pairs": "4.5"}, "--motor-pole-pairs: .*integer"),
+        ("serial-bridge", "", {"motor__pole_pairs": "-1"}, r"equal to 1, not '-1'$"),
     ],
 )
 def test_a_wrong_answer_is_refused_with_the_reason(

@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.analysis_command import print_text
-from motord.cli.console import plain_console, progress_bar
+from motord.cli.console import fail, plain_console, progress_bar
+from motord.config import ConfigError
 from motord.config.experiments import plan_kinds
 from motord.report.text import TextTable
 
@@ -179,3 +180,13 @@ def test_every_plan_has_an_analysis_of_its_name(name):
     result = CliRunner().invoke(app, ["analyse", name, "--help"])
     assert result.exit_code == 0
     assert "RUN" in result.stdout
+
+
+def test_what_has_several_lines_keeps_them(capsys):
+    """As of a bench file with several mistakes, after what a command says of it."""
+    error = ConfigError("a.toml:1: one  thing\n\na.toml:2: another")
+    with pytest.raises(typer.Exit):
+        fail(f"not simulated: {error}")
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "motord: not simulated: a.toml:1: one thing"
+    assert second == "motord: a.toml:2: another"

@@ -483,7 +483,7 @@ SOURCE = '[[channels]]\nname = "t"\nunit = "degC"\n[channels.source]\n'
 @pytest.mark.parametrize(
     ("old", "new", "tail", "said"),
     [
-        ("rate_Hz = 1000", "rate = 1\nspin = 3", "", ["6: loop.spin:", "5: loop.rate: unknown"]),
+        ("rate_Hz = 1000", "rate = 1\nspin = 3", "", ["5: loop.rate: unknown", "6: loop.spin:"]),
         (
             "slots = 48", "slots = 0", '[brake]\ndriver = "modbos"\n',
             ["10: motor.slots:", '19: brake.driver: "modbos" is not known; known: sim, none'],

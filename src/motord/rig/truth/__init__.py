@@ -244,4 +244,4 @@ def load(path: Path | None = None) -> RigTruth:
         text, data = read_toml(file)
         return validate(RigTruth, file, text, data)
     except ConfigError as error:
-        raise ConfigError(f"[bench] rig: {error}") from error
+        raise error.after("[bench] rig: ") from error
