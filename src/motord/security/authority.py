@@ -35,27 +35,23 @@ def init(folder: Path, hosts: Sequence[str], days: int = CERTIFICATE_DAYS) -> No
     Raises SecurityError if there is one already.
     """
     names = _alternative_names(["localhost", "127.0.0.1", "::1", *hosts])
-    made = [folder / name for name in ("ca.pem", "ca.key", "server.pem", "server.key", ROLES)]
-    for path in made:
-        if path.exists():
-            raise SecurityError(f"{path} exists; nothing is overwritten")
+    for name in ("ca.pem", "ca.key", "server.pem", "server.key", ROLES):
+        if (folder / name).exists():
+            raise SecurityError(f"{folder / name} exists; nothing is overwritten")
     folder.mkdir(parents=True, exist_ok=True)
-    with _all_or_none(made):
-        _write_authority(folder, names, days)
-
-
-def _write_authority(folder: Path, names: list[x509.GeneralName], days: int) -> None:
     ca_key = ec.generate_private_key(ec.SECP256R1())
     subject = _name(f"motord authority {secrets.token_hex(4)}")
     ca = _sign(subject, subject, ca_key, ca_key, CA_DAYS, _of_authority())
-    _write_key(folder / "ca.key", ca_key)
-    _write(folder / "ca.pem", _pem(ca))
     key = ec.generate_private_key(ec.SECP256R1())
     extensions = [*_of_end(Usage.SERVER_AUTH), (x509.SubjectAlternativeName(names), False)]
-    _write_key(folder / "server.key", key)
     server = _sign(_name("motord daemon"), subject, key, ca_key, days, extensions)
-    _write(folder / "server.pem", _pem(server))
-    roles.write(folder / ROLES, {})
+    with _all_or_none() as made:
+        _write_key(folder / "ca.key", ca_key, made)
+        _write(folder / "ca.pem", _pem(ca), made)
+        _write_key(folder / "server.key", key, made)
+        _write(folder / "server.pem", _pem(server), made)
+        made.append(folder / ROLES)
+        roles.write(folder / ROLES, {})
 
 
 def add(folder: Path, name: str, role: Role, days: int = CERTIFICATE_DAYS) -> Path:
@@ -71,25 +67,27 @@ def add(folder: Path, name: str, role: Role, days: int = CERTIFICATE_DAYS) -> Pa
         raise SecurityError(f"{name} is taken; choose another name, or `motord security remove` it")
     if own.exists():
         raise SecurityError(f"{name} is taken, {own} exists; choose another name")
+    key = ec.generate_private_key(ec.SECP256R1())
+    certificate = _sign(_name(name), ca.subject, key, ca_key, days, _of_end(Usage.CLIENT_AUTH))
     own.mkdir(parents=True, mode=0o700)
-    with _all_or_none([*(own / part for part in (KEY, CERTIFICATE, CA, ABOUT)), own]):
-        key = ec.generate_private_key(ec.SECP256R1())
-        certificate = _sign(_name(name), ca.subject, key, ca_key, days, _of_end(Usage.CLIENT_AUTH))
-        _write_key(own / KEY, key)
-        _write(own / CERTIFICATE, _pem(certificate))
-        _write(own / CA, _pem(ca))
-        _write(own / ABOUT, f'name = "{name}"\nrole = "{role}"\n'.encode())
+    with _all_or_none() as made:
+        made.append(own)
+        _write_key(own / KEY, key, made)
+        _write(own / CERTIFICATE, _pem(certificate), made)
+        _write(own / CA, _pem(ca), made)
+        _write(own / ABOUT, f'name = "{name}"\nrole = "{role}"\n'.encode(), made)
         roles.write(folder / ROLES, {**given, name: role})
     return own
 
 
 @contextmanager
-def _all_or_none(made: Sequence[Path]) -> Iterator[None]:
-    """Remove files and folders, of which none was there before, if not all could be made."""
+def _all_or_none() -> Iterator[list[Path]]:
+    """Yield a list for files and folders that are made; remove them if not all could be."""
+    made: list[Path] = []
     try:
-        yield
+        yield made
     except BaseException:  # an interrupt, too
-        for path in made:
+        for path in reversed(made):
             if path.is_dir():
                 path.rmdir()
             else:
@@ -208,17 +206,18 @@ def _pem(certificate: x509.Certificate) -> bytes:
     return certificate.public_bytes(serialization.Encoding.PEM)
 
 
-def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
+def _write_key(path: Path, key: ec.EllipticCurvePrivateKey, made: list[Path]) -> None:
     encoded = key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
         serialization.NoEncryption(),
     )
-    _write(path, encoded, 0o600)
+    _write(path, encoded, made, 0o600)
 
 
-def _write(path: Path, content: bytes, mode: int = 0o644) -> None:
-    """Write a new file. Raises SecurityError if there is one."""
+def _write(path: Path, content: bytes, made: list[Path], mode: int = 0o644) -> None:
+    """Write a new file, which is added to `made`. Raises SecurityError if there is one."""
+    made.append(path)
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
         with os.fdopen(descriptor, "wb") as file:
@@ -226,4 +225,6 @@ def _write(path: Path, content: bytes, mode: int = 0o644) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
+        if isinstance(error, FileExistsError):  # of another process that makes the same
+            made.remove(path)
         raise SecurityError(f"{path}: cannot make it: {error.strerror}") from None

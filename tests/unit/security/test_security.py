@@ -90,6 +90,23 @@ def test_what_cannot_be_made_whole_leaves_nothing(tmp_path, monkeypatch, failing
     authority.add(tmp_path / "ca", "anna", Role.VIEWER)
 
 
+def test_two_that_make_an_authority_at_a_time_leave_that_of_the_first(tmp_path, monkeypatch):
+    """The second one found nothing when it looked, and removed the keys of the first."""
+    folder = tmp_path / "ca"
+
+    def sign(*arguments):
+        monkeypatch.setattr(authority, "_sign", signed)
+        authority.init(folder, [])
+        return signed(*arguments)
+
+    signed = authority._sign
+    monkeypatch.setattr(authority, "_sign", sign)
+    with pytest.raises(SecurityError, match=r"ca\.key: cannot make it: File exists"):
+        authority.init(folder, [])
+    assert len(list(folder.iterdir())) == 5
+    authority.add(folder, "anna", Role.VIEWER)
+
+
 @pytest.mark.parametrize("name", ["", "../anna", "an na", "a/b", "-a", "é", "x" * 64, 'a"b', "a)+"])
 def test_names_that_could_mean_something_else_are_refused(folder, name):
     with pytest.raises(SecurityError, match="cannot be a name"):
