@@ -9,7 +9,13 @@ from pathlib import Path
 
 from motord.archive import manifest as manifests
 from motord.archive.manifest import SUFFIX, ArchiveManifest
-from motord.archive.pace import ArchiveError, ConflictError, Pace, PausedError
+from motord.archive.pace import (
+    ArchiveError,
+    ConflictError,
+    Pace,
+    PausedError,
+    SameFolderError,
+)
 from motord.archive.selection import FOLDERS, Selection
 from motord.archive.verified_copy import copy_verified, naming, partial_of, sha256_of
 from motord.atomic_write import sync_folder
@@ -49,7 +55,10 @@ class RecordingArchive:
         delete_after_days: float | None = None,
         on_copied: Callable[[str, ArchiveManifest], None] = lambda name, manifest: None,
     ) -> ArchiveReport:
-        """Copy what is not archived yet; delete what has been for long enough, if that is given."""
+        """Copy what is not archived yet; delete what has been for long enough, if that is given.
+
+        Raises SameFolderError.
+        """
         report = ArchiveReport(
             being_written=selection.being_written, unfinished=selection.unfinished
         )
@@ -75,12 +84,13 @@ class RecordingArchive:
         return report
 
     def _require_folders(self) -> None:
-        """Raise ArchiveError unless copies can go somewhere else than where recordings are."""
+        """Raise ArchiveError if there is no archive, SameFolderError if it is no other folder."""
         if not self.copies.is_dir():
             raise ArchiveError(f"{self.copies}: no such folder; is it mounted?")
         inner, outer = self.copies.resolve(), self.source.resolve()
         if inner == outer or outer / FOLDERS[-1] == inner or inner.samefile(outer):
-            raise ArchiveError(f"{self.copies}: is where the recordings are; name another folder")
+            where = f"{self.copies}: is where the recordings are"
+            raise SameFolderError(f"{where}; name another folder")
 
     def _add(self, name: str) -> ArchiveManifest | None:
         """Archive one recording; return its manifest, None if it was archived before."""

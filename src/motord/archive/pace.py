@@ -14,6 +14,10 @@ class ArchiveError(Exception):
     """Nothing more can be archived for now; the message says why and what to do."""
 
 
+class SameFolderError(Exception):
+    """The copies would be where the recordings are: no further round can do better."""
+
+
 class ConflictError(ArchiveError):
     """One recording that cannot be archived: there is another file of its name, or it changes."""
 

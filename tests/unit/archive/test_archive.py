@@ -8,7 +8,14 @@ import pytest
 
 from motord.archive import manifest as manifests
 from motord.archive.archive import DAY_NS, RecordingArchive, verify
-from motord.archive.pace import CHUNK_MAX, CHUNK_MIN, ConflictError, Pace, PausedError
+from motord.archive.pace import (
+    CHUNK_MAX,
+    CHUNK_MIN,
+    ConflictError,
+    Pace,
+    PausedError,
+    SameFolderError,
+)
 from motord.archive.selection import select
 from motord.archive.verified_copy import copy_verified, partial_of
 from motord.client.roster import BenchRoster
@@ -196,11 +203,18 @@ def test_only_whole_recordings_are_copied(folders):
     assert (paused.being_written, paused.paused) == ([left.name], True)
 
 
-@pytest.mark.parametrize("where", ["runs", "runs/blackbox", "link", "gone", "runs/b-1-000.mcap"])
+@pytest.mark.parametrize("where", ["gone", "runs/b-1-000.mcap"])
 def test_an_archive_that_is_none(tmp_path, folders, where):
+    assert "no such folder" in one_round(folders[0], tmp_path / where, 0.0).stopped
+    assert (folders[0] / NAME).exists()
+
+
+@pytest.mark.parametrize("where", ["runs", "runs/blackbox", "link"])
+def test_an_archive_that_is_where_the_recordings_are_is_refused(tmp_path, folders, where):
+    """No next run goes on from there."""
     (tmp_path / "link").symlink_to(tmp_path / "runs")
-    report = one_round(folders[0], tmp_path / where, 0.0)
-    assert "name another folder" in report.stopped or "no such folder" in report.stopped
+    with pytest.raises(SameFolderError, match="where the recordings are; name another folder"):
+        one_round(folders[0], tmp_path / where, 0.0)
     assert (folders[0] / NAME).exists()
 
 

@@ -125,6 +125,7 @@ def test_recordings_are_archived_unless_the_bench_is_needed(tmp_path):
         ("s3://bucket --from .", "is a URL", 2),
         ("gone --from .", "no such folder; is it mounted?", 1),
         (". --from gone", "no folder of recordings", 1),
+        (". --from . --watch", "is where the recordings are; name another folder", 1),
         ("gone --verify", "no such folder; is it mounted?", 1),
     ],
 )
