@@ -20,6 +20,8 @@ MIDNIGHT = datetime(1900, 1, 1, tzinfo=UTC)
 
 GROUPED = re.compile(r"[+-]?\d{1,3}([,.' \u00a0\u202f])\d{3}(?:\1\d{3})*(?:[.,]\d*)?")
 """Numbers with thousands separators, among others."""
+POINTED = r"\s*[+-]?\d{1,3}(?:\.\d{3})+\s*"
+"""Those of points alone."""
 
 
 class CellReader:
@@ -42,6 +44,8 @@ class CellReader:
         self._dates = dates
         self._date_format = date_format
         self._swap = dialect.decimal == "," and dialect.delimiter != ","
+        between = re.escape(dialect.delimiter)
+        self._pointed = re.compile(rf"(?:^|{between}){POINTED}(?:{between}|$)", re.M)
         kinds = ["i8" if w.as_time else "f8" for w in wanted]
         self._dtype = np.dtype([(f"c{n}", kind) for n, kind in enumerate(kinds)])
 
@@ -60,9 +64,15 @@ class CellReader:
         return self._one_by_one(lines, number, problems)
 
     def _even(self, lines: list[str]) -> bool:
-        """Return whether all lines have the cells that rows should have, as `_fits` would say."""
+        """Return whether all lines have the cells that rows should have, as `_fits` would say.
+
+        And whether, where the decimal sign is a comma, none may have points between thousands.
+        """
         d = self._dialect
-        if d.delimiter == " " or d.separators < d.cells - 1 or '"' in "\n".join(lines):
+        text = "\n".join(lines)
+        if d.delimiter == " " or d.separators < d.cells - 1 or '"' in text:
+            return False
+        if self._swap and self._pointed.search(text):
             return False
         end = d.delimiter * (d.separators - d.cells + 1)
         counts = {line.count(d.delimiter) for line in lines}
@@ -113,9 +123,13 @@ class CellReader:
     def _refuse_grouped(
         self, cells: list[str], values: list[float | None], line: np.ndarray
     ) -> None:
-        """Raise RecordError for a number in groups: missing, only the large values would be."""
+        """Raise RecordError for a number in groups: missing, only the large values would be.
+
+        With a decimal comma a point is no decimal sign: 1.012 would be a thousandth of itself.
+        """
         for cell, value, at in zip(cells, values, line, strict=True):
-            if value is None and GROUPED.fullmatch(cell):
+            dotted = self._dialect.decimal == "," and "." in cell
+            if (value is None or dotted) and GROUPED.fullmatch(cell):
                 raise RecordError(
                     f"{self._path}: line {at}: '{cell}' has thousands separators, if it is a "
                     f"number with the decimal sign '{self._dialect.decimal}'; write numbers "
