@@ -76,8 +76,7 @@ class Benches:
 
     def _close_sessions(self) -> None:
         for session in list(self._sessions.values()):
-            if not session.is_closed():
-                session.close()  # type: ignore[no-untyped-call]
+            _close(session)
 
     def entries(self) -> list[BenchEntry]:
         """Return the benches that are there now, by name."""
@@ -113,6 +112,9 @@ class Benches:
             return
         self.unreachable.pop(endpoint, None)
         self._sessions[endpoint] = session
+        if self._closing.is_set():  # and has not waited for this one
+            _close(session)
+            return
         took = partial(self._token, session, endpoint)
         with suppress(zenoh.ZError):  # cut off already
             session.liveliness().declare_subscriber(
@@ -191,6 +193,11 @@ class Benches:
                 else:
                     self._roster.answered(bench, replier, state, now_s)
             self._changed.notify_all()
+
+
+def _close(session: zenoh.Session) -> None:
+    if not session.is_closed():
+        session.close()  # type: ignore[no-untyped-call]
 
 
 def _bench_of(sample: zenoh.Sample) -> str:

@@ -35,8 +35,12 @@ def ends_in_time(work: Callable[[], object], name: str) -> bool:
     """
     future: Future[object] = Future()
     thread = threading.Thread(target=_do, args=(future, work), name=name, daemon=True)
-    thread.start()
-    join_in_time(thread)
+    try:
+        thread.start()
+    except RuntimeError:  # none can be started, as at the end of the interpreter
+        _do(future, work)
+    else:
+        join_in_time(thread)
     if not future.done():
         return False
     future.result()

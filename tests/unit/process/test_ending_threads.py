@@ -59,6 +59,18 @@ def test_what_never_returns_is_left_and_what_fails_says_so(monkeypatch):
         ends_in_time(lambda: 1 / 0, "tests")
 
 
+def test_where_no_thread_can_be_started_it_is_done_all_the_same(monkeypatch):
+    """From Python 3.12 on there is none at the end of the interpreter, as in `atexit`."""
+
+    def refuse(_thread):
+        raise RuntimeError("can't create new thread at interpreter shutdown")
+
+    done = threading.Event()
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    assert ends_in_time(done.set, "tests")
+    assert done.is_set()
+
+
 UNLIMITED = re.compile(r"(thread|follower)\.join\(\)|session\.close\(\)")
 SOURCE = Path(ending_threads.__file__).parents[1]
 
