@@ -3,27 +3,32 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 
 from motord.calibration import Calibration
 from motord.config import Config, load, packaged
+from motord.intervals import two_digits
 from motord.recording.file_names import part_of, require_free
 from motord.recording.metadata import describe
+from motord.recording.storage import free_bytes
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
 from motord.sequencing.quality import GOOD
 from motord.untrusted import read_text
 from motord.virtual.bench import rig_and_faults
 from motord.virtual.channels import channel_readings
-from motord.virtual.mesh import MeshPiece, run_points
+from motord.virtual.mesh import ROW_BYTES, MeshPiece, run_points
 from motord.virtual.plan import PlanFailed
 from motord.virtual.preflight import BY_HAND
 
 CHUNK_S = 1.0
 """Time that one chunk of a recording spans; nothing here dies, so chunks may be large."""
+
+COMPRESSED = 0.6
+"""What a recording takes of the bytes of its ticks and truth; 0.8 if little of it is at rest."""
 
 Progress = Callable[[float], None]
 """Called with the fraction that is done."""
@@ -49,6 +54,24 @@ class Recorded:
     bench_s: float
     points: int
     poor: int
+
+
+def recorded_bytes(config: Config, plan: Plan) -> float:
+    """Return about how many bytes the recording of a simulated plan takes."""
+    return plan.seconds * config.loop.rate_Hz * ROW_BYTES * COMPRESSED
+
+
+def require_room(config: Config, plan: Plan, folder: Path) -> None:
+    """Raise PlanFailed if the recording does not fit in `folder`."""
+    needed = recorded_bytes(config, plan)
+    with suppress(OSError):  # whether it can be written at all is found when it is
+        free = free_bytes(folder)
+        if needed > free:
+            raise PlanFailed(
+                f"{plan.name}: about {two_digits(plan.seconds / 3600)} h on the bench, and its "
+                f"recording about {two_digits(needed / 1e9)} GB; {folder} has "
+                f"{two_digits(free / 1e9)} GB: shorten it, or name a file with more room"
+            )
 
 
 def record_plan(

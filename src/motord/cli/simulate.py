@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import PlanSettings, ResultAsJson, bench_file, output_file
-from motord.cli.console import explain_first_run, fail, print_result, progress_bar
+from motord.cli.console import explain_first_run, fail, print_result, progress_bar, remark
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
     from motord.sequencing import Plan
     from motord.simulate import PlanSource
+
+LONG_S = 3600.0
+"""Time on the bench from which on it is said beforehand: half a minute or more to simulate."""
 
 
 def simulate(
@@ -38,7 +41,7 @@ def simulate(
     packaged inertia.toml has a bar on springs.
     """
     from motord.calibration import load
-    from motord.simulate import PlanSource
+    from motord.simulate import PlanSource, require_room
 
     path = output or Path(f"{name}.mcap")
     if path.exists():
@@ -55,6 +58,9 @@ def simulate(
                 f"{plan.name} compensates, and no calibration is named; name one with "
                 "--calibration, or --set compensate=off"
             )
+        require_room(source.config, plan, path.absolute().parent)
+        if plan.seconds >= LONG_S:
+            _announce(source, plan)
         chosen = source.config.bench.seed if seed is None else seed
         result = _record(source, plan, path, chosen, applied, silent=as_json)
     except OSError as error:
@@ -64,8 +70,20 @@ def simulate(
         f"took {result['wall_s']:.1f} s; wrote {path}"
     )
     if result["poor"]:
-        text += f"; {result['poor']} are poor: `motord record info {path}` says why"
+        are = "are" if result["poor"] > 1 else "is"
+        text += f"; {result['poor']} {are} poor: `motord record info {path}` says why"
     print_result(result, text, as_json)
+
+
+def _announce(source: "PlanSource", plan: "Plan") -> None:
+    from motord.intervals import two_digits
+    from motord.simulate import recorded_bytes
+
+    gigabytes = recorded_bytes(source.config, plan) / 1e9
+    remark(
+        f"{plan.name}: about {two_digits(plan.seconds / 3600)} h on the bench; its recording takes "
+        f"about {two_digits(gigabytes)} GB"
+    )
 
 
 def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":

@@ -29,14 +29,18 @@ import numpy as np
 from motord.calibration import Calibration
 from motord.config import Config
 from motord.process.signal_handlers import INTERRUPTS, blocked, put_off
+from motord.process.temporary_folder import temporary_folder
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, joined
 from motord.sequencing import Plan
 from motord.virtual.bench import VirtualBench
-from motord.virtual.plan import BlockSink, run_plan
+from motord.virtual.plan import BlockSink, PlanFailed, run_plan
 
 MEMORY = Path("/dev/shm")
 ROOM_BYTES = 2 << 30
 """Free memory there from which on it is used; containers often have little."""
+PREFIX = "motord-mesh-"
+ROW_BYTES = TICK_DTYPE.itemsize + TRUTH_DTYPE.itemsize
+"""Of a tick and its truth."""
 
 _Result = TypeVar("_Result")
 
@@ -97,18 +101,29 @@ def _in_one(
 
 def _shared_out(pool: ProcessPoolExecutor, tasks: list[_Task]) -> Iterator[MeshPiece]:
     """Let the pool's processes compute the pieces; yield them in order."""
-    with tempfile.TemporaryDirectory(prefix="motord-mesh-", dir=_folder()) as name:
-        takes = [partial(_take_to_files, task, Path(name)) for task in tasks]
+    with temporary_folder(PREFIX, _folder(_bytes_at_once(tasks))) as folder:
+        takes = [partial(_take_to_files, task, folder) for task in tasks]
         for task, point in zip(tasks, _ahead(pool, takes), strict=True):
-            tick_file, truth_file = _files(task, Path(name))
+            tick_file, truth_file = _files(task, folder)
             yield MeshPiece(_mapped(tick_file, TICK_DTYPE), _mapped(truth_file, TRUTH_DTYPE), point)
+
+
+def _bytes_at_once(tasks: Sequence[_Task]) -> float:
+    """Return how much the longest pieces take that are in files at a time."""
+    seconds = [one.plan.part((one.plan.points[one.index],)).seconds for one in tasks]
+    longest_s = sum(sorted(seconds)[-_ahead_at_most() - 1 :])
+    return longest_s * tasks[0].config.loop.rate_Hz * ROW_BYTES
+
+
+def _ahead_at_most() -> int:
+    return 2 * (os.cpu_count() or 1)
 
 
 def _ahead(
     pool: ProcessPoolExecutor, takes: Sequence[Callable[[], dict[str, Any]]]
 ) -> Iterator[dict[str, Any]]:
     """Compute a few pieces ahead of the one that is asked for, no more: they are large."""
-    ahead = 2 * (os.cpu_count() or 1)
+    ahead = _ahead_at_most()
     futures = deque(pool.submit(take) for take in takes[:ahead])
     try:
         for number in range(len(takes)):
@@ -188,11 +203,16 @@ def _files(task: _Task, folder: Path) -> tuple[Path, Path]:
     return folder / f"{task.index}.ticks", folder / f"{task.index}.truth"
 
 
-def _folder(memory: Path = MEMORY) -> Path | None:
-    """Return a folder in memory with room enough; None: the usual folder for temporary files."""
-    if memory.is_dir() and shutil.disk_usage(memory).free >= ROOM_BYTES:
-        return memory
-    return None
+def _folder(needed: float) -> Path:
+    """Return a folder with room for `needed` bytes, in memory if it has. Raises PlanFailed."""
+    usual = Path(tempfile.gettempdir())
+    for folder, least in ((MEMORY, max(needed, ROOM_BYTES)), (usual, needed)):
+        if folder.is_dir() and shutil.disk_usage(folder).free >= least:
+            return folder
+    raise PlanFailed(
+        f"its longest points take about {needed / 1e9:.3g} GB at a time, for which there is no "
+        f"room in {usual}; shorten them, or let TMPDIR name a folder with more room"
+    )
 
 
 def _mapped(path: Path, dtype: "np.dtype[Any]") -> np.ndarray:

@@ -72,7 +72,7 @@ def test_points_do_not_share_their_noise() -> None:
 def test_who_has_had_enough_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mesh, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(mesh, "_folder", lambda needed: tmp_path)
     config = load()
     with processors() as pool:
         pieces = run_points(config, build("calibrate", config, MESH), seed=5, pool=pool)

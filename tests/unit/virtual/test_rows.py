@@ -1,11 +1,14 @@
 """Rows of records handed on in files."""
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from motord.schema import TICK_DTYPE
 from motord.virtual import mesh
+from motord.virtual.plan import PlanFailed
 
 
 def test_what_is_mapped_is_what_was_written_and_can_be_changed(tmp_path: Path) -> None:
@@ -25,8 +28,13 @@ def test_what_is_mapped_is_what_was_written_and_can_be_changed(tmp_path: Path) -
 
 
 def test_memory_is_used_where_there_is_room(tmp_path: Path, monkeypatch) -> None:
-    assert mesh._folder(tmp_path / "none") is None
+    usual = Path(tempfile.gettempdir())
+    monkeypatch.setattr(mesh, "MEMORY", tmp_path / "none")
+    assert mesh._folder(1.0) == usual
+    monkeypatch.setattr(mesh, "MEMORY", tmp_path)
     monkeypatch.setattr(mesh, "ROOM_BYTES", 1)
-    assert mesh._folder(tmp_path) == tmp_path
+    assert mesh._folder(1.0) == tmp_path
     monkeypatch.setattr(mesh, "ROOM_BYTES", 1 << 62)
-    assert mesh._folder(tmp_path) is None
+    assert mesh._folder(1.0) == usual
+    with pytest.raises(PlanFailed, match=r"about 1e\+09 GB at a time, .* no room in "):
+        mesh._folder(1e18)

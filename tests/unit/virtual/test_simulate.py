@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from motord.cli import app
+from motord.cli import app, simulate
 from motord.config import packaged
 from motord.experiments import plans
 from motord.recording.errors import RecordError
@@ -67,6 +67,7 @@ def test_points_that_come_out_poor_are_counted(tmp_path: Path) -> None:
         (("inertia-oscillation",), "the simulated rig has no bar on springs"),
         (("inertia-oscillation",), f"packaged one: -c {packaged('inertia.toml')}"),
         (("verify", "--calibration", "/nowhere.json"), "/nowhere.json"),
+        (("calibrate", *SMALL, "--set", "settle_s=1e12"), "shorten it, or name a file with more"),
     ],
 )
 def test_what_cannot_be_simulated_is_said_in_a_line(
@@ -77,6 +78,12 @@ def test_what_cannot_be_simulated_is_said_in_a_line(
     assert expected in err
     assert len(err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_long_plan_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulate, "LONG_S", 1.0)
+    _, _, err = run("calibrate", *SMALL, "-o", tmp_path / "run.mcap")
+    assert re.search(r"calibrate: about 0\.00\d+ h on the bench; its recording takes about", err)
 
 
 @pytest.mark.parametrize(
