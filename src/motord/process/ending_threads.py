@@ -1,6 +1,7 @@
 """Threads that the end of their process waits for, though not for ever."""
 
 import atexit
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -35,15 +36,24 @@ def ends_in_time(work: Callable[[], object], name: str) -> bool:
     """
     future: Future[object] = Future()
     thread = threading.Thread(target=_do, args=(future, work), name=name, daemon=True)
-    try:
-        thread.start()
-    except RuntimeError:  # none can be started, as at the end of the interpreter
-        _do(future, work)
-    else:
+    if _starts(thread):
         join_in_time(thread)
+    else:
+        _do(future, work)
     if not future.done():
         return False
     future.result()
+    return True
+
+
+def _starts(thread: threading.Thread) -> bool:
+    """Return whether a thread could be started: at the end of the interpreter none is, or runs."""
+    if sys.is_finalizing():
+        return False
+    try:
+        thread.start()
+    except RuntimeError:
+        return False
     return True
 
 

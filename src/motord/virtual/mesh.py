@@ -38,7 +38,7 @@ from motord.virtual.plan import BlockSink, PlanFailed, run_plan
 MEMORY = Path("/dev/shm")
 ROOM_BYTES = 2 << 30
 """Free memory there from which on it is used; containers often have little."""
-PREFIX = "motord-mesh-"
+PREFIX = "motord-points-"
 ROW_BYTES = TICK_DTYPE.itemsize + TRUTH_DTYPE.itemsize
 """Of a tick and its truth."""
 

@@ -60,7 +60,7 @@ def test_what_never_returns_is_left_and_what_fails_says_so(monkeypatch):
 
 
 def test_where_no_thread_can_be_started_it_is_done_all_the_same(monkeypatch):
-    """From Python 3.12 on there is none at the end of the interpreter, as in `atexit`."""
+    """With Python 3.12 and later there is none at the end of the interpreter."""
 
     def refuse(_thread):
         raise RuntimeError("can't create new thread at interpreter shutdown")
@@ -69,6 +69,24 @@ def test_where_no_thread_can_be_started_it_is_done_all_the_same(monkeypatch):
     monkeypatch.setattr(threading.Thread, "start", refuse)
     assert ends_in_time(done.set, "tests")
     assert done.is_set()
+
+
+OBJECT_THAT_OUTLIVES_ALL = """
+import builtins
+from motord.process.ending_threads import ends_in_time
+
+class Connection:
+    def __del__(self, ends_in_time=ends_in_time, print=print):
+        print(ends_in_time(lambda: print("closed"), "tests"))
+
+builtins.connection = Connection()
+"""
+
+
+def test_what_is_closed_by_the_end_of_the_interpreter_does_not_hang():
+    command = (sys.executable, "-c", OBJECT_THAT_OUTLIVES_ALL)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "closed\nTrue\n", "")
 
 
 UNLIMITED = re.compile(r"(thread|follower)\.join\(\)|session\.close\(\)")
