@@ -11,6 +11,7 @@ from motord.cli.connection_options import with_connection
 from motord.cli.console import CommandGroup, remark, single
 from motord.process.hidden_packages import hide_pydantic_plugins
 from motord.process.interrupts import ending_as_interrupts, recover_lost_interrupts
+from motord.process.left_threads import end_process
 from motord.process.module_command import shield_from_working_folder
 from motord.process.standard_streams import lost_output, outlive_readers
 
@@ -140,4 +141,4 @@ def main() -> None:
     if lost := lost_output():
         remark(f"motord: cannot write the output: {lost}")
         code = code or 1
-    sys.exit(code)
+    end_process(code)

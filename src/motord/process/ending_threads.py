@@ -10,6 +10,8 @@ from queue import SimpleQueue
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
+from motord.process.left_threads import LEFT
+
 CLOSE_S = 3.0
 """For work under way at the end: a plan's own program, a disk, or the other end of a connection, as
 on a computer that sleeps, may never return."""
@@ -27,6 +29,7 @@ def join_until(end_s: float, threads: Iterable[threading.Thread]) -> None:
 def join_in_time(*threads: threading.Thread) -> None:
     """Wait for the end of threads, `CLOSE_S` at most."""
     join_until(time.monotonic() + CLOSE_S, threads)
+    LEFT.extend(thread for thread in threads if thread.is_alive())
 
 
 def ends_in_time(work: Callable[[], object], name: str) -> bool:

@@ -89,6 +89,29 @@ def test_what_is_closed_by_the_end_of_the_interpreter_does_not_hang():
     assert (done.returncode, done.stdout, done.stderr) == (0, "closed\nTrue\n", "")
 
 
+LEFT_BEHIND = """
+import atexit, threading
+from motord.process import ending_threads
+from motord.process.left_threads import end_process
+
+ending_threads.CLOSE_S = {close_s}
+atexit.register(print, "at exit")
+print(ending_threads.ends_in_time({work}, "tests"))
+end_process(3)
+"""
+
+
+@pytest.mark.parametrize(
+    ("work", "close_s", "ended"),
+    [("threading.Event().wait", 0.01, False), ("threading.Event", PATIENCE_S, True)],
+)
+def test_a_process_that_leaves_a_thread_behind_ends_before_that_comes_back(work, close_s, ended):
+    """Zenoh aborted it, if it had closed a connection while the interpreter ended."""
+    command = (sys.executable, "-c", LEFT_BEHIND.format(work=work, close_s=close_s))
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout, done.stderr) == (3, f"{ended}\nat exit\n", "")
+
+
 UNLIMITED = re.compile(r"(thread|follower)\.join\(\)|session\.close\(\)")
 SOURCE = Path(ending_threads.__file__).parents[1]
 

@@ -10,7 +10,6 @@ change, all connections end and come back under the new ones; when its stdin end
 import os
 import select
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -24,6 +23,7 @@ from motord.config import Config, ConfigError
 from motord.config.zenoh import TlsConfig
 from motord.process.bench_options import bench_options
 from motord.process.ending_threads import ends_in_time
+from motord.process.left_threads import end_process
 from motord.process.thread_errors import end_with_any_thread
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
@@ -207,4 +207,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

@@ -1,0 +1,26 @@
+"""The end of a process that has left a thread behind, in a library that did not return in time."""
+
+import atexit
+import os
+import sys
+import threading
+from contextlib import suppress
+from typing import Any, NoReturn
+
+LEFT: list[threading.Thread] = []
+"""Those that were not waited for any longer."""
+
+
+def end_process(code: Any) -> NoReturn:
+    """End as `sys.exit` does, but at once while there is a thread that was left behind.
+
+    It would abort the process if it came back while the interpreter ends: CPython ends it then,
+    which a library in Rust such as Zenoh does not survive ("FATAL: exception not rethrown").
+    """
+    if not any(thread.is_alive() for thread in LEFT):
+        sys.exit(code)
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # nobody reads it, or it is closed
+            stream.flush()
+    os._exit(code if isinstance(code, int) else code is not None)
