@@ -7,6 +7,7 @@ import zenoh
 
 from motord.api.endpoints import key
 from motord.client import ClientError, connect
+from motord.client import benches as benches_module
 from motord.client.benches import Benches
 from motord.client.roster import ANSWERED_S, SILENT_S, BenchRoster
 from tests.support.patience import PATIENCE_S
@@ -92,6 +93,23 @@ def test_a_bench_that_hangs_is_silent_and_holds_up_nobody():
         )
         assert (found["stuck"].alive, found["stuck"].silent) == (True, True)
         assert found["stuck"].state is None
+
+
+def test_a_connection_that_comes_after_the_end_is_closed(monkeypatch):
+    """As of an endpoint that lets in only after the end has waited long enough."""
+    opened = []
+    real = benches_module.open_session
+
+    def late(*who):
+        followed.close()
+        opened.append(real(*who))
+        return opened[-1]
+
+    with router() as (listen, _):
+        followed = Benches([])
+        monkeypatch.setattr(benches_module, "open_session", late)
+        followed._reach(listen)
+        assert opened[0].is_closed()
 
 
 def test_an_old_daemon_without_a_token_is_found_by_its_state():
