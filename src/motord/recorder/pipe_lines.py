@@ -34,6 +34,8 @@ class LineReader:
         """Return the next whole lines, at most `LINES_AT_ONCE`, without their ends."""
         if not self.pending:
             self._receive()
+        if not self._rest:  # as at most looks
+            return []
         *lines, self._rest = self._rest.split(b"\n", LINES_AT_ONCE)
         if self._skipping and lines:
             self._skipping = False

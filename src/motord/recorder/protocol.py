@@ -97,6 +97,8 @@ class MessageReader(Generic[M]):
         """Return the next messages that have come. `now_ns` is monotonic."""
         before = self._lines.received
         lines = self._lines.read()
+        if self._lines.received == before and not lines:
+            return []
         KiB = (self._lines.received - before) / 1024
         if not self._allowance.spend(max(len(lines), KiB), now_ns):
             self.flooded = True

@@ -6,7 +6,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.control import parameters
-from motord.schema import joined
+from motord.schema import as_bytes, joined
 from motord.service.bench.trip_report import TripWindow
 
 LEAST_S = 1.0
@@ -27,6 +27,7 @@ class RecentTicks:
         self._parameters: np.record = parameters.build(config)[0][0]
         self._decay = float(self._parameters.torque_decay)  # in one tick
         self._blocks: deque[np.ndarray] = deque()
+        self._bytes: deque[np.ndarray] = deque()  # the same, as they are joined
         self._count = 0  # of the ticks in the blocks
         self._second: np.ndarray | None = None  # ticks of the last second, once asked for
         self._expected_Nm = self._set_Nm = 0.0  # at the end of the block before the newest
@@ -40,27 +41,30 @@ class RecentTicks:
             self._set_Nm = float(newest["torque_set_Nm"][-1])
             self._tick = int(newest["tick"][-1])
         self._blocks.append(block)
+        self._bytes.append(as_bytes(block))
         self._second = None
         self._count += len(block)
         while self._count - len(self._blocks[0]) > self._kept:
             self._count -= len(self._blocks.popleft())
+            self._bytes.popleft()
 
     def last_second(self, name: str) -> np.ndarray:
         """Return a field of the ticks of the last second, shape (n,)."""
         if self._second is None:  # joined once: a state needs ten fields of a hundred blocks
             parts, count = [], 0
-            for block in reversed(self._blocks):
+            for block in reversed(self._bytes):
                 parts.append(block)
                 count += len(block)
                 if count >= self._rate_Hz:
                     break
-            self._second = joined(parts[::-1])
+            self._second = np.concatenate(parts[::-1]).view(self._blocks[-1].dtype)
         second: np.ndarray = self._second[name]
         return second
 
     def forget(self) -> None:
         """Start anew."""
         self._blocks.clear()
+        self._bytes.clear()
         self._count, self._second = 0, None
         self._expected_Nm, self._set_Nm, self._tick = 0.0, 0.0, None
 

@@ -67,6 +67,7 @@ class TickMonitor:
         self.induced_offset_A: Sequence[float] = (0.0, 0.0, 0.0)
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self.last: np.void | None = None
+        self._fields: tuple[np.void | None, dict[str, Any]] = None, {}  # a tick, and what is in it
         self._latched: dict[str, int] = {}  # of a loop that ended TRIPPED: fields of its last tick
         self.read_ns = 0  # monotonic, when the newest tick was read
         self.ticks = 0
@@ -133,9 +134,9 @@ class TickMonitor:
     def _follow_states(self, block: np.ndarray) -> None:
         before = int(self.state)
         first_bits = self.trip_bits
-        states = block["state"]
-        bits = block["trip_bits"]
-        if (states == before).all() and (bits == first_bits).all():
+        if set(block["state"].tolist()) == {before} and (
+            set(block["trip_bits"].tolist()) == {first_bits}
+        ):  # as it nearly always is: for so few ticks numpy takes several times as long
             return
         for row, tick in enumerate(block):
             state = int(tick["state"])
@@ -213,7 +214,12 @@ class TickMonitor:
         return self._newest("missed")
 
     def _newest(self, name: str) -> int:
-        return int(self.last[name]) if self.last is not None else self._latched.get(name, 0)
+        if self.last is None:
+            return self._latched.get(name, 0)
+        if self._fields[0] is not self.last:  # one field of a record takes half as long as all
+            names = self.last.dtype.names or ()
+            self._fields = self.last, dict(zip(names, self.last.item(), strict=True))
+        return int(self._fields[1][name])
 
     def trip_summary(self) -> str:
         """Return the causes, what to do, and the path of the black box, in one line."""
@@ -267,11 +273,11 @@ class TickMonitor:
         """Return the timing of the loop."""
         p50 = p99 = worst = work = None
         if self.last is not None:
-            late_us = self._recent.last_second("wake_late_ns") / 1e3
-            work_us = self._recent.last_second("work_ns") / 1e3
-            p50, p99 = (round(float(q), 1) for q in np.percentile(late_us, (50, 99)))
-            worst = round(float(late_us.max()), 1)
-            work = round(float(np.percentile(work_us, 99)), 1)
+            times_ns = [self._recent.last_second(name) for name in ("wake_late_ns", "work_ns")]
+            times_us = np.stack(times_ns) / 1e3
+            quantiles_us = np.percentile(times_us, (50, 99), axis=1)  # at once: twice as fast
+            p50, _, p99, work = (round(q, 1) for q in quantiles_us.ravel().tolist())
+            worst = round(float(times_us[0].max()), 1)
         return LoopView(
             rate_Hz=self._rate_Hz,
             ticks=self.ticks,

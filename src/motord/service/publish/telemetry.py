@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from motord.schema import TICK, joined
+from motord.schema import TICK
 from motord.service.host.log import log_error
 from motord.wire.ticks.blocks import BlockCodec
 
@@ -37,7 +37,8 @@ class Telemetry:
         self._changed = threading.Condition()
         self._stopping = False
         self._failing = False
-        self._pending: list[np.ndarray] = []
+        self._pending: list[bytes] = []  # messages of `ticks`, which are one if they are joined
+        self._pending_ticks = 0
         self.dropped = 0
         self._thread = threading.Thread(target=self._run, name="motord-telemetry", daemon=True)
 
@@ -90,19 +91,22 @@ class Telemetry:
             if not self._failing:
                 log_error("in the telemetry", error)
             self._failing = True
-            self._pending = []
+            self._pending, self._pending_ticks = [], 0
             self.dropped += 1
         else:
             self._failing = False
 
     def _take_ticks(self, block: np.ndarray) -> None:
-        for tick in block[block["tick"] % self._every == 0]:
-            self._put("tick", self._codec.encode(np.array([tick], block.dtype)).tobytes())
-        self._pending.append(block)
-        if sum(len(part) for part in self._pending) >= self._block_ticks:
+        listed, size = self._codec.encode_list(block), self._codec.size
+        for row in np.flatnonzero(block["tick"] % self._every == 0).tolist():
+            end = (row + 1) * len(listed) // len(block)
+            self._put("tick", listed[end - size : end])  # as it is in the list
+        self._pending.append(listed)
+        self._pending_ticks += len(block)
+        if self._pending_ticks >= self._block_ticks:
             self._flush()
 
     def _flush(self) -> None:
         if self._pending:
-            self._put("ticks", self._codec.encode_list(joined(self._pending)))
-            self._pending = []
+            self._put("ticks", b"".join(self._pending))
+            self._pending, self._pending_ticks = [], 0

@@ -116,7 +116,7 @@ class RecordingControl:
         self._ticks = block
         if len(block):
             self._loop_up, self.recorder.loop_over = True, False
-            self._enabled = bool(block["state"][-1] == State.ENABLED)
+            self._enabled = int(block["state"][-1]) == State.ENABLED
             self.recorder.newest = Mark.of(block[-1])
 
     def step(self, now_ns: int) -> None:
@@ -238,14 +238,14 @@ class RecordingControl:
 
     def _follow_power(self, now_ns: int) -> None:
         """Begin and end the recordings of manual operation."""
-        block, enabled = self._ticks, self._ticks["state"] == State.ENABLED
         if self._plan or not self._config.recording.auto:
             return
+        block, states = self._ticks, self._ticks["state"].tolist()  # numpy is slow with an enum
         always, task = self._config.recording.auto == "always", self.recorder.task
-        if always or enabled.any() or self._driven():
+        if always or State.ENABLED in states or self._driven():
             self._powered_ns = now_ns
             if task is None and len(block):
-                powered = int(block["tick"][np.argmax(enabled)])
+                powered = int(block["tick"][np.argmax(block["state"] == State.ENABLED)])
                 self._begin("", {}, first_tick=self._ticks_before(powered, BEFORE_S))
         elif task is not None and now_ns - self._powered_ns >= AFTER_S * 1e9:
             self.end("the bench is not powered any more")
