@@ -38,6 +38,8 @@ _BRIDGE_BITS = int(BridgeStatus.BARRED | BridgeStatus.OTHER_BOARD)
 
 _LATCHED = ("state", "trip_bits", "first_trip")
 """Fields of the ticks that are a trip's: it outlives a loop that ends."""
+_FOLLOWED = (*_LATCHED, "missed", "setpoint_seq", "torque_set_Nm")
+"""Fields of the newest tick that each step asks for: numpy takes long to give one of a record."""
 
 OnTrip = Callable[[int, int, Mapping[str, Any]], str]
 """Called with time (Unix ns), tick and report of a trip; returns the path of its black box."""
@@ -67,8 +69,7 @@ class TickMonitor:
         self.induced_offset_A: Sequence[float] = (0.0, 0.0, 0.0)
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self.last: np.void | None = None
-        self._fields: tuple[np.void | None, dict[str, Any]] = None, {}  # a tick, and what is in it
-        self._latched: dict[str, int] = {}  # of a loop that ended TRIPPED: fields of its last tick
+        self._newest: dict[str, Any] = {}  # of its fields; of a loop that ended the latched ones
         self.read_ns = 0  # monotonic, when the newest tick was read
         self.ticks = 0
         self.lost = 0
@@ -80,27 +81,27 @@ class TickMonitor:
     @property
     def state(self) -> State:
         """State of the drive in the newest tick; before the first OFF, or a trip that is left."""
-        return State(self._newest("state"))
+        return State(self._newest.get("state", State.OFF))
 
     @property
     def trip_bits(self) -> int:
         """Latched causes; in OFF, the conditions that prevent enabling."""
-        return self._newest("trip_bits")
+        return int(self._newest.get("trip_bits", 0))
 
     @property
     def first_trip(self) -> int:
         """The first of the latched causes, as a bit; 0 without any."""
-        return self._newest("first_trip")
+        return int(self._newest.get("first_trip", 0))
 
     @property
     def setpoint_seq(self) -> int:
         """Number of the set-point that the newest tick used."""
-        return self._newest("setpoint_seq")
+        return int(self._newest.get("setpoint_seq", 0))
 
     @property
     def torque_set_Nm(self) -> float:
         """Torque set-point in force after the ramp."""
-        return float(self.last["torque_set_Nm"]) if self.last is not None else 0.0
+        return float(self._newest.get("torque_set_Nm", 0.0))
 
     def update(self, block: np.ndarray, lost: int, now_ns: int) -> None:
         """Take in a block of ticks (shape (n,)) read at `now_ns` (monotonic)."""
@@ -114,6 +115,7 @@ class TickMonitor:
         self._recent.add(block)
         self._follow_states(block)
         self.last = block[-1]
+        self._newest = {name: block[name].item(-1) for name in _FOLLOWED}
         self.read_ns = now_ns
         self.ticks += len(block)
         self._report_missed(now_ns)
@@ -122,14 +124,16 @@ class TickMonitor:
     def forget(self) -> None:
         """Start anew: the loop has ended, and its counters with it. Its trip stays latched."""
         tripped = self.state is State.TRIPPED
-        self._latched = {name: self._newest(name) for name in _LATCHED} if tripped else {}
+        self._newest = {name: self._newest[name] for name in _LATCHED} if tripped else {}
         self.last = None
         self._recent.forget()
         self._missed_reported = 0
 
     def forget_trip(self) -> None:
         """Forget the trip of a loop that has ended: it was reset."""
-        self._latched, self.trip = {}, None
+        self.trip = None
+        if self.last is None:
+            self._newest = {}
 
     def _follow_states(self, block: np.ndarray) -> None:
         before = int(self.state)
@@ -211,15 +215,7 @@ class TickMonitor:
     @property
     def missed(self) -> int:
         """Ticks that the loop skipped since it started."""
-        return self._newest("missed")
-
-    def _newest(self, name: str) -> int:
-        if self.last is None:
-            return self._latched.get(name, 0)
-        if self._fields[0] is not self.last:  # one field of a record takes half as long as all
-            names = self.last.dtype.names or ()
-            self._fields = self.last, dict(zip(names, self.last.item(), strict=True))
-        return int(self._fields[1][name])
+        return int(self._newest.get("missed", 0))
 
     def trip_summary(self) -> str:
         """Return the causes, what to do, and the path of the black box, in one line."""

@@ -117,7 +117,7 @@ class RecordingControl:
         if len(block):
             self._loop_up, self.recorder.loop_over = True, False
             self._enabled = int(block["state"][-1]) == State.ENABLED
-            self.recorder.newest = Mark.of(block[-1])
+            self.recorder.newest = Mark.of_last(block)
 
     def step(self, now_ns: int) -> None:
         """Follow bench and recorder; `now_ns` is monotonic."""
