@@ -131,3 +131,15 @@ def test_the_newest_tick_in_short(watch):
     assert watch.setpoint_seq == 77
     watch.forget()
     assert watch.tick_view() is None
+
+
+def test_the_trip_of_a_loop_that_ended_stays_until_it_is_forgotten(watch):
+    latched = {"state": State.TRIPPED, "trip_bits": Trip.I2T, "first_trip": Trip.I2T}
+    watch.update(block(missed=3, setpoint_seq=9, torque_set_Nm=1.5, **latched), 0, 0)
+    watch.forget_trip()  # the loop still runs: its ticks say that it has tripped
+    assert (watch.state, watch.missed, watch.torque_set_Nm) == (State.TRIPPED, 3, 1.5)
+    watch.forget()
+    assert (watch.state, watch.trip_bits, watch.first_trip) == (State.TRIPPED, Trip.I2T, Trip.I2T)
+    assert (watch.missed, watch.setpoint_seq, watch.torque_set_Nm) == (0, 0, 0.0)
+    watch.forget_trip()
+    assert (watch.state, watch.trip_bits, watch.first_trip) == (State.OFF, 0, 0)
