@@ -114,6 +114,7 @@ class FakeClient:
             "lease/acquire": {
                 "token": "t0", "took_over_from": None, "lease_s": 60.0, "renew_within_s": 60.0
             },
+            "lease/renew": {"lease_s": 60.0, "renew_within_s": 60.0},
             "lease/release": {},
             "config": {"toml": "", "config": {"limits": LIMITS}},
             "note": {"recording": "/runs/r.mcap", "t_ns": NOW_NS},

@@ -7,16 +7,19 @@ from types import SimpleNamespace
 
 import pytest
 
+from motord.cli.bench.watch import operator_session
 from motord.cli.bench.watch.app import WatchApp
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import UNICODE
 from motord.cli.bench.watch.keys import ACTIONS, KEYS
-from motord.cli.bench.watch.operator_session import UNANSWERED_S, OperatorSession
+from motord.cli.bench.watch.operator_session import OperatorSession
 from motord.client import ClientError
 from tests.support.patience import PATIENCE_S
 from tests.unit.cli.watch.samples import NOW_NS, PLAN, TRIP, FakeClient, state, ticks
 
 NOBODY = {"holder": None, "remaining_s": 0.0, "duration_s": 2.0}
+UNANSWERED_S = 2 * PATIENCE_S
+"""A stop is late once a test says so, and not for a computer that stalls."""
 
 
 class Watched:
@@ -60,6 +63,7 @@ class Watched:
 @pytest.fixture(autouse=True)
 def private(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(operator_session, "UNANSWERED_S", UNANSWERED_S)
 
 
 @asynccontextmanager
@@ -260,6 +264,7 @@ async def test_who_has_the_lease_is_said_and_it_is_taken_over_only_if_confirmed(
         await watched.press("x")
         assert client.asked("lease/acquire")[-1]["force"] is False
         await watched.press("l", "y")
+        await watched.sees("the lease is held here")
         await watched.sees("lease: held here")
         assert client.asked("lease/acquire")[-1]["force"] is True
         await watched.press("l", "y")
@@ -270,6 +275,7 @@ async def test_who_has_the_lease_is_said_and_it_is_taken_over_only_if_confirmed(
 async def test_a_lost_lease_is_shown(client):
     async with watching(client, lease=NOBODY) as watched:
         await watched.press("l")
+        await watched.sees("the lease is held here")
         await watched.sees("lease: held here")
         watched.app._session._lease._lose("bob took over command")
         await watched.sees("the lease is lost: bob took over command")
@@ -290,7 +296,7 @@ async def test_a_viewer_sees_why_nothing_is_done(client):
         [alarm] = watched.app.screen._compositor.render_strips()[-2:-1]
         assert [str(segment.style.bgcolor) for segment in alarm if segment.text.strip()]
         assert all("red" in str(s.style.bgcolor) for s in alarm if s.text.strip())
-    assert [name for name, _ in client.requests] == ["config"]
+    assert {name for name, _ in client.requests} <= {"config"}
 
 
 @scenario
