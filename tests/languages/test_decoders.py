@@ -64,6 +64,13 @@ def published(tmp_path_factory):
     return got
 
 
+def wait_until(condition):
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
 def framed(kind, payload):
     return kind.encode() + struct.pack("<I", len(payload)) + payload
 
@@ -143,14 +150,12 @@ def test_a_session_of_zenoh_in_javascript(tmp_path, batch_size):
         connect("live", live.listen) as client,
         client.subscribe_ticks(blocks.append),
     ):
+        wait_until(lambda: blocks)  # from its first tick on they are here, too
         port = live.listen.rpartition(":")[2]
         lines = output([*program, port, "live", str(PROTO), "200", str(batch_size)])
         pairs = [line.split(" ", 1) for line in lines]
         newest = max(int(values(text)["tick"]) for _, text in pairs)
-        end_s = time.monotonic() + PATIENCE_S
-        while not blocks or blocks[-1]["tick"][-1] < newest:
-            assert time.monotonic() < end_s
-            time.sleep(0.02)
+        wait_until(lambda: blocks[-1]["tick"][-1] >= newest)
     rows = {int(row["tick"]): row for row in np.concatenate(blocks)}
     for name, least in (("tick", 1), ("ticks", 100)):
         found = [values(text) for topic, text in pairs if topic == key("live", name)]
