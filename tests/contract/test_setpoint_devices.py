@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,14 +21,17 @@ from motord.config import BrakeConfig, Config, ModbusConfig
 from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
+from motord.hal.modbus.devices import ModbusDevice
+from motord.hal.modbus.link import RtuLink, TcpLink
 from motord.hal.registry import make_setpoint_device
 from motord.wire.modbus.registers import DeviceStatus, layout
 from tests.contract.peers import MOTOR, until
 from tests.modbus.peers import BAUD, Peer, SerialLine
+from tests.support.patience import PATIENCE_S
 
-ANSWERED_S = 5.0
-"""The longest that a bench file may say; for TCP, where one that has gone refuses. On a serial line
-it is silent, and a test waits for as long as is said.
+GONE_S = 0.15
+"""Timeout once the other end is gone: on a serial line it is silent. While it is there a driver
+waits with the tests' patience, longer than a bench file may let it.
 """
 
 
@@ -47,7 +51,7 @@ class Pair:
 def modbus_tcp(folder: Path) -> Iterator[Pair]:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-    yield from _modbus(ModbusConfig(tcp_port=port, timeout_s=ANSWERED_S))
+    yield from _modbus(ModbusConfig(tcp_port=port))
 
 
 def modbus_wide(folder: Path) -> Iterator[Pair]:
@@ -55,7 +59,7 @@ def modbus_wide(folder: Path) -> Iterator[Pair]:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     table = ModbusConfig(
-        tcp_port=port, timeout_s=ANSWERED_S, unit=7, setpoint_kind="i32", setpoint_scale=1e-6,
+        tcp_port=port, unit=7, setpoint_kind="i32", setpoint_scale=1e-6,
         read_table="input", status_register=0, value_register=1, value_kind="i32",
         value_scale=1e-3, word_order="little",
     )  # fmt: skip
@@ -64,36 +68,54 @@ def modbus_wide(folder: Path) -> Iterator[Pair]:
 
 def modbus_rtu(folder: Path) -> Iterator[Pair]:
     port = str(folder / "port")
-    yield from _modbus(ModbusConfig(transport="rtu", serial_port=port, timeout_s=2.0))
+    yield from _modbus(ModbusConfig(transport="rtu", serial_port=port))
 
 
 def _config(table: ModbusConfig) -> Config:
-    brake = BrakeConfig(driver="modbus", modbus=table, stale_after_s=2 * ANSWERED_S)
-    return Config(motor=MOTOR, brake=brake)
+    return Config(motor=MOTOR, brake=BrakeConfig(driver="modbus", modbus=table))
+
+
+def _pair(table: ModbusConfig, end: Callable[[], None], **other_end: Callable[..., Any]) -> Pair:
+    """Return a driver for `table` and its other end, which `end` ends."""
+    device = make_setpoint_device("brake", _config(table))
+    assert isinstance(device, ModbusDevice)
+    client = device._client
+
+    def wait_for(timeout_s: float) -> None:
+        client._config = client._config.model_copy(update={"timeout_s": timeout_s})
+        if isinstance(client._link, TcpLink | RtuLink):
+            client._link._timeout_s = timeout_s
+
+    def vanish() -> None:
+        end()
+        wait_for(GONE_S)
+
+    wait_for(PATIENCE_S)
+    return Pair(device, vanish=vanish, **other_end)
 
 
 def _modbus(table: ModbusConfig) -> Iterator[Pair]:
     other_end = RegisterDevice(table, 0.0, 1.0)
     servers = ModbusServers({"brake": (table, other_end)})
     servers.start()
-    device = make_setpoint_device("brake", _config(table))
-    yield Pair(device, lambda: other_end.setpoint, other_end.measure, servers.close)
-    device.close()
+    pair = _pair(
+        table, servers.close, received=lambda: other_end.setpoint, measure=other_end.measure
+    )
+    yield pair
+    pair.device.close()
     servers.close()
 
 
 def libmodbus_tcp(folder: Path) -> Iterator[Pair]:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-    yield from _libmodbus(
-        ModbusConfig(tcp_port=port, timeout_s=ANSWERED_S), Peer("server", "tcp", port, 1)
-    )
+    yield from _libmodbus(ModbusConfig(tcp_port=port), Peer("server", "tcp", port, 1))
 
 
 def libmodbus_rtu(folder: Path) -> Iterator[Pair]:
     line = SerialLine()
     try:
-        table = ModbusConfig(transport="rtu", serial_port=line.host, timeout_s=1.0)
+        table = ModbusConfig(transport="rtu", serial_port=line.host)
         yield from _libmodbus(table, Peer("server", "rtu", line.device, BAUD, 1))
     finally:
         line.close()
@@ -101,7 +123,6 @@ def libmodbus_rtu(folder: Path) -> Iterator[Pair]:
 
 def _libmodbus(table: ModbusConfig, other_end: Peer) -> Iterator[Pair]:
     with other_end:
-        device = make_setpoint_device("brake", _config(table))
         parts = layout(table)
 
         def received() -> float:
@@ -112,8 +133,9 @@ def _libmodbus(table: ModbusConfig, other_end: Peer) -> Iterator[Pair]:
             assert other_end("holding", parts.value.address, count) == "ok"
             assert other_end("holding", parts.status.address, parts.status_word(status)) == "ok"
 
-        yield Pair(device, received, measure, other_end.close)
-        device.close()
+        pair = _pair(table, other_end.close, received=received, measure=measure)
+        yield pair
+        pair.device.close()
 
 
 DEVICES = (modbus_tcp, modbus_wide, modbus_rtu, libmodbus_tcp, libmodbus_rtu)

@@ -18,7 +18,8 @@ UNIT = 7
 SETPOINT, STATUS, VALUE = 4, 16, 20
 SHORT_S = 0.15
 """For answers that never come. Those that do come may take long on a busy computer."""
-LONG_S = 5.0
+LONG_S = PATIENCE_S
+"""Longer than a bench file may say."""
 
 
 @dataclass
@@ -30,9 +31,10 @@ class Bench:
     line: SerialLine | None = None
 
     def host(self, **changes: object) -> ModbusDevice:
-        """Return a driver for it, its table changed."""
+        """Return a driver for it, its table changed; it waits for `LONG_S` unless that is."""
+        timeout = {"timeout_s": changes.pop("timeout_s", LONG_S)}
         table = ModbusConfig.model_validate(self.table.model_dump() | changes)
-        return ModbusDevice("brake", table, -1.0, 1.0)
+        return ModbusDevice("brake", table.model_copy(update=timeout), -1.0, 1.0)
 
     def restart(self) -> None:
         """Switch the device off and on: all registers are zero again."""
@@ -55,7 +57,6 @@ def start(table: ModbusConfig, line: SerialLine | None) -> Peer:
 def make(transport: str) -> Bench:
     common = {
         "unit": UNIT,
-        "timeout_s": LONG_S,
         "setpoint_register": SETPOINT,
         "setpoint_kind": "i16",
         "status_register": STATUS,
