@@ -1,5 +1,6 @@
 """The other ends of the wires, in threads: a drive and a bridge board that tests can upset."""
 
+import math
 import os
 import select
 import tempfile
@@ -10,12 +11,16 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import can
+import pytest
 
 from motord.config import CanConfig, Config, MotorConfig, packaged
 from motord.config.devices import BridgeCanConfig
+from motord.hal import countdown
+from motord.hal.bridge.board import Bridge
 from motord.schema import BridgeStatus, InverterStatus
 from motord.wire.bridge import frames
 from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
@@ -89,6 +94,21 @@ def until(condition: Callable[[], Any]) -> Any:
         assert time.monotonic() < deadline_s, f"not within {DEADLINE_S:g} s: {condition}"
         time.sleep(PERIOD_S / 4)
     return result
+
+
+def give_up_once(condition: Callable[[], bool], patch: pytest.MonkeyPatch) -> None:
+    """Let drivers that open give up once `condition()`, so that their timeout may be long.
+
+    For a busy computer may keep the other end waiting.
+    """
+    late_s = {False: 0.0, True: math.inf}
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + late_s[condition()])
+    patch.setattr(countdown, "time", clock)
+
+
+def give_up_once_received(driver: Bridge, patch: pytest.MonkeyPatch) -> None:
+    """Let a bridge that opens give up once something has come."""
+    give_up_once(lambda: driver._link is not None and bool(driver._link.received), patch)
 
 
 def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:

@@ -7,6 +7,7 @@ import pytest
 
 from motord.config import Config
 from motord.config.devices import HEARTBEAT_BYTES, SAMPLE_BYTES, classic_bits
+from motord.config.timing import CONNECT_MAX_S
 from motord.hal.base import DeviceError
 from motord.hal.bridge.can import CanBridge
 from motord.hal.registry import make_rig
@@ -19,6 +20,7 @@ from tests.contract.peers import (
     bench,
     bridge_can_config,
     can_config,
+    give_up_once_received,
     until,
 )
 
@@ -57,7 +59,7 @@ def test_a_board_that_starts_anew_is_set_up_again(pair: tuple[CanBridge, CanBoar
     before = read(driver).link_errors
     board.configured = None
     board.reboot = True
-    until(lambda: read(driver) is not None and driver.restarts == 1)
+    until(lambda: read(driver) is not None and driver.restarts)  # more if it was asked meanwhile
     until(lambda: board.streaming and board.configured is not None)
     board.line_closed = False
 
@@ -84,7 +86,10 @@ def test_other_frames_with_the_boards_identifier_are_counted(
 
 
 def error_of(config: Any, **bridge: Any) -> str:
-    driver = CanBridge(setup(config, **bridge))
+    return error_in_opening(CanBridge(setup(config, **bridge)))
+
+
+def error_in_opening(driver: CanBridge) -> str:
     with pytest.raises(DeviceError) as caught:
         driver.open()
     driver.close()
@@ -99,11 +104,13 @@ def test_a_board_that_says_nothing() -> None:
     assert "no Hello within 0.15 s, nothing at all; is the board powered" in message
 
 
-def test_something_else_with_the_boards_identifier() -> None:
+def test_something_else_with_the_boards_identifier(monkeypatch: pytest.MonkeyPatch) -> None:
     config = bridge_can_config("virtual")
     board = CanBoard(config)
     board._obey = lambda *_: board.put(config.board_id, b"\xc0noise")
-    message = error_of(config, connect_timeout_s=2.0)
+    driver = CanBridge(setup(config, connect_timeout_s=CONNECT_MAX_S))
+    give_up_once_received(driver, monkeypatch)
+    message = error_in_opening(driver)
     assert "CAN frames of something else; are the identifiers in [bridge.can]" in message
     board.close()
 
@@ -143,8 +150,13 @@ def test_inverter_and_bridge_share_a_channel() -> None:
     drive.stop()
     board.stop()
     board.encoder_gray = 0
-    _speak(drive, board)
-    until(lambda: read(rig).encoder_gray == 0)
+
+    def came() -> bool:
+        """What was sent while nobody read may have left no room for the first of it."""
+        _speak(drive, board)
+        return bool(read(rig).encoder_gray == 0)
+
+    until(came)
     errors = read(rig).link_errors
     for number in range(1, 51):
         commands, heartbeats = drive.commands, board.heartbeats

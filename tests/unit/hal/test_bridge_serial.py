@@ -8,12 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from motord.config.timing import CONNECT_MAX_S
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial import SerialBridge
 from motord.schema import INT32_MAX, BridgeStatus
 from motord.wire.bridge import frames
 from tests.contract.benches import new_command, new_feedback, open_streaming
-from tests.contract.peers import Board, Identity, bench, until
+from tests.contract.peers import (
+    Board,
+    Identity,
+    bench,
+    give_up_once,
+    give_up_once_received,
+    until,
+)
+from tests.support.patience import PATIENCE_S
 
 
 def read(driver: SerialBridge) -> np.ndarray:
@@ -45,12 +54,11 @@ def pair(board: Board) -> Iterator[tuple[SerialBridge, Board]]:
     driver.close()
 
 
-ANSWERED_S = 2.0
-"""By then a board that answers has answered, however busy the computer is."""
-
-
 def error_of(**settings: Any) -> str:
-    driver = SerialBridge(bench(**settings))
+    return error_in_opening(SerialBridge(bench(**settings)))
+
+
+def error_in_opening(driver: SerialBridge) -> str:
     with pytest.raises(DeviceError) as caught:
         driver.open()
     message = str(caught.value)
@@ -68,10 +76,14 @@ def test_the_board_is_asked_configured_and_started(pair: tuple[SerialBridge, Boa
     assert board.streaming
 
 
-def test_a_first_read_that_comes_late_starts_the_samples_and_asks_nothing(board: Board) -> None:
-    """As when an inverter takes seconds to open."""
-    late_ns = 2_000_000_000
+def test_a_first_read_that_comes_late_starts_the_samples_and_asks_nothing(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when an inverter takes seconds to open: longer than a board may be silent."""
+    silence_ns = round(PATIENCE_S * 1e9)
+    late_ns = 2 * silence_ns
     driver = SerialBridge(bench(port=board.port))
+    monkeypatch.setattr(driver, "_silence_ns", silence_ns)
     driver.open()
     until(lambda: not board.streaming)
     feedback = new_feedback()
@@ -187,7 +199,7 @@ def test_a_board_that_starts_anew_is_set_up_again(pair: tuple[SerialBridge, Boar
     before = read(driver).link_errors
     board.configured = None
     board.reboot = True
-    until(lambda: read(driver) is not None and driver.restarts == 1)
+    until(lambda: read(driver) is not None and driver.restarts)  # more if it was asked meanwhile
     until(lambda: board.streaming and board.configured == frames.Configure(2000, 30_000))
     board.line_closed = False
     until(lambda: enabled_anew(driver, board) and abs(time.time_ns() - read(driver).t_ns) < 100e6)
@@ -214,7 +226,7 @@ def test_a_board_that_missed_its_configuration_is_asked_for_no_closed_line(
     monkeypatch.setattr(driver, "_silence_ns", 20_000_000)
     board.configured = None
     board.lose_configure, board.reboot = 1, True
-    until(lambda: read(driver) is not None and driver.restarts == 1)
+    until(lambda: read(driver) is not None and driver.restarts)  # more if it was asked meanwhile
     board.line_closed = False
     closed_by = []
 
@@ -289,7 +301,7 @@ def test_a_board_behind_a_port_that_was_away_says_who_it_is_first(
         return enabled() or after.hellos > 2
 
     until(tried if serial == 8 else enabled)
-    assert after.line_closed == (serial == 7)
+    until(lambda: after.line_closed == (serial == 7))  # with the last command of those under way
     assert driver.restarts >= 1 if serial == 7 else driver.restarts == 0
     driver.close()
     after.close()
@@ -331,12 +343,11 @@ def test_a_board_that_says_nothing() -> None:
         os.close(host_fd)
 
 
-@pytest.mark.slow
-def test_something_else_on_the_port(board: Board) -> None:
-    board.identity = None
+def test_something_else_on_the_port(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
     board._obey = lambda *_: setattr(board, "raw", b"login: ")
-    message = error_of(port=board.port, connect_timeout_s=ANSWERED_S)
-    assert "bytes of something else" in message
+    driver = SerialBridge(bench(port=board.port, connect_timeout_s=CONNECT_MAX_S))
+    give_up_once_received(driver, monkeypatch)
+    assert "bytes of something else" in error_in_opening(driver)
 
 
 @pytest.mark.parametrize(
@@ -368,11 +379,11 @@ def test_a_board_that_does_not_know_its_encoder(board: Board) -> None:
     driver.close()
 
 
-@pytest.mark.slow
-def test_samples_that_never_come(board: Board) -> None:
+def test_samples_that_never_come(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
     board.silent = True
-    message = error_of(port=board.port, connect_timeout_s=ANSWERED_S)
-    assert f"no Sample within {ANSWERED_S:g} s" in message
+    give_up_once(lambda: board.starts > 0, monkeypatch)
+    message = error_of(port=board.port, connect_timeout_s=CONNECT_MAX_S)
+    assert f"no Sample within {CONNECT_MAX_S:g} s" in message
 
 
 def test_a_plug_that_is_pulled() -> None:

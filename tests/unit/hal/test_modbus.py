@@ -17,12 +17,11 @@ from motord.hal.base import DeviceError
 from motord.hal.modbus import devices
 from motord.hal.modbus.devices import ModbusDevice
 from motord.wire.modbus.registers import DeviceStatus
+from tests.contract.peers import until
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 from tests.support.properties import examples
 
-ANSWERED_S = 5.0
-"""The longest that a bench file may say: what answers does so at once, unless the computer is busy.
-"""
 AT_ONCE_S = 1e-9
 """For what never answers: it is over before the first attempt, which is made all the same."""
 
@@ -37,13 +36,17 @@ MOTOR = {
 }
 
 
+def patient(**table):
+    """Return a table that waits for an answer longer than a bench file may let it."""
+    return ModbusConfig(**table).model_copy(update={"timeout_s": PATIENCE_S})
+
+
 def tables(tmp_path):
     """One table for each transport and each way that the registers can lie."""
     return {
-        "tcp": ModbusConfig(tcp_port=free_port(), timeout_s=ANSWERED_S),
-        "tcp-wide": ModbusConfig(
+        "tcp": patient(tcp_port=free_port()),
+        "tcp-wide": patient(
             tcp_port=free_port(),
-            timeout_s=ANSWERED_S,
             unit=7,
             setpoint_kind="i32",
             setpoint_scale=1e-6,
@@ -54,9 +57,7 @@ def tables(tmp_path):
             value_scale=1e-3,
             word_order="little",
         ),
-        "rtu": ModbusConfig(
-            transport="rtu", serial_port=str(tmp_path / "port"), timeout_s=ANSWERED_S
-        ),
+        "rtu": patient(transport="rtu", serial_port=str(tmp_path / "port")),
     }
 
 
@@ -90,7 +91,7 @@ def test_the_next_exchange_connects_again(pair):
 
 @pytest.fixture(scope="module")
 def brake_pair():
-    table = ModbusConfig(tcp_port=free_port(), timeout_s=ANSWERED_S)
+    table = patient(tcp_port=free_port())
     device = RegisterDevice(table, 0.0, 1.0)
     servers = ModbusServers({"brake": (table, device)})
     servers.start()
@@ -122,7 +123,7 @@ def test_a_refused_connection_is_one_clear_line():
 
 def test_a_device_may_still_be_starting_when_it_is_opened(monkeypatch):
     """It is switched on together with the computer, or that is busy."""
-    table = ModbusConfig(tcp_port=free_port(), timeout_s=ANSWERED_S, connect_timeout_s=60.0)
+    table = patient(tcp_port=free_port(), connect_timeout_s=60.0)
     servers = ModbusServers({"brake": (table, RegisterDevice(table, 0.0, 1.0))})
     pauses_s = []
 
@@ -215,9 +216,11 @@ class Scripted:
 def scripted():
     servers = []
 
-    def make(answer, timeout_s=0.05):
+    def make(answer, *, answers=True):
         server = Scripted(answer)
-        table = ModbusConfig(tcp_port=server.port, timeout_s=timeout_s, connect_timeout_s=AT_ONCE_S)
+        table = patient(tcp_port=server.port, connect_timeout_s=AT_ONCE_S)
+        if not answers:
+            table = table.model_copy(update={"timeout_s": 0.05})
         host = ModbusDevice("brake", table, 0.0, 1.0)
         servers.append((server, host))
         return server, host
@@ -230,15 +233,19 @@ def scripted():
 
 def test_silence_costs_one_timeout_and_the_next_exchange_connects_anew(scripted):
     requests = []
-    server, host = scripted(lambda request: requests.append(request) or b"")
+    server, host = scripted(lambda request: requests.append(request) or b"", answers=False)
     for _ in range(2):
         with pytest.raises(DeviceError, match=r"no valid answer within 0\.05 s"):
             host.exchange(0.0)
-    assert (len(requests), server.connections) == (2, 2)  # nothing is asked again
+    host.close()
+    with socket.create_connection(("127.0.0.1", server.port)) as last:  # it takes them in turn
+        last.sendall(b"last")
+        until(lambda: b"last" in requests)
+    assert (len(requests), server.connections) == (3, 3)  # nothing is asked again
 
 
 def test_a_connection_that_ends_is_reported(scripted):
-    _, host = scripted(lambda _request: None, timeout_s=ANSWERED_S)
+    _, host = scripted(lambda _request: None)
     with pytest.raises(DeviceError, match="connection lost"):
         host.exchange(0.0)
 
@@ -248,15 +255,13 @@ def test_an_answer_of_the_wrong_length_is_reported(scripted):
         transaction = request[:2]
         return transaction + struct.pack(">HHBBBHH", 0, 7, 1, 3, 4, 1, 2)
 
-    _, host = scripted(two_registers, timeout_s=ANSWERED_S)
+    _, host = scripted(two_registers)
     with pytest.raises(DeviceError, match="does not fit the question"):
         host.open()
 
 
 def test_an_unknown_exception_code_is_reported(scripted):
-    _, host = scripted(
-        lambda r: r[:2] + struct.pack(">HHBBB", 0, 3, 1, 0x83, 99), timeout_s=ANSWERED_S
-    )
+    _, host = scripted(lambda r: r[:2] + struct.pack(">HHBBB", 0, 3, 1, 0x83, 99))
     with pytest.raises(DeviceError, match=r"exception 99 \(unknown cause\)"):
         host.open()
 
@@ -271,9 +276,10 @@ def test_a_late_answer_is_never_taken_for_a_later_one(scripted):
             b"" if len(seen) == 1 else b"".join((request[:2], bytes.fromhex("0000000501030200ff")))
         )
 
-    _, host = scripted(late)
+    _, host = scripted(late, answers=False)
     with pytest.raises(DeviceError, match="no valid answer"):
         host.open()
+    host._client._config = host._config.model_copy(update={"timeout_s": PATIENCE_S})
     host.open()
     assert len(seen) == 2
 
