@@ -33,6 +33,7 @@ FRESH_S = 0.1
 QUARTER_TURN_S = 0.3
 """A rotor that waits for its host so long is a quarter of a turn behind where its speed would have
 taken it, at the 0.8 Hz that tests on the wire do not exceed, and no jump may be larger."""
+LOOK_S = 0.05
 FORGIVEN: list[str] = []
 """Reported by `tests.conftest` when all tests are over."""
 
@@ -85,8 +86,44 @@ def stolen_s() -> float:
     return int(fields[8]) / os.sysconf("SC_CLK_TCK") / (os.cpu_count() or 1)
 
 
-Waits = tuple[dict[str, float], float]
-"""For how long each thread waited, and the time stolen from all."""
+Waits = tuple[dict[str, float], float, float]
+"""For how long each thread waited, the time stolen from all, and the `StandStill.lasted_s` then."""
+
+
+class StandStill:
+    """How long this process has stood still as a whole since `begin`, though it was not kept ready.
+
+    A machine that is paused keeps nobody waiting for a processor, and steals nothing: only what
+    wanted to wake meanwhile shows it. So does a call that keeps all threads of this process from
+    running: it is proof of a machine that stood still only together with another process that did.
+    """
+
+    def __init__(self) -> None:
+        self.lasted_s = 0.0
+        self._thread: threading.Thread | None = None
+
+    def begin(self) -> None:
+        """Look from now on; the first call counts."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._follow, name="stand-still", daemon=True)
+            self._thread.start()
+
+    def _follow(self) -> None:
+        accounts = Path(f"/proc/self/task/{threading.get_native_id()}/schedstat")
+
+        def looked_s() -> float:
+            return time.monotonic() - int(accounts.read_text().split()[1]) * 1e-9
+
+        before_s = looked_s()
+        while True:
+            time.sleep(LOOK_S)
+            now_s = looked_s()
+            late_s, before_s = now_s - before_s - LOOK_S, now_s
+            if late_s > FRESH_S:
+                self.lasted_s += late_s
+
+
+STOOD = StandStill()
 
 
 @dataclass
@@ -101,7 +138,11 @@ class Stalls:
     age_s: float = 0.0
     _waited_s: dict[str, float] = field(default_factory=waited_s)
     _stolen_s: float = field(default_factory=stolen_s)
+    _stood_s: float = field(default_factory=lambda: STOOD.lasted_s)
     _ended: Waits | None = None
+
+    def __post_init__(self) -> None:
+        STOOD.begin()
 
     def end(self) -> None:
         """Count no further: with a process that ends, its waits are gone."""
@@ -109,14 +150,15 @@ class Stalls:
 
     def so_far(self) -> Waits:
         """Return what is counted by now."""
-        return dict(self._waits_s()), self._stolen_since_s()
+        return dict(self._waits_s()), self._stolen_since_s(), self._stood_until_s()
 
     def after(self, earlier: Waits) -> "Stalls":
         """Return these, of which no more are counted, without those of `earlier`, from `so_far`."""
-        (waits_s, stolen_s), (before_s, before_stolen_s) = self.so_far(), earlier
-        later = Stalls(self.missed, self.rate_Hz)
+        waits_s, stolen_s, stood_s = self.so_far()
+        before_s, before_stolen_s, before_stood_s = earlier
+        later = Stalls(self.missed, self.rate_Hz, _stood_s=before_stood_s)
         waits_s = {name: waits_s[name] - before_s.get(name, 0.0) for name in waits_s}
-        later._ended = waits_s, stolen_s - before_stolen_s
+        later._ended = waits_s, stolen_s - before_stolen_s, stood_s
         return later
 
     def settle(self) -> None:
@@ -134,7 +176,7 @@ class Stalls:
             name = f"{path}/schedstat"
             before_s = waits_s.get(name, 0.0)
             waits_s[name] = max(before_s, later_s.get(name, 0.0) - passed_s)
-        self._ended = waits_s, stolen_s
+        self._ended = waits_s, stolen_s, STOOD.lasted_s
 
     def lasted_s(self, missed: int = 0) -> float:
         """Return the longest wait of a thread, ticks missed by a loop, and time stolen, in all."""
@@ -158,6 +200,13 @@ class Stalls:
         """Return the time from the tick before those that the loop missed to the one after them."""
         lost = max(missed - self.missed, 0)
         return (lost + 1) / self.rate_Hz if lost else 0.0
+
+    def stood_still(self, missed: int) -> int:
+        """Return how many of the ticks that a loop missed this process stood still for, too."""
+        return min(missed, round((self._stood_until_s() - self._stood_s) * self.rate_Hz))
+
+    def _stood_until_s(self) -> float:
+        return STOOD.lasted_s if self._ended is None else self._ended[2]
 
     def _other_s(self, missed: int) -> float:
         return self.age_s + self.missed_s(missed) + self._stolen_since_s()

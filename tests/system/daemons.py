@@ -165,6 +165,7 @@ class Daemon(Program):
         self.kept = stalls.Stalls()
         super().__init__(folder, "run", "-c", bench_path, "--json", before=before)
         self.config = config.load(bench_path)
+        self.rate_Hz = self.config.loop.rate_Hz
         self.ready = json.loads(self.first_line)
         if self.config.simulated:
             again.BENCHES.append(self)
@@ -173,6 +174,11 @@ class Daemon(Program):
         """Return the cause of the first trip in what came on stderr from `position` on, or ""."""
         found = re.search(r"trip: \w+ -> TRIPPED: (\w+)", self.said()[position:])
         return found[1] if found else ""
+
+    def missed(self, position=0):
+        """Return how many ticks the loop missed by what came on stderr from `position` on."""
+        skipped = re.findall(r"missed: the loop skipped (\d+) ticks?,", self.said()[position:])
+        return sum(map(int, skipped))
 
     def position(self):
         """Return the length of what came on stderr, None if it has ended."""

@@ -52,6 +52,7 @@ class Supervisor:
     def __init__(self, config_path: Path, run_dir: RunDir) -> None:
         bench = config.load(config_path)
         self.config_path, self.run_dir = config_path, run_dir
+        self.rate_Hz = bench.loop.rate_Hz
         self.mailbox = MailboxWriter(run_dir.setpoint, Clock.measure())
         self.tables = TablesWriter(run_dir.tables, bench.motor.counts)
         self.table_set = parameters.build(bench)
@@ -68,6 +69,11 @@ class Supervisor:
         """Return the cause of the first trip of the loops, also that for which one ended."""
         trips = [int(bit) for block in self.blocks for bit in block["first_trip"] if bit]
         return str(Trip(trips[0]).name) if trips else self._gone
+
+    def missed(self, position: int = 0) -> int:
+        """Return how many ticks the loops missed."""
+        counts = [block["missed"].astype(int) for block in self.blocks if len(block)]
+        return int(np.maximum(np.diff(np.concatenate([[0], *counts])), 0).sum())
 
     def position(self) -> int | None:
         """Return None: no loop outlives its test."""

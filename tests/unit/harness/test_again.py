@@ -44,9 +44,15 @@ class Stalled(stalls.Stalls):
 
 
 class Bench:
-    def __init__(self, cause="", waited_s=0.0, runs_on=False):
+    rate_Hz = 500.0
+
+    def __init__(self, cause="", waited_s=0.0, runs_on=False, missed=0):
         self.cause, self.kept, self.runs_on = cause, Stalled(waited_s), runs_on
+        self._missed = missed
         again.BENCHES.append(self)
+
+    def missed(self, position=0):
+        return self._missed
 
     def first_trip(self, position=0):
         return self.cause if not position else ""
@@ -74,6 +80,15 @@ def test_a_stall(tmp_path):
 def test_a_stall_that_is_none():
     Bench("SUPERVISOR_STALE", 0.9)
     assert run("none") > 1
+
+def test_a_loop_that_stood_still_alone():
+    Bench("LOOP_OVERRUN", missed=600)
+    assert run("alone") > 1
+
+def test_a_machine_that_stood_still():
+    Bench("LOOP_OVERRUN", missed=600)
+    stalls.STOOD.lasted_s += 1.1
+    assert run("machine") > 1
 
 def test_another_trip():
     Bench("OVER_SPEED", 1.1)
@@ -126,8 +141,8 @@ def test_that_always_fails():
 
 def test_how_often_they_ran():
     assert runs == {
-        "stall": 3, "none": 1, "other": 1, "no trip": 1, "success": 1, "before": 1, "always": 4,
-        "last": 2, "before the last": 1,
+        "stall": 3, "alone": 1, "machine": 2, "none": 1, "other": 1, "no trip": 1, "success": 1,
+        "before": 1, "always": 4, "last": 2, "before the last": 1,
     }
 """
 
@@ -142,13 +157,15 @@ def test_a_test_runs_again_for_a_trip_that_a_stall_explains_and_no_other(tmp_pat
     )  # fmt: skip
     failed = set(re.findall(r"^FAILED \S*::(\w+)", done.stdout, flags=re.MULTILINE))
     assert failed == {
-        "test_a_stall_that_is_none", "test_another_trip", "test_no_trip", "test_a_trip_of_before",
-        "test_that_always_fails", "test_a_stall_before_the_last_one",
+        "test_a_stall_that_is_none", "test_a_loop_that_stood_still_alone", "test_another_trip",
+        "test_no_trip", "test_a_trip_of_before", "test_that_always_fails",
+        "test_a_stall_before_the_last_one",
     }, done.stdout  # fmt: skip
-    assert "6 failed, 7 passed" in done.stdout
+    assert "7 failed, 8 passed" in done.stdout
     counted = re.findall(
         r"^forgiven: \S*::(\w+): SUPERVISOR_STALE", done.stdout, flags=re.MULTILINE
     )
     assert counted.count("test_a_stall") == 2
     assert counted.count("test_that_succeeds_though_it_tripped") == 1
+    assert "::test_a_machine_that_stood_still: LOOP_OVERRUN" in done.stdout
     assert counted.count("test_that_always_fails") == 4
