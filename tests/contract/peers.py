@@ -111,6 +111,14 @@ def give_up_once_received(driver: Bridge, patch: pytest.MonkeyPatch) -> None:
     give_up_once(lambda: driver._link is not None and bool(driver._link.received), patch)
 
 
+def never_ask(driver: Any, patch: pytest.MonkeyPatch) -> None:
+    """Let a bridge, or that of a rig, not ask a board that a busy computer keeps silent who it is.
+
+    The answer begins a new session, with frames of its own.
+    """
+    patch.setattr(getattr(driver, "_bridge", driver), "_silence_ns", round(PATIENCE_S * 1e9))
+
+
 def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
     """Return a bus of its own, so that tests that run at the same time do not share frames."""
     port = free_port()  # multicast groups on one port share their frames

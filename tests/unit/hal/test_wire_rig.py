@@ -18,11 +18,7 @@ from tests.contract.benches import (
     serial,
     wires,
 )
-from tests.contract.peers import Board, Drive, until
-from tests.support.patience import PATIENCE_S
-
-SILENCE_NS = round(PATIENCE_S * 1e9)
-"""A board that a busy computer keeps silent for less is not asked who it is."""
+from tests.contract.peers import Board, Drive, never_ask, until
 
 
 class Recorder:
@@ -143,8 +139,7 @@ def test_a_board_sends_nothing_until_somebody_reads(
 ) -> None:
     """So that nothing overflows while an inverter takes its time to open, or the loop is set up."""
     bench = make()
-    bridge = getattr(bench.driver, "_bridge", bench.driver)
-    monkeypatch.setattr(bridge, "_silence_ns", SILENCE_NS)
+    never_ask(bench.driver, monkeypatch)
     (board,) = (end for end in bench.peers if isinstance(end, Board))
     try:
         bench.driver.open()
