@@ -13,8 +13,8 @@ import pytest
 from motord.config import Config, keep
 from motord.hal import registry
 from motord.hal.base import DeviceError
+from motord.loop import control_loop, process, rt_setup
 from motord.loop import main as entry
-from motord.loop import process, rt_setup
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.shm.ring import RingReader
@@ -22,6 +22,7 @@ from motord.shm.run_directory import RunDir
 from motord.shm.shared_records import SharedFileError
 from motord.shm.tables import TablesWriter
 from tests.support.loop_process import start_loop
+from tests.support.patience import PATIENCE_S
 from tests.unit.loop.bench import BENCH, ScriptedRig, Supervisor, write_bench
 
 WARM_UP_READS = 3
@@ -54,6 +55,8 @@ class LoopBench:
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LoopBench]:
     bench = LoopBench(tmp_path)
+    # the heartbeat is of before the loop, in this process, which may be kept waiting
+    monkeypatch.setattr(control_loop, "SUPERVISOR_GONE_S", PATIENCE_S)
     monkeypatch.setattr(registry, "make_rig", lambda _config: bench.rig)
     monkeypatch.setattr(rt_setup, "apply", lambda _loop: NO_RIGHTS)
     monkeypatch.setattr(os, "environ", dict(os.environ))
