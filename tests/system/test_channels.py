@@ -11,7 +11,7 @@ import pytest
 
 from motord.client import ClientError
 from tests.support.channel_package import install
-from tests.system.daemons import daemon, wait_until, write_sim
+from tests.system.daemons import daemon, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -69,10 +69,11 @@ def shown(client, name):
 def test_a_channel_that_is_too_hot_or_broken_trips_and_one_that_hangs_costs_itself(
     folder, running, client
 ):
-    wait_until(lambda: {c.status for c in client.state().channels} == {"ok"}, "all channels")
-    assert [c.name for c in client.state().channels] == ["winding_C", "probe_C", "other"]
-    assert 24.9 < shown(client, "winding_C").value < 40.0
-    assert shown(client, "probe_C").value == 40.5
+    state = wait_for(client, lambda s: {c.status for c in s.channels} == {"ok"}, "all channels")
+    assert [c.name for c in state.channels] == ["winding_C", "probe_C", "other"]
+    winding, probe, _ = state.channels
+    assert 24.9 < winding.value < 40.0
+    assert probe.value == 40.5
     with client.lease("anna") as lease:
         lease.set(enable=True, torque_Nm=1.0, speed_Hz=2.0)
         script(folder, "other", "hang")

@@ -3,13 +3,14 @@
 import os
 import re
 import signal
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from motord.recording.errors import RecordError
 from motord.recording.reader import open_run
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
@@ -208,13 +209,20 @@ def test_a_disk_that_runs_full(tmp_path, free_min_MB):
 
 def test_a_file_that_can_grow_no_more(tmp_path):
     with enabled(tmp_path, write_bench(tmp_path)) as bench:
-        bench.go_on(TICKS // 3)
+        wait_until(lambda: written(bench.daemon) > TICKS // 5, "ticks on the disk")
         let_files_grow_no_more(bench.pid("recorder"), 1000)
         state = wait_for(bench.client, lambda s: s.recording.error, "the recording to end")
         assert "File too large" in state.recording.error
         bench.go_on()
         [run] = bench.daemon.runs()
         check_recorded_until_it_ended(bench, run)
+
+
+def written(running):
+    """Return how many ticks are in the daemon's files."""
+    with suppress(RecordError):  # there is nothing in one that has just begun
+        return sum(len(run.ticks(("tick",))) for run in running.runs())
+    return 0
 
 
 def check_recorded_until_it_ended(bench, run):
