@@ -113,9 +113,25 @@ def test_two_points_do_not_show_how_what_is_left_grows() -> None:
             np.arange(1.0, points + 1), lines, lines, (), lines, lines, (), (left,), 1.0, ()
         )
         bench = Subject.of_config(load())
-        one, *more = findings(fit, bench, (0.0, 1e-6), 0.0, 1e-3, None)
+        one, *more = findings(fit, bench, (0.0, 1e-6), 0.0, 1e-3, None, ())
         assert [other.name for other in more] == ["few-points"] * few
         assert ("2 operating points do not show how it depends" in one.meaning) == few
+
+
+def test_main_cogging_orders_that_are_left_out_are_named_as_a_cause() -> None:
+    """They made a harmonic of the back-EMF that the motor had not."""
+    left = ResidualOrder(order=6, rms_Nm=0.1, noise_Nm=0.01, power=1, p_value=1e-9)
+    lines = np.zeros((4, 8))
+    fit = LackOfFit(np.arange(1.0, 5.0), lines, lines, (), lines, lines, (), (left,), 1.0, ())
+    bench = Subject.of_config(load())
+    said = [
+        findings(fit, bench, (0.0, 1e-6), 0.0, 2e-3, None, too_high)[0]
+        for too_high in ((), (192,), (160, 176, 192, 240))
+    ]
+    named = ["cogging torque of order 192, left out as too high" in one.meaning for one in said]
+    assert named == [False, True, False]
+    assert "orders 192, 240, left out as too high" in said[2].meaning
+    assert said[1].action.startswith("first calibrate below 1.1 turns/s, where order 192 is")
 
 
 def test_without_the_search_for_departures_an_eccentric_encoder_passes_for_something_else(

@@ -193,7 +193,7 @@ class Calibrator:
         fitted, regression, found = self._with_added(first, regression, found)
         if found.added:
             residual = FitResidual.of(regression, fitted, self._motor)
-        has_law = regression.kirchhoff
+        has_law, too_high = regression.kirchhoff, self._orders[len(orders) :]
         agreement = kirchhoff_agreement(regression, rated_A, fitted) if has_law else None
         notes = [] if agreement is None else [agreement.to_text()]
         notes += data_notes(
@@ -201,14 +201,14 @@ class Calibrator:
             short=self._short,
             unknown=self._unknown,
             without_zero_sequence=bool(self._bare),
-            too_high=self._orders[len(orders) :],
+            too_high=too_high,
         )
         notes += [] if back_emf is None else [back_emf.to_text(self._bench.accuracy)]
         left = residual.explained()
         harmonics = cogging_harmonics(fitted, regression)
         result = result_of(fitted, harmonics, notes, self._ripples, self._motor.counts)
         longest_s = max(point.period_s for point in self._points)
-        result = with_lack_of_fit(result, left, agreement, self._bench, longest_s)
+        result = with_lack_of_fit(result, left, agreement, self._bench, longest_s, too_high)
         lost = first.identifiable.offset_seen and not fitted.identifiable.offset_seen
         result = with_observability(result, fitted)
         result = with_added_orders(result, found, lost, self._motor.pole_pairs)

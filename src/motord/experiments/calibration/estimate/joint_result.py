@@ -9,7 +9,7 @@ with the shifts of all departures found, of those that look alike the largest. T
 themselves stay as the model has them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -121,14 +121,18 @@ def with_lack_of_fit(
     kirchhoff: Kirchhoff | None,
     bench: Subject,
     period_s: float,
+    too_high: Sequence[int],
 ) -> CalibrationResult:
-    """Return the result with findings, and standard errors that account for them."""
+    """Return the result with findings, and standard errors that account for them.
+
+    too_high: cogging orders that are allowed but not sampled.
+    """
     assert result.current_delay_s is not None
     age_s, age_stderr_s, _ = result.current_delay_s
     shifted_s = (
         age_s + sum(float(one.shifts[0, DELAY]) for one in fit.causes) * DELAY_SHARE * period_s
     )
-    found = findings(fit, bench, (age_s, age_stderr_s), shifted_s, period_s, kirchhoff)
+    found = findings(fit, bench, (age_s, age_stderr_s), shifted_s, period_s, kirchhoff, too_high)
     if not (found or fit.causes):
         return result
     dispersion = fit.dispersion

@@ -1,6 +1,7 @@
 """From a lack of fit to findings: what is usually behind it, and what to do."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -15,6 +16,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.meanings import (
 from motord.experiments.calibration.estimate.least_squares.kirchhoff import Kirchhoff
 from motord.experiments.subject import Subject
 from motord.findings import Finding
+from motord.identification.orders import SAMPLES_PER_COGGING_ORDER, main_order
 
 AGE_PERIODS = 1.0
 """Sampling periods by which currents may look older or younger than the recording says."""
@@ -71,18 +73,25 @@ def findings(
     explained_age_s: float,
     period_s: float,
     kirchhoff: Kirchhoff | None,
+    too_high: Sequence[int],
 ) -> tuple[Finding, ...]:
     """Return the findings of a calibration.
 
-    current_age_s: with its standard error; explained_age_s: of a fit with the causes.
+    current_age_s: with its standard error; explained_age_s: of a fit with the causes; too_high:
+    cogging orders that are allowed but not sampled.
     """
     points = fit.torque_Nm.size
     least_Nm = MODEL_ACCURACY * bench.motor.rated_torque_Nm
     causes = [cause for cause in fit.causes if cause.rms_Nm > least_Nm]
     unexplained = [one for one in fit.unexplained_orders if one.rms_Nm > least_Nm]
-    return (
+    ripple = (
         *(_of_cause(cause, bench, current_age_s[0], points) for cause in causes),
         *_of_orders(unexplained, bench.motor, points),
+    )
+    main = main_order(bench.motor.slots, 2 * bench.motor.pole_pairs)
+    left_out = [order for order in too_high if order % main == 0]
+    return (
+        *(_or_left_out(one, left_out, period_s) if left_out else one for one in ripple),
         *([_few_points(points)] if points < FEW_POINTS and (causes or unexplained) else []),
         *_of_age(explained_age_s, current_age_s[1], period_s),
         *([] if kirchhoff is None else _of_kirchhoff(kirchhoff)),
@@ -109,6 +118,19 @@ def _of_cause(cause: Cause, bench: Subject, age_s: float, points: int) -> Findin
         )
     limit = LIMIT_SIGMAS * size / cause.sigmas
     return Finding(cause.name, size, limit, meaning.unit, "serious", text, meaning.action)
+
+
+def _or_left_out(finding: Finding, orders: Sequence[int], period_s: float) -> Finding:
+    """Return the finding with what else it may be: multiples of the main cogging order."""
+    below_Hz = 1 / (SAMPLES_PER_COGGING_ORDER * orders[0] * period_s)
+    several = "s" * (len(orders) > 1)
+    return replace(
+        finding,
+        meaning=f"{finding.meaning}; or it is cogging torque of order{several} "
+        f"{', '.join(map(str, orders))}, left out as too high for the sampling rate",
+        action=f"first calibrate below {below_Hz:.2g} turns/s, where order {orders[0]} is sampled; "
+        f"if it is still there, {finding.action}",
+    )
 
 
 def _of_orders(
