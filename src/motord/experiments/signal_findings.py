@@ -73,14 +73,15 @@ def mean_torque_scale(means_Nm: Iterable[tuple[float, float]], spoiled: str) -> 
         yield from torque_scale(along_Nm / set_Nm, spoiled)
 
 
-def torque_scale(ratio: float, spoiled: str) -> Iterator[Finding]:
+def torque_scale(ratio: float, spoiled: str, error: float = 0.0) -> Iterator[Finding]:
     """Yield a finding if the sensor shows much more or less than the torque that was set.
 
-    ratio: measured over set torque; spoiled: which figures are as wrong.
+    ratio: measured over set torque, known to within +- error; spoiled: which figures are as wrong.
     """
-    if abs(ratio - 1) > SCALE_PART:
+    limit = SCALE_PART + error
+    if abs(ratio - 1) > limit:
         yield Finding(
-            "torque-scale", 100 * (ratio - 1), 100 * SCALE_PART, "%", "serious",
+            "torque-scale", 100 * (ratio - 1), 100 * limit, "%", "serious",
             f"the sensor shows {ratio:.3g} times the torque that was set: its scale or zero is "
             f"wrong, or the scale of the currents, and {spoiled} with it",
             "check [torque_sensor] gain_Nm_per_V with a weight on a lever, and the scale of the "

@@ -1,8 +1,11 @@
 """Steps of torque together: the mean of both directions, how well it repeats, and its budget.
 
-Where steps scatter beyond their noise, the torque that the sensor sees is not all that acts: an
-error of the regressor, which makes the inertia too large. By how much at most is what direct and
-reverse regression differ by (Frisch 1934), a source of uncertainty then.
+Where steps scatter beyond their noise, or angles depart by more than it from what the torque makes
+of them, the torque that the sensor shows is not what acts: an error of the regressor, which makes
+the inertia too large. By how much at most is what direct and reverse regression differ by (Frisch
+1934). What the fit takes up of it does not show in the residual: where angles depart, it is taken
+for as many times the error by noise as the residual is, alike in all steps. Both are a source of
+uncertainty then.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,6 +31,10 @@ FEW_STEPS = 4
 
 AGE_TICKS, AGE_LEAST_S = 2.0, 3e-3
 """Ticks, and time, by which torque and angle may be apart: sampling makes a part of a tick."""
+
+MOUNT_GAIN = 3.0
+"""Gain of the mount at the sampling rate from which on what currents held from tick to tick make
+there shows as torque: 3.7 made the inertia 2 % too large, 2.0 half a percent."""
 
 
 @dataclass(frozen=True)
@@ -78,15 +85,15 @@ class BothWays:
     """Mean of both directions, of as many as there are, each weighted alike.
 
     stderr_kg_m2: from how steps of one direction differ, with so many degrees of freedom; of one
-    step alone, and of steps that are all alike, from their noise, freedom None. attenuation: part
-    by which steps that scatter beyond their noise may bias the mean; 0 for others.
+    step alone, and of steps that are all alike, from their noise, freedom None. disturbance: part
+    by which steps that scatter, or misfit, beyond their noise may bias the mean; 0 for others.
     """
 
     inertia_kg_m2: float
     stderr_kg_m2: float
     freedom: float | None
     findings: tuple[Finding, ...]
-    attenuation: float = 0.0
+    disturbance: float = 0.0
 
 
 def accelerate(
@@ -94,13 +101,14 @@ def accelerate(
     counts: int,
     sensor: TorqueSensorConfig,
     settings: AccelerationConfig,
+    orders: Sequence[int] = (),
 ) -> Acceleration:
     """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
-    data: name of each step, and its ticks from the rest before it on, with the columns REQUIRED.
-    One that cannot be used is left out, unless there is no other. Steps forwards and back are
-    averaged apart first: what drifts has the same sign in both, and half of it is what they differ
-    by.
+    data: name of each step, and its ticks from the rest before it on, with the columns REQUIRED;
+    orders: main ones of the cogging torque. A step that cannot be used is left out, unless there is
+    no other. Steps forwards and back are averaged apart first: what drifts has the same sign in
+    both, and half of it is what they differ by.
     """
     if not data:
         raise IdentifyError("no good step in there")
@@ -108,7 +116,7 @@ def accelerate(
     left_out = CapturesLeftOut()
     for n, (name, ticks) in enumerate(data):
         with left_out.noted(name, n):
-            steps.append(read_step(n, ticks, counts, sensor, name))
+            steps.append(read_step(n, ticks, counts, sensor, name, orders))
     if not steps:
         raise IdentifyError(f"no step can be used{left_out.as_text}")
     both = _both_ways(steps)
@@ -118,15 +126,17 @@ def accelerate(
     if sensor.highpass_time_constant_s > 0:
         longer = _longer_highpass(sensor, settings.highpass_tolerance)
         changed = _both_ways(
-            [read_step(one.index, data[one.index][1], counts, longer, one.label) for one in steps]
+            [
+                read_step(one.index, data[one.index][1], counts, longer, one.label, orders)
+                for one in steps
+            ]
         )
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))
     sources.append(repetition)
-    if both.attenuation:
-        sources.append(TorqueSource("torque that does not act on the rotor", both.attenuation))
+    if both.disturbance:
+        sources.append(TorqueSource("torque that does not act on the rotor", both.disturbance))
     relative = sqrt(sum(s.uncertainty**2 for s in sources))
-    ratio = float(np.median([step.impulse_ratio for step in steps]))
     return Acceleration(
         steps=tuple(steps),
         inertia_kg_m2=value,
@@ -136,8 +146,9 @@ def accelerate(
         plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
         budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
         findings=(
-            *torque_scale(ratio, "the inertia"),
+            *_scale([step.work_ratio for step in steps]),
             *_age(steps),
+            *_mount(steps, sensor),
             *both.findings,
             *signal_findings((step.label, step.faults) for step in steps),
             *left_out.findings(),
@@ -151,6 +162,14 @@ def _longer_highpass(sensor: TorqueSensorConfig, part: float) -> TorqueSensorCon
     return sensor.model_copy(update={"highpass_time_constant_s": tau_s})
 
 
+def _scale(ratios: Sequence[float]) -> Iterator[Finding]:
+    """Yield `torque_scale` of the mean of the steps, with its error by how they scatter."""
+    error, n = 0.0, len(ratios)
+    if n > 1:
+        error = t_quantile(1 - RARE / 2, n - 1) * float(np.std(ratios, ddof=1)) / sqrt(n)
+    yield from torque_scale(float(np.mean(ratios)), "the inertia", error)
+
+
 def _age(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
     """Yield a finding where the torque is late or early by more than sampling explains."""
     age_s = float(np.median([step.delay_s for step in steps]))
@@ -162,6 +181,21 @@ def _age(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
             "wholly accounted for: a low-pass or an average in the torque channel, or time stamps "
             "that are not those of the sampling",
             "take the filter out of the torque channel, or set it above 200 Hz",
+        )  # fmt: skip
+
+
+def _mount(steps: Sequence[TorqueStep], sensor: TorqueSensorConfig) -> Iterator[Finding]:
+    """Yield a finding where the mount resonates so near the sampling rate that all samples ring."""
+    if sensor.resonance_Hz == 0:
+        return
+    x = 1 / (float(np.median(np.diff(steps[0].t_s))) * sensor.resonance_Hz)
+    gain = 1 / max(abs(complex(1 - x**2, 2 * sensor.damping_ratio * x)), 1e-3)
+    if gain > MOUNT_GAIN:
+        yield Finding(
+            "mount-resonance", gain, MOUNT_GAIN, "times", "serious",
+            "the mount passes on so many times the torque at the loop's rate: what currents held "
+            "from tick to tick make there shows in all samples as torque that does not act",
+            "take another [loop] rate_Hz, farther from [torque_sensor] resonance_Hz",
         )  # fmt: skip
 
 
@@ -179,16 +213,19 @@ def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
     scatter = 0.0
     if freedom > 0:
         scatter = sqrt(sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom)
-    if scatter == 0:
-        return BothWays(mean, noise * reduced, None, tuple(_few(values.size)))
-    disturbed = tuple(_scatter(scatter, noise, freedom))
+    misfit = tuple(_misfit(steps))
+    disturbed = (*misfit, *(_scatter(scatter, noise, freedom) if scatter else ()))
     findings = [*_few(values.size), *disturbed]
+    attenuation = float(np.mean([one.attenuation for one in steps])) if disturbed else 0.0
+    taken_up = sum(one.misfit * one.stderr_kg_m2**2 for one in steps) / len(steps) if misfit else 0
+    disturbance = sqrt(attenuation**2 + taken_up / mean**2)
+    if scatter == 0:
+        return BothWays(mean, noise * reduced, None, tuple(findings), disturbance)
     if len(groups) == 2:
         apart = sqrt(sum(1 / group.size for group in groups)) * scatter
         limit = t_quantile(1 - RARE / 2, freedom) * apart
         findings += _directions(means[0] - means[1], limit)
-    attenuation = float(np.mean([one.attenuation for one in steps])) if disturbed else 0.0
-    return BothWays(mean, scatter * reduced, float(freedom), tuple(findings), attenuation)
+    return BothWays(mean, scatter * reduced, float(freedom), tuple(findings), disturbance)
 
 
 def _few(steps: int) -> Iterator[Finding]:
@@ -200,9 +237,31 @@ def _few(steps: int) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def _misfit(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
+    """Yield a finding where angles depart from the torque by more than noise makes by chance.
+
+    Noise that is twice integrated leaves each step one degree of freedom at least.
+    """
+    times = sqrt(float(np.mean([one.misfit for one in steps])))
+    limit = sqrt(_chance_square(len(steps)))
+    if times > limit:
+        yield Finding(
+            "steps-misfit", times, limit, "times the noise", "warning",
+            "the angle departs from what the measured torque makes of it by more than noise: the "
+            "sensor shows a torque that does not act, as of a coupling, of its resonance, or of "
+            "cogging torque that samples do not resolve; the uncertainty takes it in",
+            "raise [loop] rate_Hz, or lower torque_Nm and stop_speed_Hz; look at the coupling",
+        )  # fmt: skip
+
+
+def _chance_square(freedom: int) -> float:
+    """Return the mean square of so many values of unit variance that chance alone exceeds."""
+    return 2 * float(gammaincinv(freedom / 2, 1 - RARE)) / freedom
+
+
 def _scatter(scatter: float, noise: float, freedom: int) -> Iterator[Finding]:
     """Yield a finding where steps differ by more than the noise that each was seen to have."""
-    limit = noise * sqrt(2 * float(gammaincinv(freedom / 2, 1 - RARE)) / freedom)
+    limit = noise * sqrt(_chance_square(freedom))
     if scatter > limit:
         yield Finding(
             "steps-scatter", scatter, limit, "kg m2", "warning",

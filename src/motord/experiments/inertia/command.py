@@ -15,6 +15,7 @@ from motord.config import AccelerationConfig, OscillationConfig
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.inertia.acceleration import Acceleration, accelerate
+from motord.experiments.inertia.folded_cogging import main_orders
 from motord.experiments.inertia.oscillation import Oscillation, combine
 from motord.experiments.inertia.releases import Release, find_releases, read_release, waves_of
 from motord.experiments.inertia.springs import SpringSetup
@@ -137,7 +138,7 @@ def acceleration(
         for run in runs
         for number, ticks in enumerate(captured_ticks(run, REQUIRED), start=1)
     ]
-    return accelerate(steps, counts, subject.sensor, settings)
+    return accelerate(steps, counts, subject.sensor, settings, main_orders(subject.motor))
 
 
 def estimate(

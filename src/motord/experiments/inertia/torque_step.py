@@ -12,9 +12,12 @@ tick. Without d that goes into J, 1.6 % for each millisecond.
 
 The torque's noise enters twice integrated: residuals are correlated over the whole step,
 and tell little of the error. It is propagated instead: from the noise seen at rest, through both
-integrals and the fit's weights, with the encoder's rounding.
+integrals and the fit's weights, with the encoder's rounding. So is what it makes of the residual:
+more than that is an error of the torque. One that is known, cogging torque that sampling folds, is
+taken out by `folded_cogging`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import pi, sqrt
@@ -23,6 +26,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from motord.config import TorqueSensorConfig
+from motord.experiments.inertia.folded_cogging import without_folded
 from motord.identification import IdentifyError
 from motord.identification.encoder_ticks import countable_ticks, sampled_ticks
 from motord.identification.signal_condition import SignalFault, out_of_range, require_change
@@ -52,10 +56,12 @@ class TorqueStep:
 
     stderr_kg_m2: from the noise of torque and encoder. delay_s: age of the torque.
     commanded_kg_m2: the same fit with the commanded torque for the measured one; plain_kg_m2: eq.
-    (2.1), from commanded torque, time and angle, damping neglected. impulse_ratio: of the measured
-    torque to the commanded one. attenuation: part by which errors of the torque may make the
-    inertia too large, or those of the angle too small. t_s, angle_rad, torque_Nm (n,) since the
-    beginning of the step; fitted_rad (m,) at fitted_s. faults: of its encoder.
+    (2.1), from commanded torque, time and angle, damping neglected. work_ratio: of the measured
+    torque to the commanded one, over the angle, where cogging torque does no work on the whole.
+    attenuation: part by which errors of the torque may make the inertia too large, or those of the
+    angle too small. misfit: square of the residual over what noise of torque and encoder makes of
+    it. t_s, angle_rad, torque_Nm (n,) since the beginning of the step; fitted_rad (m,) at fitted_s.
+    faults: of its encoder.
     """
 
     JSON = (
@@ -71,8 +77,9 @@ class TorqueStep:
     viscous_Nm_s_per_rad: float
     friction_Nm: float
     delay_s: float
-    impulse_ratio: float
+    work_ratio: float
     attenuation: float
+    misfit: float
     t_s: np.ndarray
     angle_rad: np.ndarray
     torque_Nm: np.ndarray
@@ -83,9 +90,17 @@ class TorqueStep:
 
 
 def read_step(
-    index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig, name: str
+    index: int,
+    ticks: np.ndarray,
+    counts: int,
+    sensor: TorqueSensorConfig,
+    name: str,
+    orders: Sequence[int] = (),
 ) -> TorqueStep:
-    """Return what one step tells. Raises IdentifyError naming it."""
+    """Return what one step tells. Raises IdentifyError naming it.
+
+    orders: main ones of the cogging torque, taken out where samples do not resolve them.
+    """
     ticks = sampled_ticks(ticks, name)
     _, begin = _since_step(ticks, name)
     at_rest = ticks["encoder_count"][:begin].astype(np.int64)
@@ -98,33 +113,36 @@ def read_step(
     measured_Nm = _torque_since(t_s, ticks["torque_Nm"].astype(float), begin, sensor)
     commanded_Nm = ticks["torque_set_Nm"][begin:].astype(float)
     t_s = t_s[begin:]
+    measured_Nm = without_folded(t_s, angle_rad, measured_Nm, sensor, orders)
     sliding = slice(int(np.argmax(np.abs(angle_rad) > MOVED_RAD)), None)
     way_rad = np.diff(angle_rad[sliding]) * np.sign(angle_rad[-1])
     if abs(angle_rad[-1]) < LEAST_WAY_RAD or way_rad.min() < -8 * pi / counts:
         raise IdentifyError(f"{name}: the rotor did not turn on in one direction")
-    p, weights, fitted_rad = _fit(t_s, angle_rad, measured_Nm, sliding)
+    fit = _fit(t_s, angle_rad, measured_Nm, sliding)
+    p = fit.parameters
     if p[2] <= 0:
         raise IdentifyError(f"{name}: the rotor does not follow the measured torque; its sign?")
-    q, _, _ = _fit(t_s, angle_rad, commanded_Nm, sliding)
-    noise_Nm = _white_noise(ticks["torque_Nm"][:begin].astype(float))
+    commanded = _fit(t_s, angle_rad, commanded_Nm, sliding)
+    noise_rad_s2 = p[2] * _white_noise(ticks["torque_Nm"][:begin].astype(float))
     rounding_rad = 2 * pi / counts / sqrt(12)
     stop = int(np.flatnonzero(commanded_Nm)[-1])
     return TorqueStep(
         index=index,
         inertia_kg_m2=float(1 / p[2]),
-        stderr_kg_m2=_stderr(weights, t_s, p[2] * noise_Nm, rounding_rad) / float(p[2]) ** 2,
-        commanded_kg_m2=float(1 / q[2]),
+        stderr_kg_m2=_stderr(fit.weights, t_s, noise_rad_s2, rounding_rad) / float(p[2]) ** 2,
+        commanded_kg_m2=float(1 / commanded.parameters[2]),
         plain_kg_m2=float(_integral(_integral(commanded_Nm, t_s), t_s)[stop] / angle_rad[stop]),
         viscous_Nm_s_per_rad=float(-p[3] / p[2]),
         friction_Nm=float(-p[4] / p[2] * np.sign(angle_rad[-1])),
         delay_s=float(-p[5] / p[2]),
-        impulse_ratio=float(_integral(measured_Nm, t_s)[stop] / _integral(commanded_Nm, t_s)[stop]),
-        attenuation=_attenuation(p[2], weights[sliding], angle_rad[sliding] - fitted_rad),
+        work_ratio=_work(measured_Nm, angle_rad, stop) / _work(commanded_Nm, angle_rad, stop),
+        attenuation=fit.attenuation,
+        misfit=fit.left / _left_by_noise(fit.basis, t_s, noise_rad_s2, rounding_rad),
         t_s=t_s,
         angle_rad=angle_rad,
         torque_Nm=measured_Nm,
         fitted_s=t_s[sliding],
-        fitted_rad=fitted_rad,
+        fitted_rad=fit.fitted_rad,
         label=name,
         faults=(*out_of_range((at_rest >= 0) & (at_rest < counts)), *faults),
     )
@@ -161,13 +179,34 @@ def _torque_since(
     return np.asarray(seen_Nm - decayed_Nm + _integral(seen_Nm, t_s[begin:]) / tau_s)
 
 
-def _fit(
-    t_s: np.ndarray, angle_rad: np.ndarray, torque_Nm: np.ndarray, sliding: slice
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (a, b, 1/J, -c/J, -f/J, -d/J), the weights of the angles in 1/J, the fitted angle.
+@dataclass(frozen=True)
+class _Fit:
+    """parameters: a, b, 1/J, -c/J, -f/J, -d/J; weights (n,): of the angles in 1/J.
 
-    Weights (n,) are of all samples, 0 where the rotor does not slide yet.
+    basis (n, 6): orthonormal, of what the model can fit; it and weights are 0 where the rotor does
+    not slide yet. fitted_rad (m,): where it does; left: sum of squares of its residual (rad^2).
     """
+
+    parameters: np.ndarray
+    weights: np.ndarray
+    basis: np.ndarray
+    fitted_rad: np.ndarray
+    left: float
+
+    @property
+    def attenuation(self) -> float:
+        """Part by which the inertia of direct and reverse regression differ (Frisch 1934).
+
+        1 less the squared partial correlation of angle and torque, twice integrated; what the other
+        columns leave of the latter has a norm of 1 / |weights|. All of the residual may be an error
+        of the torque, a regressor, or of the angle.
+        """
+        explained = float(self.parameters[2] ** 2 / (self.weights @ self.weights))
+        return self.left / (explained + self.left)
+
+
+def _fit(t_s: np.ndarray, angle_rad: np.ndarray, torque_Nm: np.ndarray, sliding: slice) -> _Fit:
+    """Return the fit to the samples of a step at which the rotor slides."""
     impulse_Nms = _integral(torque_Nm, t_s)
     columns = np.column_stack(
         [
@@ -184,20 +223,16 @@ def _fit(
     p, _, rank, _ = np.linalg.lstsq(columns / scale, angle_rad[sliding], rcond=1e-10)
     if rank < columns.shape[1]:
         raise IdentifyError("a step cannot tell inertia from friction; let it coast for longer")
-    weights = np.zeros_like(t_s)
+    weights, basis = np.zeros_like(t_s), np.zeros((t_s.size, columns.shape[1]))
     weights[sliding] = np.linalg.pinv(columns / scale)[2] / scale[2]
-    return p / scale, weights, (columns / scale) @ p
+    basis[sliding] = np.linalg.qr(columns / scale)[0]
+    fitted_rad = (columns / scale) @ p
+    left = float(((angle_rad[sliding] - fitted_rad) ** 2).sum())
+    return _Fit(p / scale, weights, basis, fitted_rad, left)
 
 
-def _attenuation(slope: float, weights: np.ndarray, residual_rad: np.ndarray) -> float:
-    """Return the part by which the inertia of direct and reverse regression differ (Frisch 1934).
-
-    1 less the squared partial correlation of angle and torque, twice integrated; what the other
-    columns leave of the latter has a norm of 1 / |weights|. All of the residual may be an error of
-    the torque, a regressor, or of the angle.
-    """
-    left = float(residual_rad @ residual_rad)
-    return left / (slope**2 / float(weights @ weights) + left)
+def _work(torque_Nm: np.ndarray, angle_rad: np.ndarray, stop: int) -> float:
+    return float(np.trapezoid(torque_Nm[: stop + 1], angle_rad[: stop + 1]))
 
 
 def _white_noise(rest_Nm: np.ndarray) -> float:
@@ -212,7 +247,34 @@ def _stderr(
 
     noise_rad_s2: white noise of each sample of the acceleration whose double integral they are.
     """
-    dt_s = np.diff(t_s, append=2 * t_s[-1] - t_s[-2])
-    later = np.cumsum(weights[::-1])[::-1] * dt_s
-    twice = np.cumsum(later[::-1])[::-1] * dt_s
-    return sqrt(noise_rad_s2**2 * float(twice @ twice) + rounding_rad**2 * float(weights @ weights))
+    twice = _twice_integrated(weights[:, None], t_s)
+    noise, rounding = float((twice**2).sum()), float(weights @ weights)
+    return sqrt(noise_rad_s2**2 * noise + rounding_rad**2 * rounding)
+
+
+def _left_by_noise(
+    basis: np.ndarray, t_s: np.ndarray, noise_rad_s2: float, rounding_rad: float
+) -> float:
+    """Return the sum of squares (rad^2) that noise leaves beside what `basis` (n, p) can fit.
+
+    |(I - Q Q') L|^2 = |L|^2 - |Q' L|^2, with L of unit noise twice integrated, or of the rounding.
+    """
+    fitted = basis.any(axis=1)
+    ends_s = np.cumsum(_periods(t_s))
+    begins_s = ends_s - _periods(t_s)
+    sums = [np.cumsum((fitted * ends_s**n)[::-1])[::-1] for n in range(3)]
+    whole = _periods(t_s) ** 2 @ (sums[2] - 2 * begins_s * sums[1] + begins_s**2 * sums[0])
+    left = float(whole - (_twice_integrated(basis, t_s) ** 2).sum())
+    free = int(fitted.sum()) - basis.shape[1]
+    return float(noise_rad_s2**2 * max(left, 0.0) + rounding_rad**2 * free)
+
+
+def _twice_integrated(sums: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """Return weights (n, k) of the accelerations in sums of angles with weights (n, k)."""
+    dt_s = _periods(t_s)[:, None]
+    later = np.cumsum(sums[::-1], axis=0)[::-1] * dt_s
+    return np.asarray(np.cumsum(later[::-1], axis=0)[::-1] * dt_s)
+
+
+def _periods(t_s: np.ndarray) -> np.ndarray:
+    return np.diff(t_s, append=2 * t_s[-1] - t_s[-2])

@@ -11,18 +11,17 @@ import numpy as np
 from motord.experiments.inertia.torque_step import REQUIRED
 
 SUBSTEP_S = 1e-4
-TICK = 10
-"""Substeps of a sample."""
 
 
 @dataclass(frozen=True)
 class Rotor:
-    """What is true; the torque changes so many substeps after each sample, then lags."""
+    """What is true; a sample is so many substeps, the torque changes `delay` after it, and lags."""
 
     inertia_kg_m2: float = 0.0105
     viscous_Nm_s_per_rad: float = 0.003
     coulomb_Nm: float = 0.03
     cogging: tuple[tuple[int, float, float], ...] = ((16, 0.012, 0.4), (48, 0.012, 1.1))
+    substeps: int = 10
     delay: int = 3
     lag_s: float = 3e-4
     noise_Nm: float = 0.02
@@ -39,11 +38,11 @@ def steps(rotor: Rotor, count: int, rng: np.random.Generator) -> list[np.ndarray
     speed, torque, sensed = np.zeros(count), np.zeros(count), np.zeros(count)
     cogging = _cogging(rotor, angle)
     before = cogging
-    rows = []
+    tick, rows = rotor.substeps, []
     for n in range(t_s.size):
-        if n % TICK == 0:
+        if n % tick == 0:
             rows.append((angle.copy(), sensed.copy(), profile_Nm[n] * sign))
-        wanted = profile_Nm[max(n - n % TICK - (0 if n % TICK >= rotor.delay else TICK), 0)] * sign
+        wanted = profile_Nm[max(n - n % tick - (0 if n % tick >= rotor.delay else tick), 0)] * sign
         torque += (wanted - torque) * SUBSTEP_S / rotor.lag_s
         drive = torque + cogging - rotor.viscous_Nm_s_per_rad * speed
         free = speed + SUBSTEP_S / rotor.inertia_kg_m2 * drive
@@ -57,7 +56,7 @@ def steps(rotor: Rotor, count: int, rng: np.random.Generator) -> list[np.ndarray
     angles, torques, commands = (np.array(column) for column in zip(*rows, strict=True))
     torques = torques + rotor.noise_Nm * rng.normal(size=torques.shape)
     points = np.rint(angles * rotor.counts / (2 * np.pi)).astype(int) % rotor.counts
-    t_ns = np.rint(t_s[::TICK] * 1e9).astype(np.int64)
+    t_ns = np.rint(t_s[::tick] * 1e9).astype(np.int64)
     return [
         np.rec.fromarrays((t_ns, points[:, k], torques[:, k], commands[:, k]), names=REQUIRED)
         for k in range(count)

@@ -5,9 +5,11 @@ import pytest
 
 from motord.config import AccelerationConfig, TorqueSensorConfig, load
 from motord.experiments.inertia.acceleration import accelerate
+from motord.experiments.inertia.folded_cogging import main_orders
 from motord.experiments.inertia.torque_step import REQUIRED, read_step
 from motord.identification import IdentifyError
-from tests.unit.experiments.inertia.inertia_runs import named, pushes
+from motord.rig.truth import load as load_truth
+from tests.unit.experiments.inertia.inertia_runs import named, pushes, taken
 from tests.unit.experiments.inertia.step_simulator import Rotor, misaligned, steps
 
 J, VISCOUS, COULOMB = 0.0105, 0.004, 0.03
@@ -161,6 +163,54 @@ def test_what_steps_that_scatter_bias_the_mean_by_is_in_the_interval() -> None:
         [part] = [each.uncertainty for each in one.budget if "not act" in each.source]
         assert 0.01 < part < 0.06
     assert 1.02 < np.mean([one.inertia_kg_m2 for one in sets]) / J < 1.05  # the bias is there
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cogging_torque_that_samples_do_not_resolve_is_taken_out(seed: int) -> None:
+    """Order 240 at 500 Hz: at 2.08 turns/s all samples show the same of it, whatever acts."""
+    config, truth = load(), load_truth()
+    config = config.model_copy(update={"loop": config.loop.model_copy(update={"rate_Hz": 500})})
+    fast = truth.motor.cogging[0].model_copy(update={"order": 240, "amplitude_Nm": 0.3})
+    motor = truth.motor.model_copy(update={"cogging": (*truth.motor.cogging, fast)})
+    truth = truth.model_copy(update={"motor": motor})
+    data = named(taken(config, "inertia-acceleration", seed, truth, repeats=6, torque_Nm=2.0))
+    known, unknown = (
+        accelerate(data, 4096, config.torque_sensor, EXACT, orders) for orders in ((240, 480), ())
+    )
+    errors = np.array(
+        [[step.inertia_kg_m2 / J - 1 for step in one.steps] for one in (known, unknown)]
+    )
+    left, whole = np.sqrt((errors**2).mean(axis=1))
+    assert left < 0.05
+    assert left < whole / 4
+    assert "steps-misfit" in {one.name for one in unknown.findings}
+    sources = {one.source: one.uncertainty for one in unknown.budget}
+    assert sources["torque that does not act on the rotor"] > 0.02
+
+
+def test_main_orders_are_those_of_slots_and_poles_that_the_encoder_resolves() -> None:
+    motor = load().motor.model_copy(update={"slots": 48, "pole_pairs": 20, "counts": 3000})
+    assert main_orders(motor) == (240, 480, 720)
+
+
+@pytest.mark.parametrize(("resonance_Hz", "seen"), [(700.0, False), (900.0, True), (0.0, False)])
+def test_a_mount_that_resonates_near_the_sampling_rate_is_a_finding(
+    resonance_Hz: float, seen: bool
+) -> None:
+    sensor = PIEZO.model_copy(update={"resonance_Hz": resonance_Hz, "damping_ratio": 0.02})
+    found = accelerate(named([made_up(sensor)]), 4096, sensor, AccelerationConfig())
+    assert ("mount-resonance" in {one.name for one in found.findings}) == seen
+
+
+def test_cogging_torque_of_less_than_a_turn_is_no_wrong_scale() -> None:
+    """The impulse of the sensor was 0.62 times that of the torque set, from these angles."""
+    truth = load_truth()
+    rotor = truth.rotor.model_copy(update={"angle_rad": -2.110973})
+    truth = truth.model_copy(update={"rotor": rotor})
+    data = taken(load(), "inertia-acceleration", 102, truth, repeats=6)
+    found = accelerate(named(data), 4096, load().torque_sensor, AccelerationConfig())
+    assert "torque-scale" not in {one.name for one in found.findings}
+    assert abs(np.mean([one.work_ratio for one in found.steps]) - 1) < 0.15
 
 
 @pytest.mark.parametrize(
