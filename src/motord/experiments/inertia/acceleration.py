@@ -10,6 +10,7 @@ uncertainty then.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 
 import numpy as np
@@ -125,11 +126,9 @@ def accelerate(
     sources = [TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3))]
     if sensor.highpass_time_constant_s > 0:
         longer = _longer_highpass(sensor, settings.highpass_tolerance)
+        reread = partial(read_step, counts=counts, sensor=longer, orders=orders)
         changed = _both_ways(
-            [
-                read_step(one.index, data[one.index][1], counts, longer, one.label, orders)
-                for one in steps
-            ]
+            [reread(one.index, data[one.index][1], name=one.label) for one in steps]
         )
         other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
         sources.append(TorqueSource("its time constant", other))

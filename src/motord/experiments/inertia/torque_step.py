@@ -114,10 +114,7 @@ def read_step(
     commanded_Nm = ticks["torque_set_Nm"][begin:].astype(float)
     t_s = t_s[begin:]
     measured_Nm = without_folded(t_s, angle_rad, measured_Nm, sensor, orders)
-    sliding = slice(int(np.argmax(np.abs(angle_rad) > MOVED_RAD)), None)
-    way_rad = np.diff(angle_rad[sliding]) * np.sign(angle_rad[-1])
-    if abs(angle_rad[-1]) < LEAST_WAY_RAD or way_rad.min() < -8 * pi / counts:
-        raise IdentifyError(f"{name}: the rotor did not turn on in one direction")
+    sliding = _sliding(angle_rad, counts, name)
     fit = _fit(t_s, angle_rad, measured_Nm, sliding)
     p = fit.parameters
     if p[2] <= 0:
@@ -146,6 +143,15 @@ def read_step(
         label=name,
         faults=(*out_of_range((at_rest >= 0) & (at_rest < counts)), *faults),
     )
+
+
+def _sliding(angle_rad: np.ndarray, counts: int, name: str) -> slice:
+    """Return the samples from which on the rotor slides, in one direction."""
+    sliding = slice(int(np.argmax(np.abs(angle_rad) > MOVED_RAD)), None)
+    way_rad = np.diff(angle_rad[sliding]) * np.sign(angle_rad[-1])
+    if abs(angle_rad[-1]) < LEAST_WAY_RAD or way_rad.min() < -8 * pi / counts:
+        raise IdentifyError(f"{name}: the rotor did not turn on in one direction")
+    return sliding
 
 
 def _since_step(ticks: np.ndarray, name: str) -> tuple[np.ndarray, int]:

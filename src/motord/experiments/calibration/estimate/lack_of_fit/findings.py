@@ -128,8 +128,8 @@ def _or_left_out(finding: Finding, orders: Sequence[int], period_s: float) -> Fi
         finding,
         meaning=f"{finding.meaning}; or it is cogging torque of order{several} "
         f"{', '.join(map(str, orders))}, left out as too high for the sampling rate",
-        action=f"first calibrate below {below_Hz:.2g} turns/s, where order {orders[0]} is sampled; "
-        f"if it is still there, {finding.action}",
+        action=f"raise [loop] rate_Hz, or calibrate below {below_Hz:.2g} turns/s, where order "
+        f"{orders[0]} is sampled; if it is still there, {finding.action}",
     )
 
 
