@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
 import motord.python_can  # noqa: F401  # so that no `import can` of a test loads asammdf and pandas
-from tests.support import again, schedule, stalls
+from tests.support import again, collecting, schedule, stalls
 from tests.support.ports import default_ports_taken
 from tests.support.properties import FEW, INTERPRETED, SOME
 
@@ -50,21 +50,18 @@ if not SOAK:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Processes of pytest-xdist that run no system tests give way to those that do.
-
-    In continuous integration the process that is none keeps default ports from all tests.
-    """
-    if hasattr(config, "workerinput"):
-        schedule.give_way(config.workerinput["workerid"])
-    elif NO_SKIPS:
+    """In continuous integration the first process keeps default ports from all tests."""
+    if NO_SKIPS and not hasattr(config, "workerinput"):
         config.stash[_PORTS] = default_ports_taken()
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Spare the garbage collector what stays: modules and tests, half a second each time."""
     gc.disable()
     try:
+        if hasattr(session.config, "workerinput"):
+            collecting.import_part(session.config)
         return (yield)
     finally:
         gc.collect()
@@ -76,6 +73,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """In processes of pytest-xdist files run in an order of their own."""
     if hasattr(config, "workerinput"):
         schedule.longest_first(items)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Processes of pytest-xdist that run no system tests give way to those that do.
+
+    Not before: none runs a test until all have collected them.
+    """
+    if hasattr(session.config, "workerinput"):
+        schedule.give_way(session.config.workerinput["workerid"])
 
 
 @pytest.hookimpl(optionalhook=True)

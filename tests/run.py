@@ -43,13 +43,11 @@ NOT_QUICK = (
 )  # fmt: skip
 
 
-def run(*arguments: str, quiet: bool = False, **environment: str) -> int:
-    """Run `python -m arguments`, `quiet` without what it prints, and return its exit code."""
+def run(*arguments: str, **environment: str) -> int:
+    """Run `python -m arguments` and return its exit code."""
     own = {**os.environ, **SAME_EVERY_TIME, **environment}
     own.pop(NO_BYTECODE, None)
-    out = subprocess.DEVNULL if quiet else None
-    command = [sys.executable, "-m", *arguments]
-    return subprocess.run(command, cwd=ROOT, env=own, stdout=out).returncode
+    return subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=own).returncode
 
 
 def pytest(jobs: int, *options: str, **environment: str) -> int:
@@ -60,8 +58,6 @@ def pytest(jobs: int, *options: str, **environment: str) -> int:
 
 def in_lanes(jobs: int, *options: str) -> int:
     """Run tests, so many files of `system` tests at a time, and as many of the others."""
-    if not any((ROOT / "tests" / "__pycache__").glob("*-pytest-*.pyc")):
-        run("pytest", "--collect-only", *options, quiet=True)  # or each process compiles all tests
     return pytest(2 * jobs, *options, MOTORD_TEST_LANES=str(jobs))
 
 

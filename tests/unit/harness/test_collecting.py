@@ -1,0 +1,56 @@
+"""Modules of tests: which process of pytest-xdist imports which."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from tests.support import collecting
+
+
+@pytest.fixture
+def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the names of the modules that are imported, of which one cannot be."""
+    names: list[str] = []
+
+    def note(name: str) -> None:
+        names.append(name)
+        if name.endswith("test_broken"):
+            raise ImportError
+
+    monkeypatch.setattr(collecting, "ROOT", tmp_path)
+    monkeypatch.setattr("importlib.import_module", note)
+    for file in ("t/test_a.py", "t/test_broken.py", "t/u/test_b.py", "t/u/test_c.py", "t/help.py"):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    return names
+
+
+def import_part(worker: str, *asked: str, ignore: list[str] | None = None) -> None:
+    """Import the part of one of two processes."""
+    collecting.import_part(
+        SimpleNamespace(
+            args=asked,
+            workerinput={"workerid": worker, "workercount": 2},
+            getoption={"ignore": ignore}.get,
+        )
+    )
+
+
+def test_each_module_is_imported_by_one_process(imported: list[str]) -> None:
+    import_part("gw0", "t")
+    assert imported == ["t.test_a", "t.u.test_b"]
+    import_part("gw1", "t")
+    assert imported == ["t.test_a", "t.u.test_b", "t.test_broken", "t.u.test_c"]
+
+
+def test_a_process_that_replaces_one_has_its_part(imported: list[str]) -> None:
+    import_part("gw3", "t")
+    assert imported == ["t.test_broken", "t.u.test_c"]
+
+
+def test_only_what_was_asked_for_is_imported(imported: list[str]) -> None:
+    import_part("gw0", "t/u/test_c.py::test_one", "t/test_a.py")
+    import_part("gw1", "t/u/test_c.py::test_one", "t/test_a.py")
+    import_part("gw0", "t/u", ignore=["t/u/test_b.py"])
+    assert imported == ["t.test_a", "t.u.test_c", "t.u.test_c"]
