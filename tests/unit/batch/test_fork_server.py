@@ -4,9 +4,6 @@ import multiprocessing
 import subprocess
 import sys
 
-import dask
-from distributed import utils
-
 from motord.batch.fork_server import METHOD, MODULES, keep_modules
 from motord.batch.task import BatchTask, analyse_recordings
 from motord.config import load, packaged
@@ -52,6 +49,9 @@ print(threading.active_count())
 
 def test_dask_keeps_the_modules(monkeypatch) -> None:
     """Else it imports pandas in the command, and the server has other modules when it restarts."""
+    import dask  # 0.4 s with the next, of whoever collects
+    from distributed import utils
+
     chosen = []
     context = multiprocessing.get_context(METHOD)
     monkeypatch.setattr(context, "set_forkserver_preload", chosen.append)
