@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 
 from motord.cli.bench.watch import operator_session
-from motord.cli.bench.watch.app import WatchApp
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import UNICODE
 from motord.cli.bench.watch.keys import ACTIONS, KEYS
@@ -68,6 +67,8 @@ def private(monkeypatch, tmp_path):
 
 @asynccontextmanager
 async def watching(client, size=(80, 24), **changes):
+    from motord.cli.bench.watch.app import WatchApp  # 0.2 s, of whoever collects
+
     clock = SimpleNamespace(now_s=0.0)
     session = OperatorSession(client)
     try:

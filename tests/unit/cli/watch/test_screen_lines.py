@@ -3,8 +3,6 @@
 import pytest
 from rich.text import Text
 
-from motord.cli.bench.watch.app import changed_cells
-
 
 @pytest.mark.parametrize(
     ("before", "after", "cells"),
@@ -21,4 +19,6 @@ from motord.cli.bench.watch.app import changed_cells
     ],
 )
 def test_cells_that_changed(before, after, cells):
+    from motord.cli.bench.watch.app import changed_cells  # 0.2 s, of whoever collects
+
     assert changed_cells(before, after) == cells
