@@ -3,7 +3,12 @@
 import numpy as np
 
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.identification.aliased_ripple import ZeroOrderHold, with_images, without_aliases
+from motord.identification.aliased_ripple import (
+    ZeroOrderHold,
+    image_torques,
+    with_images,
+    without_aliases,
+)
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import PointRipple, point_ripple
 
@@ -33,5 +38,6 @@ def with_held_images(
     """
     if hold is None or not samples.commanded or not hold.is_folded_by(samples):
         return seen
-    freed = without_aliases(seen, samples, AS_COMMANDED, motor, sensor, hold)
-    return with_images(freed, samples, AS_COMMANDED, motor, hold)
+    images_Nm = image_torques(samples, AS_COMMANDED, motor, hold)
+    freed = without_aliases(seen, samples, images_Nm, motor, sensor, hold)
+    return with_images(freed, images_Nm, motor)

@@ -10,7 +10,7 @@ where the sensor is read by a clock of its own, that turns from sample to sample
 the samples is what is left of it at the orders.
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,24 +66,46 @@ class ZeroOrderHold:
         return np.asarray(held * passed)
 
 
+def image_torques(
+    samples: Samples, gain: np.ndarray, motor: MotorConfig, hold: ZeroOrderHold
+) -> dict[int, np.ndarray]:
+    """Return the torque over the turn (counts,), complex, of each image k: of the band at k / T.
+
+    As samples of their mean age show them. gain (3,): what flows over what is commanded. The speed
+    is taken as steady.
+    """
+    counts, hold = motor.counts, replace(hold, dead_s=hold.dead_s + _ages_s(samples).mean())
+    fewest = min(end - first for first, end in samples.turns)
+    highest = resolved_order(fewest, counts, MAX_CURRENT_ORDER)
+    whole = samples.whole
+    lines = lines_at(samples.count[whole], samples.command_A[whole].T, counts, highest)[:, 1:]
+    lines = gain[:, None] * (lines * counts / 2)
+    spectrum = np.zeros((3, counts), complex)
+    spectrum[:, 1 : highest + 1] = lines
+    spectrum[:, -highest:] = lines.conj()[:, ::-1]
+    turned_Hz = np.fft.fftfreq(counts, 1 / counts) * samples.velocity_Hz
+    back_emf = motor.back_emf_table().T
+    currents_A = ((k, np.fft.ifft(spectrum * hold.image(turned_Hz, k), axis=1)) for k in IMAGES)
+    return {k: (current_A * back_emf).sum(axis=0) for k, current_A in currents_A}
+
+
 def aliased_ripple(
     samples: Samples,
-    gain: np.ndarray,
-    motor: MotorConfig,
+    images_Nm: Mapping[int, np.ndarray],
     sensor: TorqueSensorConfig,
     hold: ZeroOrderHold,
     order: np.ndarray,
 ) -> np.ndarray:
     """Return the complex amplitudes of aliased ripple at orders (n,), as `PointRipple.line_Nm`.
 
-    gain (3,): what flows over what is commanded. The speed is taken as steady.
+    images_Nm: `image_torques` of the samples.
     """
-    counts, velocity_Hz = motor.counts, samples.velocity_Hz
+    counts, velocity_Hz = next(iter(images_Nm.values())).size, samples.velocity_Hz
     turned_Hz = np.fft.fftfreq(counts, 1 / counts) * velocity_Hz
     age_s = _ages_s(samples)
     turn = np.exp(-2j * np.pi / hold.period_s * (age_s - age_s.mean()))
     seen = np.zeros(counts, complex)
-    for k, torque_Nm in _image_torques(samples, gain, motor, hold):
+    for k, torque_Nm in images_Nm.items():
         shown_Nm = np.mean(turn**k) * np.fft.fft(torque_Nm)
         seen += shown_Nm * response(sensor, turned_Hz + k / hold.period_s)
     return np.asarray(2 / counts * seen[order] / response(sensor, order * velocity_Hz))
@@ -92,13 +114,13 @@ def aliased_ripple(
 def without_aliases(
     ripple: PointRipple,
     samples: Samples,
-    gain: np.ndarray,
+    images_Nm: Mapping[int, np.ndarray],
     motor: MotorConfig,
     sensor: TorqueSensorConfig,
     hold: ZeroOrderHold,
 ) -> PointRipple:
-    """Return the ripple of these samples less what is aliased; gain (3,) as above."""
-    aliased_Nm = aliased_ripple(samples, gain, motor, sensor, hold, ripple.order)
+    """Return the ripple of these samples less what is aliased; images_Nm as above."""
+    aliased_Nm = aliased_ripple(samples, images_Nm, sensor, hold, ripple.order)
     even_odd_Nm = ripple.even_odd_Nm - aliased_Nm
     rms_Nm, stderr_Nm = repeating_rms(even_odd_Nm, ripple.noise_Nm)
     changed = replace(ripple, line_Nm=even_odd_Nm.mean(axis=0), even_odd_Nm=even_odd_Nm)
@@ -106,50 +128,20 @@ def without_aliases(
 
 
 def with_images(
-    ripple: PointRipple,
-    samples: Samples,
-    gain: np.ndarray,
-    motor: MotorConfig,
-    hold: ZeroOrderHold,
+    ripple: PointRipple, images_Nm: Mapping[int, np.ndarray], motor: MotorConfig
 ) -> PointRipple:
     """Return ripple that is free of aliases with an RMS that has the images where they are.
 
     They are ripple of the shaft at the loop's rate, f + k / T, which no order of the turn shows.
     """
     to_Nm = motor.rated_torque_Nm / 100
-    images_Nm2 = sum(
-        float(np.mean(np.abs(torque_Nm) ** 2))
-        for _, torque_Nm in _image_torques(samples, gain, motor, hold)
-    )
+    images_Nm2 = sum(float(np.mean(np.abs(torque_Nm) ** 2)) for torque_Nm in images_Nm.values())
     square_Nm2 = (to_Nm * ripple.rms_percent) ** 2
     above_Nm2 = (to_Nm * (ripple.rms_percent + (ripple.stderr_percent or 0.0))) ** 2
     rms_Nm = float(np.sqrt(square_Nm2 + images_Nm2))
     noise_Nm = float(np.sqrt(above_Nm2 + images_Nm2)) - rms_Nm
     unknown_Nm = IMAGE_STANDARD_UNCERTAINTY * images_Nm2 / rms_Nm if rms_Nm else 0.0
     return with_rms(ripple, rms_Nm, float(np.hypot(noise_Nm, unknown_Nm)), motor.rated_torque_Nm)
-
-
-def _image_torques(
-    samples: Samples, gain: np.ndarray, motor: MotorConfig, hold: ZeroOrderHold
-) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield images k and their torque over the turn (counts,), complex, of the band at k / T.
-
-    As samples of the mean age show them.
-    """
-    counts, hold = motor.counts, replace(hold, dead_s=hold.dead_s + _ages_s(samples).mean())
-    fewest = min(end - first for first, end in samples.turns)
-    highest = resolved_order(fewest, counts, MAX_CURRENT_ORDER)
-    whole = samples.whole
-    spectrum = np.zeros((3, counts), complex)
-    for phase, command_A in enumerate(samples.command_A[whole].T):
-        lines = lines_at(samples.count[whole], command_A, counts, highest)[1:] * counts / 2
-        spectrum[phase, 1 : highest + 1] = gain[phase] * lines
-        spectrum[phase, -highest:] = gain[phase] * lines.conj()[::-1]
-    turned_Hz = np.fft.fftfreq(counts, 1 / counts) * samples.velocity_Hz
-    back_emf = motor.back_emf_table().T
-    for k in IMAGES:
-        current_A = np.fft.ifft(spectrum * hold.image(turned_Hz, k), axis=1)
-        yield k, (current_A * back_emf).sum(axis=0)
 
 
 def _ages_s(samples: Samples) -> np.ndarray:

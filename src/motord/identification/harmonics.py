@@ -77,19 +77,25 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
 def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
     """Solve product(x) = right (..., n), each by itself, by conjugate gradients."""
     x, residual, along = np.zeros_like(right), right, right
-    square = first = _inner(right, right)
+    square = _inner(right, right)
+    solved = SOLVED**2 * square
     for _ in range(2 * right.shape[-1]):
-        unsolved = square > SOLVED**2 * first
+        unsolved = square > solved
         if not unsolved.any():
             break
         moved = product(along)
-        step = np.divide(square, _inner(along, moved), out=np.zeros_like(square), where=unsolved)
+        step = _ratio(square, _inner(along, moved), unsolved)
         x, residual = x + step * along, residual - step * moved
         before, square = square, _inner(residual, residual)
-        along = (
-            residual + np.divide(square, before, out=np.zeros_like(square), where=unsolved) * along
-        )
+        along = residual + _ratio(square, before, unsolved) * along
     return x
+
+
+def _ratio(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Return one over the other, 0 but `where`."""
+    if where.all():  # the usual case, in a third of the time
+        return np.asarray(one / other)
+    return np.asarray(np.divide(one, other, out=np.zeros_like(one), where=where))
 
 
 def _inner(one: np.ndarray, other: np.ndarray) -> np.ndarray:

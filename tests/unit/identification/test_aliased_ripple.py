@@ -11,6 +11,7 @@ from motord.identification.aliased_ripple import (
     IMAGE_STANDARD_UNCERTAINTY,
     ZeroOrderHold,
     aliased_ripple,
+    image_torques,
     with_images,
     without_aliases,
 )
@@ -104,7 +105,8 @@ def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float, ever
     samples = as_samples(angle_rad, seen_Nm, every)
     angle_rad, seen_Nm = angle_rad[::every], seen_Nm[::every]
     order = np.array([30])
-    predicted = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
+    images_Nm = image_torques(samples, np.ones(3), MOTOR, HOLD)
+    predicted = aliased_ripple(samples, images_Nm, sensor, HOLD, order)
     turn = np.exp(-1j * np.outer(order, angle_rad))
     shown = 2 / angle_rad.size * (turn @ seen_Nm) / response(sensor, order * SPEED_HZ)
     assert np.abs(predicted).min() > 0.005
@@ -147,10 +149,11 @@ def test_the_rms_has_the_images_as_they_are_on_the_shaft(
 ) -> None:
     sensor = TorqueSensorConfig(resonance_Hz=resonance_Hz, damping_ratio=0.1)
     angle_rad, seen_Nm, torque_Nm = simulated(sensor, direction)
-    samples, gain = as_samples(angle_rad, seen_Nm, every), np.ones(3)
+    samples = as_samples(angle_rad, seen_Nm, every)
     seen = point_ripple(samples, MOTOR, sensor)
-    freed = without_aliases(seen, samples, gain, MOTOR, sensor, HOLD)
-    found = with_images(freed, samples, gain, MOTOR, HOLD)
+    images_Nm = image_torques(samples, np.ones(3), MOTOR, HOLD)
+    freed = without_aliases(seen, samples, images_Nm, MOTOR, sensor, HOLD)
+    found = with_images(freed, images_Nm, MOTOR)
     true_percent = rms_error_percent(torque_Nm, MOTOR.rated_torque_Nm)
     lines_Nm = np.array([base(order) for order in range(1, 100)])
     base_percent = 100 / MOTOR.rated_torque_Nm * float(np.linalg.norm(lines_Nm) / np.sqrt(2))
@@ -170,7 +173,8 @@ def test_an_order_at_the_rate_of_the_loop_is_none_of_the_images() -> None:
     samples = replace(samples, count=2 * samples.count, t_s=t_s)
     assert COUNTS * samples.velocity_Hz == 1 / hold.period_s
     order = np.array([30])
-    assert np.isfinite(aliased_ripple(samples, np.ones(3), motor, sensor, hold, order)).all()
+    images_Nm = image_torques(samples, np.ones(3), motor, hold)
+    assert np.isfinite(aliased_ripple(samples, images_Nm, sensor, hold, order)).all()
 
 
 @pytest.mark.parametrize("stderr_percent", [0.0, 0.5])
@@ -180,7 +184,7 @@ def test_the_interval_of_the_square_stays_and_that_of_the_images_comes_on_top(
     sensor = TorqueSensorConfig(resonance_Hz=700.0, damping_ratio=0.1)
     samples = as_samples(*simulated(sensor)[:2])
     ripple = replace(point_ripple(samples, MOTOR, sensor), stderr_percent=stderr_percent)
-    found = with_images(ripple, samples, np.ones(3), MOTOR, HOLD)
+    found = with_images(ripple, image_torques(samples, np.ones(3), MOTOR, HOLD), MOTOR)
     above, below = (ripple.rms_percent + stderr_percent) ** 2, ripple.rms_percent**2
     images = found.rms_percent**2 - below
     noise_percent = np.sqrt(above + images) - found.rms_percent

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.identification.aliased_ripple import ZeroOrderHold, without_aliases
+from motord.identification.aliased_ripple import ZeroOrderHold, image_torques, without_aliases
 from motord.identification.disturbances.leakage import noise_of_lines
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples
@@ -84,7 +84,8 @@ def seen_by(
     """Return the ripple of a point; gain (3,): what flows over what is commanded."""
     ripple = point_ripple(samples, motor, sensor)
     if hold is not None and hold.is_folded_by(samples):
-        ripple = without_aliases(ripple, samples, gain, motor, sensor, hold)
+        images_Nm = image_torques(samples, gain, motor, hold)
+        ripple = without_aliases(ripple, samples, images_Nm, motor, sensor, hold)
     band = band_order(samples, hold)
     return SeenRipple(
         **vars(ripple), turns_Hz=samples.speed_Hz, band=band, highest=min(band, highest_order)
