@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import linalg, signal
 
+from motord.jit import jit
 from motord.rig.build import build, matrix_exponential, mount_matrices
 from motord.rig.sensors import gray_code, read_encoder, step_torque_sensor
 from motord.rig.truth import RigTruth, load
@@ -28,10 +29,17 @@ def sensor_step(torque_Nm: np.ndarray, tau_s: float, resonance_Hz: float) -> np.
     )
     parameters, state = build(truth, 1)
     answer = np.zeros(torque_Nm.size)
+    _step_all(parameters, state, torque_Nm, answer)
+    return answer
+
+
+@jit
+def _step_all(
+    parameters: np.ndarray, state: np.ndarray, torque_Nm: np.ndarray, answer: np.ndarray
+) -> None:
     for n in range(1, torque_Nm.size):
         step_torque_sensor(parameters[0], state[0], torque_Nm[n - 1], torque_Nm[n])
         answer[n] = state[0].sensor_Nm
-    return answer
 
 
 @pytest.mark.kernel
