@@ -1,6 +1,7 @@
 """What sampling folds into the torque, against a simulation in fine steps."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -56,6 +57,7 @@ def fine_torque(
     return angle_rad, current_A, torque_Nm
 
 
+@cache
 def fine_reading(
     sensor: TorqueSensorConfig, direction: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -65,7 +67,10 @@ def fine_reading(
     w = 2 * np.pi * sensor.resonance_Hz
     mount = ([w * w], [1, 2 * sensor.damping_ratio * w, w * w])
     seen_Nm = signal.lsim(mount, torque_Nm - torque_Nm[-1], t_s)[1]
-    return angle_rad, seen_Nm, torque_Nm
+    found = angle_rad, seen_Nm, torque_Nm
+    for one in found:
+        one.flags.writeable = False  # of several tests
+    return found
 
 
 def simulated(
@@ -132,12 +137,14 @@ def test_images_turn_with_the_age_of_the_samples(
         sample_age_s=late * PERIOD_S / FINE,
     )
     order = np.array([30])
-    predicted = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
+    images_Nm = image_torques(samples, np.ones(3), MOTOR, HOLD)
+    predicted = aliased_ripple(samples, images_Nm, sensor, HOLD, order)
     turn = np.exp(-1j * np.outer(order, sampled_rad))
     shown = 2 / ticks.size * (turn @ sampled_Nm) / response(sensor, order * SPEED_HZ)
     np.testing.assert_allclose(shown - predicted, base(30), atol=1e-3)
     as_if_new = replace(samples, sample_age_s=None)
-    wrong = aliased_ripple(as_if_new, np.ones(3), MOTOR, sensor, HOLD, order)
+    images_Nm = image_torques(as_if_new, np.ones(3), MOTOR, HOLD)
+    wrong = aliased_ripple(as_if_new, images_Nm, sensor, HOLD, order)
     assert np.abs(wrong - predicted).min() > 3e-3
 
 
