@@ -13,19 +13,22 @@ _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 @contextmanager
 def temporary_folder(prefix: str, parent: Path) -> Iterator[Path]:
-    """Make a folder in `parent` for this process, and remove it at the end. Raises OSError.
-
-    Before that those with this prefix are removed that processes which were killed have left: the
-    lock of a folder is gone with its process.
-    """
-    for left in parent.glob(f"{prefix}*"):
-        _remove_left(left)
+    """Make a folder in `parent` for this process, and remove it at the end. Raises OSError."""
     folder, descriptor = _made(prefix, parent)
     try:
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         os.close(descriptor)
+
+
+def remove_left(prefix: str, parent: Path) -> None:
+    """Remove the folders with this prefix that processes which were killed have left in `parent`.
+
+    The lock of a folder is gone with its process.
+    """
+    for left in parent.glob(f"{prefix}*"):
+        _remove_left(left)
 
 
 def _made(prefix: str, parent: Path) -> tuple[Path, int]:

@@ -29,7 +29,7 @@ import numpy as np
 from motord.calibration import Calibration
 from motord.config import Config
 from motord.process.signal_handlers import INTERRUPTS, blocked, put_off
-from motord.process.temporary_folder import temporary_folder
+from motord.process.temporary_folder import remove_left, temporary_folder
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, joined
 from motord.sequencing import Plan
 from motord.virtual.bench import VirtualBench
@@ -204,8 +204,13 @@ def _files(task: _Task, folder: Path) -> tuple[Path, Path]:
 
 
 def _folder(needed: float) -> Path:
-    """Return a folder with room for `needed` bytes, in memory if it has. Raises PlanFailed."""
+    """Return a folder with room for `needed` bytes, in memory if it has. Raises PlanFailed.
+
+    What simulations that were killed have left there takes none.
+    """
     usual = Path(tempfile.gettempdir())
+    for folder in (MEMORY, usual):
+        remove_left(PREFIX, folder)
     for folder, least in ((MEMORY, max(needed, ROOM_BYTES)), (usual, needed)):
         if folder.is_dir() and shutil.disk_usage(folder).free >= least:
             return folder

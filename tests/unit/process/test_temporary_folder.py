@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from motord.process import temporary_folder as module
-from motord.process.temporary_folder import temporary_folder
+from motord.process.temporary_folder import remove_left, temporary_folder
 
 KILLED = """
 import os, signal, sys
@@ -22,12 +22,14 @@ with temporary_folder("tests-", Path(sys.argv[1])) as folder:
 """
 
 
-def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -> None:
+def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)])
     assert done.returncode == -signal.SIGKILL
     (other := tmp_path / "other").mkdir()
     [left] = set(tmp_path.iterdir()) - {other}
     assert (left / "rows").exists()
+    remove_left("tests-", tmp_path)
+    assert {*tmp_path.iterdir()} == {other}
     with temporary_folder("tests-", tmp_path) as folder:
         (folder / "rows").write_bytes(b"")
         assert {*tmp_path.iterdir()} == {folder, other}
@@ -36,6 +38,7 @@ def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -
 
 def test_those_in_use_stay(tmp_path: Path) -> None:
     with temporary_folder("tests-", tmp_path) as first, temporary_folder("tests-", tmp_path):
+        remove_left("tests-", tmp_path)
         assert first.exists()
         assert len(list(tmp_path.iterdir())) == 2
 

@@ -38,3 +38,21 @@ def test_memory_is_used_where_there_is_room(tmp_path: Path, monkeypatch) -> None
     assert mesh._folder(1.0) == usual
     with pytest.raises(PlanFailed, match=r"about 1e\+09 GB at a time, .* no room in "):
         mesh._folder(1e18)
+
+
+def test_what_killed_simulations_left_is_removed_before_room_is_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It filled memory: the next one went elsewhere, or was refused, and it stayed there."""
+    memory, usual = tmp_path / "memory", tmp_path / "usual"
+    for folder in (memory, usual):
+        (folder / f"{mesh.PREFIX}left").mkdir(parents=True)
+    monkeypatch.setattr(mesh, "MEMORY", memory)
+    monkeypatch.setattr(tempfile, "tempdir", str(usual))
+    monkeypatch.setattr(mesh, "ROOM_BYTES", 1)
+    free = mesh.shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(
+        mesh.shutil, "disk_usage", lambda folder: free._replace(free=not any(folder.iterdir()))
+    )
+    assert mesh._folder(1.0) == memory
+    assert not any(usual.iterdir())
