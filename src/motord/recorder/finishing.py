@@ -13,6 +13,7 @@ from motord.recorder.ring_source import (
     after,
     indexes_of,
     last_mark,
+    mark_of,
 )
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, stem_of, whole_of
@@ -22,15 +23,19 @@ from motord.shm.ring import RingReader
 from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
 
-EVENT_FILES = 2
-"""Newest files in which the last events of a recording may be: one may just have become full."""
 Event = Mapping[str, Any]
 
 
 def events_missing(stem: Path, events: Sequence[Event]) -> list[Event]:
     """Return those of the last `events` of the recording `stem` that are in none of its files."""
-    files = numbers(stem)[-EVENT_FILES:] if events else ()
-    written = {_key(event) for number in files for event in _events_in(file_name(stem, number))}
+    since_ns = min((event["t_ns"] for event in events), default=0)
+    written: set[tuple[object, ...]] = set()
+    for number in reversed(numbers(stem) if events else ()):
+        path = file_name(stem, number)
+        written |= {_key(event) for event in _events_in(path)}
+        last = mark_of(path)
+        if last is not None and last.t_ns < since_ns:
+            break  # those before it ended even earlier
     return [event for event in events if _key(event) not in written]
 
 

@@ -121,6 +121,22 @@ def test_its_last_events_are_written_once(bench):
     assert written == [(START_NS, "before", {}), (START_NS + 1, "at the end", {"missed": 3})]
 
 
+def test_last_events_are_not_written_again_however_many_files_have_begun_since(tmp_path):
+    bench = Bench(tmp_path, file_max_s=0.05)
+    bench.start()
+    bench.loop(20)
+    known = {"kind": "note", "message": "before", "data": {}}
+    bench.do(do="event", t_ns=START_NS, content=known)
+    for _ in range(8):
+        bench.step()
+        bench.loop(50)
+    bench.step(1.1)
+    assert len(bench.files()) > 3
+    bench.session = bench.new_session()
+    bench.finish(events=[{"t_ns": START_NS, **known}])
+    assert [event["message"] for event in bench.events()].count("before") == 1
+
+
 def test_a_file_closed_for_want_of_space_is_not_the_end_of_its_recording(bench):
     bench.start()
     bench.loop(100)
