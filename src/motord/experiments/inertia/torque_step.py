@@ -227,7 +227,7 @@ def _fit(t_s: np.ndarray, angle_rad: np.ndarray, torque_Nm: np.ndarray, sliding:
     scale = np.abs(columns).max(axis=0)
     scale[scale == 0] = 1.0
     p, _, rank, _ = np.linalg.lstsq(columns / scale, angle_rad[sliding], rcond=1e-10)
-    if rank < columns.shape[1]:
+    if rank < columns.shape[1] or rank == len(columns):
         raise IdentifyError("a step cannot tell inertia from friction; let it coast for longer")
     weights, basis = np.zeros_like(t_s), np.zeros((t_s.size, columns.shape[1]))
     weights[sliding] = np.linalg.pinv(columns / scale)[2] / scale[2]

@@ -231,6 +231,15 @@ def test_a_torque_that_is_not_the_one_that_acted_is_a_finding(
     assert ("torque-scale" in seen) == (part != 1.0)
 
 
+@pytest.mark.parametrize("part", [1000.0, 0.5])
+def test_two_steps_are_enough_for_a_wrong_scale(part: float) -> None:
+    data = steps(Rotor(), 2, np.random.default_rng(3))
+    wrong = [changed(ticks, torque_Nm=part * ticks["torque_Nm"]) for ticks in data]
+    for measured, seen in ((data, False), (wrong, True)):
+        found = accelerate(named(measured), 4096, PIEZO, AccelerationConfig())
+        assert ("torque-scale" in {one.name for one in found.findings}) == seen
+
+
 def test_what_does_not_determine_the_inertia_is_refused() -> None:
     good = made_up(PIEZO)
     with pytest.raises(IdentifyError, match="no good step"):
@@ -247,6 +256,13 @@ def test_what_does_not_determine_the_inertia_is_refused() -> None:
     for data, message in cases:
         with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):
             read_step(0, data, 4096, PIEZO, "step 1")
+
+
+def test_a_step_of_as_many_samples_as_parameters_is_refused() -> None:
+    """They fit it without a residual; noise leaves none either, which was divided by."""
+    few = made_up(DIRECT)[[*range(1001), *range(1022, 1198, 22)]]
+    with pytest.raises(IdentifyError, match="cannot tell inertia from friction"):
+        read_step(0, few, 4096, DIRECT, "step")
 
 
 def test_ticks_that_repeat_a_sample_change_nothing() -> None:
