@@ -100,12 +100,16 @@ class StandStill:
 
     def __init__(self) -> None:
         self.lasted_s = 0.0
+        self._thread: threading.Thread | None = None
         self._looks = threading.Event()
+        # it outlives its test: others put clocks of their own in the place of these
+        self._now_s, self._sleep = time.monotonic, time.sleep
 
     def begin(self) -> None:
         """Look from now on; the first call counts."""
-        if not self._looks.is_set():
-            threading.Thread(target=self._follow, name="stand-still", daemon=True).start()
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._follow, name="stand-still", daemon=True)
+            self._thread.start()
             self._looks.wait()
 
     def _follow(self) -> None:
@@ -114,12 +118,11 @@ class StandStill:
         self._looks.set()
 
         def looked_s() -> float:
-            ready_ns = os.pread(descriptor, 100, 0).split()[1]
-            return time.monotonic() - int(ready_ns) * 1e-9
+            return self._now_s() - int(os.pread(descriptor, 100, 0).split()[1]) * 1e-9
 
         before_s = looked_s()
         while True:
-            time.sleep(LOOK_S)
+            self._sleep(LOOK_S)
             now_s = looked_s()
             late_s, before_s = now_s - before_s - LOOK_S, now_s
             if late_s > FRESH_S:

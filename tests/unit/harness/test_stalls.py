@@ -154,6 +154,18 @@ def test_a_wait_that_goes_on_counts_for_what_it_has_lasted(monkeypatch: pytest.M
     assert kept.lasted_s(100) == pytest.approx(0.7)
 
 
+def test_clocks_of_a_test_do_not_reach_who_looks_whether_this_process_stands_still(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its thread lives on in the tests that come after one with stalls."""
+    stalls.STOOD.begin()
+    looking = stalls.STOOD._thread
+    assert looking is not None
+    monkeypatch.setattr(stalls, "time", SimpleNamespace())
+    looking.join(3 * stalls.LOOK_S)
+    assert looking.is_alive()
+
+
 def test_no_port_is_given_twice() -> None:
     """Not even to a process that begins to look at the same place."""
     mine = [free_port() for _ in range(50)]
