@@ -70,7 +70,8 @@ def test_a_worker_that_dask_has_given_up_is_replaced(monkeypatch: pytest.MonkeyP
 
 
 def test_what_workers_are_set_to_ends_with_the_pool() -> None:
-    import dask  # 0.1 s, of whoever collects
+    import dask
+    import distributed  # noqa: F401  # has these settings; 0.4 s, of whoever collects
 
     before = dict(dask.config.get("distributed.comm.timeouts"))
     with DaskPool(1, None, pytest.fail) as pool:
