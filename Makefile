@@ -93,9 +93,9 @@ endif
 CAMPAIGNS ?= properties estimator quick coverage check_calibration tracking departures dc_departures cogging jerky ripple back_emf driven_departures inertia friction sensitivity learn learn_orders align torque_speed thermal stuck_tracks interlock_search soak mutation:--few \
 	mutation faults faults:--random=200 faults:--wire fuzz hostile flood plan_kills memory rerun_loader
 soak: $(VENV)/dev.stamp   ## the long campaigns with random seeds; CAMPAIGNS="learn faults" for some, SEED=n for a seed again
-	@for one in $(CAMPAIGNS); do name=$${one%%:*}; option=$${one#$$name}; echo "== $$one SEED=$(SEED)"; \
-	    SEED=$(SEED) $(BIN)/python -m tests.campaigns.$$name $$(echo "$${option#:}" | tr = ' ') \
-	    || { echo "again: make soak CAMPAIGNS='$$one' SEED=$(SEED)"; exit 1; }; done
+	@red=; for one in $(CAMPAIGNS); do name=$${one%%:*}; option=$${one#$$name}; echo "== $$one SEED=$(SEED)"; \
+	    SEED=$(SEED) $(BIN)/python -m tests.campaigns.$$name $$(echo "$${option#:}" | tr = ' ') || red="$$red $$one"; done; \
+	    test -z "$$red" || { echo "again: make soak CAMPAIGNS='$${red# }' SEED=$(SEED)"; exit 1; }
 
 oldest:                   ## the unit tests with the oldest versions that pyproject.toml allows
 	@tools/oldest
