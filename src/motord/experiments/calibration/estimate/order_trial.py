@@ -14,6 +14,7 @@ cannot imitate. Orders enter one after the other, best first, by the criterion o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -162,7 +163,17 @@ def tried(problem: Weighted, orders: Sequence[int]) -> list[OrderTrial]:
     information = 2 * (flat.conj().T @ flat).real + problem.apart
     slope = 2 * (flat.conj().T @ problem.residual.ravel()).real + problem.pull
     inverse = _inverse(information)
-    return [_trial(problem, order, inverse, inverse @ slope) for order in orders]
+    step = inverse @ slope
+    places = np.array(orders, int) - 1
+    waves, residual = problem.waves.T[places], problem.residual.T[places]
+    pairs = np.swapaxes(np.stack([waves, -1j * waves], axis=2).conj(), 1, 2)
+    cross = 2 * (pairs @ np.swapaxes(problem.columns, 0, 1)[places]).real
+    whole = 2 * (np.abs(waves) ** 2).sum(axis=1)
+    score = 2 * (pairs @ residual[:, :, None])[:, :, 0].real - cross @ step
+    across = np.swapaxes(cross, 1, 2)
+    left = whole[:, None, None] * np.eye(2) - cross @ inverse @ across
+    scores = map(_Score, orders, score, whole.tolist(), *np.linalg.eigh(left), inverse @ across)
+    return [_trial(problem, step, one) for one in scores]
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:
@@ -170,13 +181,21 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * np.outer(scale, scale))
 
 
-def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray) -> OrderTrial:
-    place, pair = order - 1, problem.pair(order)
-    cross = 2 * (pair.conj().T @ problem.columns[:, place]).real
-    whole = 2 * float((np.abs(pair[:, 0]) ** 2).sum())
-    score = 2 * (pair.conj().T @ problem.residual[:, place]).real - cross @ step
-    values, vectors = np.linalg.eigh(whole * np.eye(2) - cross @ inverse @ cross.T)
-    moves_A = (inverse @ cross.T)[BETA]
+class _Score(NamedTuple):
+    """s and V, by its eigenvalues and eigenvectors, of an order; whole: on the diagonal of D' D;
+    taken (q, 2): what the other parameters take of a unit of each of the pair."""
+
+    order: int
+    score: np.ndarray
+    whole: float
+    values: np.ndarray
+    vectors: np.ndarray
+    taken: np.ndarray
+
+
+def _trial(problem: Weighted, step: np.ndarray, one: _Score) -> OrderTrial:
+    order, score, whole, values, vectors, taken = one
+    moves_A = taken[BETA]
     offset_A = float(np.abs(moves_A).max())
     apart_A = np.linalg.norm((moves_A - moves_A.mean(axis=0)) @ vectors, axis=0)
     offset_stderr_A = float((apart_A / np.sqrt(np.maximum(values, 1e-12 * whole))).max())
@@ -192,7 +211,7 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
     bic = gain - terms * float(np.log(problem.turns))
     p_value, predicts = 1.0, False
     if bic > 0:  # few orders
-        effect = _effect(problem, order, inverse @ cross.T) @ part
+        effect = _effect(problem, order, taken) @ part
         p_value = _chance(problem, effect, size, gain)
         predicts = p_value < FALSE_SHARE and _predicts(
             problem, effect, problem.residual - problem.columns @ step
