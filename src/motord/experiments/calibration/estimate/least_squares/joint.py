@@ -123,7 +123,6 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     normals = turns.total(weight).normals(one, kirchhoff_weight, theta)
     identifiable = assess(normals.information, normals.torque_information, rated_A)
     for _ in range(ITERATIONS):
-        normals = turns.total(weight).normals(one, kirchhoff_weight, theta)
         solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
         turns = regression.sums(solution.theta[ALPHA])
         variance = turns.mean_by_point(turns.unexplained(solution.theta))

@@ -105,7 +105,9 @@ class TurnSums:
         """
         first = _first_stage(weight, self.zz, self.zx)
         torque = weight[:, None, None] * (first.T @ self.zx)
-        law = _without_pull(kirchhoff_weight * self.law(), theta)
+        law = np.zeros_like(self.xx)
+        if kirchhoff_weight:
+            law = _without_pull(kirchhoff_weight * self.law(), theta)
         return NormalEquations(torque, law, weight[:, None] * (self.zy @ first))
 
     def law(self) -> np.ndarray:
