@@ -55,11 +55,12 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
 
     highest, samples = sums.shape[-1] - 1, visits[..., :1].real
     damping = DAMPING * (np.arange(highest + 1) * SAMPLES_PER_ORDER / samples) ** 2
+    damping = np.repeat(damping, 2, axis=-1)  # of real and imaginary parts
     grid = next_fast_len(4 * highest + 2, real=True)
     weight = np.fft.irfft(visits, grid) * (grid / samples)
 
     def damped(lines: np.ndarray) -> np.ndarray:
-        return np.asarray(seen(lines) + damping * lines)
+        return np.asarray(seen(lines) + (damping * lines.view(float)).view(complex))
 
     def seen(lines: np.ndarray) -> np.ndarray:
         values = np.fft.irfft(lines, grid)
@@ -75,20 +76,23 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
 
 
 def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
-    """Solve product(x) = right (..., n), each by itself, by conjugate gradients."""
-    x, residual, along = np.zeros_like(right), right, right
-    square = _inner(right, right)
+    """Solve product(x) = right (..., n), each by itself, by conjugate gradients.
+
+    Real factors of real and imaginary parts side by side (..., 2 n): numpy makes them complex else.
+    """
+    residual = along = np.ascontiguousarray(right).view(float)
+    x, square = np.zeros_like(residual), _inner(residual, residual)
     solved = SOLVED**2 * square
     for _ in range(2 * right.shape[-1]):
         unsolved = square > solved
         if not unsolved.any():
             break
-        moved = product(along)
+        moved = product(along.view(complex)).view(float)
         step = _ratio(square, _inner(along, moved), unsolved)
         x, residual = x + step * along, residual - step * moved
         before, square = square, _inner(residual, residual)
         along = residual + _ratio(square, before, unsolved) * along
-    return x
+    return x.view(complex)
 
 
 def _ratio(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> np.ndarray:
@@ -99,8 +103,9 @@ def _ratio(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> np.ndarray:
 
 
 def _inner(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the inner product (..., 1) of lines (..., n); orders but 0 count for -h and h."""
-    products = one.real * other.real + one.imag * other.imag
+    """Return the inner product (..., 1) of lines as parts (..., 2 n); orders but 0 count twice."""
+    products = one * other
+    products = products[..., ::2] + products[..., 1::2]
     return np.asarray(2 * products.sum(axis=-1, keepdims=True) - products[..., :1])
 
 

@@ -261,7 +261,7 @@ def _ages(ticks: np.ndarray, good: np.ndarray | slice) -> np.ndarray | None:
 def current_lines(
     count: np.ndarray, i_A: np.ndarray, turns: tuple[tuple[int, int], ...], counts: int
 ) -> np.ndarray:
-    """Return the lines (h + 1, 3) of currents (n, 3) over the turn, complex: freed of noise."""
+    """Return the lines (h + 1, m) of currents (n, m) over the turn, complex: freed of noise."""
     fewest = min(end - first for first, end in turns)
     highest = max(resolved_order(fewest, counts, MAX_CURRENT_ORDER), 1)
     return lines_at(count, i_A.T, counts, highest).T

@@ -65,8 +65,8 @@ def instruments_by_parity(
     """
     turns, counts = samples.turns, basis.back_emf.shape[0]
     if samples.commanded or len(turns) < 2:
-        lines = current_lines(samples.count, samples.command_A, turns, counts)
-        sensed = current_lines(samples.count, samples.i_A, turns, counts)
+        both_A = np.concatenate([samples.command_A, samples.i_A], axis=1)
+        lines, sensed = np.split(current_lines(samples.count, both_A, turns, counts), 2, axis=1)
         table_A, rates = instruments(lag_compensated(lines, sensed), basis, velocity_rad_s)
         return np.array([table_A, table_A]), np.array([rates, rates])
     found = []
