@@ -92,7 +92,7 @@ class Bench:
     ripple_order: int = 16
     lag_s: float = 0.0004
     i_age_s: float = 0.0
-    fine_Hz: int = 8_000
+    fine_Hz: int = 4_000
     gain_scatter: float = 0.0
     """Standard deviation of each phase's gain from point to point, in parts of it."""
 
@@ -161,15 +161,13 @@ class Bench:
 
     def _back_emf(self, angle_rad: np.ndarray) -> np.ndarray:
         """Return k (n, 3) from the harmonics, not from the table."""
-        k = np.zeros((3, angle_rad.size)).T  # phases one after the other in memory: sums are quick
-        first = np.exp(1j * self.motor.pole_pairs * angle_rad)
+        waves, parts = [], []
         for h in self.motor.back_emf:
-            wave = first**h.order
-            for p in range(3):
-                phase_rad = h.phase_rad - h.order * p * 2 * np.pi / 3
-                line = h.amplitude_V_s_per_rad * np.exp(1j * phase_rad)
-                k[:, p] += line.imag * wave.real + line.real * wave.imag
-        return k
+            turned_rad = h.order * self.motor.pole_pairs * angle_rad
+            waves += [np.sin(turned_rad), np.cos(turned_rad)]
+            phase_rad = h.phase_rad - h.order * 2 * np.pi / 3 * np.arange(3)
+            parts += [h.amplitude_V_s_per_rad * wave(phase_rad) for wave in (np.cos, np.sin)]
+        return (np.array(parts).T @ np.array(waves)).T  # phases one after the other: sums are quick
 
     def _command(
         self, angle_rad: np.ndarray, k: np.ndarray, torque_Nm: float, calibration: object

@@ -17,7 +17,7 @@ from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 from tests.support.virtual_calibration import calibrate
 
-MESH = {"torques_Nm": [1.5, 4.0], "speeds_Hz": [0.7, 1.0], "turns": 8, "settle_s": 1.0}
+MESH = {"torques_Nm": [1.5, 4.0], "speeds_Hz": [0.7, 1.0], "turns": 6, "settle_s": 1.0}
 
 SINE = ((1, 0.206, 0.0),)
 SLIGHTLY_BENT = ((1, 0.206, 0.2), (3, 0.009, 0.1), (5, -0.004, 0.0), (7, 0.002, -0.2))

@@ -40,7 +40,6 @@ def turned(point: PointData, electrical_deg: float) -> PointData:
     return replace(point, ticks=ticks)
 
 
-@cache
 def found(
     electrical_deg: float,
     connection: str = "star",
@@ -50,10 +49,23 @@ def found(
     accuracy: AccuracyConfig | None = None,
 ) -> tuple[Finding, ...]:
     """Return the findings by that name."""
+    found = all_found(electrical_deg, connection, mesh, delta, sensor, accuracy)
+    return tuple(one for one in found if one.name == NAME)
+
+
+@cache
+def all_found(
+    electrical_deg: float,
+    connection: str,
+    mesh: tuple[tuple[float, ...], ...],
+    delta: float,
+    sensor: TorqueSensorConfig,
+    accuracy: AccuracyConfig | None,
+) -> tuple[Finding, ...]:
     calibrator = Calibrator(motor(connection=connection), sensor, accuracy=accuracy)
     for point in recorded(connection, mesh, delta, sensor):
         calibrator.add(turned(point, electrical_deg))
-    return tuple(one for one in calibrator.result("joint").findings if one.name == NAME)
+    return calibrator.result("joint").findings
 
 
 @pytest.mark.parametrize("mesh", [SIX, TWO], ids=["six points", "two points"])
@@ -70,10 +82,7 @@ def test_an_angle_that_is_far_off_is_a_finding(
 
 def test_it_comes_first_and_names_what_the_same_angle_makes_of_the_ripple() -> None:
     """Its cause looks like several departures at once, which are not there."""
-    calibrator = Calibrator(motor(connection="star"), PASSES_MEAN)
-    for point in recorded("star", SIX, 1.0, PASSES_MEAN):
-        calibrator.add(turned(point, 20.0))
-    first, *others = calibrator.result("joint").findings
+    first, *others = all_found(20.0, "star", SIX, 1.0, PASSES_MEAN, None)
     serious = [one.name for one in others if one.severity == "serious"]
     assert first.name == NAME
     assert serious
