@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import cache
 
 import numpy as np
 import pytest
@@ -38,11 +39,17 @@ def check(bench: Bench, result: CalibrationResult, alpha_error: float, beta_erro
         assert bench.true_rms_percent(torque_Nm, calibration) < 0.15
 
 
+@cache
+def plain(connection: str, third: float) -> tuple[Bench, CalibrationResult]:
+    """Return a bench with what is found on it."""
+    bench = Bench(motor=motor(connection=connection, third=third))
+    return bench, calibrate(bench.mesh(turns=10), bench.motor, bench.sensor)
+
+
 @pytest.mark.parametrize("connection", ["independent", "star"])
 @pytest.mark.parametrize("third", [0.0, 0.08])
 def test_truth_is_found(connection: str, third: float) -> None:
-    bench = Bench(motor=motor(connection=connection, third=third))
-    result = calibrate(bench.mesh(turns=10), bench.motor, bench.sensor)
+    bench, result = plain(connection, third)
     check(bench, result, 0.003, 0.025)
     text = " ".join(result.observable)
     assert ("offset of the currents: measured" in text) == (third > 0 or connection == "star")
@@ -90,11 +97,11 @@ def test_currents_of_unknown_age_are_aligned_by_the_torque() -> None:
 
 def test_noisy_current_sensors_do_not_pull_alpha_towards_one() -> None:
     bench = Bench(current_noise_A=1.0, torque_noise_Nm=0.02)
-    result = calibrate(bench.mesh(turns=12), bench.motor, bench.sensor)
+    mesh = bench.mesh(turns=12)
+    result = calibrate(mesh, bench.motor, bench.sensor)
     assert np.abs(result.alpha / gauged(bench.truth.alpha) - 1).max() < 0.01
     without = [
-        replace(p, ticks=p.ticks[[n for n in p.ticks.dtype.names if "cmd" not in n]])
-        for p in bench.mesh(turns=12)
+        replace(p, ticks=p.ticks[[n for n in p.ticks.dtype.names if "cmd" not in n]]) for p in mesh
     ]
     averaged = calibrate(without, bench.motor, bench.sensor)
     assert np.abs(averaged.alpha / gauged(bench.truth.alpha) - 1).max() < 0.02
@@ -106,8 +113,7 @@ def test_a_rigid_sensor_that_passes_the_mean() -> None:
 
 
 def test_a_compensated_run_gives_the_same_calibration() -> None:
-    bench = Bench()
-    first = calibrate(bench.mesh(turns=10), bench.motor, bench.sensor)
+    bench, first = plain("independent", 0.0)
     calibration = first.to_calibration(bench.motor, datetime.now(UTC), [])
     again = calibrate(
         bench.mesh(turns=10, seed=2, calibration=calibration), bench.motor, bench.sensor
@@ -258,7 +264,7 @@ def test_a_point_of_a_single_turn_is_left_out_with_a_note(
     orders: dict[int, tuple[float, float]],
 ) -> None:
     bench = Bench(truth=Truth(cogging=orders), rate_Hz=2500)
-    mesh = bench.mesh(turns=10)
+    mesh = bench.mesh(turns=6)
     without = calibrate(mesh, bench.motor, bench.sensor)
     found = calibrate([bench.point(2.0, 0.8, 2.1, 5), *mesh], bench.motor, bench.sensor)
     assert (7 in {line.order for line in found.harmonics}) == (7 in orders)
