@@ -1,6 +1,7 @@
-"""The end of a process that has left a thread behind, in a library that did not return in time."""
+"""The end of a process: without a last search for garbage, and whatever threads it left behind."""
 
 import atexit
+import gc
 import os
 import sys
 import threading
@@ -16,7 +17,11 @@ def end_process(code: Any) -> NoReturn:
 
     It would abort the process if it came back while the interpreter ends: CPython ends it then,
     which a library in Rust such as Zenoh does not survive ("FATAL: exception not rethrown").
+
+    The system takes back all memory at once: to look through modules for garbage first takes a
+    quarter of the processor time of a short command.
     """
+    gc.freeze()
     if not any(thread.is_alive() for thread in LEFT):
         sys.exit(code)
     atexit._run_exitfuncs()

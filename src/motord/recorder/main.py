@@ -21,6 +21,7 @@ from motord.config import Config, ConfigError, load_started
 from motord.process.allocator import allocate_from_one_heap
 from motord.process.bench_options import bench_options
 from motord.process.ending_threads import join_in_time
+from motord.process.left_threads import end_process
 from motord.recorder.blackbox_request import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
@@ -226,4 +227,4 @@ def _wait(commands: int, lines: LineReader, wait_s: float) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

@@ -17,6 +17,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.process.ending_threads import join_in_time
+from motord.process.left_threads import end_process
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.schema import TICK_DTYPE, joined, rows_of
@@ -166,4 +167,4 @@ def serve(config: Config, run_dir: RunDir, reports: LineWriter) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(background.run("estimator", serve))
+    end_process(background.run("estimator", serve))

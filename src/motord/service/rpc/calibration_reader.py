@@ -25,6 +25,7 @@ from motord.api.requests import (
 )
 from motord.calibration import Calibration, CalibrationError, format_duration, load
 from motord.config import MotorConfig
+from motord.process.left_threads import end_process
 from motord.process.module_command import module_command
 from motord.service.bench.calibrations import check_given
 
@@ -179,4 +180,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

@@ -21,6 +21,7 @@ import numpy as np
 from motord.calibration import Calibration, CalibrationError, load
 from motord.config import Config
 from motord.experiments.tracking.tracked import TrackedCalibration
+from motord.process.left_threads import end_process
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.recorder.ring_source import RingSource
 from motord.recording.json_encoding import to_line
@@ -143,4 +144,4 @@ def serve(config: Config, run_dir: RunDir, reports: LineWriter) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(background.run("tracker", serve))
+    end_process(background.run("tracker", serve))
