@@ -6,7 +6,10 @@ import sys
 def main() -> None:
     """Run the command line; one that is interrupted before it has begun says so, too."""
     try:
-        from motord.cli import main as command_line
+        from motord.process.collector_pause import collector_paused
+
+        with collector_paused():
+            from motord.cli import main as command_line
 
         command_line()
     except KeyboardInterrupt:

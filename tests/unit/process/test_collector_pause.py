@@ -12,9 +12,11 @@ import gc
 from motord.process.collector_pause import collector_paused
 
 with collector_paused():
+    import wave
     during, modules = gc.isenabled(), [[] for _ in range(1000)]
 assert not during and gc.isenabled()
 with collector_paused():
+    import wave
     later = [[] for _ in range(1000)]
 searched = {id(one) for one in gc.get_objects()}
 assert not any(id(one) in searched for one in modules)
