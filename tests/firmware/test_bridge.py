@@ -8,6 +8,7 @@ from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 from tests.firmware.device import CLOCK, Device
 from tests.firmware.library import Library
+from tests.support.properties import examples
 
 LINKS = pytest.mark.parametrize("link", [0, 1, 2])
 SECOND_US = 1_000_000
@@ -100,7 +101,7 @@ def test_status_comes_twenty_times_a_second_at_any_rate(library: Library, rate_H
 
 
 @given(st.integers(100, 20_000))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_rates(library: Library, rate_Hz: int) -> None:
     """The tick comes at least 2000 times a second, and is a multiple of the rate."""
     device = streaming(library, rate_Hz)
@@ -117,7 +118,7 @@ def test_rates(library: Library, rate_Hz: int) -> None:
 
 @pytest.mark.parametrize("rate_Hz", [100, 500, 1000, 2000, 5000, 10_000, 20_000])
 @given(before_us=st.integers(0, 20_000), start_after_us=st.integers(0, 30_000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 def test_samples_are_one_period_apart_from_configure_on(
     library: Library, rate_Hz: int, before_us: int, start_after_us: int
 ) -> None:
@@ -297,7 +298,7 @@ def test_a_full_ring_forgets_answers_and_lives(library: Library) -> None:
 
 @LINKS
 @given(rooms=st.lists(st.integers(0, 120), min_size=1, max_size=30))
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_a_link_that_takes_little_at_a_time_loses_nothing(
     library: Library, link: int, rooms: list[int]
 ) -> None:

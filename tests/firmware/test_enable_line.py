@@ -9,6 +9,7 @@ from tests.firmware import line_model
 from tests.firmware.device import CLOCK, Device
 from tests.firmware.library import Library
 from tests.firmware.line_model import LineModel
+from tests.support.properties import examples
 
 TICK_US = 500
 
@@ -99,7 +100,7 @@ class Line(RuleBasedStateMachine):
 
 
 SETTINGS = settings(
-    max_examples=60, stateful_step_count=40, suppress_health_check=list(HealthCheck)
+    max_examples=examples(60), stateful_step_count=40, suppress_health_check=list(HealthCheck)
 )
 
 

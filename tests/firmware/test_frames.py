@@ -16,6 +16,7 @@ from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.crc import crc16
 from tests.firmware.library import Library
+from tests.support.properties import examples
 from tests.unit.wire.test_frames import FRAMES, KINDS, U16
 
 BODIES = st.builds(frames.pack, FRAMES, U16)
@@ -93,7 +94,7 @@ def test_only_the_protocols_types_are_packed(library: Library) -> None:
     st.integers(0, 50),
     st.randoms(use_true_random=False),
 )
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_a_right_checksum_with_a_wrong_length_is_refused(
     library: Library, code: int, size: int, random: Any
 ) -> None:
@@ -178,7 +179,7 @@ PIECES_OF_STREAM = st.lists(
 
 
 @given(PIECES_OF_STREAM, st.lists(st.integers(0, 400), max_size=8))
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_both_decoders_take_the_same_from_any_stream(
     library: Library, parts: list[bytes], cuts: list[int]
 ) -> None:
@@ -264,7 +265,7 @@ def hurt_pieces(draw: st.DrawFn) -> list[bytes]:
 
 
 @given(hurt_pieces())
-@settings(max_examples=400)
+@settings(max_examples=examples(400))
 def test_both_joiners_take_the_same_from_any_pieces(library: Library, pieces: list[bytes]) -> None:
     twins = PieceTwins(library)
     for piece in pieces:
@@ -275,7 +276,7 @@ STEPS = st.sampled_from([0, 1, 1, 1, 2, 3, 32767, 32768, 32769, 32770, 65534, 65
 
 
 @given(st.lists(st.tuples(st.sampled_from("aaacr"), STEPS), max_size=30))
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_both_sides_count_the_same_errors(library: Library, steps: list[tuple[str, int]]) -> None:
     check, twin = library.ffi.new("struct sequence_check *"), SequenceCheck(1 << 16)
     number = 0

@@ -16,6 +16,7 @@ from motord.emulate.board import Board
 from motord.wire.bridge import frames
 from tests.firmware.device import Device
 from tests.firmware.library import Library
+from tests.support.properties import examples
 from tests.unit.emulate.benches import EMULATED
 
 CONFIG = load(EMULATED)
@@ -104,7 +105,7 @@ def attack(host: Host, draw: random.Random, steps: int) -> None:
     begin=st.sampled_from([0, 1000, 65_500, 32_768, (1 << 22) - 20, (1 << 23) - 20]),
     seed=st.integers(0, 2**32),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_no_old_frames_keep_or_get_the_line_closed(
     library: Library, link: int, sessions: list[tuple[int, int]], begin: int, seed: int
 ) -> None:
