@@ -11,7 +11,6 @@ def test_all_mutants_of_the_enable_line_are_killed(library: Library, tmp_path: P
     chosen = mutate.mutants(mutate.SOURCE.read_text(encoding="utf-8"))
     outcome = mutate.examine(chosen, tmp_path)
     assert outcome.lived == []
-    assert outcome.refused == []
     assert len(outcome.killed) == len(chosen) > 100
 
 
