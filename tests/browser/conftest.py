@@ -1,4 +1,4 @@
-"""A browser for the tests of a file, and pages whose console and requests are watched."""
+"""A browser for the tests of this folder, and pages whose console and requests are watched."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -17,9 +17,9 @@ from tests.support.ports import free_port
 Serve = Callable[[StandIn], Server]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """Run one browser for a file; Playwright's event loop would be in the way of other files."""
+    """Run one browser; Playwright's event loop would be in the way of other folders."""
     with chromium() as started:
         yield started
 
@@ -79,9 +79,9 @@ class Watched:
         assert complaints == []
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def port() -> Iterator[int]:
-    """Return the port of the stand-ins of a file, from which the browser keeps the page's files.
+    """Return the port of the stand-ins, from which the browser keeps the page's files.
 
     Else it would get, compile and compare them anew in every test.
     """
@@ -102,9 +102,9 @@ def server(serve: Serve) -> Server:
     return serve(StandIn())
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def watched(browser: Browser) -> Watched:
-    """Return what opens the pages of a file."""
+    """Return what opens the pages."""
     return Watched(browser)
 
 

@@ -1,6 +1,7 @@
 """In which order files of tests run, and where: the longest first, system tests a few at a time.
 
-A file is the unit: its tests run one after the other in one process. Files of system tests start
+A file is the unit: its tests run one after the other in one process; of TOGETHER the folder is,
+since its files share what takes long to start. Files of system tests start
 processes that keep to real time, so they run in lanes, the first processes of pytest. The others,
 of a lower priority, run what needs no time of its own, and fill what system tests leave of the
 processors while they wait.
@@ -22,6 +23,8 @@ LANES = "MOTORD_TEST_LANES"
 """How many processes are lanes; all without it."""
 NICE = 5
 """Of the others: a lane that wants a processor gets three times as much of it."""
+TOGETHER = "tests/browser"
+"""Its files have one browser, whose processes take three seconds of a processor to start."""
 LISTED_S = 3.0
 """Shorter files are not listed, and run last."""
 
@@ -44,6 +47,12 @@ def file_of(nodeid: str) -> str:
     return nodeid.partition("::")[0]
 
 
+def unit_of(nodeid: str) -> str:
+    """Return what a test is handed out with: its file or folder."""
+    file = file_of(nodeid)
+    return TOGETHER if file.startswith(f"{TOGETHER}/") else file
+
+
 def longest_first(items: list[pytest.Item]) -> None:
     """Put the files in the order of the table; the tests of a file keep theirs."""
     table = durations_s()
@@ -51,9 +60,11 @@ def longest_first(items: list[pytest.Item]) -> None:
 
 
 @cache
-def is_system(file: str) -> bool:
-    """Return whether a file has tests that start processes of their own."""
-    return "pytest.mark.system" in (ROOT / file).read_text()
+def is_system(unit: str) -> bool:
+    """Return whether a file, or one of a folder, has tests that start processes of their own."""
+    path = ROOT / unit
+    files = path.glob("test_*.py") if path.is_dir() else [path]
+    return any("pytest.mark.system" in file.read_text() for file in files)
 
 
 def lanes_of(processes: list[Any]) -> list[Any]:
@@ -80,20 +91,20 @@ class Lanes(LoadScopeScheduling):
     """
 
     def _split_scope(self, nodeid: str) -> str:
-        return file_of(nodeid)
+        return unit_of(nodeid)
 
     def _reschedule(self, node: Any) -> None:
-        if self.workqueue and self._next_file(node) is None and not node.shutting_down:
+        if self.workqueue and self._next_unit(node) is None and not node.shutting_down:
             node.shutdown()
         super()._reschedule(node)
 
     def _assign_work_unit(self, node: Any) -> None:
-        if file := self._next_file(node):
-            self.workqueue.move_to_end(file, last=False)
+        if unit := self._next_unit(node):
+            self.workqueue.move_to_end(unit, last=False)
             super()._assign_work_unit(node)
 
-    def _next_file(self, node: Any) -> str | None:
-        """Return which of the files that wait a process runs next, None if there is none for it."""
+    def _next_unit(self, node: Any) -> str | None:
+        """Return which of the units that wait a process runs next, None if there is none for it."""
         lane = node in lanes_of(self.nodes)
-        suited = (file for file in self.workqueue if is_system(file) == lane)
+        suited = (unit for unit in self.workqueue if is_system(unit) == lane)
         return next(suited, next(iter(self.workqueue), None) if lane else None)

@@ -95,6 +95,18 @@ def test_system_tests_are_left_to_the_lane_and_to_whoever_replaces_it(
     assert not lane.shutting_down
 
 
+def test_files_that_share_a_browser_run_one_after_the_other_in_one_lane(
+    root: Path, handed_out: Callable[[list[str], list[int]], list[Node]]
+) -> None:
+    folder = root / schedule.TOGETHER
+    folder.mkdir(parents=True)
+    (folder / "test_p.py").write_text("pytestmark = pytest.mark.system\n")
+    (folder / "test_q.py").write_text("")
+    page, pure = (f"{schedule.TOGETHER}/test_{name}.py::1" for name in "pq")
+    lane, other = handed_out([page, "a.py::1", "u.py::1", pure, "v.py::1"], [0, 1])
+    assert (lane.sent, other.sent) == ([0, 3, 1], [2, 4])
+
+
 def test_only_what_is_no_lane_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[int] = []
     monkeypatch.setattr("os.nice", given.append)
