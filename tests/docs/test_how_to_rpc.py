@@ -96,8 +96,8 @@ def test_the_types_of_a_handler_are_those_of_its_row(edited):
     text = handler.read_text(encoding="utf-8")
     wrong = text.replace("request: rpc.Mounted,", "request: rpc.PlanStart,")
     (handler.parent / "wrong.py").write_text(wrong, encoding="utf-8")
-    modules = ["motord.service.rpc.operation", "motord.service.rpc.wrong"]
-    done = run(edited, "-m", "mypy", "-p", modules[0], "-p", modules[1])
+    modules = "-p", "motord.service.rpc.operation", "-p", "motord.service.rpc.wrong"
+    done = run(edited, "-m", "mypy", f"--cache-dir={os.devnull}", *modules)
     assert done.returncode == 1, done.stdout
     errors = [line for line in done.stdout.splitlines() if " error: " in line]
     assert errors

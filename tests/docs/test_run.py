@@ -1,19 +1,19 @@
 """Blocks of Python run as they stand there, and commands that take little, on a simulated bench."""
 
 import doctest
-import os
 import pkgutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 from tools import notebook
+from typer.testing import CliRunner, Result
 
 from motord import client as client_package
+from motord.cli import app
 from motord.client import connect
 from tests.docs.blocks import PRINTED, RUN, Block, commands, named, of
 from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
@@ -21,7 +21,6 @@ from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
 pytestmark = pytest.mark.system
 
 TIMEOUT_S = 120.0
-Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
 @pytest.fixture(scope="module")
@@ -38,28 +37,25 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
         yield running
 
 
-@pytest.fixture
-def run(bench: Daemon) -> Run:
-    """Return what runs a program as a reader on this computer would."""
-    environment = dict(
-        os.environ,
-        XDG_RUNTIME_DIR=str(bench.folder),
-        XDG_STATE_HOME=str(bench.folder / "state"),
-        MOTORD_CONNECT=bench.endpoint,
-        COLUMNS="200",
-    )
+@pytest.fixture(autouse=True)
+def reader(bench: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Be where a reader on this computer would be."""
+    monkeypatch.chdir(bench.folder)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(bench.folder))
+    monkeypatch.setenv("XDG_STATE_HOME", str(bench.folder / "state"))
+    monkeypatch.setenv("MOTORD_CONNECT", bench.endpoint)
+    monkeypatch.setenv("COLUMNS", "200")
 
-    def run(*arguments: str, **settings: Any) -> "subprocess.CompletedProcess[str]":
-        return subprocess.run(
-            [sys.executable, *arguments], cwd=bench.folder, env=environment, check=False,
-            capture_output=True, text=True, timeout=TIMEOUT_S, **settings,
-        )  # fmt: skip
 
-    return run
+def motord(arguments: list[str]) -> Result:
+    """Give a command, which has to succeed."""
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, f"{arguments}: {done.output}"
+    return done
 
 
 @pytest.mark.parametrize("block", of("python"), ids=named)
-def test_python_runs(bench: Daemon, run: Run, block: Block) -> None:
+def test_python_runs(bench: Daemon, block: Block) -> None:
     recordings = sorted((bench.folder / "runs").glob("*.mcap"))
     places = {"endpoint": bench.endpoint, "recording": str(recordings[0])}
     text = block.text
@@ -68,7 +64,9 @@ def test_python_runs(bench: Daemon, run: Run, block: Block) -> None:
         text = text.replace(there, here.format(**places))
     with bench.connect() as client:
         client.stop()
-    done = run("-c", text)
+    done = subprocess.run(
+        [sys.executable, "-c", text], check=False, capture_output=True, text=True, timeout=TIMEOUT_S
+    )
     assert (done.returncode, done.stderr) == (0, "")
     for printed in PRINTED[block.key]:
         assert printed in done.stdout, done.stdout
@@ -82,10 +80,7 @@ def examples() -> Iterator[doctest.DocTest]:
 
 
 @pytest.mark.parametrize("example", list(examples()), ids=lambda found: found.name)
-def test_examples_of_the_client(
-    bench: Daemon, monkeypatch: pytest.MonkeyPatch, example: doctest.DocTest
-) -> None:
-    monkeypatch.setenv("MOTORD_CONNECT", bench.endpoint)
+def test_examples_of_the_client(example: doctest.DocTest) -> None:
     said: list[str] = []
     with connect() as client:
         client.stop()
@@ -95,7 +90,7 @@ def test_examples_of_the_client(
     assert not runner.summarize(verbose=False).failed, "".join(said)
 
 
-def test_the_notebook_runs(bench: Daemon, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_notebook_runs(bench: Daemon, tmp_path: Path) -> None:
     script = notebook.SCRIPT.read_text()
     for there, here in (
         ("TURNS = 4", "TURNS = 2"), ("SPEED_Hz = 1.0", "SPEED_Hz = 2.0"),
@@ -103,7 +98,6 @@ def test_the_notebook_runs(bench: Daemon, monkeypatch: pytest.MonkeyPatch, tmp_p
     ):  # fmt: skip
         assert there in script
         script = script.replace(there, here)  # half the time, or less
-    monkeypatch.setenv("MOTORD_CONNECT", bench.endpoint)
     with bench.connect() as client:
         client.stop()
     shown = notebook.run(script, tmp_path)
@@ -113,7 +107,7 @@ def test_the_notebook_runs(bench: Daemon, monkeypatch: pytest.MonkeyPatch, tmp_p
     assert all((tmp_path / name).stat().st_size for name in drawn)
 
 
-def test_certificates_as_in_the_guide(run: Run, tmp_path: Path) -> None:
+def test_certificates_as_in_the_guide(tmp_path: Path) -> None:
     [block] = [b for b in of("console") if "security init" in b.text]
     said = ""
     for command in commands(block):
@@ -122,15 +116,13 @@ def test_certificates_as_in_the_guide(run: Run, tmp_path: Path) -> None:
             arguments = [
                 str(tmp_path / "access") if w == "/etc/motord/access" else w for w in arguments
             ]
-            done = run("-m", "motord", *arguments)
-            assert done.returncode == 0, f"{command}: {done.stderr}"
-            said = done.stdout
+            said = motord(arguments).stdout
     assert "anna" in said
     assert "ben" in said
 
 
 @pytest.mark.parametrize("command", ["status", "watch --for-s 0", "plan list", "record --help"])
-def test_commands_that_only_look(run: Run, command: str) -> None:
-    done = run("-m", "motord", *command.split())
-    assert (done.returncode, done.stderr) == (0, "")
+def test_commands_that_only_look(command: str) -> None:
+    done = motord(command.split())
     assert done.stdout
+    assert not done.stderr
