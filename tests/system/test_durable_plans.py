@@ -126,21 +126,3 @@ def test_what_a_recorder_that_died_has_lost_of_a_plan_is_taken_again(tmp_path):
     found = points_of(run for run in running.runs() if run.metadata["plan"])
     whole = 0.5 * PLAN["turns"] * running.config.loop.rate_Hz
     assert {index for index, ticks in found if ticks > whole} == set(range(4))
-
-
-def test_a_plan_that_was_interrupted_can_be_discarded(tmp_path):
-    path = write_sim(tmp_path)
-    with daemon(tmp_path, path) as first, first.connect() as client:
-        with client.lease("anna") as lease:
-            client.rpc("plan/start", token=lease.token, name="calibrate", settings=PLAN)
-            followed(client, lease.token, lambda view: view.state == "running")
-            wait_until(lambda: '"kind":"plan"' in journal(tmp_path), "the disk")
-        kill_everything(first, client)
-    with daemon(tmp_path, path) as second:
-        with second.connect() as client, client.lease("ben") as lease:
-            assert client.rpc("plan/discard", token=lease.token) == {"plan": "calibrate"}
-            assert client.plan() is None
-        assert second.end() == 0
-    with daemon(tmp_path, path) as third:
-        assert "interrupted" not in third.said()
-        assert third.end() == 0

@@ -147,6 +147,10 @@ def test_with_an_interrupted_plan_no_other_begins_until_it_is_discarded(days):
     assert service.bench.plans.mesh is None
     assert "interrupted" in refused(service, "plan/resume", token=token)
     assert "no interrupted plan" in refused(service, "plan/discard", token=token)
+    days.crash(service)
+    service = days.daemon()
+    assert service.bench.plans.view is None
+    token = service.acquire()
     start(service, token)
     with pytest.raises(RpcError, match="abort it first"):
         service.ask("plan/discard", token=token)
