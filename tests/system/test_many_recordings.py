@@ -15,6 +15,7 @@ import pytest
 from motord.results.store import ResultsStore
 from tests.support import probe_analysis
 from tests.support.patience import PATIENCE_S
+from tests.system.daemons import wait_until
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -60,8 +61,7 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     """Dask listens on the loopback interface alone; no worker outlives its run."""
     runs = Runs(tmp_path)
     process = runs.start("--workers", "2")
-    while runs.entered() < GOOD:
-        assert process.poll() is None, process.communicate()
+    wait_until(lambda: running_and(process, runs.entered() >= GOOD), "the analyses")
     sockets = [one for below in processes(process) for one in below.net_connections("inet")]
     listening = {one.laddr for one in sockets if one.status == psutil.CONN_LISTEN}
     assert len(listening) >= 3
@@ -71,8 +71,9 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     assert runs.values() == runs.expected(GOOD)
 
     process = runs.start("--workers", "2")
-    while len(processes(process)) <= OF_TWO_WORKERS:
-        assert process.poll() is None, process.communicate()
+    wait_until(
+        lambda: running_and(process, len(processes(process)) > OF_TWO_WORKERS), "the workers"
+    )
     ended(process, process.kill)
     assert runs.values() == runs.expected(GOOD)
 
@@ -98,6 +99,12 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     output, errors = runs.start().communicate()
     assert output == f"{GOOD + 5} recordings: 0 done, {GOOD + 2} skipped, 3 failed\n"
     assert errors.count("set aside by an earlier run") == 3
+
+
+def running_and(process: "subprocess.Popen[str]", condition: bool) -> bool:
+    """Return `condition`; a run that has ended will not fulfil it any more."""
+    assert process.poll() is None, process.communicate()
+    return condition
 
 
 def ended(process: "subprocess.Popen[str]", end: Callable[[], object]) -> tuple[str, str]:
