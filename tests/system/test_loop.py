@@ -223,8 +223,8 @@ def test_killed_loop_leaves_files_that_the_next_one_replaces(supervisor: Supervi
         assert successor.wait(PATIENCE_S) == 0
 
 
-@pytest.mark.parametrize("rate_Hz", [2000, 5000, 10_000])
-def test_every_tick_is_read_at_higher_rates(tmp_path: Path, rate_Hz: int) -> None:
+def test_every_tick_is_read_at_the_highest_rate(tmp_path: Path) -> None:
+    rate_Hz = 10_000
     with RunDir("sim", tmp_path / "run").hold() as run_dir:
         supervisor = Supervisor(write_bench(tmp_path, rate_Hz), run_dir)
         with supervisor.loop() as process:
