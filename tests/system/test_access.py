@@ -5,13 +5,13 @@ import os
 import random
 import re
 import socket
-import subprocess
-import sys
 
 import pytest
 import zenoh
+from typer.testing import CliRunner
 
 from motord.api.endpoints import client_config
+from motord.cli import app
 from motord.client import ClientError, connect
 from motord.security import authority, identity, roles
 from motord.security.roles import Role
@@ -192,18 +192,15 @@ def test_an_expired_certificate_is_refused(bench, certificates):
 
 def test_the_command_line_shows_an_identity(bench, certificates):
     def motord(*arguments, **environment):
-        return subprocess.run(
-            [sys.executable, "-m", "motord", *arguments],
-            env={**os.environ, **environment}, capture_output=True, text=True, timeout=PATIENCE_S,
-        )  # fmt: skip
+        return CliRunner().invoke(app, arguments, env=environment)
 
     own = {"MOTORD_IDENTITY": str(certificates / "clients" / "ben")}
     done = motord("status", "--connect", bench.remote, "--json", **own)
     assert json.loads(done.stdout)["bench"] == "gated"
     done = motord("stop", "--connect", bench.remote, "--identity", own["MOTORD_IDENTITY"])
-    assert (done.returncode, "not permitted for ben (viewer)" in done.stderr) == (1, True)
+    assert (done.exit_code, "not permitted for ben (viewer)" in done.stderr) == (1, True)
     done = motord("plan", "list", MOTORD_CONNECT=bench.remote)
-    assert (done.returncode, "asks for a certificate" in done.stderr) == (1, True)
+    assert (done.exit_code, "asks for a certificate" in done.stderr) == (1, True)
 
 
 def test_a_role_counts_at_once(bench, certificates):
