@@ -1,25 +1,31 @@
-"""`motord bridge foxglove` with a daemon: it serves, it comes back, and it harms nobody."""
+"""`motord bridge foxglove` and `motord dashboard` over a restart of their daemon.
+
+Both serve on, come back, and harm nobody.
+"""
 
 import json
 import os
 import signal
 import socket
-import subprocess
 import sys
 from contextlib import ExitStack
 
 import pytest
+from typer.testing import CliRunner
 
+from motord.cli import app
 from tests.support.foxglove_client import Viewer
 from tests.support.ports import free_port
 from tests.system.daemons import Program, daemon, wait_until, write_sim
+from tests.system.pages import dashboard, opened
+from tests.system.test_dashboard import LEASE_S, check_ramped_down, turning
 
 pytestmark = pytest.mark.system
 
 
 @pytest.fixture(scope="module")
 def path(folder):
-    return write_sim(folder, "bridged")
+    return write_sim(folder, "bridged", lease_s=LEASE_S)
 
 
 @pytest.fixture
@@ -38,33 +44,64 @@ def bridge(folder):
         yield start
 
 
-def test_a_bridge_serves_survives_the_daemon_and_harms_nobody(folder, path, bridge):
-    with daemon(folder, path) as running:
+def test_both_survive_the_daemon_and_harm_nobody(folder, path, bridge):
+    with daemon(folder, path) as running, ExitStack() as stack:
         program, ready = bridge(running)
-        assert ready["bench"] == "bridged"
-        with Viewer(ready["url"]) as viewer, running.connect() as client:
-            viewer.subscribe("/tick", "/state", "/event")
-            first, second = viewer.next("/tick"), viewer.next("/tick")
-            assert second.t_ns - first.t_ns > 0
-            assert second.t_ns == second.content.t_ns
-            assert viewer.next("/state").content["state"] == "OFF"
-            assert "bench.name" in viewer.get_parameters()
-            client.rpc("stop", by="test")
-            while "stop" not in viewer.next("/event").content["message"]:
-                pass  # a busy computer is an event, too
+        serves(running, program, ready)
+        server = stack.enter_context(dashboard(folder, running.endpoint))
+        page = stack.enter_context(opened(server))
+        page.send(kind="view", view=1, span_s=60.0, end_s=None, buckets=60, signals=["u_bus_V"])
+        assert "holder" in page.ask("lease/acquire")
+        page.until("trace")
+        page.seen.clear()
         running.end()
         with Viewer(ready["url"]) as viewer:
             viewer.receive_until(lambda: viewer.statuses, "that the daemon is gone")
             assert viewer.statuses[0]["level"] == 2
         assert "connecting again" in program.said()
         assert program.process.poll() is None
-    with daemon(folder, path) as running:
-        wait_until(lambda: "bench bridged is back" in program.said(), "the connection")
-        with Viewer(ready["url"]) as viewer:
-            viewer.subscribe("/bench")
-            assert viewer.next("/bench").content["bench"] == "bridged"
-        assert program.end() == 0
-        flooded_and_killed(running, bridge)
+        gone, _ = page.until("connection", lambda h: not h["alive"])
+        assert "bridged" in gone["message"]
+        while page.latest["lease"]["held"]:
+            page.next()
+        with daemon(folder, path) as running:
+            wait_until(lambda: "bench bridged is back" in program.said(), "the connection")
+            with Viewer(ready["url"]) as viewer:
+                viewer.subscribe("/bench")
+                assert viewer.next("/bench").content["bench"] == "bridged"
+            assert program.end() == 0
+            flooded_and_killed(running, bridge)
+            page_comes_back(running, server, page)
+
+
+def serves(running, program, ready):
+    assert ready["bench"] == "bridged"
+    with Viewer(ready["url"]) as viewer, running.connect() as client:
+        viewer.subscribe("/tick", "/state", "/event")
+        first, second = viewer.next("/tick"), viewer.next("/tick")
+        assert second.t_ns - first.t_ns > 0
+        assert second.t_ns == second.content.t_ns
+        assert viewer.next("/state").content["state"] == "OFF"
+        assert "bench.name" in viewer.get_parameters()
+        client.rpc("stop", by="test")
+        while "stop" not in viewer.next("/event").content["message"]:
+            pass  # a busy computer is an event, too
+
+
+def page_comes_back(running, server, page):
+    """A page that stayed open is served again; the end of its server gives its lease back."""
+    while not page.seen["hello"] or not page.latest["connection"]["alive"]:
+        page.next()
+    page.until("trace")
+    assert page.ask("enable")["code"] == "no_lease"
+    assert page.ask("lease/acquire")["took_over_from"] is None
+    assert page.ask("enable")["state"] == "ENABLED"
+    assert page.ask("stop")["state"] == "OFF"
+    with running.connect() as client:
+        begun_ns = client.state().t_ns
+        turning(page)
+        assert server.end(signal.SIGTERM) == 0
+        check_ramped_down(client, begun_ns)
 
 
 def flooded_and_killed(running, bridge):
@@ -95,19 +132,20 @@ def flooded_and_killed(running, bridge):
         assert state.loop.lost_by_supervisor == 0
 
 
-def test_what_cannot_be_is_one_line(folder, path):
-    def said(*arguments):
-        done = subprocess.run(
-            [sys.executable, *arguments], capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 1
-        assert done.stdout == ""
-        assert len(done.stderr.splitlines()) == 1
-        return done.stderr
+def one_line_of(done):
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert len(done.stderr.splitlines()) == 1
+    return done.stderr
 
+
+def test_without_a_daemon_it_is_one_line():
     nobody = f"tcp/127.0.0.1:{free_port()}"
-    line = said("-m", "motord", "bridge", "foxglove", "--connect", nobody)
+    line = one_line_of(CliRunner().invoke(app, ["bridge", "foxglove", "--connect", nobody]))
     assert f"no motord at {nobody}" in line
-    without = "import sys; sys.modules['foxglove'] = None; sys.argv[0] = 'motord'; "
-    line = said("-c", without + "from motord.cli import main; main()", "bridge", "foxglove")
+
+
+def test_without_its_package_it_is_one_line(monkeypatch):
+    monkeypatch.delitem(sys.modules, "motord.foxglove.server", raising=False)
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    line = one_line_of(CliRunner().invoke(app, ["bridge", "foxglove"]))
     assert "pip install 'motord[foxglove]'" in line
