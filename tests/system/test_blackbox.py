@@ -1,14 +1,20 @@
-"""What is left of a trip when nobody was recording, and of processes that were killed."""
+"""What is left of a trip when nobody was recording, and of processes that were killed.
 
+Commands of a daemon that is killed end, each with a line.
+"""
+
+import json
 import signal
 import subprocess
 
 import numpy as np
 import pytest
 
+from motord.client import ClientError
 from motord.recording.reader import open_run
 from motord.schema import State
 from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.system.test_operator import HELD, Terminal, finish, turning
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -54,7 +60,8 @@ def kill(pid):
     subprocess.run(["kill", "-9", str(pid)], check=True)
 
 
-def test_a_trip_leaves_a_black_box_though_nothing_is_recorded_and_an_orderly_end_none(running):
+def test_a_trip_a_killed_loop_and_a_killed_daemon_leave_a_black_box_each(running):
+    """Though nothing is recorded; that an orderly end leaves none, `test_isolation` shows."""
     with running.connect() as client, client.lease("anna") as lease:
         has_run_for(client, BEFORE_S + 1.0)
         client.rpc("enable", token=lease.token)
@@ -65,13 +72,35 @@ def test_a_trip_leaves_a_black_box_though_nothing_is_recorded_and_an_orderly_end
             lambda: any(e.kind == "blackbox" for e in client.events()), "word of the black box"
         )
         run = the_box(running)
+        check_box_of_the_trip(running, run, event)
         client.rpc("reset", token=lease.token)
-        client.rpc("enable", token=lease.token)
-        has_run_for(client, 1.0)
-        assert running.end() == 0
-        lease.release()
-        assert lease.lost.is_set()
-    assert len(boxes(running)) == 1
+        kill_the_loop(running, client, lease)
+    with running.connect() as client:
+        motord = Terminal(running, running.folder)
+        commands = [motord.start(*HELD)]
+        turning(client)
+        commands += [motord.start(name, "--json") for name in ("watch", "events")]
+        for command in commands[1:]:
+            assert json.loads(command.stdout.readline())
+        assert running.end(signal.SIGKILL) == -signal.SIGKILL
+    run = the_box(running, number=3)
+    for command in commands:
+        check_ended_by_the_daemon_s_death(command)
+    assert run.metadata["blackbox"]["cause"] == "daemon died"
+    ticks = run.ticks(("tick", "state", "missed"))
+    check_ticks(ticks)
+    assert State.ENABLED in ticks["state"]
+    assert not list((running.folder / "runs").glob("*.mcap*"))
+
+
+def check_ended_by_the_daemon_s_death(command):
+    code, _, err = finish(command)
+    assert code == 1
+    assert "motord: " in err.splitlines()[-1]
+    assert "Traceback" not in err
+
+
+def check_box_of_the_trip(running, run, event):
     assert event.data["blackbox"] == str(run.path)
     account = run.metadata["blackbox"]
     assert account["first"] == event.data["first"] == ["OVER_SPEED"]
@@ -87,28 +116,21 @@ def test_a_trip_leaves_a_black_box_though_nothing_is_recorded_and_an_orderly_end
     assert ticks["speed_rad_s"].max() > running.config.limits.trip_speed_rad_s
     kinds = [e["kind"] for e in run.events()]
     assert {"request", "state", "trip", "blackbox"} <= set(kinds)
-    assert not list((running.folder / "runs").glob("*.mcap*"))
 
 
-def test_a_killed_loop_and_a_killed_daemon_leave_a_black_box_each(running):
-    with running.connect() as client, client.lease("anna") as lease:
+def kill_the_loop(running, client, lease):
+    client.rpc("enable", token=lease.token)
+    has_run_for(client, 1.0)
+    kill(client.state().processes["loop"].pid)
+    state = wait_for(client, lambda s: s.fault, "the fault")
+    assert (state.state, "SIGKILL" in state.fault) == ("OFF", True)
+    with pytest.raises(ClientError, match="SIGKILL"):
         client.rpc("enable", token=lease.token)
-        has_run_for(client, 1.0)
-        kill(client.state().processes["loop"].pid)
-        wait_for(client, lambda s: s.fault, "the fault")
-        run = the_box(running)
-        assert run.metadata["blackbox"]["cause"] == "loop died"
-        assert "SIGKILL" in run.metadata["reason"]
-        ticks = run.ticks(("tick", "state", "missed"))
-        check_ticks(ticks)
-        assert ticks["state"][-1] == State.ENABLED
-        assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
-        wait_for(client, lambda s: s.tick is not None, "ticks")
-        client.rpc("enable", token=lease.token)
-        has_run_for(client, 1.0)
-        assert running.end(signal.SIGKILL) == -signal.SIGKILL
-        run = the_box(running, number=2)
-    assert run.metadata["blackbox"]["cause"] == "daemon died"
+    run = the_box(running, number=2)
+    assert run.metadata["blackbox"]["cause"] == "loop died"
+    assert "SIGKILL" in run.metadata["reason"]
     ticks = run.ticks(("tick", "state", "missed"))
     check_ticks(ticks)
-    assert State.ENABLED in ticks["state"]
+    assert ticks["state"][-1] == State.ENABLED
+    assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
+    assert wait_for(client, lambda s: s.tick is not None, "ticks").state == "OFF"

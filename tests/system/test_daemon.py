@@ -1,14 +1,13 @@
 """`motord run` with the simulated bench: processes, sockets and files as a user has them."""
 
-import signal
 import subprocess
-from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from motord.cli import app
 from motord.client import ClientError
 from motord.schema import Flag, State
 from motord.sequencing.capture import final
@@ -21,12 +20,6 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 SHORT_PLAN = {
     "torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2, "gain_steps": [],
 }  # fmt: skip
-
-
-@pytest.fixture
-def running(tmp_path):
-    with daemon(tmp_path, write_sim(tmp_path)) as program:
-        yield program
 
 
 def turning(torque_Nm, speed_Hz, tolerance=0.1):
@@ -59,9 +52,28 @@ def check_takes(takes):
             assert (following["index"], following["take"]) == (take["index"], take["take"] + 1)
 
 
-def test_a_run_by_hand_from_enable_to_sigterm(running):
+@pytest.fixture(scope="module")
+def lasting(folder):
+    """A daemon that outlives its loops, recorded as they ran."""
+    with daemon(folder, write_sim(folder)) as program:
+        yield program
+        assert program.end() == 0
+        for run in program.runs():
+            check_ticks(run.ticks(("tick", "missed", "flags")))
+
+
+@pytest.fixture
+def outlived(lasting):
+    """A daemon that is OFF, and is so again after the test."""
+    yield lasting
+    with lasting.connect() as client:
+        leave_at_rest(client)
+
+
+def test_a_run_by_hand_from_enable_to_stop(outlived):
     streamed = []
-    with running.connect() as client, client.subscribe_ticks(streamed.append) as subscription:
+    before = len(outlived.runs())
+    with outlived.connect() as client, client.subscribe_ticks(streamed.append) as subscription:
         assert client.state().state == "OFF"
         with client.lease("anna") as lease:
             assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
@@ -74,8 +86,8 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
                 lambda: streamed and streamed[-1]["tick"][-1] >= stopped.tick.tick, "the ticks"
             )
         lost_ticks = subscription.lost_ticks
-        assert running.end() == 0
-    [run] = running.runs()
+        wait_for(client, lambda s: not s.recording.recording, "the recording to end")
+    [run] = outlived.runs()[before:]
     assert run.damage is None
     ticks = run.ticks()
     check_ticks(ticks)
@@ -93,7 +105,7 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
     assert np.isin(live["tick"], ticks["tick"]).all()
     assert (np.diff(live["tick"].astype(int)) >= 1).all()
     kinds = [event["kind"] for event in run.events()]
-    assert {"lease", "request", "state", "daemon"} <= set(kinds)
+    assert {"lease", "request", "state"} <= set(kinds)
     names = [state["state"] for state in run.states()]
     assert names[0] == "OFF"
     assert "ENABLED" in names
@@ -106,60 +118,18 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
 def test_malformed_benches_are_exit_1_and_a_line_for_each_thing_that_is_wrong(tmp_path):
     path = write_sim(tmp_path)
     path.write_text(path.read_text().replace("pole_pairs = 8", "pole_pair = 8"))
-    program = Program(tmp_path, "run", "-c", path, ready=False)
-    assert program.wait() == 1
-    missing, unknown = program.said().splitlines()
+    done = CliRunner().invoke(app, ["run", "-c", str(path)])
+    assert done.exit_code == 1
+    missing, unknown = done.stderr.splitlines()
     assert "motor.pole_pairs: missing" in missing
     assert "motor.pole_pair: unknown key; did you mean pole_pairs?" in unknown
 
 
-@dataclass(frozen=True)
-class KilledDaemon:
-    """A daemon that was killed while it ran; the numbers of its processes."""
-
-    folder: Path
-    bench: Path
-    code: int
-    pids: list[int]
-
-
-@pytest.fixture(scope="module")
-def killed(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("lasting")
-    path = write_sim(folder)
-    with daemon(folder, path) as program:
-        with program.connect() as client:
-            pids = [view.pid for view in client.state().processes.values()]
-        return KilledDaemon(folder, path, program.end(signal.SIGKILL), pids)
-
-
-@pytest.fixture(scope="module")
-def lasting(killed):
-    """A daemon that begins after one was killed, and outlives its loops, recorded as they ran."""
-    with daemon(killed.folder, killed.bench) as program:
-        with program.connect() as client:
-            assert client.state().state == "OFF"
-        yield program
-        assert program.end() == 0
-        for run in program.runs():
-            check_ticks(run.ticks(("tick", "missed", "flags")))
-
-
-@pytest.fixture
-def outlived(lasting):
-    """A daemon that is OFF, and is so again after the test."""
-    yield lasting
-    with lasting.connect() as client:
-        leave_at_rest(client)
-
-
-def test_a_bench_is_run_once_at_a_time_and_again_after_kill_9(outlived, killed):
-    assert killed.code == -signal.SIGKILL
-    second = Program(killed.folder, "run", "-c", killed.bench, ready=False)
+def test_a_bench_is_run_once_at_a_time(outlived, folder):
+    second = Program(folder, "run", "-c", folder / "system.toml", ready=False)
     assert second.wait() == 1
     assert "is in use" in second.said()
     assert str(outlived.process.pid) in second.said()
-    wait_until(lambda: not any(alive(pid) for pid in killed.pids), "the old processes to end")
 
 
 def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(outlived):
@@ -201,19 +171,6 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(outlived):
         assert (ticks["plan_point"][inside] == point["index"]).all()
     numbers = np.concatenate([run.ticks(("tick",))["tick"] for run in runs])
     assert (np.diff(numbers.astype(int)) >= 1).all()
-
-
-def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(outlived):
-    with outlived.connect() as client, client.lease("anna") as lease:
-        client.rpc("enable", token=lease.token)
-        subprocess.run(["kill", "-9", str(client.state().processes["loop"].pid)], check=True)
-        state = wait_for(client, lambda s: s.fault, "the fault")
-        assert (state.state, "SIGKILL" in state.fault) == ("OFF", True)
-        with pytest.raises(ClientError, match="SIGKILL"):
-            client.rpc("enable", token=lease.token)
-        assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
-        assert wait_for(client, lambda s: s.tick is not None, "ticks").state == "OFF"
-        assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
 
 
 def test_a_trip_is_shown_until_reset_though_its_loop_has_ended(outlived):

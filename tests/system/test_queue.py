@@ -83,13 +83,11 @@ def test_three_plans_of_which_one_fails_with_each_policy_then_kill_9(tmp_path, m
         run_id = client.plan().run_id
         wait_until(lambda: run_id in journal(tmp_path), "the journal to be on the disk")
         pids = [view.pid for view in client.state().processes.values() if view.pid]
-        for pid in (first.process.pid, *pids):
-            os.kill(pid, signal.SIGKILL)
-        first.wait()
-        wait_until(lambda: not any(map(alive, pids)), "the processes to be gone")
+        assert first.end(signal.SIGKILL) == -signal.SIGKILL
     with daemon(tmp_path, path) as second, second.connect() as client:
         state = client.state()
         assert (state.queue.state, state.queue.length, state.state) == ("paused", 3, "OFF")
+        wait_until(lambda: not any(map(alive, pids)), "the old loop and recorder to end")
         queue = motord(second, "list")[1]
         assert [(i["id"], i["state"]) for i in queue["items"]] == [
             (9, "interrupted"), (7, "queued"), (8, "queued")
