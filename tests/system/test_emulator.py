@@ -67,7 +67,7 @@ class Emulator:
         return self.process.returncode, out.decode(), err.decode()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def start():
     running = []
 
@@ -81,6 +81,16 @@ def start():
         if emulator.process.poll() is None:
             emulator.process.kill()
         emulator.process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def bench(start, tmp_path_factory):
+    """Return a bench whose devices several tests use; they end with no error."""
+    path = write_bench(tmp_path_factory.mktemp("shared"))
+    emulator = start(path)
+    assert emulator.first_line.startswith("ready: bench emulated, inverter on CAN udp_multicast")
+    yield path
+    assert emulator.end()[::2] == (0, "")
 
 
 def flows(feedback: np.record) -> bool:
@@ -170,10 +180,6 @@ def host():
         connected.rig.close()
 
 
-def truth_of(path: Path) -> np.ndarray:
-    return open_run(path).truth()
-
-
 def switched_off(truth: np.ndarray, field: str, on_at_ns: int) -> int:
     """Return the time of the first row from `on_at_ns` on with `field` 0.
 
@@ -183,13 +189,40 @@ def switched_off(truth: np.ndarray, field: str, on_at_ns: int) -> int:
     return int(later["t_ns"][later[field] == 0][0])
 
 
-def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
-    bench, truth = write_bench(tmp_path), tmp_path / "truth.mcap"
+def test_currents_come_by_commands_and_go_in_silence_and_the_end_is_clean(start, host, tmp_path):
+    patient = {"heartbeat_timeout_s = 1.0": "heartbeat_timeout_s = 0.5"}
+    bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
     emulator = start(bench, "--json", "--truth", str(truth))
     ready = json.loads(emulator.first_line)
     assert ready["ready"] is True
     assert Path(ready["bridge"]).is_symlink()
     daemon = host(bench)
+    currents_flow(daemon)
+    bus_ns = silence_on_the_bus(daemon)
+    heartbeat_ns = silence_of_heartbeats(daemon)
+    stall(emulator, daemon)
+    daemon.rig.close()
+    code, out, err = emulator.end(signal.SIGINT)
+    assert (code, err) == (0, "")
+    summary = json.loads(out)
+    assert summary["ticks_on"] > 0
+    assert summary["heartbeat_drops"] > 0
+    assert summary["skipped"] > 100
+    assert not Path(ready["bridge"]).is_symlink()
+    rows = open_run(truth).truth()
+    assert 0 < len(rows) == summary["truth_rows"] <= summary["ticks"]
+    on = rows["inverter_on"] == 1
+    assert summary["torque_mean_Nm"] == pytest.approx(float(rows["torque_Nm"][on].mean()), rel=1e-4)
+    assert np.median(np.diff(rows["t_ns"])) == pytest.approx(MS, abs=2000)
+    config = load(bench)
+    for field, silent_ns, timeout_s in (
+        ("inverter_on", bus_ns, config.inverter.timeout_s),
+        ("enable_line", heartbeat_ns, config.bridge.heartbeat_timeout_s),
+    ):
+        assert switched_off(rows, field, silent_ns) >= silent_ns + round(timeout_s * 1e9) - MS
+
+
+def currents_flow(daemon):
     feedback = daemon.switch_on(
         lambda f: (
             flows(f)
@@ -200,24 +233,10 @@ def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
     )
     assert feedback.t_ns == pytest.approx(time.time_ns(), abs=PATIENCE_S * 1e9)
     assert feedback.t_inverter_ns == pytest.approx(time.time_ns(), abs=PATIENCE_S * 1e9)
-    daemon.rig.close()
-    code, out, err = emulator.end()
-    assert (code, err) == (0, "")
-    summary = json.loads(out)
-    assert summary["ticks_on"] > 0
-    assert not Path(ready["bridge"]).is_symlink()
-    rows = truth_of(truth)
-    assert 0 < len(rows) == summary["truth_rows"] <= summary["ticks"]
-    on = rows["inverter_on"] == 1
-    assert summary["torque_mean_Nm"] == pytest.approx(float(rows["torque_Nm"][on].mean()), rel=1e-4)
-    assert np.median(np.diff(rows["t_ns"])) == pytest.approx(MS, abs=2000)
 
 
-def test_silence_on_the_bus_zeroes_the_currents_not_before_the_timeout(start, host, tmp_path):
-    bench, truth = write_bench(tmp_path), tmp_path / "truth.mcap"
-    emulator = start(bench, "--truth", str(truth))
-    daemon = host(bench)
-    daemon.switch_on()
+def silence_on_the_bus(daemon):
+    """Send no commands until the currents are zero, then switch on; return since when (ns)."""
     daemon.commands = False
     daemon.until(
         lambda f: (
@@ -229,17 +248,11 @@ def test_silence_on_the_bus_zeroes_the_currents_not_before_the_timeout(start, ho
     before_ns, _ = daemon.sent_ns
     daemon.commands = True
     daemon.switch_on()
-    assert emulator.end()[0] == 0
-    off_ns = switched_off(truth_of(truth), "inverter_on", before_ns)
-    assert off_ns >= before_ns + round(load(bench).inverter.timeout_s * 1e9) - MS
+    return before_ns
 
 
-def test_silence_of_heartbeats_opens_the_enable_line(start, host, tmp_path):
-    patient = {"heartbeat_timeout_s = 1.0": "heartbeat_timeout_s = 0.5"}
-    bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
-    emulator = start(bench, "--truth", str(truth))
-    daemon = host(bench)
-    daemon.switch_on()
+def silence_of_heartbeats(daemon):
+    """Send none until the enable line is open, then switch on; return since when (ns)."""
     daemon.beats = False
     daemon.until(
         lambda f: (
@@ -251,11 +264,17 @@ def test_silence_of_heartbeats_opens_the_enable_line(start, host, tmp_path):
     before_ns, _ = daemon.beat_ns
     daemon.beats = True
     daemon.switch_on()
-    code, out, _ = emulator.end()
-    assert code == 0
-    assert "0 heartbeat drops" not in out
-    off_ns = switched_off(truth_of(truth), "enable_line", before_ns)
-    assert off_ns >= before_ns + round(load(bench).bridge.heartbeat_timeout_s * 1e9) - MS
+    return before_ns
+
+
+def stall(emulator, daemon):
+    """Stop the emulator for a while; then it can be switched on."""
+    emulator.process.send_signal(signal.SIGSTOP)
+    stopped = daemon.until(lambda f: f.now_ns - f.t_inverter_ns > 600 * MS)
+    stale_ns = int(stopped.t_inverter_ns)
+    emulator.process.send_signal(signal.SIGCONT)
+    daemon.until(lambda f: f.t_inverter_ns > stale_ns + 600 * MS)
+    daemon.switch_on()
 
 
 def _patient(path: Path) -> Config:
@@ -282,9 +301,7 @@ def slow_devices():
         yield make
 
 
-def test_brake_and_drive_answer_and_move_the_rig(start, host, slow_devices, tmp_path):
-    bench = write_bench(tmp_path)
-    start(bench)
+def test_brake_and_drive_answer_and_move_the_rig(bench, host, slow_devices):
     brake, drive = slow_devices(bench)
     assert brake.exchange(0.5).setpoint == pytest.approx(0.5)
     assert brake.exchange(0.5).value == pytest.approx(25.0, abs=5.0)
@@ -299,9 +316,7 @@ def test_brake_and_drive_answer_and_move_the_rig(start, host, slow_devices, tmp_
     assert drive.exchange(0.0).setpoint == 0.0
 
 
-def test_the_bridge_samples_at_the_rate_that_the_host_asks_for(start, host, tmp_path):
-    bench = write_bench(tmp_path)
-    start(bench)
+def test_the_bridge_samples_at_the_rate_that_the_host_asks_for(bench, host, tmp_path):
     faster = tmp_path / "faster.toml"
     faster.write_text(bench.read_text().replace("[bridge]\n", "[bridge]\nrate_Hz = 2000\n"))
     daemon = host(faster)  # opening checks the rate that the board reports
@@ -310,31 +325,12 @@ def test_the_bridge_samples_at_the_rate_that_the_host_asks_for(start, host, tmp_
     daemon.until(lambda f: f.t_ns > first_ns)
 
 
-def test_it_survives_a_stall_of_the_host(start, host, tmp_path):
-    bench = write_bench(tmp_path)
-    emulator = start(bench, "--json")
-    daemon = host(bench)
-    emulator.process.send_signal(signal.SIGSTOP)
-    stopped = daemon.until(lambda f: f.now_ns - f.t_inverter_ns > 600 * MS)
-    stale_ns = int(stopped.t_inverter_ns)
-    emulator.process.send_signal(signal.SIGCONT)
-    daemon.until(lambda f: f.t_inverter_ns > stale_ns + 600 * MS)
-    daemon.switch_on()
-    code, out, err = emulator.end(signal.SIGINT)
-    assert (code, err) == (0, "")
-    assert json.loads(out)["skipped"] > 100
-
-
-def test_a_second_emulator_of_a_bench_is_refused_in_one_line(start, tmp_path):
-    bench = write_bench(tmp_path)
-    first = start(bench)
-    assert first.first_line.startswith("ready: bench emulated, inverter on CAN udp_multicast")
+def test_a_second_emulator_of_a_bench_is_refused_in_one_line(bench, start):
     second = start(bench)
     code, out, err = second.end()
     assert (second.first_line, out, code) == ("", "", 1)
     assert "is another emulator running?" in err
     assert err.count("\n") == 1
-    assert first.end()[0] == 0
 
 
 @pytest.mark.parametrize(

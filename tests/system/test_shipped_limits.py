@@ -50,7 +50,7 @@ class Bench:
         self.config, self.service, self.loop, self.world = config, service, loop, loop.world
         self.token = service.enabled()
         service.ask("set", token=self.token, torque_Nm=TORQUE_NM)
-        service.run_s(0.5, self.token)
+        service.run_s(0.2, self.token)
         assert service.bench.state is State.ENABLED, service.messages()
         assert largest_A(self.world.truth[-1:]) > 0.1
 
@@ -82,7 +82,7 @@ def largest_A(truth: np.ndarray) -> float:
 
 
 def test_nothing_trips_in_normal_operation(bench: Bench) -> None:
-    bench.service.run_s(3.0, bench.token)
+    bench.service.run_s(1.5, bench.token)
     ticks = bench.loop.ticks
     assert bench.service.bench.state is State.ENABLED
     assert not ticks["trip_bits"][ticks["state"] == State.ENABLED].any()
@@ -119,7 +119,7 @@ def silence(bench: Bench, device: str) -> None:
 def test_without_its_supervisor_the_loop_ramps_down_at_its_limit(bench: Bench) -> None:
     heartbeat_ns = bench.world.now_ns
     limit_s = bench.config.loop.supervisor_timeout_s
-    bench.alone(limit_s + 2.0)
+    bench.alone(limit_s + 0.5)
     tick = bench.tripped()
     assert Trip(int(tick["first_trip"])) is Trip.SUPERVISOR_STALE
     ticks = bench.loop.ticks
@@ -132,7 +132,7 @@ def test_without_its_supervisor_the_loop_ramps_down_at_its_limit(bench: Bench) -
 
 def test_without_the_loop_inverter_and_board_switch_off_at_their_limits(bench: Bench) -> None:
     last_ns = bench.world.now_ns
-    bench.world.advance(last_ns + 3_000 * MS)
+    bench.world.advance(last_ns + 1_100 * MS)
     truth = bench.world.truth
     since_ns = truth["t_ns"] - last_ns
     line_ns = round(bench.config.bridge.heartbeat_timeout_s * 1e9)
