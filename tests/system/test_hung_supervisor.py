@@ -27,6 +27,7 @@ from tests.system.daemons import (
     wait_for,
     wait_until,
 )
+from tests.system.test_wire import resets
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -58,10 +59,8 @@ def drive_speed_rad_s(config):
         link.close()
 
 
-def turning(client):
-    """Let the drive turn the rotor of a READY bench; the lease is renewed from then on."""
-    lease = client.lease("anna")
-    lease.acquire()
+def turning(client, lease):
+    """Let the drive turn the rotor of a READY bench."""
 
     def over(state):
         """At speed, or stopped by a stall of the computer: a trip, or a supervisor away."""
@@ -84,27 +83,28 @@ def turning(client):
             forgive(client, kept)
 
 
-HANGS = ("supervisor stopped", "main thread hung", "loop stopped")
+HANGS = ("loop stopped", "supervisor stopped", "main thread hung")
 
 
-def hang(folder, path, bench, what):
+def hang(running, client, lease, bench, what):
     """Let a daemon hang while its drive turns the rotor, until that stands.
 
-    Return after and before which time that was (ns).
+    Return after and before which time that was (ns). But for the last of `HANGS`, the daemon is
+    there again at the end, with another loop.
     """
-    with daemon(folder, path, (sys.executable, "-c", HANGS_AT_A_SIGNAL)) as running:
-        client = running.connect()
-        turning(client)
-        before_ns = time.time_ns()
-        if what == "loop stopped":
-            os.kill(client.state().processes["loop"].pid, signal.SIGSTOP)
-        else:
-            hangs = signal.SIGSTOP if what == "supervisor stopped" else signal.SIGUSR1
-            running.process.send_signal(hangs)
-        after_ns = time.time_ns()
-        wait_until(lambda: abs(drive_speed_rad_s(bench)) < 0.1, "the drive to stand")
-        running.close()
-        client.close()
+    turning(client, lease)
+    before_ns = time.time_ns()
+    if what == "loop stopped":
+        os.kill(client.state().processes["loop"].pid, signal.SIGSTOP)
+    else:
+        hangs = signal.SIGSTOP if what == "supervisor stopped" else signal.SIGUSR1
+        running.process.send_signal(hangs)
+    after_ns = time.time_ns()
+    wait_until(lambda: abs(drive_speed_rad_s(bench)) < 0.1, "the drive to stand")
+    if what != HANGS[-1]:
+        running.process.send_signal(signal.SIGCONT)
+        wait_for(client, lambda s: s.fault, "the loop to be missed")
+        wait_until(lambda: resets(client, lease), "the next loop")
     return before_ns, after_ns
 
 
@@ -122,13 +122,19 @@ class Hang:
 
 @pytest.fixture(scope="module")
 def hangs(tmp_path_factory):
-    """Each of `HANGS`, at the same devices."""
+    """Each of `HANGS`, one after the other of the same daemon."""
     folder = tmp_path_factory.mktemp("hung")
     path, truth_path = write_bench(folder), folder / "truth.mcap"
     path.write_text(patient(path.read_text(), "hung", RATE_HZ))
     bench = load(path)
     with emulator(folder, path, truth_path) as devices:
-        times_ns = {what: hang(folder, path, bench, what) for what in HANGS}
+        with daemon(folder, path, (sys.executable, "-c", HANGS_AT_A_SIGNAL)) as running:
+            client = running.connect()
+            lease = client.lease("anna")
+            lease.acquire()
+            times_ns = {what: hang(running, client, lease, bench, what) for what in HANGS}
+            running.close()
+            client.close()
         assert devices.end() == 0
     rows = open_run(truth_path).truth(("t_ns", "speed_rad_s"))
     speed_Hz = rows["speed_rad_s"] / (2 * np.pi)
