@@ -7,6 +7,7 @@ does not happen: nothing of it is on the disk, and what it had not read of its c
 
 import os
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,8 @@ import numpy as np
 import pytest
 
 from motord import config
+from motord.process.ending_threads import _do
+from motord.recorder import background
 from motord.recorder.commands import handle
 from motord.recorder.main import Reporter
 from motord.recorder.pipe_lines import LineReader
@@ -63,7 +66,8 @@ class Disk:
         self.part = 0.0
         self.dead = False
         self._open: set[int] = set()
-        calls = {name: self._guarded(getattr(os, name)) for name in ("write", "fsync")}
+        # what was written outlasts a process without being synced, which takes longest
+        calls = {"write": self._guarded(os.write), "fsync": self._guarded(lambda _file: None)}
         files = {"open": self._guarded(self._opened), "close": self._close}
         patch.setattr(mcap_file, "os", SimpleNamespace(**{**vars(os), **calls, **files}))
         patch.setattr(Path, "rename", self._guarded(Path.rename))
@@ -100,6 +104,19 @@ class Disk:
         return guarded
 
 
+class DoneAtOnce:
+    """A recorder's thread that is never behind: this one ends no step before it has done all."""
+
+    def __init__(self, _name: str) -> None:
+        pass
+
+    def submit(self, work: Callable[[], object]) -> "Future[object]":
+        """Do `work`."""
+        future: Future[object] = Future()
+        _do(future, work)
+        return future
+
+
 class Recorder:
     """A recorder's process: what `Children` returns, with the pipes that a link takes.
 
@@ -118,7 +135,7 @@ class Recorder:
         self._ends: tuple[int, ...] = (commands, reports)
         self._lines = LineReader(commands)
         self._reporter = Reporter(reports)
-        self._session = Session(ring, settings)  # which has its threads only once it records
+        self._session = Session(ring, settings)
         self._code: int | None = None
 
     def poll(self) -> int | None:
@@ -145,9 +162,8 @@ class Recorder:
         self._gone()
 
     def kill(self) -> None:
-        """Kill it, while the disk is dead for it: no thread of it goes on afterwards."""
+        """Kill it, while the disk is dead for it."""
         self._code = -9
-        self._session._disk._pool.submit(lambda: None).result()
         self._gone()
 
     def release(self) -> None:
@@ -174,6 +190,7 @@ class Bench:
         patch.setattr(control, "describe", lambda *_: {"motor": {}})
         for name in ("BEFORE_S", "AFTER_S"):
             patch.setattr(control, name, MARGIN_STEPS * STEP_S)
+        patch.setattr(background, "Worker", DoneAtOnce)
         clock = {"monotonic": lambda: self.now_s, "monotonic_ns": self._now_ns, "sleep": self._wait}
         patch.setattr(session, "time", SimpleNamespace(**clock))
         self.settings = config.RecordingConfig(
@@ -260,17 +277,9 @@ class Bench:
 
     def recorded(self) -> dict[str, np.ndarray]:
         """Return the ticks of each recording, sorted by their numbers."""
-        found = {name: joined([run.ticks() for run in runs]) for name, runs in self._runs().items()}
-        return {name: rows_of(ticks, np.argsort(ticks["tick"])) for name, ticks in found.items()}
+        return {name: ticks_of(runs) for name, runs in self.runs().items()}
 
-    def timings(self) -> dict[str, int]:
-        """Return how many events `timing` each recording has."""
-        return {
-            name: sum(event["kind"] == KIND for run in runs for event in run.events())
-            for name, runs in self._runs().items()
-        }
-
-    def _runs(self) -> dict[str, list[Run]]:
+    def runs(self) -> dict[str, list[Run]]:
         """Return the files of each recording."""
         runs: dict[str, list[Run]] = {}
         folder = self.settings.directory
@@ -328,7 +337,7 @@ class Bench:
             return
         try:
             do(self._recorder)
-        except (Killed, RuntimeError):  # the latter is what a background thread's end becomes
+        except (Killed, RuntimeError):  # the latter is what it becomes in the background
             assert self.disk.dead
         if self.disk.dead:
             self._kill()
@@ -340,3 +349,14 @@ class Bench:
             self._recorder.kill()
             self.disk.release()
             self._recorder, self._away = None, self._away_steps
+
+
+def ticks_of(runs: list[Run]) -> np.ndarray:
+    """Return the ticks of a recording, sorted by their numbers."""
+    ticks = joined([run.ticks() for run in runs])
+    return rows_of(ticks, np.argsort(ticks["tick"]))
+
+
+def timings_of(runs: list[Run]) -> int:
+    """Return how many events `timing` a recording has."""
+    return sum(event["kind"] == KIND for run in runs for event in run.events())

@@ -14,7 +14,7 @@ from motord.schema import State
 from motord.sequencing.demand import OperatingPoint
 from motord.sequencing.motions import Motion
 from motord.sequencing.plan import Plan
-from tests.unit.recorder.lives import MARGIN_STEPS, STEP_TICKS, Bench
+from tests.unit.recorder.lives import MARGIN_STEPS, STEP_TICKS, Bench, ticks_of, timings_of
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +33,7 @@ VIEW = PlanView(plan="verify", state="done", started_by="anna", run_id="1")
 def by_hand(bench: Bench) -> None:
     """Three times powered: the second follows what is recorded of the first, the third is late."""
     bench.step(2)
-    bench.enabled(5)
+    bench.enabled(3)
     bench.step(MARGIN_STEPS + 2)
     bench.enabled(3)
     bench.step(3 * MARGIN_STEPS)
@@ -77,8 +77,10 @@ def check(bench: Bench, where: str) -> None:
 
     And in each recording the one event with which it ends.
     """
-    recorded, ticks = bench.recorded(), bench.ticks
-    assert set(bench.timings().values()) == {1}, (where, bench.timings())
+    runs, ticks = bench.runs(), bench.ticks
+    timings = {name: timings_of(files) for name, files in runs.items()}
+    assert set(timings.values()) == {1}, (where, timings)
+    recorded = {name: ticks_of(files) for name, files in runs.items()}
     numbers = np.concatenate([block["tick"] for block in recorded.values()])
     assert len(np.unique(numbers)) == len(numbers), where
     powered = ticks["tick"][ticks["state"] == State.ENABLED].astype(int)
