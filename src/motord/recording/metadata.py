@@ -2,6 +2,7 @@
 
 import os
 import platform
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -37,8 +38,12 @@ def describe(
     }
 
 
+@cache
 def _version(name: str) -> str:
-    """Return the version of a package that is installed, "" of one that is not by now."""
+    """Return the version of a package that is installed, "" of one that is not by now.
+
+    Read once: it is that of what this process has loaded, which an upgrade replaces on the disk.
+    """
     try:
         return version(name) or ""
     except (PackageNotFoundError, OSError):

@@ -16,6 +16,7 @@ def test_a_package_that_was_removed_meanwhile_has_no_version(monkeypatch, error)
         return version(name)
 
     monkeypatch.setattr(metadata, "version", version_of)
+    monkeypatch.setattr(metadata, "_version", metadata._version.__wrapped__)
     versions = metadata.describe(config.load(), "")["versions"]
     assert versions["numba"] == ""
     assert all(text for name, text in versions.items() if name != "numba")

@@ -5,11 +5,13 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from motord import config
 from motord.api.requests import RPCS, parse
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus
-from motord.schema import State
+from motord.schema import TICK_DTYPE, State, as_bytes
 from motord.service import build as service
 from motord.service.host.systemd import Notifier
 from motord.service.processes import PROCESSES
@@ -66,11 +68,13 @@ class PlayedLoop(Played):
 
     def tick(self, state=State.OFF, count=1):
         self.tables.poll()
-        for _ in range(count):
-            slot = self.ring.slot()[0]
-            slot["tick"], slot["state"] = self.number, state
-            slot["plan_point"] = -1
-            self.number += 1
+        block = np.zeros(count, TICK_DTYPE)
+        block["tick"] = np.arange(self.number, self.number + count)
+        block["state"], block["plan_point"] = state, -1
+        self.number += count
+        slots = as_bytes(self.ring.records)
+        for row in as_bytes(block):
+            slots[self.ring.index] = row
             self.ring.publish()
 
 
@@ -180,12 +184,16 @@ class PlayedDaemon:
         self.recorders[-1].report(file=f"{start['out']}-000.mcap")
         return start
 
-    def step(self, steps=1, state=State.OFF):
+    def step(self, steps=1, state=State.OFF, every_ms=10):
         for _ in range(steps):
-            self.now_ns += 10_000_000
+            self.now_ns += every_ms * 1_000_000
             if self.loops and self.loops[-1].code is None:
-                self.loops[-1].tick(state, 20)
+                self.loops[-1].tick(state, 2 * every_ms)
             self.supervisor.step()
+
+    def wait_s(self, seconds, state=State.OFF):
+        """Let time pass in which nothing but time matters, in fewer steps."""
+        self.step(round(seconds / 0.05), state, every_ms=50)
 
     def bring(self, name, /, **arguments):
         payload, prepared = json.dumps(arguments).encode(), None

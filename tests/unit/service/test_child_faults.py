@@ -135,7 +135,7 @@ def test_a_recorder_that_cannot_be_started_is_reported_and_tried_again(played):
 
     played.spawn["recorder"] = without_descriptors
     played.recorders[0].code = -9
-    played.step(200, State.ENABLED)
+    played.wait_s(2.0, State.ENABLED)
     assert len(tries) == 4
     assert len(played.recorders) == 2
     reported = [m for m in played.messages() if "cannot be started: Too many open files" in m]

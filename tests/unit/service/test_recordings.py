@@ -18,7 +18,7 @@ def test_a_bench_that_is_not_powered_is_not_recorded(played):
     played.up()
     assert played.state()["fault"] == ""
     assert played.supervisor.recording.settled
-    played.step(300)
+    played.wait_s(3.0)
     played.step(50, State.READY)
     assert played.recorders[0].received("start") == []
     assert not played.state()["recording"]["recording"]
@@ -26,7 +26,7 @@ def test_a_bench_that_is_not_powered_is_not_recorded(played):
 
 def test_a_bench_is_recorded_from_before_it_was_enabled_until_after_it_no_longer_is(played):
     played.up()
-    played.step(300)
+    played.wait_s(3.0)
     enabled_at = played.loops[0].number
     played.step(1, State.ENABLED)
     [start] = played.recorders[0].received("start")
@@ -44,10 +44,10 @@ def test_a_bench_is_recorded_from_before_it_was_enabled_until_after_it_no_longer
     assert played.supervisor.recording.settled
     assert (view.path, view.final_path) == (f"{name}.part", name)
     assert view.detail == {"ticks": 3}
-    played.step(195, State.TRIPPED)  # a trip is no end of interest
+    played.wait_s(1.95, State.TRIPPED)  # a trip is no end of interest
     assert played.recorders[0].received("stop") == []
     played.step(1, State.ENABLED)
-    played.step(195, State.OFF)
+    played.wait_s(1.95, State.OFF)
     assert played.recorders[0].received("stop") == []
     played.step(10, State.OFF)
     assert len(played.recorders[0].received("stop")) == 1
@@ -74,7 +74,7 @@ def test_a_note_goes_into_the_file_that_is_being_recorded(played):
 
 def test_the_state_by_name_goes_into_every_file_from_its_beginning(played):
     played.up()
-    played.step(300)
+    played.wait_s(3.0)
     played.step(2, State.ENABLED)
     recorder = played.recorders[0]
     commands = recorder.received()
@@ -105,7 +105,7 @@ def test_a_bench_that_an_external_drive_turns_is_recorded(played):
     played.step(1, State.READY)
     assert len(played.recorders[0].received("start")) == 1
     played.supervisor.bench.setpoint.drive_Hz = 0.0
-    played.step(210, State.READY)
+    played.wait_s(2.1, State.READY)
     assert len(played.recorders[0].received("stop")) == 1
 
 
@@ -114,12 +114,12 @@ def test_everything_is_recorded_always_if_the_bench_file_says_so(tmp_path, monke
     played.up()
     [start] = played.recorders[0].received("start")
     assert start["first_tick"] == 0
-    played.step(300)
+    played.wait_s(3.0)
     token = played.ask("lease/acquire", holder="anna")["token"]
     played.ask("plan/start", token=token, name="calibrate")
     played.step(2)
     played.ask("stop")
-    played.step(300)
+    played.wait_s(3.0)
     commands = [c for c in played.recorders[0].received() if c["do"] in ("start", "stop")]
     assert ["calibrate" in c.get("out", "no stop is meant") for c in commands] == [True, False]
     played.close()
@@ -286,7 +286,7 @@ def test_a_plan_that_cannot_be_recorded_is_refused_before_anything_is_powered(pl
 
 def test_a_recorder_that_is_silent_is_not_relied_on(played):
     played.up()
-    played.step(800)
+    played.wait_s(8.0)
     token = played.ask("lease/acquire", holder="anna")["token"]
     with pytest.raises(RpcError, match="has not reported for 8 s"):
         played.ask("plan/start", token=token, name="calibrate")
@@ -302,7 +302,7 @@ def test_the_state_says_that_a_recorder_is_silent(tmp_path, monkeypatch, ring_s)
     recorder.report(ticks=3)
     played.step(12, State.ENABLED)
     assert played.state()["recording"]["error"] == ""
-    played.step(800, State.ENABLED)
+    played.wait_s(8.0, State.ENABLED)
     said = played.state()["recording"]["error"]
     assert said == "the recorder has not reported for 8 s: does the disk answer?"
     recorder.report(ticks=4)
@@ -321,7 +321,7 @@ def test_a_recorder_that_is_silent_is_ended_while_the_ring_has_what_it_missed(
     played.step(2, State.ENABLED)
     first = played.recorders[0]
     first.report(ticks=3)
-    played.step(round(100 * silent_s) - 10, State.ENABLED)
+    played.wait_s(silent_s - 0.1, State.ENABLED)
     assert first.code is None
     played.step(20, State.ENABLED)
     assert first.code == -signal.SIGKILL
@@ -337,7 +337,7 @@ def test_a_recorder_that_waits_for_its_disk_is_not_ended(played):
     played.step(2, State.ENABLED)
     played.recorders[0].report(ticks=3)
     for _ in range(15):
-        played.step(100, State.ENABLED)
+        played.wait_s(1.0, State.ENABLED)
         played.recorders[0].send({"recording": False, "blocked": True})
     assert played.recorders[0].code is None
     view = played.supervisor.recording.view()
@@ -360,14 +360,14 @@ def test_one_that_waits_for_its_disk_since_it_was_started_is_said_too(played):
     assert played.state()["recording"]["error"] == ""
     for _ in range(8):
         played.recorders[1].send({"recording": False, "blocked": True})
-        played.step(100, State.ENABLED)
+        played.wait_s(1.0, State.ENABLED)
     said = played.state()["recording"]["error"]
     assert said == "the recorder has not reported for 8 s: does the disk answer?"
 
 
 def test_one_that_starts_is_not_silent(played):
     started_again(played)
-    played.step(800, State.ENABLED)
+    played.wait_s(8.0, State.ENABLED)
     assert len(played.recorders) == 2
     assert played.state()["recording"]["error"] == ""
 
@@ -381,7 +381,7 @@ def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatc
     played.ask("plan/start", token=token, name="calibrate", detach=True)
     for _ in range(12):
         played.recorders[0].report(recording=False, error="/runs: cannot write there")
-        played.step(100)
+        played.wait_s(1.0)
     assert played.supervisor.bench.plans.active
     played.close()
 
@@ -399,12 +399,13 @@ def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(
         played.recorders[0].report(file=f"{start['out']}-000.mcap")
         played.step(1, State.ENABLED)
         played.recorders[0].report(recording=False, error="")
-        played.step(140, State.ENABLED)
+        played.wait_s(1.4, State.ENABLED)
     played.recorders[0].report(file=f"{start['out']}-000.mcap")
     played.step(1, State.ENABLED)
     if reports:
         played.recorders[0].report(recording=False, error="/runs: gone")
-    played.step(149, State.ENABLED)
+    played.wait_s(1.45, State.ENABLED)
+    played.step(4, State.ENABLED)
     assert played.supervisor.bench.plans.view.message == ""
     played.step(4, State.ENABLED)
     view = played.supervisor.bench.plans.view
@@ -440,7 +441,7 @@ def test_a_plan_is_not_ended_for_a_recorder_that_was_not_listened_to(played):
 
 def test_a_recorder_that_does_not_report_after_a_suspension_either_ends_the_plan(played):
     _suspended_in_a_plan(played)
-    played.step(round(50 * played.config.loop.ring_s) + 110, State.ENABLED)
+    played.wait_s(played.config.loop.ring_s / 2 + 1.1, State.ENABLED)
     assert "not recorded for" in played.supervisor.bench.plans.view.message
 
 
