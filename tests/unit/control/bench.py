@@ -1,6 +1,7 @@
 """A bench of arrays around the kernel: healthy feedback, one tick at a time."""
 
-from typing import Any
+from copy import deepcopy
+from typing import Any, Self
 
 import numpy as np
 
@@ -106,6 +107,11 @@ class Bench:
 
     def currents_A(self) -> np.ndarray:
         return self.command["i_A"][0].astype(float)
+
+    def copied(self) -> Self:
+        """Return another bench in the same state: what nobody writes to is that of both."""
+        fixed = (self.config, self.back_emf, self.cogging_Nm, self.learned_Nm)
+        return deepcopy(self, {id(one): one for one in fixed})
 
 
 @jit
