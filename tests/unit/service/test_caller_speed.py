@@ -51,7 +51,7 @@ def answers(asked, wait_s):
 
 
 @pytest.mark.slow
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(st.lists(st.sampled_from([*REQUESTS, NEXT_HOLDER, TAKEOVER]), max_size=8))
 @example(["torque of an enabled bench", NEXT_HOLDER, "plan"])
 @example(["torque of an enabled bench", NEXT_HOLDER, "torque"])

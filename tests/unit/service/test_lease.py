@@ -1,7 +1,7 @@
 """The lease against a model: never two commanders, never one who was silent too long."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
@@ -95,6 +95,7 @@ class LeaseModel(RuleBasedStateMachine):
 
 
 TestLease = LeaseModel.TestCase
+TestLease.settings = settings(max_examples=60, stateful_step_count=25)
 
 
 @given(forced=st.integers(1, 5))

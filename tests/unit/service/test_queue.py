@@ -16,7 +16,7 @@ from motord.service.queue.waits import WaitFailedError, Waits, due
 from tests.unit.service.virtual_service import VirtualService
 
 SHORT = {
-    "torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2, "gain_steps": [],
+    "torques_Nm": [2.0], "speeds_Hz": [1.8, 2.0], "turns": 2, "settle_s": 0.1, "gain_steps": [],
 }  # fmt: skip
 GOOD = {"name": "calibrate", "settings": {**SHORT, "speeds_Hz": [1.0], "settle_s": 0.1}}
 BAD = {"name": "calibrate", "settings": {**SHORT, "settle_timeout_s": 0.05}}

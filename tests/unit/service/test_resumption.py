@@ -25,7 +25,7 @@ from tests.unit.recording.runs import METADATA, START_NS, tick_block
 from tests.unit.service.virtual_service import VirtualService
 
 SHORT = {
-    "torques_Nm": [2.0], "speeds_Hz": [0.8, 0.9, 1.0], "turns": 2, "settle_s": 0.2,
+    "torques_Nm": [2.0], "speeds_Hz": [1.8, 1.9, 2.0], "turns": 2, "settle_s": 0.1,
     "gain_steps": [],
 }  # fmt: skip
 
