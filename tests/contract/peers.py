@@ -28,11 +28,11 @@ from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec, MessageCodec
 from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED, FD_BYTES
+from tests.support import patience
 from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 
 PERIOD_S = 0.001
-DEADLINE_S = PATIENCE_S
 CONNECT_S = 10.0
 
 CHANNEL = "239.74.163.77"
@@ -88,12 +88,8 @@ def encode_feedback(
 
 
 def until(condition: Callable[[], Any]) -> Any:
-    """Return what `condition` returns once it is true; fails if it stays false for long."""
-    deadline_s = time.monotonic() + DEADLINE_S
-    while not (result := condition()):
-        assert time.monotonic() < deadline_s, f"not within {DEADLINE_S:g} s: {condition}"
-        time.sleep(PERIOD_S / 4)
-    return result
+    """Return what `condition` returns once it is true, looking several times in a period."""
+    return patience.until(condition, look_s=PERIOD_S / 4)
 
 
 def give_up_once(condition: Callable[[], bool], patch: pytest.MonkeyPatch) -> None:

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from tests.contract import ideal, mutants, peers, test_fast_drivers, test_setpoint_devices
+from tests.contract import ideal, mutants, test_fast_drivers, test_setpoint_devices
 from tests.contract.ideal import Bridge, Inverter, Slow, SlowEnd
 from tests.contract.mutants import FAST, SLOW, Mutant
 from tests.contract.test_setpoint_devices import Pair
+from tests.support import patience
 
 WILD = (math.nan, math.inf, -math.inf)
 PHASES = range(3)
@@ -20,7 +21,7 @@ PHASES = range(3)
 @pytest.fixture(autouse=True)
 def no_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait for nothing: what these drivers do they have done when they return."""
-    monkeypatch.setattr(peers, "DEADLINE_S", 0.0)
+    monkeypatch.setattr(patience, "PATIENCE_S", 0.0)
 
 
 def promises(module: ModuleType) -> dict[str, Callable[..., None]]:

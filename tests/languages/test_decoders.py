@@ -7,7 +7,6 @@ session of Zenoh; every field of every tick has the value that Python decodes.
 import shutil
 import struct
 import subprocess
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from motord.client import connect
 from motord.proto import FOLDER
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import BlockCodec
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 from tests.unit.service.live_service import live_service
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -62,13 +61,6 @@ def published(tmp_path_factory):
                 while len(payloads) < BLOCKS:
                     payloads.append(subscriber.recv().payload.to_bytes())
     return got
-
-
-def wait_until(condition):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def framed(kind, payload):
@@ -150,12 +142,12 @@ def test_a_session_of_zenoh_in_javascript(tmp_path, batch_size):
         connect("live", live.listen) as client,
         client.subscribe_ticks(blocks.append),
     ):
-        wait_until(lambda: blocks)  # from its first tick on they are here, too
+        until(lambda: blocks)  # from its first tick on they are here, too
         port = live.listen.rpartition(":")[2]
         lines = output([*program, port, "live", str(PROTO), "200", str(batch_size)])
         pairs = [line.split(" ", 1) for line in lines]
         newest = max(int(values(text)["tick"]) for _, text in pairs)
-        wait_until(lambda: blocks[-1]["tick"][-1] >= newest)
+        until(lambda: blocks[-1]["tick"][-1] >= newest)
     rows = {int(row["tick"]): row for row in np.concatenate(blocks)}
     for name, least in (("tick", 1), ("ticks", 100)):
         found = [values(text) for topic, text in pairs if topic == key("live", name)]

@@ -20,7 +20,7 @@ from motord.client import ClientError, connect
 from motord.recording.file_names import stem_of, whole_of
 from motord.recording.reader import open_run
 from tests.support import again, stalls
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 from tests.support.ports import free_port
 from tests.support.stalls import STALE_S
 
@@ -310,9 +310,4 @@ def leave_at_rest(client):
     assert state.state == "OFF" or stalls.is_explicable(state.first_trip), state.trips
 
 
-def wait_until(condition, what):
-    """Wait until `condition()` is true."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline_s, f"waited in vain for: {what}"
-        time.sleep(0.02)
+wait_until = until
