@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config.motor import back_emf_waves
-from motord.identification.operating_points import stacked
+from motord.jit import jit
 from motord.rig.truth import RigTruth
 
 PARTS = 10
@@ -42,50 +42,59 @@ class BetweenTicks:
         t_s = (at_ticks["t_ns"] - at_ticks["t_ns"][0]) * 1e-9
         part_s = float(np.median(np.diff(t_s))) * np.arange(PARTS) / PARTS
         fine_s = np.append((t_s[:-1, None] + part_s).ravel(), t_s[-1])
-        i_A = stacked(at_ticks, CURRENTS)
+        i_A = np.array([at_ticks[name] for name in CURRENTS], float)
         fine = np.empty(fine_s.size, _FINE)
         fine["angle_rad"] = CubicSpline(t_s, at_ticks["angle_rad"])(fine_s)
         fine["speed_rad_s"] = np.interp(fine_s, t_s, at_ticks["speed_rad_s"])
         smooth_Nm = at_ticks["torque_Nm"] - self._torque_Nm(i_A, at_ticks["angle_rad"])
         fine["torque_Nm"] = CubicSpline(t_s, smooth_Nm)(fine_s)
-        fine_A = np.concatenate([self._currents_A(i_A, part_s), i_A[-1:]])
+        fine_A = np.concatenate([self._currents_A(i_A, part_s), i_A[:, -1:]], axis=1)
         fine["torque_Nm"] += self._torque_Nm(fine_A, fine["angle_rad"])
         return fine
 
     def _torque_Nm(self, i_A: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-        """Return the torque (n,) of currents (n, 3) at angles (n,)."""
+        """Return the torque (n,) of currents (3, n) at angles (n,)."""
         motor, order = self.rig.motor, self.rig.inverter.phase_order
-        k = back_emf_waves(motor.back_emf, motor.pole_pairs * angle_rad, order)
-        return np.asarray((i_A * k).sum(axis=1))
+        k = back_emf_waves(motor.back_emf, motor.pole_pairs * angle_rad, order).T
+        return np.asarray(i_A[0] * k[0] + i_A[1] * k[1] + i_A[2] * k[2])
 
     def _currents_A(self, i_A: np.ndarray, part_s: np.ndarray) -> np.ndarray:
-        """Return the currents (parts (n - 1), 3) `part_s` (parts,) after all ticks but the last."""
+        """Return the currents (3, parts (n - 1)) `part_s` (parts,) after all ticks but the last."""
         period_s = PARTS * part_s[1]
         lag_s = 1 / (2 * np.pi * self.rig.inverter.bandwidth_Hz)
         dead_s = self.rig.inverter.dead_time_s % period_s
         old, new = np.exp(-dead_s / lag_s), np.exp(-(period_s - dead_s) / lag_s)
-        command_A = _commands_A(i_A[1:] - new * old * i_A[:-1], new * (1 - old), 1 - new, i_A)
-        before_A, after_A = command_A[:-1], command_A[1:]
-        turn_A = before_A + (i_A[:-1] - before_A) * old
-        s = part_s[:, None]
-        early_A = before_A[:, None] + (i_A[:-1] - before_A)[:, None] * np.exp(-s / lag_s)
-        gone = np.exp(-np.maximum(s - dead_s, 0.0) / lag_s)
-        late_A = after_A[:, None] + (turn_A - after_A)[:, None] * gone
-        return np.asarray(np.where(s < dead_s, early_A, late_A).reshape(-1, 3))
+        first_A = i_A[:, :-1]
+        command_A = _commands_A(i_A[:, 1:] - new * old * first_A, new * (1 - old), 1 - new, i_A)
+        before_A, after_A = command_A[:, :-1], command_A[:, 1:]
+        turn_A = before_A + (first_A - before_A) * old
+        fine_A = np.empty((*first_A.shape, part_s.size))
+        early = np.exp(-part_s / lag_s)
+        late = np.exp(-np.maximum(part_s - dead_s, 0.0) / lag_s)
+        for part, s in enumerate(part_s):
+            if s < dead_s:
+                fine_A[:, :, part] = before_A + (first_A - before_A) * early[part]
+            else:
+                fine_A[:, :, part] = after_A + (turn_A - after_A) * late[part]
+        return fine_A.reshape(3, -1)
 
 
 def _commands_A(driven_A: np.ndarray, before: float, after: float, i_A: np.ndarray) -> np.ndarray:
-    """Return the commands u (n, 3) of `before` u_m + `after` u_(m+1) = driven_A_m (n - 1, 3).
+    """Return the commands u (3, n) of `before` u_m + `after` u_(m+1) = driven_A_m (3, n - 1).
 
     Solved in the direction in which errors get smaller. One of the ends, which the equations leave
-    open, is taken for the current i_A (n, 3) there.
+    open, is taken for the current i_A (3, n) there.
     """
-    from scipy.signal import lfilter, lfiltic
-
     if backwards := before > after:
-        driven_A, i_A, before, after = driven_A[::-1], i_A[::-1], after, before
-    feedback = np.array([1.0, before / after])
-    begin = np.stack([lfiltic([1.0], feedback, [first]) for first in i_A[0]], axis=1)
-    rest_A, _ = lfilter([1.0], feedback, driven_A / after, axis=0, zi=begin)
-    command_A = np.concatenate([i_A[:1], rest_A])
-    return command_A[::-1] if backwards else command_A
+        driven_A, i_A, before, after = driven_A[:, ::-1], i_A[:, ::-1], after, before
+    command_A = np.concatenate([i_A[:, :1], driven_A / after], axis=1)
+    _subtract_scaled_previous(command_A, before / after)
+    return command_A[:, ::-1] if backwards else command_A
+
+
+@jit
+def _subtract_scaled_previous(values: np.ndarray, scale: float) -> None:
+    """Replace v_j by v_j - scale v_(j-1) in each row of values (m, n), from j = 1 on."""
+    for row in range(values.shape[0]):
+        for j in range(1, values.shape[1]):
+            values[row, j] -= scale * values[row, j - 1]
