@@ -5,8 +5,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
+
+import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config, load, packaged
@@ -125,13 +128,14 @@ def _whole_or_nothing(path: Path) -> Iterator[None]:
 
 
 def _write(writer: RunWriter, piece: MeshPiece, config: Config) -> None:
-    """Write a piece by the second, as a recorder would, so that no chunk is large."""
-    rate_Hz = config.loop.rate_Hz
+    """Write a piece chunk by chunk, ticks and truth of each together: no chunk is cut in two."""
     readings = deque(sorted(channel_readings(config.channels, piece.truth), key=itemgetter(0)))
-    for first in range(0, piece.ticks.size, rate_Hz):
-        ticks = piece.ticks[first : first + rate_Hz]
+    chunk = piece.ticks["t_ns"] // round(CHUNK_S * 1e9)
+    edges = np.flatnonzero(np.diff(chunk)) + 1
+    for first, end in pairwise([0, *edges.tolist(), piece.ticks.size]):
+        ticks = piece.ticks[first:end]
         writer.ticks(ticks)
-        writer.truth(piece.truth[first : first + rate_Hz])
+        writer.truth(piece.truth[first:end])
         while readings and readings[0][0] <= int(ticks["t_ns"][-1]):
             t_ns, channel, value = readings.popleft()
             content = {"value": value, "raw": value, "status": "ok"}

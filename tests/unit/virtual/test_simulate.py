@@ -1,13 +1,15 @@
 import json
+import math
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import SeekingReader
 from typer.testing import CliRunner
 
 from motord.cli import app, simulate
-from motord.config import packaged
+from motord.config import load, packaged
 from motord.experiments import plans
 from motord.recording.errors import RecordError
 from motord.recording.reader import open_run
@@ -26,6 +28,7 @@ def run(*arguments: object) -> tuple[int, str, str]:
 
 
 SETTINGS = ("torques_Nm=2", "speeds_Hz=1", "turns=3", "gain_steps=[]")
+TWO_POINTS = {"torques_Nm": [2.0], "speeds_Hz": [0.9, 1.3], "turns": 2}
 SMALL = tuple(argument for setting in SETTINGS for argument in ("--set", setting))
 
 
@@ -44,6 +47,17 @@ def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
     code, _, err = run("calibrate", *SMALL, "-o", path)
     assert code == 1
     assert "exists" in err
+
+
+def test_ticks_and_truth_of_a_second_are_in_one_chunk(tmp_path: Path) -> None:
+    plan = plans.build("verify", load(), {**TWO_POINTS, "compensate": "off"})
+    path = tmp_path / "run.mcap"
+    recorded = record_plan(PlanSource.of(), plan, path, 4)
+    assert recorded.bench_s % 1 != 0  # the points begin and end within seconds
+    with path.open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) == math.ceil(recorded.bench_s)
 
 
 def test_points_that_come_out_poor_are_counted(tmp_path: Path) -> None:
