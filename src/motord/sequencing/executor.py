@@ -1,6 +1,5 @@
 """Carries out a plan: one observation in, one demand out. The same in virtual and real time."""
 
-from dataclasses import replace
 from enum import Enum
 from typing import Any
 
@@ -67,7 +66,7 @@ class Executor:
             return self._demand
         if self.state in (PlanState.PAUSING, PlanState.PAUSED):
             return self._rest_in_pause(seen)
-        self._demand = self._next_demand(replace(seen, demand=self._demand))
+        self._demand = self._next_demand(seen._replace(demand=self._demand))
         return self._demand
 
     def pause(self) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,8 +98,7 @@ class TemperatureSpan:
         return self.highest_C - self.lowest_C
 
 
-@dataclass(frozen=True)
-class Observation:
+class Observation(NamedTuple):
     """The bench at the end of a block of ticks."""
 
     t_ns: int
@@ -122,10 +122,10 @@ class Observation:
     point_slowest_Hz: float = 0.0  # of the means over whole turns since then
     point_fastest_Hz: float = 0.0
     temperature_C: float = float("nan")  # of the inverter
-    point_temperatures_C: Mapping[str, TemperatureSpan] = field(default_factory=dict)  # by channel
-    demand: Demand = field(default_factory=Demand)  # in force meanwhile
+    point_temperatures_C: Mapping[str, TemperatureSpan] = MappingProxyType({})  # by channel
+    demand: Demand = Demand()  # in force meanwhile
     precision: Precision | None = None  # the newest that the plan's estimator gave
-    channels: Mapping[str, ChannelValue] = field(default_factory=dict)  # slow ones, by name
+    channels: Mapping[str, ChannelValue] = MappingProxyType({})  # slow ones, by name
 
     def since_s(self, earlier: "Observation") -> float:
         """Return the time since an earlier observation (s)."""

@@ -1,7 +1,6 @@
 """A plan carried out on a virtual bench: the executor of the real bench, in virtual time."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pkgutil import resolve_name
 from typing import Any
 
@@ -77,7 +76,7 @@ class InlineEstimation:
             self._newest = self._estimator.captured(point)
         self._taken = len(points)
         self._estimator.take(ticks)
-        return replace(seen, precision=self._newest)
+        return seen._replace(precision=self._newest)
 
 
 def _put(setpoint: np.ndarray, before: Demand, demand: Demand) -> None:
@@ -86,6 +85,8 @@ def _put(setpoint: np.ndarray, before: Demand, demand: Demand) -> None:
     Field by field of the array: attributes of a numpy record take ten times as long.
     """
     setpoint["seq"] += 1
+    if demand is before:
+        return
     setpoint["torque_Nm"], setpoint["speed_rad_s"] = demand.torque_Nm, 2 * np.pi * demand.speed_Hz
     setpoint["brake"], setpoint["drive_rad_s"] = demand.brake, demand.drive_rad_s
     setpoint["plan_point"], setpoint["compensate"] = demand.plan_point, demand.compensate

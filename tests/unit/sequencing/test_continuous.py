@@ -56,7 +56,7 @@ class Ride:
     def look(self) -> None:
         self.blocks.append(self.bench.look(self.demand))
         seen = self.watcher.take(self.blocks[-1])
-        seen = replace(seen, precision=self.precision(len(self.executor.points)))
+        seen = seen._replace(precision=self.precision(len(self.executor.points)))
         self.demand = self.executor.advance(seen)
         self.demands.append(self.demand)
 

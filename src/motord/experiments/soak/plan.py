@@ -181,7 +181,7 @@ def repetition(motion: Motion[Any], number: int, size: int) -> Motion[None]:
             plan_point=inner_point(seen.demand.plan_point),
             label=seen.demand.label.removeprefix(prefix),
         )
-        return replace(seen, plan_point=inner_point(seen.plan_point), demand=demand)
+        return seen._replace(plan_point=inner_point(seen.plan_point), demand=demand)
 
     try:
         step = next(motion)

@@ -7,7 +7,7 @@ is closed, or is known not to be.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 from uuid import uuid4
 
@@ -153,7 +153,7 @@ class PlanRunner:
         if executor is None or not self.active:
             return
         if self.estimator is not None and self.estimator.precision is not None:
-            seen = replace(seen, precision=self.estimator.precision)
+            seen = seen._replace(precision=self.estimator.precision)
         self._apply(executor.advance(seen))
         self._pass_on_points(executor)
         if (waiting := self._waiting) is not None and executor.state is PlanState.DONE:
