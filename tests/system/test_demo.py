@@ -1,8 +1,9 @@
-"""`motord demo` as a user runs it: the full mesh, bounds on both sides, files that can be used."""
+"""`motord demo` as a user runs it, at the same bounds quick and whole; files that can be used."""
 
 import json
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -14,18 +15,41 @@ from motord.recording.reader import open_run
 pytestmark = pytest.mark.system
 
 
+@dataclass(frozen=True)
+class Extent:
+    """Options of a demo, how many points its meshes have, and the least time on the bench."""
+
+    options: tuple[str, ...]
+    points: int
+    bench_s: float
+
+
+QUICK, WHOLE = Extent(("--quick",), 4, 200.0), Extent((), 30, 3000.0)
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(QUICK, id="quick"),
+        pytest.param(WHOLE, id="whole", marks=pytest.mark.long),
+    ],
+)
+def extent(request: pytest.FixtureRequest) -> Extent:
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+def demo(extent: Extent, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     folder = tmp_path_factory.mktemp("demo") / "out"
     command = [sys.executable, "-m", "motord", "demo", "--out", folder, "--json", "--seed", "7"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, *extent.options], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return folder, json.loads(done.stdout)
 
 
-def test_ripple_before_and_after(demo: tuple[Path, dict]) -> None:
+def test_ripple_before_and_after(demo: tuple[Path, dict], extent: Extent) -> None:
     _, found = demo
-    assert len(found["points"]) == 30
+    assert len(found["points"]) == extent.points
     assert 5.0 < found["before"]["mean"] < 9.0
     # a tenth of this would be too good to be true at 1 kHz: sampled currents alone leave more
     assert 0.05 < found["after"]["max"] <= 0.5
@@ -48,13 +72,14 @@ def test_estimates_against_the_truth(demo: tuple[Path, dict]) -> None:
         assert orders[harmonic["order"]] == pytest.approx(harmonic["amplitude_Nm"], abs=1e-3)
 
 
-def test_files_can_be_used(demo: tuple[Path, dict]) -> None:
+def test_files_can_be_used(demo: tuple[Path, dict], extent: Extent) -> None:
     folder, found = demo
-    assert found["bench_s"] > 3000
-    for name, points in (("verify-off.mcap", 30), ("calibrate.mcap", 32), ("verify-on.mcap", 30)):
+    assert found["bench_s"] > extent.bench_s
+    # of the calibration two more, with one phase's current scaled
+    for name, more in (("verify-off.mcap", 0), ("calibrate.mcap", 2), ("verify-on.mcap", 0)):
         run = open_run(folder / name)
         assert run.check() is None
-        assert len(run.operating_points()) == points  # two more with one phase's current scaled
+        assert len(run.operating_points()) == extent.points + more
     made = calibration.load(folder / "calibration.json")
     made.check_motor(load().motor)
     assert made.rms_error_percent.before is not None
