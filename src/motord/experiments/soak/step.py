@@ -93,19 +93,21 @@ def most_likely_step(t: np.ndarray, y: np.ndarray) -> Step | None:
 
 def _relaxes_instead(t: np.ndarray, y: np.ndarray, place: int) -> bool:
     """Return whether a step at a place of y (n,) over t (n,) is not preferred to a relaxation."""
-    line = line_with_step(t - t.mean(), None)
     part = (t - t[0]) / (t[-1] - t[0])
+    relaxing = [np.exp(-part / one) for one in TIME_CONSTANTS]
+    step = (np.arange(t.size) >= place).astype(float)
+    line = line_with_step(t - t.mean(), None)
+    white, scales = whitened(t, np.column_stack([line, *relaxing, step, y]))
 
-    def likelihood(column: np.ndarray) -> float:
+    def likelihood(column: int) -> float:
         """Return the log likelihood with a column next to the line, the largest over rho."""
-        white, scales = whitened(t, np.column_stack([line, column, y]))
-        size = np.abs(np.linalg.qr(white)[1][:, -1, -1])  # of the residual
+        size = np.abs(np.linalg.qr(white[..., [0, 1, column, -1]], mode="r")[:, -1, -1])
         logarithms = -t.size * np.log(np.maximum(size, ROUNDING)) - np.log(scales).sum(axis=1)
-        return float(logarithms.max())
+        return float(logarithms.max())  # size: of the residual
 
-    relaxing = max(likelihood(np.exp(-part / one)) for one in TIME_CONSTANTS)
-    step = likelihood((np.arange(t.size) >= place).astype(float))
-    return 2 * (step - relaxing) < PREFERRED
+    first, last = line.shape[1], line.shape[1] + len(relaxing)
+    most = max(likelihood(column) for column in range(first, last))
+    return 2 * (likelihood(last) - most) < PREFERRED
 
 
 def _by_correlation(

@@ -1,6 +1,7 @@
 """Steps of a series: found with place and size, and not taken for what is none."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,10 +23,17 @@ def trend(values: np.ndarray, name: str = "x_Nm") -> FigureTrend:
     return FigureTrend(name, "Nm", HOURS, values, slope(HOURS, values))
 
 
-def stepped(values: np.ndarray) -> bool:
+@cache
+def p_values_of_others() -> list[float | None]:
+    """Return those of 11 figures of a soak without a step."""
     rng = np.random.default_rng(99)
-    others = [trend(rng.normal(size=HOURS.size)) for _ in range(11)]
-    return with_steps([trend(values), *others])[0].step is not None
+    found = [most_likely_step(HOURS, rng.normal(size=HOURS.size)) for _ in range(11)]
+    return [one and one.p_value for one in found]
+
+
+def stepped(values: np.ndarray) -> bool:
+    found = most_likely_step(HOURS, values)
+    return beyond_chance([found and found.p_value, *p_values_of_others()], FALSE_ALARMS)[0]
 
 
 def test_a_step_is_found_with_its_place_and_size_and_is_no_slope():
