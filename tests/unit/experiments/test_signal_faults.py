@@ -14,6 +14,8 @@ from tests.support.wrong_signals import CHANGES, Change, change_recording
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
 
+pytestmark = pytest.mark.usefixtures("no_search_for_lines")
+
 
 @pytest.fixture(scope="module")
 def sound(recorded: Recorded) -> dict[str, Any]:
@@ -41,7 +43,7 @@ def frozen(ticks: np.ndarray) -> np.ndarray:
 
 
 def stuck(ticks: np.ndarray) -> np.ndarray:
-    ticks["encoder_count"] |= 512
+    ticks["encoder_count"] |= 16
     return ticks
 
 
