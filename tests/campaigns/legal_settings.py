@@ -91,6 +91,8 @@ DRAWS: Mapping[str, Draw] = {
     "align": lambda rng, most_Hz: {
         "currents_A": some(rng, 1.0, 22.0),
         "brake": between(rng, 0.0, 1.0),
+        "turns": 1,
+        "rests": 17,
     },
     "profile": lambda rng, most_Hz: {
         "torque_factor": between(rng, 0.2, 2.0),
