@@ -57,6 +57,7 @@ def test_a_bar_shows_what_of_the_recordings_is_read(
     assert [(task.description, task.finished) for task in bars.tasks] == [("reading", True)]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_compare_with_the_last_calibration(recorded: Recorded, tmp_path: Path) -> None:
     report = tmp_path / "c.html"
     arguments = ("calibrate", recorded.off, "--beside", recorded.calibration, "--report", report)

@@ -28,6 +28,7 @@ def without_a_turn(path: Path, target: Path) -> Path:
     return change_recording(path, target, changed)
 
 
+@pytest.mark.usefixtures("no_search_for_lines", "no_pictures")
 @pytest.mark.parametrize("command", ["verify", "calibrate"])
 def test_a_point_with_lost_turns_is_left_out_and_said(
     command: str, recorded: Recorded, tmp_path: Path
