@@ -10,7 +10,7 @@ from motord.experiments.analysis import encode
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import fitted
 from motord.experiments.friction.report import friction_over_speed
-from motord.experiments.friction.result import DirectionalFriction, Inertia
+from motord.experiments.friction.result import DirectionalFriction, Friction, Inertia
 from motord.identification import IdentifyError
 from motord.intervals import coverage_factor, freedom_of
 from tests.campaigns.friction import COVERED, ROTORS, coverage, held, recordings
@@ -42,6 +42,12 @@ def trials(name: str, seeds: int) -> list[DirectionalFriction]:
     """Return what the coast-downs of each seed show of a rotor."""
     several = recordings(ROTORS[name], range(seeds))
     return [one for coasts in several for one in friction(coasts).directions]
+
+
+@cache
+def measured(seed: int, number: int) -> Friction:
+    """Return what coast-downs of the rotor show, which are several tests' own."""
+    return friction(coast_downs(np.random.default_rng(seed), Rotor(), number))
 
 
 @pytest.mark.parametrize(
@@ -197,7 +203,7 @@ def test_the_curve_holds_the_truth_as_often_as_it_says() -> None:
 
 
 def test_lines_that_are_the_same_either_way_are_both_seen() -> None:
-    forwards = friction(coast_downs(np.random.default_rng(4), Rotor(), 4)).directions[0]
+    forwards = measured(4, 4).directions[0]
     backwards = replace(forwards, direction="backwards")
     right = friction_over_speed([forwards, backwards]).axes[1]
     for below, above in (right.lines[::2], right.lines[1::2]):
@@ -225,8 +231,8 @@ def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None
 
 
 def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
-    coasts = coast_downs(np.random.default_rng(6), Rotor(), 8)
-    exact = friction(coasts).directions[0]
+    coasts = coast_downs(np.random.default_rng(9), Rotor(), 6)
+    exact = measured(9, 6).directions[0]
     doubled = friction(coasts, Inertia(2 * INERTIA.kg_m2, 0.02, "test")).directions[0]
     coulomb = doubled.coulomb_Nm
     assert coulomb.value == pytest.approx(2 * exact.coulomb_Nm.value)
@@ -238,7 +244,7 @@ def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
 
 
 def test_standard_errors_have_one_degree_of_freedom_less_than_there_are_coast_downs() -> None:
-    one = friction(coast_downs(np.random.default_rng(6), Rotor(), 4)).directions[0]
+    one = measured(4, 4).directions[0]
     for part in (one.coulomb_Nm, one.viscous_Nm_s_per_rad):
         assert freedom_of(part.high - part.value, part.stderr) == pytest.approx(3)
 
@@ -261,8 +267,7 @@ def test_cogging_at_the_stop_speed_is_a_finding() -> None:
 
 
 def test_the_json_has_units_and_no_samples() -> None:
-    coasts = coast_downs(np.random.default_rng(9), Rotor(), 6)
-    content = encode(friction(coasts))
+    content = encode(measured(9, 6))
     assert list(content) == [
         "inertia_kg_m2", "inertia_relative_uncertainty", "inertia_source", "coast_downs",
         "directions", "curve", "residual_rad", "findings", "notes",
@@ -275,10 +280,8 @@ def test_the_json_has_units_and_no_samples() -> None:
 
 def test_a_small_motor_has_the_digits_of_its_intervals() -> None:
     coasts = coast_downs(np.random.default_rng(9), Rotor(), 6)
-    exact, small = (
-        friction(coasts, replace(INERTIA, kg_m2=share * INERTIA.kg_m2)).directions[0]
-        for share in (1.0, 1e-4)
-    )
+    exact = measured(9, 6).directions[0]
+    small = friction(coasts, replace(INERTIA, kg_m2=1e-4 * INERTIA.kg_m2)).directions[0]
     for name in ("Coulomb (mNm)", "viscous (mNm s/rad)"):
         value, half = (float(part) for part in small.parts[name].split(" +- "))
         larger, wider = (1e-4 * float(part) for part in exact.parts[name].split(" +- "))

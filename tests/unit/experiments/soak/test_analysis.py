@@ -100,8 +100,14 @@ def drifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("soak") / "soak.mcap", range(12), drift_Nm=0.006)
 
 
-def test_drifts_are_found_with_their_size_and_others_are_not_claimed(drifted: Path) -> None:
-    found = trends(drifted)
+@pytest.fixture(scope="module")
+def found(drifted: Path) -> dict[str, object]:
+    return trends(drifted)
+
+
+def test_drifts_are_found_with_their_size_and_others_are_not_claimed(
+    found: dict[str, object],
+) -> None:
     assert {name for name, one in found.items() if one.drifts} == {
         "rms_error_percent", "winding_C", "rms_error_percent of point 1, 1 Nm, 1 Hz",
         "rms_error_percent of point 2, 2 Nm, 1 Hz",
@@ -115,7 +121,9 @@ def test_drifts_are_found_with_their_size_and_others_are_not_claimed(drifted: Pa
     np.testing.assert_allclose(rms.hours, 0.1 * np.arange(12), atol=1e-9)
 
 
-def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Path) -> None:
+def test_the_command_says_it_draws_it_and_stores_it(
+    drifted: Path, found: dict[str, object], tmp_path: Path
+) -> None:
     output, report, store = tmp_path / "s.json", tmp_path / "s.html", tmp_path / "store"
     files = ("-o", output, "--report", report, "--store", store)
     code, text, _ = run(analyse, "soak", drifted, *files)
@@ -124,9 +132,9 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
         "12 repetitions of verify in 1.1 h: 4 of 7 figures drift: rms_error_percent, winding_C"
     )
     assert statement in " ".join(text.split())
-    found = json.loads(output.read_text())
-    assert (found["schema"], found["plan"]) == ("motord.soak/1", "verify")
-    actions = {one["name"]: one["action"] for one in found["findings"]}
+    written = json.loads(output.read_text())
+    assert (written["schema"], written["plan"]) == ("motord.soak/1", "verify")
+    actions = {one["name"]: one["action"] for one in written["findings"]}
     assert "begin once it is warm" in actions["drift-of-winding-c"]
     page = report.read_text()
     assert page.count("<svg") == 1
@@ -135,7 +143,7 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
         "slope of RMS error, 95 %", "slope of winding_C, 95 %",
     ]  # fmt: skip
     assert "\u00b1" in cards
-    assert trends(drifted)["rms_error_percent of point 1, 1 Nm, 1 Hz"].title == (
+    assert found["rms_error_percent of point 1, 1 Nm, 1 Hz"].title == (
         "RMS error of point 1, 1 Nm, 1 Hz"
     )
     select = "SELECT unit, low, high, plan, setting_plan, setting_inner_turns FROM results "
@@ -147,7 +155,7 @@ def test_the_command_says_it_draws_it_and_stores_it(drifted: Path, tmp_path: Pat
     assert row[3:] == ("soak", "verify", 4.0)
     stored = query(ResultsStore(store).read().table, "SELECT field FROM results").rows
     assert not [one for [one] in stored if "hours." in one or "values." in one]
-    assert len(next(iter(found["trends"]))["time_series"]["values"]) == 12
+    assert len(next(iter(written["trends"]))["time_series"]["values"]) == 12
     assert "hours" in [one for [one] in stored]
 
 
@@ -265,7 +273,7 @@ def test_without_settings_of_the_inner_plan_there_is_no_ripple(
 @pytest.mark.parametrize("points", [(0,), (0, 3)])
 @pytest.mark.parametrize("column", ["temperature_C", "encoder_count"])
 def test_what_is_not_known_of_a_capture_leaves_out_its_repetition_alone(
-    drifted: Path, tmp_path: Path, column: str, points: tuple[int, ...]
+    drifted: Path, found: dict[str, object], tmp_path: Path, column: str, points: tuple[int, ...]
 ) -> None:
     """It left the set-point out of the mean, and of two set-points the figure out altogether."""
 
@@ -278,7 +286,7 @@ def test_what_is_not_known_of_a_capture_leaves_out_its_repetition_alone(
                 ticks[column][at] = 7  # no whole turn
         return ticks
 
-    plain, found = trends(drifted), trends(change_recording(drifted, tmp_path / "s.mcap", change))
+    plain, found = found, trends(change_recording(drifted, tmp_path / "s.mcap", change))
     lost = points if column == "encoder_count" else ()
     kept = [n for n in range(12) if n not in {point // 2 for point in lost}]
     for name in ("rms_error_percent", "noise_rms_percent"):
@@ -305,8 +313,10 @@ def test_points_that_do_not_hold_their_set_point_have_no_ripple(
     assert [one.name for one in result.trends if one.name.startswith("torque_mean_Nm")]
 
 
-def test_the_gain_of_the_torque_sensor_is_in_the_interval_of_a_slope(drifted: Path) -> None:
-    slope = trends(drifted)["winding_C"]
+def test_the_gain_of_the_torque_sensor_is_in_the_interval_of_a_slope(
+    found: dict[str, object],
+) -> None:
+    slope = found["winding_C"]
     assert slope.with_scale(0.0).slope == slope.slope
     wider = slope.with_scale(0.1)
     assert wider.slope.stderr == pytest.approx(np.hypot(slope.slope.stderr, 0.1 * 20), rel=0.02)
