@@ -1,6 +1,7 @@
 """The plan and the analysis on the packaged rig, from simulation to report; what is refused."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -43,9 +44,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
-def inertia(tmp_path: Path) -> Path:
-    path = tmp_path / "inertia.json"
+@pytest.fixture(scope="module")
+def inertia(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("inertia") / "inertia.json"
     content = {
         "schema": "motord.inertia/1",
         "inertia_kg_m2": INERTIA_KG_M2,
@@ -55,16 +56,28 @@ def inertia(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_packaged_rig_has_the_friction_that_is_found(
-    recorded: Path, inertia: Path, tmp_path: Path
-) -> None:
-    output, report = tmp_path / "f.json", tmp_path / "f.html"
+@dataclass(frozen=True)
+class Analysed:
+    """What the analysis of the recording prints, writes and draws."""
+
+    text: str
+    found: dict[str, Any]
+    page: str
+
+
+@pytest.fixture(scope="module")
+def analysed(recorded: Path, inertia: Path) -> Analysed:
+    output, report = recorded.with_name("f.json"), recorded.with_name("f.html")
     arguments = ("--inertia", inertia, "-o", output, "--report", report)
     code, text = invoke("analyse", "friction", recorded, *arguments)
     assert code == 0, text
-    assert "Coulomb (mNm)" in text
-    assert "no Stribeck part seen" in text
-    found = json.loads(output.read_text())
+    return Analysed(text, json.loads(output.read_text()), report.read_text())
+
+
+def test_the_packaged_rig_has_the_friction_that_is_found(analysed: Analysed) -> None:
+    assert "Coulomb (mNm)" in analysed.text
+    assert "no Stribeck part seen" in analysed.text
+    found = analysed.found
     assert found["schema"] == "motord.friction/1"
     assert found["coast_downs"] == 12
     assert [one["direction"] for one in found["directions"]] == ["forwards", "backwards"]
@@ -76,23 +89,19 @@ def test_the_packaged_rig_has_the_friction_that_is_found(
         low, high = one["viscous_low_Nm_s_per_rad"], one["viscous_high_Nm_s_per_rad"]
         assert low < VISCOUS_NM_S_PER_RAD < high
         assert one["stribeck"] is None
-    page = report.read_text()
-    assert page.count("<svg") == 3
-    assert "Friction torque over speed" in page
+    assert analysed.page.count("<svg") == 3
+    assert "Friction torque over speed" in analysed.page
 
 
 def test_a_count_out_of_range_is_left_out_and_said(
-    recorded: Path, inertia: Path, tmp_path: Path
+    recorded: Path, analysed: Analysed, inertia: Path, tmp_path: Path
 ) -> None:
     """A coast-down ended there, as if the rotor had turned back, or began with it."""
     change = CHANGES["encoder out of range at times"]
     changed = change_recording(recorded, tmp_path / "run.mcap", change)
-    sound, found = (
-        json.loads(invoke("analyse", "friction", path, "--inertia", inertia, "--json")[1])
-        for path in (recorded, changed)
-    )
+    found = json.loads(invoke("analyse", "friction", changed, "--inertia", inertia, "--json")[1])
     assert [one["name"] for one in found["findings"]] == ["encoder-out-of-range"]
-    for one, other in zip(found["directions"], sound["directions"], strict=True):
+    for one, other in zip(found["directions"], analysed.found["directions"], strict=True):
         assert one["coulomb_Nm"] == pytest.approx(other["coulomb_Nm"], rel=1e-3)
 
 

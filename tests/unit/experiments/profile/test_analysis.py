@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,7 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
     return files
 
 
+@cache
 def found(path: Path, calibration: Path | None = None) -> ProfileTracking:
     return estimate(Recordings.open([path]), calibration)
 
