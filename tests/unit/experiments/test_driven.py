@@ -111,6 +111,7 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert page.index("one-direction") < page.index("<h2 ")
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_back_emf_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     done = motord("back-emf", runs / "emf.mcap", "--report", tmp_path / "r.html")
     assert done.exit_code == 0, done.output

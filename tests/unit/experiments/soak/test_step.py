@@ -91,7 +91,7 @@ def test_without_a_step_few_soaks_claim_one(n, correlation):
         found = most_likely_step(at, wandering(rng, n, correlation))
         return found and found.p_value
 
-    claimed = [any(beyond_chance([p_value() for _ in range(12)], FALSE_ALARMS)) for _ in range(100)]
+    claimed = [any(beyond_chance([p_value() for _ in range(6)], FALSE_ALARMS)) for _ in range(100)]
     assert sum(claimed) <= 4  # 1, and 3 standard deviations
 
 
