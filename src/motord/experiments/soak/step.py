@@ -101,9 +101,10 @@ def _relaxes_instead(t: np.ndarray, y: np.ndarray, place: int) -> bool:
 
     def likelihood(column: int) -> float:
         """Return the log likelihood with a column next to the line, the largest over rho."""
-        size = np.abs(np.linalg.qr(white[..., [0, 1, column, -1]], mode="r")[:, -1, -1])
+        triangular = np.asarray(np.linalg.qr(white[..., [0, 1, column, -1]], mode="r"))
+        size = np.abs(triangular[:, -1, -1])  # of the residual
         logarithms = -t.size * np.log(np.maximum(size, ROUNDING)) - np.log(scales).sum(axis=1)
-        return float(logarithms.max())  # size: of the residual
+        return float(logarithms.max())
 
     first, last = line.shape[1], line.shape[1] + len(relaxing)
     most = max(likelihood(column) for column in range(first, last))
