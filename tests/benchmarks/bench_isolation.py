@@ -30,7 +30,8 @@ from motord.shm.run_directory import RunDir
 from motord.shm.timing import Timing
 from tests.benchmarks.figure import Figure
 from tests.benchmarks.paired import Pair, Seen, compared, heartbeat
-from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
+from tests.support.patience import until
+from tests.system.daemons import Daemon, daemon, wait_for, write_sim
 from tests.system.disturbances import (
     hogs,
     let_files_grow_no_more,
@@ -145,11 +146,11 @@ def disturbances(bench: Bench) -> Iterator[list[Disturbance]]:
 
         def stop_subscriber() -> None:
             other.send_signal(signal.SIGSTOP)
-            wait_until(lambda: unsent_bytes(bench.endpoint) > FULL_BYTES, "the link to be full")
+            until(lambda: unsent_bytes(bench.endpoint) > FULL_BYTES, "the link to be full")
 
         def resume_subscriber() -> None:
             other.send_signal(signal.SIGCONT)
-            wait_until(lambda: unsent_bytes(bench.endpoint) == 0, "the link to be empty")
+            until(lambda: unsent_bytes(bench.endpoint) == 0, "the link to be empty")
 
         def recorder() -> int:
             pid = client.state().processes["recorder"].pid

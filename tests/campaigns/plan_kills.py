@@ -29,7 +29,8 @@ from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from tests.campaigns import seeds
 from tests.campaigns.plan_kills_found import MISSING_LIMIT_S, UNRECORDED, Found, Kill, look
-from tests.system.daemons import Daemon, wait_for, wait_until, write_sim
+from tests.support.patience import until
+from tests.system.daemons import Daemon, wait_for, write_sim
 from tests.system.test_durable_plans import alive, kill_everything
 
 PLAN = {
@@ -153,7 +154,7 @@ class Sweep:
         elif victim == "supervisor":
             assert daemon.end(signal.SIGKILL) == -signal.SIGKILL
             if self.rng.random() < PATIENT:  # else the next daemon is started while they live
-                wait_until(lambda: not any(map(alive, pids.values())), "loop and recorder to end")
+                until(lambda: not any(map(alive, pids.values())), "loop and recorder to end")
         else:
             os.kill(pids[victim], signal.SIGKILL)
         self.kills_left -= 1

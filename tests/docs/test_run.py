@@ -16,7 +16,8 @@ from motord import client as client_package
 from motord.cli import app
 from motord.client import connect
 from tests.docs.blocks import PRINTED, RUN, Block, commands, named, of
-from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
+from tests.support.patience import until
+from tests.system.daemons import Daemon, daemon, wait_for, write_sim
 
 pytestmark = pytest.mark.system
 
@@ -33,7 +34,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
             with client.lease("docs") as lease:
                 client.rpc("enable", token=lease.token)
             wait_for(client, lambda state: state.state != "ENABLED", "disabled")
-        wait_until(lambda: list((folder / "runs").glob("*.mcap")), "the recording to be closed")
+        until(lambda: list((folder / "runs").glob("*.mcap")), "the recording to be closed")
         yield running
 
 

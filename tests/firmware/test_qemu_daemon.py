@@ -19,6 +19,7 @@ from motord.hal.inverter.phase_currents import CanInverter
 from motord.recording.reader import open_run
 from motord.schema import InverterStatus
 from tests.firmware.images import emulated, with_other_layout
+from tests.support.patience import until
 from tests.system.daemons import (
     Program,
     daemon,
@@ -27,7 +28,6 @@ from tests.system.daemons import (
     runtime_of,
     stalls_from_now,
     wait_for,
-    wait_until,
 )
 from tests.system.test_wire import go_on, hold, resets
 from tests.unit.emulate.benches import NO_OFFSETS, write_bench
@@ -114,7 +114,7 @@ def test_the_bench_is_enabled_by_the_firmware_and_outlives_reboot_noise_and_stop
                 client.state().tick.t_ns + SOUND_NS
             )  # the first samples are not to be trusted
             wait_for(client, lambda state: state.tick.t_ns > since_ns, "the new board")
-            wait_until(lambda: resets(client, lease), "its samples to be sound")
+            until(lambda: resets(client, lease), "its samples to be sound")
             steady(client, lease)
             noise_ns = noise_costs_frames_and_no_more(bench, client, lease)
             stop = stop_of_the_loop(bench, devices, client, lease)
@@ -176,7 +176,7 @@ def wait_for_the_line_to_open(bench):
             inverter.read(time.time_ns(), feedback)
             return not feedback["inverter_status"][0] & InverterStatus.ENABLE_LINE
 
-        wait_until(is_open, "the enable line to open")
+        until(is_open, "the enable line to open")
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ def test_a_refused_fault_changes_nothing_and_nothing_is_left_of_qemu(bench, devi
     [qemu] = psutil.Process(devices.process.pid).children()
     assert qemu.name() == "qemu-system-arm"
     assert devices.end(number) == (0 if number == signal.SIGTERM else -signal.SIGKILL)
-    wait_until(lambda: not qemu.is_running(), "the end of QEMU")
+    until(lambda: not qemu.is_running(), "the end of QEMU")
 
 
 def test_firmware_with_other_frames_is_refused(bench, tmp_path):

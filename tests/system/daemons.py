@@ -20,7 +20,7 @@ from motord.client import ClientError, connect
 from motord.recording.file_names import stem_of, whole_of
 from motord.recording.reader import open_run
 from tests.support import again, stalls
-from tests.support.patience import PATIENCE_S, until
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 from tests.support.stalls import STALE_S
 
@@ -308,6 +308,3 @@ def leave_at_rest(client):
         "nobody in command",
     )
     assert state.state == "OFF" or stalls.is_explicable(state.first_trip), state.trips
-
-
-wait_until = until

@@ -14,9 +14,9 @@ import time
 from contextlib import ExitStack, contextmanager
 
 from motord.client.benches import Benches
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 from tests.support.ports import free_port
-from tests.system.daemons import daemon, wait_until, write_sim
+from tests.system.daemons import daemon, write_sim
 
 PLAN = {
     "torques_Nm": [0.5, 1.0], "speeds_Hz": [1.0, 1.5], "turns": 2, "settle_s": 0.1,
@@ -85,7 +85,7 @@ class Sightings:
 
     def since(self, begun_s, bench, there):
         """Wait until a bench has come or gone after `begun_s`; return after how long, s."""
-        wait_until(lambda: self.times.get((bench, there), -1.0) >= begun_s, f"{bench}: {there}")
+        until(lambda: self.times.get((bench, there), -1.0) >= begun_s, f"{bench}: {there}")
         return self.times[bench, there] - begun_s
 
 
@@ -132,6 +132,6 @@ def archived(folder, copies, listen):
         reports.append(motord(*words, folder=folder))
         return not reports[-1]["stopped"]
 
-    wait_until(done, "the bench to be idle")
+    until(done, "the bench to be idle")
     copied = [name for report in reports for name in report["copied"]]
     return copied, reports[-1], motord("archive", "--verify", copies, folder=folder)

@@ -15,9 +15,9 @@ from motord.cli import app
 from motord.client import ClientError, connect
 from motord.security import authority, identity, roles
 from motord.security.roles import Role
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 from tests.support.ports import free_port
-from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import daemon, wait_for, write_sim
 
 pytestmark = pytest.mark.system
 
@@ -63,7 +63,7 @@ def logged(client, text):
         found[:] = [e for e in client.events() if e.kind == "access" and text in e.message]
         return found
 
-    wait_until(look, f"an event: {text}")
+    until(look, f"an event: {text}")
     return found[-1]
 
 
@@ -210,14 +210,14 @@ def test_a_role_counts_at_once(bench, certificates):
         with connect("gated", bench.remote, erik) as remote:
             assert remote.rpc("stop")["state"] == "OFF"
             authority.remove(certificates, "erik")
-            wait_until(lambda: not _lets_in(bench, erik), "the role to be gone")
+            until(lambda: not _lets_in(bench, erik), "the role to be gone")
         roles_path = certificates / authority.ROLES
         good = roles_path.read_text()
         roles_path.write_text("[roles]\nanna = 'king'\n")
         logged(client, "anna = 'king': a role is one of")
         assert not _lets_in(bench, who(certificates, "anna"))
         roles_path.write_text(good)
-        wait_until(lambda: _lets_in(bench, who(certificates, "anna")), "anna to be back")
+        until(lambda: _lets_in(bench, who(certificates, "anna")), "anna to be back")
         shown = who(certificates, "anna")
         with connect("gated", bench.remote, shown) as remote, remote.lease("anna") as lease:
             assert lease.token
@@ -233,7 +233,7 @@ def test_a_commander_stays_in_command_when_roles_change(bench, certificates):
         assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
         authority.add(certificates, "frida", Role.VIEWER)
         logged(local, "for 2 viewers and 2 operators")
-        wait_until(lambda: _answers(client), "the connection to be back")
+        until(lambda: _answers(client), "the connection to be back")
         assert client.state().state == "ENABLED"
         assert not lease.lost.is_set()
 
@@ -267,7 +267,7 @@ def test_the_bench_goes_on_when_the_gateway_is_killed(bench, certificates):
             "another gateway",
         )
         assert client.state().state == "ENABLED"
-        wait_until(lambda: _lets_in(bench, who(certificates, "anna")), "anna to get in again")
+        until(lambda: _lets_in(bench, who(certificates, "anna")), "anna to get in again")
         assert not lease.lost.is_set()
 
 

@@ -13,7 +13,8 @@ import pytest
 from motord.client import ClientError
 from motord.recording.reader import open_run
 from motord.schema import State
-from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.support.patience import until
+from tests.system.daemons import daemon, wait_for, write_sim
 from tests.system.test_operator import HELD, Terminal, finish, turning
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -35,7 +36,7 @@ def boxes(running):
 
 def the_box(running, number=1):
     """Return the newest black box, which is the `number`-th."""
-    wait_until(lambda: len(boxes(running)) >= number, "a black box")
+    until(lambda: len(boxes(running)) >= number, "a black box")
     paths = boxes(running)
     assert len(paths) == number
     run = open_run(paths[-1])
@@ -68,9 +69,7 @@ def test_a_trip_a_killed_loop_and_a_killed_daemon_leave_a_black_box_each(running
         client.rpc("set", token=lease.token, torque_Nm=3.0, brake=0.0)  # it runs away
         wait_for(client, lambda s: s.state == "TRIPPED", "a trip")
         [event] = [e for e in client.events() if e.kind == "trip"]
-        wait_until(
-            lambda: any(e.kind == "blackbox" for e in client.events()), "word of the black box"
-        )
+        until(lambda: any(e.kind == "blackbox" for e in client.events()), "word of the black box")
         run = the_box(running)
         check_box_of_the_trip(running, run, event)
         client.rpc("reset", token=lease.token)

@@ -11,7 +11,8 @@ import pytest
 
 from motord.client import ClientError
 from tests.support.channel_package import install
-from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.support.patience import until
+from tests.system.daemons import daemon, wait_for, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -77,12 +78,12 @@ def test_a_channel_that_is_too_hot_or_broken_trips_and_one_that_hangs_costs_itse
     with client.lease("anna") as lease:
         lease.set(enable=True, torque_Nm=1.0, speed_Hz=2.0)
         script(folder, "other", "hang")
-        wait_until(lambda: shown(client, "other").status == "broken", "one that hangs")
+        until(lambda: shown(client, "other").status == "broken", "one that hangs")
         assert client.state().state == "ENABLED"
         script(folder, "probe", "101")
-        wait_until(lambda: shown(client, "probe_C").status == "warn", "a warning")
+        until(lambda: shown(client, "probe_C").status == "warn", "a warning")
         script(folder, "probe", "150")
-        wait_until(lambda: client.state().state == "TRIPPED", "the trip")
+        until(lambda: client.state().state == "TRIPPED", "the trip")
         state = client.state()
         assert state.first_trip == "CHANNEL"
         value = state.trip.values["channel probe_C, degC"]
@@ -91,23 +92,23 @@ def test_a_channel_that_is_too_hot_or_broken_trips_and_one_that_hangs_costs_itse
         with pytest.raises(ClientError, match="probe_C, degC 150, limit 130"):
             lease.reset()
         script(folder, "probe", "41")
-        wait_until(lambda: shown(client, "probe_C").status == "ok", "a cooler one")
+        until(lambda: shown(client, "probe_C").status == "ok", "a cooler one")
         lease.reset()
         lease.set(enable=True, torque_Nm=1.0, speed_Hz=2.0)
 
         before = client.state().processes["channels"].pid
         os.kill(before, signal.SIGKILL)
-        wait_until(lambda: shown(client, "other").value == 40.5, "the next process")
+        until(lambda: shown(client, "other").value == 40.5, "the next process")
         process = client.state().processes["channels"]
         assert process.pid != before
         assert process.restarts == 1
 
         script(folder, "probe", "nan")
-        wait_until(lambda: client.state().state == "TRIPPED", "the trip by a broken sensor")
+        until(lambda: client.state().state == "TRIPPED", "the trip by a broken sensor")
         assert client.state().first_trip == "CHANNEL"
         assert shown(client, "probe_C").value is None
         script(folder, "probe", "die")  # with the process, again and again
-        wait_until(lambda: client.state().processes["channels"].restarts > 2, "restarts")
+        until(lambda: client.state().processes["channels"].restarts > 2, "restarts")
         assert client.state().fault == ""
     said = [event.message for event in client.events() if event.kind == "channel"]
     assert any(one.startswith("other is broken, was ok: no reading for") for one in said)

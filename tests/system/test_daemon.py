@@ -12,8 +12,8 @@ from motord.client import ClientError
 from motord.schema import Flag, State
 from motord.sequencing.capture import final
 from motord.sequencing.quality import GOOD
-from tests.support.patience import PATIENCE_S
-from tests.system.daemons import Program, daemon, leave_at_rest, wait_for, wait_until, write_sim
+from tests.support.patience import PATIENCE_S, until
+from tests.system.daemons import Program, daemon, leave_at_rest, wait_for, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -82,9 +82,7 @@ def test_a_run_by_hand_from_enable_to_stop(outlived):
             assert client.rpc("disable", token=lease.token) == {"state": "READY"}
             assert client.rpc("stop") == {"state": "OFF"}
             stopped = client.state()
-            wait_until(
-                lambda: streamed and streamed[-1]["tick"][-1] >= stopped.tick.tick, "the ticks"
-            )
+            until(lambda: streamed and streamed[-1]["tick"][-1] >= stopped.tick.tick, "the ticks")
         lost_ticks = subscription.lost_ticks
         wait_for(client, lambda s: not s.recording.recording, "the recording to end")
     [run] = outlived.runs()[before:]

@@ -16,13 +16,12 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from motord.cli import app
 from motord.dashboard.app import MALFORMED
 from motord.schema import State
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 from tests.system.daemons import (
     daemon,
     leave_at_rest,
     runtime_of,
     wait_for,
-    wait_until,
     write_sim,
 )
 from tests.system.pages import dashboard, opened
@@ -219,7 +218,7 @@ def test_a_killed_server_leaves_loop_and_recording_as_they_were(running, folder,
             while (after := states.get(PATIENCE_S)).state != "READY":
                 pass  # of the states that are READY the first: the recording ends soon
             assert after.lease.holder is None
-            wait_until(lambda: ticks and ticks[-1]["state"][-1] == State.READY, "the ticks")
+            until(lambda: ticks and ticks[-1]["state"][-1] == State.READY, "the ticks")
     seen = np.concatenate(ticks)
     missed = int(seen["missed"][-1]) - int(seen["missed"][0])
     assert int(seen["tick"][-1]) - int(seen["tick"][0]) == len(seen) - 1 + missed

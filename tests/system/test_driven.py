@@ -9,7 +9,8 @@ from motord.config import load
 from motord.experiments.back_emf.command import estimate as measured_back_emf
 from motord.experiments.cogging.command import estimate as measured_cogging
 from motord.experiments.subject import Recordings
-from tests.system.daemons import daemon, emulator, forgive, patient, stalls_from_now, wait_until
+from tests.support.patience import until
+from tests.system.daemons import daemon, emulator, forgive, patient, stalls_from_now
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.long]
@@ -22,7 +23,7 @@ def run_plan(client, name, **settings):
             kept = stalls_from_now(client)
             client.rpc("reset", token=lease.token)
             view = client.rpc("plan/start", token=lease.token, name=name, settings=settings)
-            wait_until(lambda: client.state().plan.over, name)
+            until(lambda: client.state().plan.over, name)
             done = client.state()
             if done.plan.state == "done":
                 return view["recording"]

@@ -9,8 +9,8 @@ import pytest
 
 from motord.client import ClientError
 from motord.identification.operating_points import split
-from tests.support.patience import PATIENCE_S
-from tests.system.daemons import daemon, journal, wait_for, wait_until, write_sim
+from tests.support.patience import PATIENCE_S, until
+from tests.system.daemons import daemon, journal, wait_for, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -35,7 +35,7 @@ def kill_everything(running, client):
     for pid in (running.process.pid, *pids):
         os.kill(pid, signal.SIGKILL)
     assert running.wait() == -signal.SIGKILL
-    wait_until(lambda: not any(map(alive, pids)), "the processes to be gone")
+    until(lambda: not any(map(alive, pids)), "the processes to be gone")
 
 
 def journalled(folder):
@@ -74,7 +74,7 @@ def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path
                 "plan/start", token=lease.token, name="calibrate", settings=PLAN, detach=True
             )
         begun = followed(client, lease.token, lambda view: view.points_done >= 2)
-        wait_until(lambda: journalled(tmp_path) >= 2, "the disk")
+        until(lambda: journalled(tmp_path) >= 2, "the disk")
         kill_everything(first, client)
     taken = journalled(tmp_path)
     assert taken < 4

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.early_end import POINTS_WITHOUT, QUANTITY
-from tests.support.patience import PATIENCE_S
-from tests.system.daemons import daemon, wait_until, write_sim
+from tests.support.patience import PATIENCE_S, until
+from tests.system.daemons import daemon, write_sim
 from tests.unit.experiments.external.test_external import announce
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -48,7 +48,7 @@ def test_a_plan_ends_early_once_its_targets_are_reached(client):
     assert view.targets == {QUANTITY: 0.2}
     assert view.precision[QUANTITY] <= 0.2
     assert view.obstacle == ""
-    wait_until(lambda: "estimator" not in client.state().processes, "its end")
+    until(lambda: "estimator" not in client.state().processes, "its end")
     assert not messages(client, "process")
 
 
@@ -81,4 +81,4 @@ def test_a_plan_whose_estimator_is_stopped_waits_for_nothing(client):
             assert client.state().processes["estimator"].pid == pid
             lease.abort_plan()
             assert followed(client, progress, lambda view: view.over).state == "aborted"
-        wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the end of a stopped process")
+        until(lambda: not Path(f"/proc/{pid}").exists(), "the end of a stopped process")

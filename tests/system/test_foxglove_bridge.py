@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from tests.support.foxglove_client import Viewer
+from tests.support.patience import until
 from tests.support.ports import free_port
-from tests.system.daemons import Program, daemon, wait_until, write_sim
+from tests.system.daemons import Program, daemon, write_sim
 from tests.system.pages import dashboard, opened
 from tests.system.test_dashboard import LEASE_S, check_ramped_down, turning
 
@@ -65,7 +66,7 @@ def test_both_survive_the_daemon_and_harm_nobody(folder, path, bridge):
         while page.latest["lease"]["held"]:
             page.next()
         with daemon(folder, path) as running:
-            wait_until(lambda: "bench bridged is back" in program.said(), "the connection")
+            until(lambda: "bench bridged is back" in program.said(), "the connection")
             with Viewer(ready["url"]) as viewer:
                 viewer.subscribe("/bench")
                 assert viewer.next("/bench").content["bench"] == "bridged"
@@ -118,13 +119,13 @@ def flooded_and_killed(running, bridge):
         with Viewer(ready["url"]) as reader:
             reader.subscribe("/tick")
             before = client.state().loop.ticks
-            wait_until(lambda: client.state().loop.ticks > before + 200, "ticks")
+            until(lambda: client.state().loop.ticks > before + 200, "ticks")
             newest = client.state().t_ns
             while reader.next("/tick").t_ns < newest:
                 pass
         program.process.send_signal(signal.SIGSTOP)
         before = client.state().loop.ticks
-        wait_until(lambda: client.state().loop.ticks > before + 200, "ticks")
+        until(lambda: client.state().loop.ticks > before + 200, "ticks")
         program.process.kill()
         program.wait()
         state = client.state()

@@ -18,6 +18,7 @@ from motord.hal.modbus.link import connect as modbus_link
 from motord.recording.reader import open_run
 from motord.wire.modbus.pdu import read
 from motord.wire.modbus.registers import layout
+from tests.support.patience import until
 from tests.system.daemons import (
     daemon,
     emulator,
@@ -25,7 +26,6 @@ from tests.system.daemons import (
     patient,
     stalls_from_now,
     wait_for,
-    wait_until,
 )
 from tests.system.test_wire import resets
 from tests.unit.emulate.benches import write_bench
@@ -100,11 +100,11 @@ def hang(running, client, lease, bench, what):
         hangs = signal.SIGSTOP if what == "supervisor stopped" else signal.SIGUSR1
         running.process.send_signal(hangs)
     after_ns = time.time_ns()
-    wait_until(lambda: abs(drive_speed_rad_s(bench)) < 0.1, "the drive to stand")
+    until(lambda: abs(drive_speed_rad_s(bench)) < 0.1, "the drive to stand")
     if what != HANGS[-1]:
         running.process.send_signal(signal.SIGCONT)
         wait_for(client, lambda s: s.fault, "the loop to be missed")
-        wait_until(lambda: resets(client, lease), "the next loop")
+        until(lambda: resets(client, lease), "the next loop")
     return before_ns, after_ns
 
 

@@ -14,7 +14,8 @@ from motord.recording.reader import open_run
 from motord.schema import State
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
-from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.support.patience import until
+from tests.system.daemons import daemon, wait_for, write_sim
 from tests.system.disturbances import (
     hogs,
     seen_by,
@@ -79,7 +80,7 @@ class Bench:
     def go_on(self, ticks=TICKS):
         """Wait for so many more ticks; the bench must stay enabled."""
         last = int(self.ticks["tick"][-1]) + ticks
-        wait_until(lambda: self.ticks["tick"][-1] >= last, f"tick {last}")
+        until(lambda: self.ticks["tick"][-1] >= last, f"tick {last}")
         state = self.client.state()
         assert state.state == "ENABLED", state.trips
 
@@ -161,11 +162,11 @@ def stop_a_subscriber(bench):
         stopped.begin()
         read = [slow.get()]
         stopped.process.send_signal(signal.SIGSTOP)
-        wait_until(lambda: unsent_bytes(endpoint) > FULL_BYTES, "the stopped one's link to be full")
+        until(lambda: unsent_bytes(endpoint) > FULL_BYTES, "the stopped one's link to be full")
         before = bench.client.state()
         bench.go_on()
         last = int(bench.ticks["tick"][-1])
-        wait_until(lambda: streamed[-1] >= last, "the other subscriber to get all")
+        until(lambda: streamed[-1] >= last, "the other subscriber to get all")
         after = bench.client.state()
         assert after.loop.lost_by_supervisor == before.loop.lost_by_supervisor
         assert after.telemetry_dropped == 0
@@ -174,7 +175,7 @@ def stop_a_subscriber(bench):
         assert slow.losses.lost_ticks > 0
         assert sum(map(len, read)) + slow.lost_ticks + slow.losses.missed_ticks == span
         stopped.process.send_signal(signal.SIGCONT)
-        wait_until(lambda: unsent_bytes(endpoint) == 0, "the stopped one to read")
+        until(lambda: unsent_bytes(endpoint) == 0, "the stopped one to read")
         account = stopped.end()
         assert account.received > 0
         assert account.silent == 0  # what the buffers on the way did not hold is reported as lost

@@ -7,8 +7,8 @@ from contextlib import ExitStack, closing
 import pytest
 
 from motord.client import connect
-from tests.support.patience import PATIENCE_S
-from tests.system.daemons import wait_for, wait_until
+from tests.support.patience import PATIENCE_S, until
+from tests.system.daemons import wait_for
 from tests.system.many_benches import (
     RouterProcess,
     Sightings,
@@ -56,9 +56,9 @@ def test_a_killed_daemon_and_a_stopped_router_leave_the_others(tmp_path):
         for name in (near, far):
             done = wait_for(clients[name], lambda s: s.plan and s.plan.over, "the plan's end")
             assert (done.plan.state, done.plan.points_done) == ("done", 4)
-        wait_until(lambda: seen.there() == {far}, "no more than one bench to be there")
+        until(lambda: seen.there() == {far}, "no more than one bench to be there")
         unclosed = (folder / lost / "runs").glob
-        wait_until(lambda: not [*unclosed("*.part")], "the recorder of the killed daemon")
+        until(lambda: not [*unclosed("*.part")], "the recorder of the killed daemon")
         with through.subscribe_ticks() as ticks:
             assert ticks.get(PATIENCE_S) is not None
         again = RouterProcess(one.listen, *one.connect)

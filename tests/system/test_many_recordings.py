@@ -14,8 +14,7 @@ import pytest
 
 from motord.results.store import ResultsStore
 from tests.support import probe_analysis
-from tests.support.patience import PATIENCE_S
-from tests.system.daemons import wait_until
+from tests.support.patience import PATIENCE_S, until
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -61,7 +60,7 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     """Dask listens on the loopback interface alone; no worker outlives its run."""
     runs = Runs(tmp_path)
     process = runs.start("--workers", "2")
-    wait_until(lambda: running_and(process, runs.entered() >= GOOD), "the analyses")
+    until(lambda: running_and(process, runs.entered() >= GOOD), "the analyses")
     sockets = [one for below in processes(process) for one in below.net_connections("inet")]
     listening = {one.laddr for one in sockets if one.status == psutil.CONN_LISTEN}
     assert len(listening) >= 3
@@ -71,9 +70,7 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     assert runs.values() == runs.expected(GOOD)
 
     process = runs.start("--workers", "2")
-    wait_until(
-        lambda: running_and(process, len(processes(process)) > OF_TWO_WORKERS), "the workers"
-    )
+    until(lambda: running_and(process, len(processes(process)) > OF_TWO_WORKERS), "the workers")
     ended(process, process.kill)
     assert runs.values() == runs.expected(GOOD)
 

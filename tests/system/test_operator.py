@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.schema import State
-from tests.support.patience import PATIENCE_S
-from tests.system.daemons import leave_at_rest, runtime_of, wait_for, wait_until
+from tests.support.patience import PATIENCE_S, until
+from tests.system.daemons import leave_at_rest, runtime_of, wait_for
 
 pytestmark = pytest.mark.system
 
@@ -89,7 +89,7 @@ def check_ramped_down(client, running, ticks, begun_ns):
     assert not [message for message in messages if "ran out" in message or "TRIPPED" in message]
     given_up = [m for m in messages if m.endswith("gave up command: ramping down and disabling")]
     assert len(given_up) == 1
-    wait_until(lambda: ticks and ticks[-1]["state"][-1] == State.READY, "the ticks")
+    until(lambda: ticks and ticks[-1]["state"][-1] == State.READY, "the ticks")
     seen = np.concatenate(ticks)
     torque_Nm = np.abs(seen["torque_set_Nm"][seen["state"] == State.ENABLED])
     falling = torque_Nm[np.flatnonzero(torque_Nm == TORQUE_Nm)[-1] :]

@@ -8,7 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from tests.system.daemons import daemon, journal, runtime_of, wait_for, wait_until, write_sim
+from tests.support.patience import until
+from tests.system.daemons import daemon, journal, runtime_of, wait_for, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -81,13 +82,13 @@ def test_three_plans_of_which_one_fails_with_each_policy_then_kill_9(tmp_path, m
             9, 7, "plan cogging"
         )  # fmt: skip
         run_id = client.plan().run_id
-        wait_until(lambda: run_id in journal(tmp_path), "the journal to be on the disk")
+        until(lambda: run_id in journal(tmp_path), "the journal to be on the disk")
         pids = [view.pid for view in client.state().processes.values() if view.pid]
         assert first.end(signal.SIGKILL) == -signal.SIGKILL
     with daemon(tmp_path, path) as second, second.connect() as client:
         state = client.state()
         assert (state.queue.state, state.queue.length, state.state) == ("paused", 3, "OFF")
-        wait_until(lambda: not any(map(alive, pids)), "the old loop and recorder to end")
+        until(lambda: not any(map(alive, pids)), "the old loop and recorder to end")
         queue = motord(second, "list")[1]
         assert [(i["id"], i["state"]) for i in queue["items"]] == [
             (9, "interrupted"), (7, "queued"), (8, "queued")

@@ -18,6 +18,7 @@ from motord.recording.file_names import stem_of, whole_of
 from motord.recording.reader import open_run
 from motord.schema import State
 from tests.support import stalls
+from tests.support.patience import until
 from tests.system.daemons import (
     STALE_S,
     Program,
@@ -27,7 +28,6 @@ from tests.system.daemons import (
     patient,
     stalls_from_now,
     wait_for,
-    wait_until,
 )
 from tests.system.test_daemon import alive, check_ticks
 from tests.unit.emulate.benches import DRAG, write_bench
@@ -156,7 +156,7 @@ def hold(
     while True:
         kept, seen = stalls_from_now(client), []
         try:
-            wait_until(lambda: resets(client, lease), "no cause of a trip to be left")
+            until(lambda: resets(client, lease), "no cause of a trip to be left")
             client.rpc("enable", token=lease.token)
             speed = {"speed_Hz": speed_Hz} if speed_Hz else {}
             client.rpc("set", token=lease.token, torque_Nm=torque_Nm, **speed)
@@ -212,7 +212,7 @@ def go_on(devices, wakes=2000):
     It leaves 500 rows a second, fewer while it is kept from running; `currents` asks for 100.
     """
     enough = stalls.runs(devices.process.pid) + wakes
-    wait_until(lambda: stalls.runs(devices.process.pid) > enough, "the emulator")
+    until(lambda: stalls.runs(devices.process.pid) > enough, "the emulator")
 
 
 def check_brake(ticks, begun, held):
@@ -229,7 +229,7 @@ def test_recorder_and_loop_are_killed_then_three_newton_metres_and_sigterm_ramps
         lease.acquire()
         recorder = kill_the_recorder(wire, client, lease)
         loop = kill_the_loop(wire, client, lease)
-        wait_until(lambda: resets(client, lease), "the next loop")
+        until(lambda: resets(client, lease), "the next loop")
         begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
         assert held.brake.health in ("ok", "failing")
         assert wire.daemon.end() == 0, wire.daemon.said()
@@ -284,7 +284,7 @@ def kill_the_recorder(wire, client, lease):
         forgive(client, kept)
     assert client.rpc("stop") == {"state": "OFF"}
     stopped_ns = client.state().tick.t_ns
-    wait_until(lambda: client.state().tick.t_ns > stopped_ns + 500_000_000, "0.5 s")
+    until(lambda: client.state().tick.t_ns > stopped_ns + 500_000_000, "0.5 s")
     go_on(wire.devices)
     recording = stem_of(Path(before.recording.final_path)).name
     return CurrentGone(before.tick.t_ns, stopped_ns, time.time_ns(), recording)
@@ -308,7 +308,7 @@ def kill_the_loop(wire, client, lease):
     killed_ns = time.time_ns()
     assert wait_for(client, lambda s: s.fault, "the fault").state == "OFF"
     due_ns = killed_ns + round(INVERTER_TIMEOUT_S * 1e9)
-    wait_until(lambda: time.time_ns() > due_ns, "the inverter's timeout")
+    until(lambda: time.time_ns() > due_ns, "the inverter's timeout")
     go_on(wire.devices, wakes=200)  # a busy computer may have kept it from running until now
     by_ns = time.time_ns()
     go_on(wire.devices)
@@ -339,7 +339,7 @@ def test_three_newton_metres_then_kill_9_of_the_supervisor_ramps_down(wire):
         alive_ns = time.time_ns()
         os.kill(wire.daemon.ready["pid"], signal.SIGKILL)
         killed_ns = time.time_ns()
-        wait_until(lambda: not any(map(alive, pids)), "the loop to leave, and its last ticks")
+        until(lambda: not any(map(alive, pids)), "the loop to leave, and its last ticks")
         go_on(wire.devices)
     assert clock is not None
     assert abs(clock.drift_ppm) <= DRIFT_MAX * 1e6  # a computer that stalls shows no better
