@@ -1,5 +1,7 @@
 """Steps of torque: made-up ones whose inertia is known, and those of the simulated rig."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,18 @@ PIEZO = TorqueSensorConfig(highpass_time_constant_s=2.0)
 EXACT = AccelerationConfig(gain_tolerance=1e-6, highpass_tolerance=1e-6)
 
 
+@cache
+def noisy() -> list[np.ndarray]:
+    """Return steps of a rotor forwards and back in turn, of which tests take some."""
+    return [read_only(ticks) for ticks in steps(Rotor(), 200, np.random.default_rng(1))]
+
+
+def read_only(ticks: np.ndarray) -> np.ndarray:
+    ticks.flags.writeable = False
+    return ticks
+
+
+@cache
 def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0.0) -> np.ndarray:
     """1 s at rest, 1 Nm ramped up and down within 0.3 s, coasting; exact but for the encoder."""
     h = 1e-4
@@ -39,7 +53,7 @@ def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0
     count = np.rint(sign * angles[every] * 4096 / (2 * np.pi)).astype(int) % 4096
     t_ns = np.rint(t_s[every] * 1e9).astype(np.int64)
     columns = (t_ns, count, sign * sensed[every], sign * torque_Nm[every])
-    return np.rec.fromarrays(columns, names=REQUIRED)
+    return read_only(np.rec.fromarrays(columns, names=REQUIRED))
 
 
 def changed(ticks: np.ndarray, **columns: np.ndarray | float) -> np.ndarray:
@@ -63,7 +77,7 @@ def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign:
 
 def test_a_pause_while_the_rotor_stands_before_the_step_is_no_gap() -> None:
     """A count that trembles at rest passed for turns within a minute of it."""
-    ticks = made_up(DIRECT)
+    ticks = made_up(DIRECT).copy()
     ticks["encoder_count"][499:700:200] += 1
     ticks["t_ns"][500:] += 60 * 10**9
     found = read_step(0, ticks, 4096, DIRECT, "step")
@@ -113,23 +127,21 @@ def test_one_step_alone_has_its_own_error() -> None:
 
 def test_steps_are_within_their_intervals_and_without_bias() -> None:
     """A part of tests/campaigns/inertia.py: noise that is integrated twice is not white."""
-    rotor = Rotor()
-    data = steps(rotor, 200, np.random.default_rng(1))
-    read = [read_step(n, ticks, rotor.counts, PIEZO, "step") for n, ticks in enumerate(data)]
+    data = noisy()
+    sets = [accelerate(named(data[n : n + 10]), 4096, PIEZO, EXACT) for n in range(0, 200, 10)]
+    read = [step for one in sets for step in one.steps]
+    assert len(read) == 200
     inertia = np.array([step.inertia_kg_m2 for step in read])
     stderr = np.array([step.stderr_kg_m2 for step in read])
     assert 0.90 <= np.mean(np.abs(inertia - J) < 1.96 * stderr) <= 0.99
     assert abs(inertia.mean() - J) < 3 * inertia.std() / np.sqrt(200)
-    sets = [
-        accelerate(named(data[n : n + 10]), rotor.counts, PIEZO, EXACT) for n in range(0, 200, 10)
-    ]
     held = [s.interval_95_kg_m2[0] < J < s.interval_95_kg_m2[1] for s in sets]
     assert np.mean(held) >= 0.85  # of 20 sets
     assert sum(len(s.findings) for s in sets) <= 1
 
 
 def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
-    data = steps(Rotor(), 12, np.random.default_rng(2))
+    data = noisy()[:12]
     weak = [ticks.copy() for ticks in data]
     for ticks in weak[1::2]:
         ticks["torque_Nm"] *= 0.9
@@ -144,7 +156,7 @@ def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
 
 def test_what_steps_that_scatter_bias_the_mean_by_is_in_the_interval() -> None:
     """A coupling that is misaligned: 20 mNm twice a turn on the sensor alone."""
-    data, sets = steps(Rotor(), 80, np.random.default_rng(9)), []
+    data, sets = noisy(), []
     phase_rad = np.random.default_rng(5).uniform(0, 2 * np.pi, 8)
     for n in range(8):
         chosen = data[10 * n : 10 * n + 10]
@@ -220,7 +232,7 @@ def test_cogging_torque_of_less_than_a_turn_is_no_wrong_scale() -> None:
 def test_a_torque_that_is_not_the_one_that_acted_is_a_finding(
     part: float, late_ticks: int, name: str
 ) -> None:
-    data = steps(Rotor(), 6, np.random.default_rng(3))
+    data = noisy()[:6]
     assert accelerate(named(data), 4096, PIEZO, AccelerationConfig()).findings == ()
     changed = [ticks.copy() for ticks in data]
     for ticks in changed:
@@ -233,7 +245,7 @@ def test_a_torque_that_is_not_the_one_that_acted_is_a_finding(
 
 @pytest.mark.parametrize("part", [1000.0, 0.5])
 def test_two_steps_are_enough_for_a_wrong_scale(part: float) -> None:
-    data = steps(Rotor(), 2, np.random.default_rng(3))
+    data = noisy()[:2]
     wrong = [changed(ticks, torque_Nm=part * ticks["torque_Nm"]) for ticks in data]
     for measured, seen in ((data, False), (wrong, True)):
         found = accelerate(named(measured), 4096, PIEZO, AccelerationConfig())
