@@ -10,9 +10,14 @@ from motord.results.query import query
 from tests.unit.results.made_up import fill
 
 
-@pytest.fixture
-def table(tmp_path):
-    return fill(tmp_path / "s", [0.8, 0.9, 0.7]).read().table
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("results") / "s"
+
+
+@pytest.fixture(scope="module")
+def table(folder):
+    return fill(folder, [0.8, 0.9, 0.7]).read().table
 
 
 @pytest.mark.parametrize(
@@ -144,13 +149,13 @@ REACHING_OUT = [
 
 
 @pytest.mark.parametrize("sql", REACHING_OUT)
-def test_no_file_is_read_or_written(table, tmp_path, sql):
+def test_no_file_is_read_or_written(table, folder, tmp_path, sql):
     table_of_this_program = table
     other = tmp_path / "other"
     other.mkdir()
     csv = other / "a.csv"
     csv.write_text("a,b\nsecret,2\n")
-    [parquet, *_] = (tmp_path / "s").iterdir()
+    [parquet, *_] = folder.iterdir()
     before = sorted(path.name for path in other.iterdir())
     with pytest.raises(ResultsError, match=r"^SQL: ") as caught:
         query(table_of_this_program, sql.format(csv=csv, parquet=parquet, folder=other))
@@ -172,4 +177,4 @@ def test_settings_hold_by_themselves_not_only_by_the_kind_of_statement(
     for sql in [*reaching, *(one for one in CHANGES if one.startswith(("SET", "RESET")))]:
         with pytest.raises(ResultsError, match=r"^SQL: "):
             query(table, sql.format(csv=tmp_path / "a.csv", parquet="x.parquet", folder=tmp_path))
-    assert [path.name for path in tmp_path.iterdir()] == ["s"]
+    assert list(tmp_path.iterdir()) == []
