@@ -1,12 +1,14 @@
 """Back-EMF on benches that depart: intervals hold the truth, and findings name the departure."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from motord.experiments.back_emf.encoder_error import LEAST_LOST, encoder_errors, lost
 from motord.experiments.back_emf.estimate import measure
+from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.back_emf.trends import Captures
 from motord.experiments.back_emf.voltages import VOLTAGES
 from motord.identification.operating_points import PointData
@@ -53,9 +55,14 @@ def test_a_phase_of_another_gain_is_named_next_to_an_encoder_that_is_off() -> No
     assert finding in {one.name for one in measure(captured(worse, 3), MOTOR).findings}
 
 
+@cache
+def departed(name: str) -> MeasuredBackEmf:
+    return measure(captured(DEPARTURES[name][0], 3), MOTOR)
+
+
 def test_clocks_that_run_apart_are_named() -> None:
-    bench, finding = DEPARTURES["clocks 50 ppm apart"]
-    found = measure(captured(bench, 3), MOTOR)
+    name = "clocks 50 ppm apart"
+    found, finding = departed(name), DEPARTURES[name][1]
     [one] = [one for one in found.findings if one.name == finding]
     assert one.severity == "serious"
     assert one.value == pytest.approx(50e-6 * 77e6, rel=0.1)  # 77 s between middles of captures
@@ -63,8 +70,7 @@ def test_clocks_that_run_apart_are_named() -> None:
 
 @pytest.mark.parametrize("name", [name for name in DEPARTURES if name.startswith("clocks")])
 def test_phases_and_age_hold_clocks_that_run_apart(name: str) -> None:
-    bench, _ = DEPARTURES[name]
-    found = measure(captured(bench, 3), MOTOR)
+    bench, found = DEPARTURES[name][0], departed(name)
     assert np.abs(errors_over_half_widths(found)[:, 1]).max() < 1.0
     assert found.fitted_delay_s is not None  # clocks are alike as the first capture begins
     first_s = bench.clock * (TURNS + 0.5) / abs(bench.speeds_Hz[0]) / 2
