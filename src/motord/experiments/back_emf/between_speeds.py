@@ -217,9 +217,9 @@ def _sum(
     parts: variances with their degrees of freedom; shared: that between speeds, whose scatter is
     known as shared + seen, with `freedom`.
     """
-    total = np.sum([part for part, _ in parts], axis=0) + shared
+    total = np.asarray(sum(part for part, _ in parts) + shared)
     every = [*parts, (shared + seen, freedom)]
-    inverse = np.sum([(part / total) ** 2 / max(n, 1) for part, n in every], axis=0)
+    inverse = sum((part / total) ** 2 / max(n, 1) for part, n in every)
     return total, np.asarray(1 / np.maximum(inverse, 1e-9))
 
 
@@ -229,7 +229,7 @@ def _lines(
     """Return lines (n, m, 3), and variances per component by how the turns differ."""
     waves = np.array([[fit.solution[:-1] for fit in point] for point in fits])
     line = np.moveaxis(waves[..., 0::2] - 1j * waves[..., 1::2], 2, 1)
-    variance = np.array([[np.diag(fit.covariance)[:-1] for fit in point] for point in fits])
+    variance = np.array([[fit.covariance.diagonal()[:-1] for fit in point] for point in fits])
     component = np.moveaxis(variance[..., 0::2] + variance[..., 1::2], 2, 1) / 2
     largest = np.abs(line).max(axis=1, keepdims=True)
     return line, np.maximum(component + encoder[:, :, None] * largest**2, LEAST_VARIANCE)
