@@ -48,7 +48,7 @@ def operate(
 
 
 def tracker_of(
-    ticks: np.ndarray, calibration: Calibration = CALIBRATION, block: int = 1000
+    ticks: np.ndarray, calibration: Calibration = CALIBRATION, block: int = 10_000
 ) -> CalibrationTracker:
     tracker = CalibrationTracker(CONFIG, calibration, MEMORY_S)
     for start in range(0, ticks.size, block):
@@ -102,6 +102,16 @@ def quiet_tracker(quiet: np.ndarray) -> CalibrationTracker:
 @pytest.fixture(scope="module")
 def quiet_tracked(quiet_tracker: CalibrationTracker) -> TrackedCalibration:
     return stated_of(quiet_tracker)
+
+
+@pytest.fixture(scope="module")
+def half(quiet: np.ndarray) -> np.ndarray:
+    return quiet[:60_000]
+
+
+@pytest.fixture(scope="module")
+def half_tracked(half: np.ndarray) -> TrackedCalibration:
+    return tracked_of(half)
 
 
 @pytest.fixture(scope="module")
@@ -200,22 +210,23 @@ def test_only_enabled_and_compensated_ticks_of_this_calibration_count(quiet: np.
     assert tracker_of(enough, calibration=other).tracked() is None
 
 
-def test_blocks_of_any_size_are_the_same(quiet: np.ndarray) -> None:
-    small, large = (tracked_of(quiet[:60_000], block=block) for block in (50, 7919))
-    assert small == large
+def test_blocks_of_any_size_are_the_same(
+    half: np.ndarray, half_tracked: TrackedCalibration
+) -> None:
+    assert tracked_of(half, block=53) == half_tracked
 
 
 def test_lost_ticks_cost_their_turns_and_nothing_else(
-    quiet: np.ndarray, quiet_tracked: TrackedCalibration
+    half: np.ndarray, half_tracked: TrackedCalibration
 ) -> None:
-    whole = quiet_tracked
+    whole = half_tracked
     rng = np.random.default_rng(SEED)
-    single = np.ones(quiet.size, bool)
-    single[rng.integers(0, quiet.size, quiet.size // 500)] = False
-    found = tracked_of(quiet[single])
+    single = np.ones(half.size, bool)
+    single[rng.integers(0, half.size, half.size // 500)] = False
+    found = tracked_of(half[single])
     assert found.turns == whole.turns
-    holes = np.arange(quiet.size) % 20_000 > 100
-    fewer = tracked_of(quiet[holes])
+    holes = np.arange(half.size) % 20_000 > 100
+    fewer = tracked_of(half[holes])
     assert 0.5 * whole.turns < fewer.turns < whole.turns
     for other in (found, fewer):
         for one, same in zip(whole.quantities[:3], other.quantities[:3], strict=True):
@@ -224,21 +235,21 @@ def test_lost_ticks_cost_their_turns_and_nothing_else(
 
 
 def test_at_one_torque_gains_and_the_common_gain_are_not_seen() -> None:
-    found = tracked_of(operate(120, (4.0,)))
+    found = tracked_of(operate(60, (4.0,)))
     assert not any(one.name.startswith(("alpha", "delta")) for one in found.quantities)
     assert "the gain of phase a against the others" in found.unseen
     assert "the common gain of the phases (delta epsilon)" in found.unseen
 
 
 def test_an_order_whose_error_is_not_stated_is_listed_as_not_seen(
-    quiet: np.ndarray, quiet_tracked: TrackedCalibration
+    half: np.ndarray, half_tracked: TrackedCalibration
 ) -> None:
     first, *others = CALIBRATION.tau_cog_harmonics
     unknown = (first.model_copy(update={"stderr_Nm": None}), *others)
-    found = tracked_of(quiet, calibration=changed(tau_cog_harmonics=unknown))
+    found = tracked_of(half, calibration=changed(tau_cog_harmonics=unknown))
     assert f"order {first.order} of the cogging torque" in found.unseen
     assert f"cogging-{first.order}-amplitude" not in values(found)
-    assert not any(one.startswith("order") for one in quiet_tracked.unseen)
+    assert not any(one.startswith("order") for one in half_tracked.unseen)
 
 
 def test_the_common_gain_is_not_seen_by_constant_torques(
@@ -404,18 +415,19 @@ def test_better_known_is_what_has_the_narrower_interval(freedom: float, better: 
         adopt(CALIBRATION, quantities, changes, CALIBRATION.created)
 
 
-def test_memory_is_bounded(quiet: np.ndarray, quiet_tracker: CalibrationTracker) -> None:
+def test_memory_is_bounded(half: np.ndarray) -> None:
+    memory_s = half.size / CONFIG.loop.rate_Hz / FORGOTTEN
+    tracker = CalibrationTracker(CONFIG, CALIBRATION, memory_s)
     sizes = []
-    tracker = deepcopy(quiet_tracker)
-    for times in range(1, 5):
-        tracker.take(later(quiet, times))
+    for times in range(2):
+        tracker.take(later(half, times))
         sizes.append(len(pickle.dumps(tracker)))
-    assert sizes[3] < 1.1 * sizes[1]
-    standing = np.repeat(later(quiet, 4)[-1:], 1000)
+    assert sizes[1] < 1.1 * sizes[0]
+    standing = np.repeat(later(half, 1)[-1:], 1000)
     standing["tick"] += np.arange(1, 1001, dtype=np.uint64)
-    for second in range(150):
+    for second in range(round(1.3 * LONGEST_S)):
         tracker.take(later(standing, second))
-    assert len(pickle.dumps(tracker)) < sizes[3] + 1.1 * LONGEST_S * 1000 * 52
+    assert len(pickle.dumps(tracker)) < sizes[1] + 1.1 * LONGEST_S * 1000 * 52
 
 
 def test_no_memory_makes_windows_longer_than_a_slow_rotor_does() -> None:
@@ -430,8 +442,8 @@ def test_a_calibration_of_another_motor_is_refused() -> None:
         CalibrationTracker(other, CALIBRATION, MEMORY_S)
 
 
-def test_without_currents_it_says_so(quiet: np.ndarray) -> None:
-    ticks = quiet[:60_000].copy()
+def test_without_currents_it_says_so(half: np.ndarray) -> None:
+    ticks = half.copy()
     for phase in "abc":
         ticks[f"i_{phase}_A"] = np.nan
     found = tracker_of(ticks).tracked()
@@ -441,13 +453,12 @@ def test_without_currents_it_says_so(quiet: np.ndarray) -> None:
 
 
 def test_counts_out_of_range_are_left_out_and_those_of_another_encoder_said(
-    quiet: np.ndarray,
+    half: np.ndarray, half_tracked: TrackedCalibration
 ) -> None:
-    ticks = quiet[:60_000].copy()
-    sound = tracked_of(ticks)
+    ticks = half.copy()
     ticks["encoder_count"][::5000] = 65535
     found = tracked_of(ticks)
-    assert (found.turns, found.obstacle) == (sound.turns, "")
+    assert (found.turns, found.obstacle) == (half_tracked.turns, "")
     ticks["encoder_count"] += 100
     refused = tracker_of(ticks).tracked()
     assert refused is not None
@@ -456,6 +467,9 @@ def test_counts_out_of_range_are_left_out_and_those_of_another_encoder_said(
 
 def test_a_torque_that_was_left_long_ago_says_little_of_gains_now() -> None:
     ticks = operate(270, (5.0,) + (2.0,) * 8)
-    early, late = tracked_of(ticks[:90_000]), tracked_of(ticks)
+    tracker = tracker_of(ticks[:90_000])
+    early = stated_of(tracker)
+    tracker.take(ticks[90_000:])
+    late = stated_of(tracker)
     assert early.quantities[0].name == late.quantities[0].name == "alpha-a"
     assert late.quantities[0].half_width > 1.8 * early.quantities[0].half_width
