@@ -129,8 +129,9 @@ def _slow(spacing_s: np.ndarray, step: np.ndarray) -> bool:
     """
     largest = max(float(step.max()), -float(step.min()))
     longest_s = max(float(spacing_s.max()), -float(spacing_s.min()))
-    bound = largest * longest_s
-    return (1 + SPEED_ERROR) * bound < (0.5 - largest) * SHOWN * _usual_s(spacing_s)
+    bound, part = (1 + SPEED_ERROR) * largest * longest_s, (0.5 - largest) * SHOWN
+    shortest_s = float(spacing_s.min())  # the usual time is no less, and takes longer to find
+    return bound < part * shortest_s or bound < part * _usual_s(spacing_s)
 
 
 def _speeds(

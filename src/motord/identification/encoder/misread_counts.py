@@ -32,6 +32,8 @@ def misread(count: np.ndarray, counts: int) -> np.ndarray:
     if count.size < 3:
         return np.zeros(count.size, bool)
     step = _apart(count[1:], count[:-1], counts)
+    if _none_far(step):
+        return np.zeros(count.size, bool)
     nearby = _far_nearby(step)
     each = np.full(step.size, _far_of_sound(count, step, nearby, counts))
     off = _excursions(count, step, each, each, counts, 1)
@@ -51,11 +53,18 @@ def misread_in_rows(count: np.ndarray, counts: int) -> np.ndarray:
     if count.size < 3:
         return off
     step = _apart(count[1:], count[:-1], counts)
+    if _none_far(step):
+        return off
     nearby = _far_nearby(step)
     if not (step > nearby).any():
         return off
     each = np.maximum(nearby, _far_of_sound(count, step, nearby, counts))
     return _excursions(count, step, each, 2 / MISREAD_STEPS * each, counts, LONGEST)
+
+
+def _none_far(step: np.ndarray) -> bool:
+    """Return whether no step (n,) can be a jump, whatever is usual: most rotors turn so slowly."""
+    return bool(step.max() <= MISREAD_COUNTS and step.min() >= 0)
 
 
 def far_from(step: np.ndarray) -> float:
