@@ -17,12 +17,23 @@ from motord.experiments.ripple_findings import findings
 from motord.experiments.subject import Recordings, Subject
 from motord.identification.disturbances import lines_of_points
 from motord.identification.operating_points import Samples
-from motord.identification.point_ripple import AsynchronousLine, repeating_rms
+from motord.identification.point_ripple import AsynchronousLine, PointRipple, repeating_rms
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from tests.support.wrong_signals import change_recording, scaled
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
+
+
+@pytest.fixture(scope="module")
+def on(recorded: Recorded) -> list[PointRipple]:
+    """Ripple of the points with compensation."""
+    return estimate.ripples([open_run(recorded.on)], Subject.of_config(load()), EveryCapture())
+
+
+@pytest.fixture(scope="module")
+def off(recorded: Recorded) -> list[PointRipple]:
+    return estimate.ripples([open_run(recorded.off)], Subject.of_config(load()), EveryCapture())
 
 
 def explained(recorded: Recorded, path: Path) -> list:
@@ -165,11 +176,9 @@ def test_a_calibration_of_another_motor_is_refused(recorded: Recorded, tmp_path:
     ],
 )
 def test_an_rms_error_that_noise_hides_is_a_finding(
-    recorded: Recorded, rms_percent: float, stderr_percent: float | None, hidden: bool
+    on: list[PointRipple], rms_percent: float, stderr_percent: float | None, hidden: bool
 ) -> None:
-    [point, *_] = estimate.ripples(
-        [open_run(recorded.on)], Subject.of_config(load()), EveryCapture()
-    )
+    point = on[0]
     assert findings([point]) == ()
     seen = replace(point, rms_percent=rms_percent, noise_stderr_percent=stderr_percent)
     assert [one.name for one in findings([point, seen])] == ["noise-hides-ripple"] * hidden
@@ -185,9 +194,8 @@ def test_an_rms_error_that_noise_hides_is_a_finding(
     ],
 )  # fmt: skip
 def test_a_torque_of_another_scale_is_a_finding(
-    recorded: Recorded, mean_part: float | None, rms_percent: float, seen: bool
+    off: list[PointRipple], mean_part: float | None, rms_percent: float, seen: bool
 ) -> None:
-    run_, subject = open_run(recorded.off), Subject.of_config(load())
     points = [
         replace(
             one,
@@ -196,14 +204,14 @@ def test_a_torque_of_another_scale_is_a_finding(
             mean_Nm=None if mean_part is None else mean_part * sign * one.torque_Nm,
         )
         for sign in (1, -1)
-        for one in estimate.ripples([run_], subject, EveryCapture())
+        for one in off
     ]
     assert ["torque-scale" in one.name for one in findings(points)] == [True] * seen
 
 
 @pytest.mark.parametrize("amplitude_Nm", [0.015, 0.2])
 def test_hum_that_is_not_locked_to_the_rotor_is_named_and_in_the_interval(
-    recorded: Recorded, tmp_path: Path, amplitude_Nm: float
+    recorded: Recorded, on: list[PointRipple], tmp_path: Path, amplitude_Nm: float
 ) -> None:
     """Of 50 Hz: at 0.8 turns/s it is half-way between orders, at 1 turn/s it is order 50."""
 
@@ -212,12 +220,11 @@ def test_hum_that_is_not_locked_to_the_rotor_is_named_and_in_the_interval(
         return ticks
 
     subject = Subject.of_config(load())
-    clean = estimate.ripples([open_run(recorded.on)], subject, EveryCapture())
     path = change_recording(recorded.on, tmp_path / "hum.mcap", hum)
     humming = estimate.ripples([open_run(path)], subject, EveryCapture())
-    assert max(one.leakage_percent for one in clean) < 0.02  # what rings in the sensor
+    assert max(one.leakage_percent for one in on) < 0.02  # what rings in the sensor
     outside = 0
-    for before, after in zip(clean, humming, strict=True):
+    for before, after in zip(on, humming, strict=True):
         assert after.asynchronous_lines[0].frequency_Hz == pytest.approx(50, abs=0.05)
         off = abs(after.rms_percent - before.rms_percent)
         assert off < 1.96 * after.stderr_percent
@@ -229,7 +236,7 @@ def test_hum_that_is_not_locked_to_the_rotor_is_named_and_in_the_interval(
     assert "mains" in found.action
     assert found.severity == ("serious" if amplitude_Nm == 0.2 else "warning")  # 0.18 % RMS
     assert found.value == pytest.approx(100 * amplitude_Nm / subject.motor.rated_torque_Nm, rel=0.2)
-    assert "asynchronous-line" not in {one.name for one in findings(clean)}
+    assert "asynchronous-line" not in {one.name for one in findings(on)}
 
 
 @pytest.mark.parametrize(
@@ -237,14 +244,11 @@ def test_hum_that_is_not_locked_to_the_rotor_is_named_and_in_the_interval(
     [(0.01, 0.0, "note"), (0.2, 0.01, "warning"), (0.3, 0.15, "serious"), (0.3, 0.25, "serious")],
 )
 def test_what_a_line_is_worth(
-    recorded: Recorded, leakage_percent: float, bias_percent: float, severity: str
+    on: list[PointRipple], leakage_percent: float, bias_percent: float, severity: str
 ) -> None:
     """A bias is 0.3 of the RMS error where the line is as large as the ripple."""
-    [point, *_] = estimate.ripples(
-        [open_run(recorded.on)], Subject.of_config(load()), EveryCapture()
-    )
     seen = replace(
-        point,
+        on[0],
         rms_percent=0.5,
         noise_stderr_percent=0.1,
         stderr_percent=float(np.hypot(0.1, leakage_percent / 2**0.5)),
@@ -281,15 +285,12 @@ def test_what_a_line_is_worth(
     ],
 )  # fmt: skip
 def test_a_line_is_named_by_what_is_constant(
-    recorded: Recorded, at_Hz: Callable[[float], float], speeds_Hz: tuple[float, ...], said: str,
+    on: list[PointRipple], at_Hz: Callable[[float], float], speeds_Hz: tuple[float, ...], said: str,
     advised: str,
 ) -> None:  # fmt: skip
-    [point, *_] = estimate.ripples(
-        [open_run(recorded.on)], Subject.of_config(load()), EveryCapture()
-    )
     points = [
         replace(
-            point,
+            on[0],
             speed_Hz=speed_Hz,
             asynchronous_percent=0.5,
             asynchronous_lines=(AsynchronousLine(at_Hz(speed_Hz), 0.03, 0.001),),
