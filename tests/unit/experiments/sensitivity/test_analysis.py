@@ -18,6 +18,7 @@ from motord.identification import IdentifyError
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
+from motord.report import html
 from motord.virtual import VirtualBench, run_plan
 from tests.support.wrong_signals import CHANGES, change_recording
 from tests.unit.experiments.conftest import Recorded
@@ -45,6 +46,18 @@ def recording(recorded: Recorded, tmp_path_factory: pytest.TempPathFactory) -> P
 
 
 @pytest.fixture(scope="module")
+def two_series(recording: Path) -> Path:
+    """Only the points of no error and of the first two kinds."""
+    run, path = open_run(recording), recording.with_name("two-series.mcap")
+    ticks, points = run.ticks(), run.operating_points()[:9]
+    with RunWriter(path, run.metadata) as writer:
+        writer.ticks(ticks[ticks["plan_point"] < len(points)])
+        for point in points:
+            writer.operating_point(int(point["t_ns"]), point)
+    return path
+
+
+@pytest.fixture(scope="module")
 def result(recording: Path) -> Sensitivity:
     runs = [open_run(recording)]
     return sensitivity(runs, Subject.of_runs(runs))
@@ -64,9 +77,9 @@ def test_practice_agrees_with_theory(result: Sensitivity) -> None:
 
 
 def test_currents_of_another_scale_are_a_finding(
-    recording: Path, result: Sensitivity, tmp_path: Path
+    two_series: Path, result: Sensitivity, tmp_path: Path
 ) -> None:
-    path = change_recording(recording, tmp_path / "rms.mcap", CHANGES["currents as RMS"])
+    path = change_recording(two_series, tmp_path / "rms.mcap", CHANGES["currents as RMS"])
     runs = [open_run(path)]
     [finding] = sensitivity(runs, Subject.of_runs(runs)).signal_findings
     assert (finding.name, finding.severity) == ("current-scale", "serious")
@@ -75,7 +88,7 @@ def test_currents_of_another_scale_are_a_finding(
 
 
 def test_mains_hum_is_a_finding_and_in_the_errors(
-    recording: Path, result: Sensitivity, tmp_path: Path
+    two_series: Path, result: Sensitivity, tmp_path: Path
 ) -> None:
     """2 % of rated at 50 Hz: what the average over turns keeps of it is in all points."""
 
@@ -83,13 +96,13 @@ def test_mains_hum_is_a_finding_and_in_the_errors(
         ticks["torque_Nm"] += 0.12 * np.sin(2 * np.pi * 50e-9 * ticks["t_ns"])
         return ticks
 
-    runs = [open_run(change_recording(recording, tmp_path / "hum.mcap", hum))]
+    runs = [open_run(change_recording(two_series, tmp_path / "hum.mcap", hum))]
     humming = sensitivity(runs, Subject.of_runs(runs))
     [finding] = humming.signal_findings
     assert finding.name == "asynchronous-line"
     assert finding.value == pytest.approx(2.0, rel=0.3)
     gain = result.subject.accuracy.torque_gain_percent / 100 / 3**0.5
-    for one, other in zip(result.series, humming.series, strict=True):
+    for one, other in zip(result.series[:2], humming.series, strict=True):
         off = np.abs(other.measured_percent - one.measured_percent)
         assert (off < 1.96 * np.hypot(one.stderr_percent, other.stderr_percent)).all()
         assert (one.stderr_percent > gain * one.measured_percent).all()
@@ -131,7 +144,10 @@ def test_from_the_command_line(recording: Path, tmp_path: Path) -> None:
     assert text.count("<figure>") == 4
 
 
-def test_theory_alone_from_the_command_line(recorded: Recorded, tmp_path: Path) -> None:
+def test_theory_alone_from_the_command_line(
+    recorded: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "inline", lambda *_: "")  # the test above draws the same pictures
     bench = tmp_path / "bench.toml"
     bench.write_text(packaged("sim.toml").read_text().replace('rig = "report.rig.toml"\n', ""))
     arguments = ("sensitivity", "-c", bench, "--calibration", recorded.calibration, "--json")
