@@ -86,7 +86,9 @@ def compare(
     """
     found = [_difference(key, a[key], b[key]) for key in a if key in b]
     changed = beyond_chance([one.p_value for one in found], FALSE_ALARMS)
-    return [replace(one, changed=its) for one, its in zip(found, changed, strict=True)]
+    return [
+        replace(one, changed=True) if its else one for one, its in zip(found, changed, strict=True)
+    ]
 
 
 def mean_of(results: Sequence[ResultFigure]) -> MeanFigure:

@@ -60,8 +60,7 @@ def test_any_motor(motor: Motor) -> None:
         assert found.stderr_Nm[place] < 1.5e-3
 
 
-@pytest.mark.parametrize("counts", [1000, 2001, 20_000])
-@pytest.mark.parametrize("highpass_s", [0.0, 0.5])
+@pytest.mark.parametrize(("counts", "highpass_s"), [(1000, 0.0), (2001, 0.5), (20_000, 0.5)])
 def test_any_encoder_and_a_sensor_that_passes_the_mean(counts: int, highpass_s: float) -> None:
     sensor = TorqueSensorConfig(highpass_time_constant_s=highpass_s)
     bench = synthetic.Bench(
