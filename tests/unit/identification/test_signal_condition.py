@@ -206,6 +206,16 @@ def test_an_encoder_that_is_misread_too_often_is_refused(share: float, turns_Hz:
         sound_counts(wrong, 4096, "here")
 
 
+@pytest.mark.parametrize(("away", "seen"), [(7, False), (8, False), (13, True), (60, True)])
+def test_a_slow_rotor_is_misread_from_few_counts_on(away: int, seen: bool) -> None:
+    """It steps by one count at most: beyond 3 of them and 8 counts it jumps."""
+    count = np.arange(400) // 2
+    count[100:300:50] += away
+    good, faults = sound_counts(count, 4096, "here")
+    assert np.flatnonzero(~good).tolist() == [100, 150, 200, 250] * seen
+    assert [one.kind for one in faults] == ["misread"] * seen
+
+
 def test_samples_misread_in_a_row_are_left_out_next_to_single_ones() -> None:
     count = turning(1)
     bad = np.r_[100, 200, 300, 400:402, 600:603, 800:805]
