@@ -14,10 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from motord.config.motor import back_emf_waves
 from motord.jit import jit
-from motord.rig.build import build
 from motord.rig.truth import RigTruth
-from motord.rig.waves import wave_values
 
 PARTS = 10
 """Instants for each tick."""
@@ -55,9 +54,9 @@ class BetweenTicks:
 
     def _torque_Nm(self, i_A: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
         """Return the torque (n,) of currents (3, n) at angles (n,)."""
-        torque_Nm = np.empty(angle_rad.size)
-        _fill_torque(build(self.rig, 0)[0], i_A, np.ascontiguousarray(angle_rad), torque_Nm)
-        return torque_Nm
+        motor, order = self.rig.motor, self.rig.inverter.phase_order
+        k = back_emf_waves(motor.back_emf, motor.pole_pairs * angle_rad, order).T
+        return np.asarray(i_A[0] * k[0] + i_A[1] * k[1] + i_A[2] * k[2])
 
     def _currents_A(self, i_A: np.ndarray, part_s: np.ndarray) -> np.ndarray:
         """Return the currents (3, parts (n - 1)) `part_s` (parts,) after all ticks but the last."""
@@ -99,13 +98,3 @@ def _subtract_scaled_previous(values: np.ndarray, scale: float) -> None:
     for row in range(values.shape[0]):
         for j in range(1, values.shape[1]):
             values[row, j] -= scale * values[row, j - 1]
-
-
-@jit
-def _fill_torque(
-    parameters: np.ndarray, i_A: np.ndarray, angle_rad: np.ndarray, torque_Nm: np.ndarray
-) -> None:
-    """Fill `torque_Nm` (n,) with that of currents (3, n) at angles (n,), as the rig makes it."""
-    for n in range(angle_rad.size):
-        k_a, k_b, k_c, _ = wave_values(parameters[0], angle_rad[n])
-        torque_Nm[n] = k_a * i_A[0, n] + k_b * i_A[1, n] + k_c * i_A[2, n]
