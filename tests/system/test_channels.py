@@ -13,6 +13,7 @@ from motord.client import ClientError
 from tests.support.channel_package import install
 from tests.support.patience import until
 from tests.system.daemons import daemon, wait_for, write_sim
+from tests.system.test_wire import resets
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -76,6 +77,7 @@ def test_a_channel_that_is_too_hot_or_broken_trips_and_one_that_hangs_costs_itse
     assert 24.9 < winding.value < 40.0
     assert probe.value == 40.5
     with client.lease("anna") as lease:
+        until(lambda: resets(client, lease), "no cause of a trip to be left")
         lease.set(enable=True, torque_Nm=1.0, speed_Hz=2.0)
         script(folder, "other", "hang")
         until(lambda: shown(client, "other").status == "broken", "one that hangs")
