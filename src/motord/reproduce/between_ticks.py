@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config.motor import back_emf_waves
-from motord.jit import jit
 from motord.rig.truth import RigTruth
 
 PARTS = 10
@@ -85,16 +84,12 @@ def _commands_A(driven_A: np.ndarray, before: float, after: float, i_A: np.ndarr
     Solved in the direction in which errors get smaller. One of the ends, which the equations leave
     open, is taken for the current i_A (3, n) there.
     """
+    from scipy.signal import lfilter, lfiltic  # 0.3 s, of whoever asks for less
+
     if backwards := before > after:
         driven_A, i_A, before, after = driven_A[:, ::-1], i_A[:, ::-1], after, before
-    command_A = np.concatenate([i_A[:, :1], driven_A / after], axis=1)
-    _subtract_scaled_previous(command_A, before / after)
+    feedback = np.array([1.0, before / after])
+    begin = np.stack([lfiltic([1.0], feedback, [first]) for first in i_A[:, 0]])
+    rest_A, _ = lfilter([1.0], feedback, driven_A / after, axis=1, zi=begin)
+    command_A = np.concatenate([i_A[:, :1], rest_A], axis=1)
     return command_A[:, ::-1] if backwards else command_A
-
-
-@jit
-def _subtract_scaled_previous(values: np.ndarray, scale: float) -> None:
-    """Replace v_j by v_j - scale v_(j-1) in each row of values (m, n), from j = 1 on."""
-    for row in range(values.shape[0]):
-        for j in range(1, values.shape[1]):
-            values[row, j] -= scale * values[row, j - 1]
