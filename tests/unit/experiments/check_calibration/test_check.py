@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,12 @@ def take(
     return Taken(config, calibration, np.concatenate(blocks), recorded)
 
 
+@cache
+def drifted(phase: int) -> Taken:
+    """Return a check on a rig of which one gain has drifted by 0.4 %."""
+    return take(with_drift(rig(SEED)[0], phase, 0.004))
+
+
 @pytest.fixture(scope="module")
 def unchanged() -> Taken:
     return take(rig(SEED)[0])
@@ -147,7 +154,7 @@ def test_a_calibration_that_holds_is_valid_and_the_power_is_stated(unchanged: Ta
 
 @pytest.mark.parametrize("phase", [0, 1, 2])
 def test_a_drift_of_one_gain_is_found_and_its_phase_named(phase: int) -> None:
-    found = take(with_drift(rig(SEED)[0], phase, 0.004)).checked()
+    found = drifted(phase).checked()
     assert [one.name for one in found.drifted] == [f"gain-{'abc'[phase]}"]
     assert found.drifted[0].value == pytest.approx(0.4, abs=0.15)
     assert found.findings[0].name == f"calibration-drifted-gain-{'abc'[phase]}"
@@ -192,7 +199,7 @@ def test_offset_cogging_and_common_gain_that_change_are_named() -> None:
 
 
 def test_errors_that_the_calibration_states_are_no_drift() -> None:
-    taken = take(with_drift(rig(SEED)[0], 0, 0.004))
+    taken = drifted(0)
     unsure = taken.calibration.model_copy(update={"alpha_stderr": (2e-3, 2e-3, 2e-3)})
     found = taken.checked(calibration=unsure, needed_percent=0.5)
     assert found.verdict == "valid"
@@ -206,11 +213,10 @@ def test_a_check_that_sees_too_little_is_undecided_and_says_what(unchanged: Take
     assert found.sentence.startswith("undecided: ")
 
 
-def test_a_torque_that_no_parameter_explains_is_undecided() -> None:
+def test_a_torque_that_no_parameter_explains_is_undecided(unchanged: Taken) -> None:
     config = load()
-    taken = take(rig(SEED)[0])
     motor = config.motor.model_copy(update={"encoder_offset_rad": 0.004})
-    found = replace(taken, config=config.model_copy(update={"motor": motor})).checked()
+    found = replace(unchanged, config=config.model_copy(update={"motor": motor})).checked()
     assert "torque-not-as-modelled" in [one.name for one in found.findings]
 
 
