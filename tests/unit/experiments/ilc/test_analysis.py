@@ -46,6 +46,12 @@ def learned_from(path: Path, calibration: Calibration) -> LearnPass:
     return learn_from_runs([open_run(path)], subject, calibration, NOW, Learning())
 
 
+@pytest.fixture(scope="module")
+def once(first: tuple[Path, Calibration]) -> LearnPass:
+    """Return what is learned from the first pass."""
+    return learned_from(*first)
+
+
 def true_percent(run: Run) -> list[float]:
     return [
         float(100 / 6.0 * np.sqrt(np.cov(t.torque_Nm, aweights=t.weights)))
@@ -53,15 +59,15 @@ def true_percent(run: Run) -> list[float]:
     ]
 
 
-def test_two_passes_smooth_the_true_torque(first: tuple[Path, Calibration], tmp_path: Path) -> None:
-    path, calibration = first
-    once = learned_from(path, calibration)
+def test_two_passes_smooth_the_true_torque(
+    first: tuple[Path, Calibration], once: LearnPass, tmp_path: Path
+) -> None:
     assert not once.finished
     assert once.calibration.learned is not None
     assert list(once.learned.by_place) == [(3.0, 0.8), (3.0, 1.0)]
     assert once.calibration.learned.orders[:2] == (8, 16)
     record_pass(tmp_path / "two.mcap", once.calibration, seed=4)
-    before, after = true_percent(open_run(path)), true_percent(open_run(tmp_path / "two.mcap"))
+    before, after = true_percent(open_run(first[0])), true_percent(open_run(tmp_path / "two.mcap"))
     assert min(before) > 0.8
     assert max(np.divide(after, before)) < 0.5
     twice = learned_from(tmp_path / "two.mcap", once.calibration)
@@ -79,16 +85,15 @@ def test_two_passes_smooth_the_true_torque(first: tuple[Path, Calibration], tmp_
     assert again.learned.points[0].gain == Learning().gain
 
 
-def test_corrections_at_their_limit_are_a_finding(first: tuple[Path, Calibration]) -> None:
-    done = learned_from(*first)
-    most_Nm = max(point.amplitude_Nm for point in done.learned.points)
+def test_corrections_at_their_limit_are_a_finding(once: LearnPass) -> None:
+    most_Nm = max(point.amplitude_Nm for point in once.learned.points)
     for limit_Nm, names in ((2 * most_Nm, []), (most_Nm, ["correction-limited"])):
-        found = replace(done, limit_Nm=limit_Nm).findings
+        found = replace(once, limit_Nm=limit_Nm).findings
         assert [one.name for one in found] == names
 
 
 def test_mains_hum_is_a_finding_and_is_not_learned(
-    first: tuple[Path, Calibration], tmp_path: Path
+    first: tuple[Path, Calibration], once: LearnPass, tmp_path: Path
 ) -> None:
     """1 % of rated at 50 Hz: what the average over turns keeps of it looks like ripple."""
 
@@ -97,17 +102,17 @@ def test_mains_hum_is_a_finding_and_is_not_learned(
         return ticks
 
     path = change_recording(first[0], tmp_path / "hum.mcap", hum)
-    clean, humming = (learned_from(one, first[1]) for one in (first[0], path))
-    assert clean.findings == ()
+    humming = learned_from(path, first[1])
+    assert once.findings == ()
     [found] = humming.findings
     assert (found.name, found.severity) == ("asynchronous-line", "warning")
     assert found.value == pytest.approx(1.0, rel=0.2)
     assert "which is not learned" in found.meaning
-    orders = sorted({*clean.learned.orders, *humming.learned.orders})
-    for one, other in zip(clean.learned.points, humming.learned.points, strict=True):
+    orders = sorted({*once.learned.orders, *humming.learned.orders})
+    for one, other in zip(once.learned.points, humming.learned.points, strict=True):
         lines_Nm = [
             dict(zip(done.learned.orders, point.line_Nm, strict=True))
-            for done, point in ((clean, one), (humming, other))
+            for done, point in ((once, one), (humming, other))
         ]
         changed_Nm = [lines_Nm[0].get(order, 0) - lines_Nm[1].get(order, 0) for order in orders]
         assert np.linalg.norm(changed_Nm) / 2**0.5 < 1e-2  # 27 mNm if all were learned
@@ -148,9 +153,8 @@ def test_a_run_without_what_was_learned_is_refused(
 
 
 def test_another_mesh_than_that_which_was_learned_is_refused(
-    first: tuple[Path, Calibration], tmp_path: Path
+    once: LearnPass, tmp_path: Path
 ) -> None:
-    once = learned_from(*first)
     record_pass(tmp_path / "m.mcap", once.calibration, 1, speeds_Hz=[0.9])
     with pytest.raises(AnalysisError, match=r"3 Nm, 0\.9 Hz is not a point of the mesh"):
         learned_from(tmp_path / "m.mcap", once.calibration)
@@ -205,15 +209,20 @@ def sampled_half_as_often(ticks: np.ndarray) -> np.ndarray:
     return ticks
 
 
+@pytest.fixture(scope="module")
+def slow(first: tuple[Path, Calibration]) -> tuple[Path, LearnPass]:
+    """Return the pass as of such a board, and what is learned from it."""
+    path = change_recording(first[0], first[0].with_name("slow.mcap"), sampled_half_as_often)
+    return path, learned_from(path, first[1])
+
+
 def test_a_board_that_samples_half_as_often_shows_the_same_to_learn_from(
-    first: tuple[Path, Calibration], tmp_path: Path
+    first: tuple[Path, Calibration], once: LearnPass, slow: tuple[Path, LearnPass]
 ) -> None:
     """The loop holds its commands as long as before: images and band are the same."""
-    path, calibration = first
-    slow = change_recording(path, tmp_path / "slow.mcap", sampled_half_as_often)
-    assert recorded_hold(open_run(slow)) == recorded_hold(open_run(path))
-    fast, seen = (learned_from(one, calibration).ripples for one in (path, slow))
-    for one, other in zip(fast, seen, strict=True):
+    path, seen = slow
+    assert recorded_hold(open_run(path)) == recorded_hold(open_run(first[0]))
+    for one, other in zip(once.ripples, seen.ripples, strict=True):
         assert isinstance(one, SeenRipple)
         assert isinstance(other, SeenRipple)
         assert other.band == pytest.approx(one.band, abs=1)
@@ -222,17 +231,16 @@ def test_a_board_that_samples_half_as_often_shows_the_same_to_learn_from(
 
 
 def test_the_band_is_that_of_the_loop_also_where_the_delay_is_not_known(
-    first: tuple[Path, Calibration], tmp_path: Path
+    first: tuple[Path, Calibration], slow: tuple[Path, LearnPass]
 ) -> None:
     """Of a board that samples half as often: images stay, orders are learned as high as before."""
-    path, calibration = first
-    slow = open_run(change_recording(path, tmp_path / "slow.mcap", sampled_half_as_often))
-    known = learned_from(slow.path, calibration).ripples
-    config = slow.metadata["config"].replace("actuation_delay_s", "# actuation_delay_s")
-    slow.metadata["config"] = config.replace("lag_s", "# lag_s")
+    path, known = slow
+    run = open_run(path)
+    config = run.metadata["config"].replace("actuation_delay_s", "# actuation_delay_s")
+    run.metadata["config"] = config.replace("lag_s", "# lag_s")
     subject = Subject.of_config(nonlinear())
-    unknown = learn_from_runs([slow], subject, calibration, NOW, Learning()).ripples
-    for one, other in zip(known, unknown, strict=True):
+    unknown = learn_from_runs([run], subject, first[1], NOW, Learning()).ripples
+    for one, other in zip(known.ripples, unknown, strict=True):
         assert isinstance(one, SeenRipple)
         assert isinstance(other, SeenRipple)
         assert other.band == one.band
@@ -263,12 +271,11 @@ def test_the_command_writes_the_next_calibration_and_a_page(
 
 
 def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
-    first: tuple[Path, Calibration], tmp_path: Path
+    once: LearnPass, tmp_path: Path
 ) -> None:
     from motord.calibration import RmsErrors, RmsPoint
 
-    done = learned_from(*first)
     rms = RmsErrors.of((RmsPoint(torque_Nm=3.0, speed_Hz=0.8, before=7.0),))
-    learned = LearnPass(done.calibration.with_rms_error(rms), done.residuals)
+    learned = LearnPass(once.calibration.with_rms_error(rms), once.residuals)
     report(learned).write(tmp_path / "r.html")
     assert "Without compensation (%)" in (tmp_path / "r.html").read_text()
