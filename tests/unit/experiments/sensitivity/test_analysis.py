@@ -18,7 +18,6 @@ from motord.identification import IdentifyError
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
-from motord.report import html
 from motord.virtual import VirtualBench, run_plan
 from tests.support.wrong_signals import CHANGES, change_recording
 from tests.unit.experiments.conftest import Recorded
@@ -144,10 +143,8 @@ def test_from_the_command_line(recording: Path, tmp_path: Path) -> None:
     assert text.count("<figure>") == 4
 
 
-def test_theory_alone_from_the_command_line(
-    recorded: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(html, "inline", lambda *_: "")  # the test above draws the same pictures
+@pytest.mark.usefixtures("no_pictures")
+def test_theory_alone_from_the_command_line(recorded: Recorded, tmp_path: Path) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(packaged("sim.toml").read_text().replace('rig = "report.rig.toml"\n', ""))
     arguments = ("sensitivity", "-c", bench, "--calibration", recorded.calibration, "--json")

@@ -234,7 +234,11 @@ def test_lost_ticks_cost_their_turns_and_nothing_else(
         assert departed(other) == []
 
 
-def test_at_one_torque_gains_and_the_common_gain_are_not_seen() -> None:
+def test_at_one_torque_gains_and_the_common_gain_are_not_seen(
+    half_tracked: TrackedCalibration,
+) -> None:
+    """As long at several torques shows the gains."""
+    assert {f"alpha-{phase}" for phase in "abc"} <= values(half_tracked).keys()
     found = tracked_of(operate(60, (4.0,)))
     assert not any(one.name.startswith(("alpha", "delta")) for one in found.quantities)
     assert "the gain of phase a against the others" in found.unseen
@@ -249,6 +253,7 @@ def test_an_order_whose_error_is_not_stated_is_listed_as_not_seen(
     found = tracked_of(half, calibration=changed(tau_cog_harmonics=unknown))
     assert f"order {first.order} of the cogging torque" in found.unseen
     assert f"cogging-{first.order}-amplitude" not in values(found)
+    assert f"cogging-{first.order}-amplitude" in values(half_tracked)
     assert not any(one.startswith("order") for one in half_tracked.unseen)
 
 
