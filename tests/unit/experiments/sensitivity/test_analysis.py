@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from motord.cli.analysis_command import app as analyse
 from motord.config import load as load_bench
 from motord.config import packaged
 from motord.experiments.plans import build
+from motord.experiments.sensitivity import command
 from motord.experiments.sensitivity.estimate import sensitivity, theory_alone
 from motord.experiments.sensitivity.result import Sensitivity
 from motord.experiments.subject import AnalysisError, Subject
@@ -57,9 +59,25 @@ def two_series(recording: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def result(recording: Path) -> Sensitivity:
-    runs = [open_run(recording)]
-    return sensitivity(runs, Subject.of_runs(runs))
+def analysed(recording: Path) -> tuple[Sensitivity, str]:
+    """Return what the command finds, with what it prints; its files are next to the recording."""
+    found: list[Sensitivity] = []
+
+    def kept(*arguments: Any) -> Sensitivity:
+        found.append(sensitivity(*arguments))
+        return found[0]
+
+    files = ("-o", recording.with_suffix(".json"), "--report", recording.with_suffix(".html"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "sensitivity", kept)
+        code, out, err = run(analyse, "sensitivity", recording, *files)
+    assert code == 0, err
+    return found[0], out
+
+
+@pytest.fixture(scope="module")
+def result(analysed: tuple[Sensitivity, str]) -> Sensitivity:
+    return analysed[0]
 
 
 def test_practice_agrees_with_theory(result: Sensitivity) -> None:
@@ -127,17 +145,14 @@ def test_the_theory_is_of_the_cogging_torque_that_was_compensated(
         assert result.theory.within[what] == pytest.approx(within, rel=2e-3), what
 
 
-def test_from_the_command_line(recording: Path, tmp_path: Path) -> None:
-    output, report = tmp_path / "s.json", tmp_path / "s.html"
-    arguments = ("sensitivity", recording, "-o", output, "--report", report)
-    code, out, _ = run(analyse, *arguments)
-    assert code == 0
+def test_from_the_command_line(recording: Path, analysed: tuple[Sensitivity, str]) -> None:
+    _, out = analysed
     assert "induced, and calibrated again" in " ".join(out.split())
-    content = json.loads(output.read_text())
+    content = json.loads(recording.with_suffix(".json").read_text())
     assert content["schema"] == "motord.sensitivity/1"
     assert content["torque_Nm"] == 3.0
     assert content["series"][0]["what"] == "alpha_a"
-    text = report.read_text()
+    text = recording.with_suffix(".html").read_text()
     for figure in ("Figure 4.3", "Figure 4.4", "Figures 4.6 to 4.9", "Table 4.2", "24.1 %"):
         assert figure in text
     assert text.count("<figure>") == 4
