@@ -4,8 +4,9 @@ No figure is beyond its interval by it: it is left out, or only samples of it ar
 """
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,12 @@ def sound_ticks(path: Path) -> np.ndarray:
     return ticks
 
 
+@cache
+def sound_points(path: Path) -> list[dict[str, Any]]:
+    """Return the operating points of a recording, which are read once; see `sound_ticks`."""
+    return Run(path).operating_points()
+
+
 class SpoiledRun(Run):
     """A recording with other ticks than its file has."""
 
@@ -100,6 +107,9 @@ class SpoiledRun(Run):
         own &= ticks["t_ns"] <= point["t_end_ns"]
         [at] = np.nonzero(own)
         self._ticks = joined([ticks[: at[0]], spoil(rows_of(ticks, own)), ticks[at[-1] + 1 :]])
+
+    def operating_points(self) -> list[dict[str, Any]]:
+        return deepcopy(sound_points(self.path))
 
     def ticks(self, columns: Any = None, **bounds: int) -> np.ndarray:
         t_ns = self._ticks["t_ns"]
@@ -156,7 +166,7 @@ def test_a_spoiled_capture_is_named_and_changes_no_figure(
     sound = files.known(name, lambda: outcome(name, Run(path), options))
     assert sound.intervals or name in NO_INTERVALS
     found = outcome(name, SpoiledRun(path, WAYS[way]), options)
-    point = Run(path).operating_points()[SPOILED]
+    point = sound_points(path)[SPOILED]
     labels = (
         f"{point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz", f"point {SPOILED + 1}",
         f"{name} {SPOILED + 1}", f"{point['index'] + 1}: ",
