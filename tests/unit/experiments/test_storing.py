@@ -18,6 +18,8 @@ from tests.unit.experiments.conftest import Recorded
 from tests.unit.experiments.test_cli import run
 from tests.unit.results.buckets import SHOWN, URL, bucket, failing
 
+pytestmark = pytest.mark.usefixtures("no_search_for_lines")
+
 
 def stored(folder: Path) -> list[dict[str, object]]:
     contents = ResultsStore(folder).read()
