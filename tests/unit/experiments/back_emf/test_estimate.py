@@ -43,7 +43,7 @@ def test_the_simulated_rig_within_the_bound() -> None:
 def test_any_motor(motor: Motor) -> None:
     found, truth = measured(motor, 2, apart=False, speeds_Hz=(0.87, 1.37), turns=9)
     line_percent, table_percent, _ = errors(found, truth)
-    assert line_percent < 2 * BOUND_PERCENT  # a third of the turns
+    assert line_percent < 2 * BOUND_PERCENT  # a third of the campaign's turns
     assert table_percent < 2 * BOUND_PERCENT
     assert found.table().shape == (motor.counts, 3)
 
