@@ -270,6 +270,7 @@ def test_the_command_writes_the_next_calibration_and_a_page(
     assert "name the calibration that was in force" in " ".join(error.split())
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
     once: LearnPass, tmp_path: Path
 ) -> None:

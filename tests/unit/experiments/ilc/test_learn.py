@@ -29,6 +29,7 @@ from tests.support.virtual_calibration import calibrate_virtual, verify_virtual
 from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_learning_in_virtual_time_smooths_the_true_torque() -> None:
     config = nonlinear()
     mesh = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.8, 1.0], "turns": 6, "settle_s": 1.0}
@@ -128,6 +129,7 @@ def run(*arguments: object) -> tuple[int, str, str]:
     return result.exit_code, result.stdout, result.stderr
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_passes_follow_each_other_with_what_was_learned_installed(
     daemon: Daemon, tmp_path: Path
 ) -> None:
