@@ -111,12 +111,13 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert page.index("one-direction") < page.index("<h2 ")
 
 
-@pytest.mark.usefixtures("no_pictures")
 def test_back_emf_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     done = motord("back-emf", runs / "emf.mcap", "--report", tmp_path / "r.html")
     assert done.exit_code == 0, done.output
     assert "older" in done.output
-    assert "Back-EMF over speed" in (tmp_path / "r.html").read_text()
+    page = (tmp_path / "r.html").read_text()
+    assert "Back-EMF over speed" in page
+    assert page.count("<svg") == 1
     done = motord("back-emf", runs / "emf.mcap", "--json")
     result = json.loads(done.output)
     first = result["harmonics"][0]
