@@ -12,6 +12,7 @@ from motord.client import ClientError
 from motord.schema import Flag, State
 from motord.sequencing.capture import final
 from motord.sequencing.quality import GOOD
+from motord.service.recording.control import BEFORE_S
 from tests.support.patience import PATIENCE_S, until
 from tests.system.daemons import Program, daemon, leave_at_rest, wait_for, write_sim
 
@@ -28,6 +29,16 @@ def turning(torque_Nm, speed_Hz, tolerance=0.1):
         s.tick is not None
         and s.tick.torque_set_Nm == torque_Nm
         and abs((s.tick.speed_Hz or 0) - speed_Hz) < tolerance
+    )
+
+
+def rest(client):
+    """Wait until a recording that begins has nothing of what was before."""
+    begun_s = client.state().uptime_s
+    wait_for(
+        client,
+        lambda s: s.uptime_s > begun_s + 2 * BEFORE_S and not s.recording.recording,
+        "a bench that rested",
     )
 
 
@@ -72,13 +83,16 @@ def outlived(lasting):
 
 def test_a_run_by_hand_from_enable_to_stop(outlived):
     streamed = []
-    before = len(outlived.runs())
     with outlived.connect() as client, client.subscribe_ticks(streamed.append) as subscription:
+        if outlived.runs():
+            rest(client)
+        before = len(outlived.runs())
         assert client.state().state == "OFF"
         with client.lease("anna") as lease:
             assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
             client.rpc("set", token=lease.token, torque_Nm=2.0, speed_Hz=0.7)
             wait_for(client, turning(2.0, 0.7), "2 Nm at 0.7 Hz")
+            wait_for(client, lambda s: s.recording.recording, "the recorder to say so")
             assert client.rpc("disable", token=lease.token) == {"state": "READY"}
             assert client.rpc("stop") == {"state": "OFF"}
             stopped = client.state()
