@@ -163,6 +163,7 @@ class Daemon(Program):
 
     def __init__(self, folder, bench_path, before=()):
         self.kept = stalls.Stalls()
+        self._meant = 0
         super().__init__(folder, "run", "-c", bench_path, "--json", before=before)
         self.config = config.load(bench_path)
         self.rate_Hz = self.config.loop.rate_Hz
@@ -171,9 +172,16 @@ class Daemon(Program):
             again.BENCHES.append(self)
 
     def first_trip(self, position=0):
-        """Return the cause of the first trip in what came on stderr from `position` on, or ""."""
-        found = re.search(r"trip: \w+ -> TRIPPED: (\w+)", self.said()[position:])
+        """Return the cause of the first trip in what came on stderr from `position` on, or "".
+
+        Not of one that a test has meant (`meant_to_trip`).
+        """
+        found = re.search(r"trip: \w+ -> TRIPPED: (\w+)", self.said()[max(position, self._meant) :])
         return found[1] if found else ""
+
+    def meant_to_trip(self):
+        """Judge the bench by what trips it from now on: what has tripped it was meant to."""
+        self._meant = len(self.said())
 
     def missed(self, position=0):
         """Return how many ticks the loop missed by what came on stderr from `position` on."""

@@ -72,6 +72,7 @@ def test_a_trip_a_killed_loop_and_a_killed_daemon_leave_a_black_box_each(running
         until(lambda: any(e.kind == "blackbox" for e in client.events()), "word of the black box")
         run = the_box(running)
         check_box_of_the_trip(running, run, event)
+        running.meant_to_trip()
         client.rpc("reset", token=lease.token)
         kill_the_loop(running, client, lease)
     with running.connect() as client:
