@@ -235,22 +235,22 @@ def test_a_plan_is_paused_resumed_and_aborted(motord, client):
     assert "calibrate started" in plan(motord, "start", "calibrate", "--detach", *PLAN)
     with client.subscribe_plan() as progress:
 
-        def until(condition):
+        def reported(condition):
             while not condition(view := progress.get(PATIENCE_S)):
                 assert view is not None
             return view
 
-        until(lambda v: v.torque_set_Nm == TORQUE_Nm)
+        reported(lambda v: v.torque_set_Nm == TORQUE_Nm)
         plan(motord, "pause")
-        paused = until(lambda v: v.state == "paused")
+        paused = reported(lambda v: v.state == "paused")
         assert client.state().tick.torque_set_Nm == 0.0
         assert "calibrate paused, " in plan(motord, "status")
         assert client.plan().points_done == paused.points_done
         assert plan(motord, "resume") == "calibrate: running\n"
-        taken = until(lambda v: v.points_done > paused.points_done)
+        taken = reported(lambda v: v.points_done > paused.points_done)
         assert taken.state == "running"
         assert plan(motord, "abort") == "calibrate: ending\n"
-        over = until(lambda v: v.over)
+        over = reported(lambda v: v.over)
     assert over.state == "aborted"
     assert taken.points_done <= over.points_done < POINTS
     wait_for(client, lambda s: s.state == "READY", "disabled")
