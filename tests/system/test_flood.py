@@ -27,7 +27,7 @@ def test_the_longest_time_without_a_heartbeat_is_found():
 
 @pytest.mark.system
 def test_what_strangers_send_brings_nothing_down(tmp_path):
-    found = campaign(tmp_path, payloads=6, flood_s=1.0, seed=1)
+    found = campaign(tmp_path, payloads=6, flood_s=1.0, seed=1, settle_s=1.0)
     assert found["stayed_enabled"], found
     assert found["exit_code"] == 0
     assert found["after_MB"] - found["before_MB"] < GROWTH_LIMIT_MB
