@@ -366,10 +366,15 @@ def test_three_newton_metres_then_kill_9_of_the_supervisor_ramps_down(wire):
     assert currents(truth, zero_ns, DECAYED_S).max() < ZERO_A
 
 
-def test_a_daemon_without_its_board_says_so(tmp_path):
-    bench = write_bench(tmp_path, {'driver = "modbus"': 'driver = "none"'})
-    program = Program(tmp_path, "run", "-c", bench, ready=False)
-    assert program.wait() == 1
-    last = program.said().splitlines()[-1]
+def test_a_daemon_without_its_devices_says_which(tmp_path):
+    soon = "[brake.modbus]\nconnect_timeout_s = 0.1\n"
+    bench = write_bench(tmp_path, {"[brake.modbus]\n": soon})
+    brake = Program(tmp_path, "run", "-c", bench, ready=False)
+    assert brake.wait() == 1
+    assert brake.said().splitlines()[-1].startswith("motord: [brake.modbus] 127.0.0.1")
+    bench.write_text(bench.read_text().replace('driver = "modbus"', 'driver = "none"'))
+    board = Program(tmp_path, "run", "-c", bench, ready=False)
+    assert board.wait() == 1
+    last = board.said().splitlines()[-1]
     assert "bridge: cannot open" in last
     assert "is the board plugged in" in last
