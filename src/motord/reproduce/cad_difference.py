@@ -7,6 +7,7 @@ from its figures: 6.6 % for 3 % in all springs is a swing 2.2 times as heavy as 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import sqrt
 
 import numpy as np
@@ -57,6 +58,7 @@ class Explanation:
         return self.interval[0] <= DIFFERENCE <= self.interval[1]
 
 
+@cache
 def explanations(draws: int = DRAWS, seed: int = 1) -> tuple[Explanation, ...]:
     """Return the difference against the report's tolerances, read in four ways.
 
