@@ -15,7 +15,8 @@ from motord.experiments.calibration.estimate.lack_of_fit.analysis import (
     residual_orders,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.findings import findings
-from motord.experiments.calibration.estimate.lack_of_fit.score_test import ResidualRows
+from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import GainDirections
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import ResidualRows, WeighedRows
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, smooth_noise
 from motord.experiments.subject import Subject
 from motord.rig.truth import load as load_truth
@@ -205,11 +206,27 @@ def test_what_one_group_of_turns_has_alone_is_no_departure() -> None:
         rows = _rows(noise + effect * np.array(shares)[:, None])
         weighed = rows.weighed(np.ones(40))
         column = weighed.effect(effect, np.zeros((0, 1)))
-        [gain] = weighed.gains([column])
+        [gain] = weighed.gains(column, [1])
         t, freedom = weighed.robust_t(rows, column @ gain.size)
         assert np.sqrt(gain.chi_square) > 10  # the same for both: noise of single orders is small
         assert lowest < t < highest
         assert 3 <= freedom <= 9
+
+
+def test_each_effect_gains_what_a_fit_with_it_leaves_less() -> None:
+    """Of one to three terms; of the last the model has one already."""
+    rng = np.random.default_rng(7)
+    x, y = rng.normal(size=(60, 3)), rng.normal(size=60)
+    terms = [2, 1, 3, 1, 2]
+    effects = np.column_stack([rng.normal(size=(60, 8)), x @ [1.0, 2.0, 3.0]])
+    nowhere = GainDirections(np.zeros((1, 60, 0)), np.zeros((1, 0)), 30, 0)
+    gains = WeighedRows(y, x, np.ones(1), nowhere, 0.0).gains(effects, terms)
+    assert [one.terms for one in gains] == [2, 1, 3, 1, 1]
+    [before] = np.linalg.lstsq(x, y, rcond=None)[1]
+    for one, own in zip(gains[:4], np.split(effects, np.cumsum(terms)[:-1], axis=1), strict=False):
+        solution, [after], *_ = np.linalg.lstsq(np.column_stack([x, own]), y, rcond=None)
+        assert one.chi_square == pytest.approx(before - after)
+        assert one.size == pytest.approx(solution[3:])
 
 
 def test_robust_errors_are_those_of_white_noise_where_noise_is_white() -> None:
@@ -219,7 +236,7 @@ def test_robust_errors_are_those_of_white_noise_where_noise_is_white() -> None:
     rows = _rows(groups)
     weighed = rows.weighed(np.ones(40))
     column = weighed.effect(effect, np.zeros((0, 1)))
-    [gain] = weighed.gains([column])
+    [gain] = weighed.gains(column, [1])
     t, freedom = weighed.robust_t(rows, column @ gain.size)
     assert t == pytest.approx(np.sqrt(gain.chi_square), rel=0.25)
     assert freedom > 60

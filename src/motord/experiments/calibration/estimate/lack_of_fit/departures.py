@@ -7,6 +7,7 @@ parameters. Repeated until none is. The shift of the model's own parameters by e
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import stdtr
@@ -80,13 +81,36 @@ class Evidence:
         of_law = [np.zeros((self.rows.further.size, one.lines.shape[1])) for one in more]
         return replace(self, effects=[*self.effects, *more], further=[*self.further, *of_law])
 
-    def weighed(self, gain_variance: float = 0.0) -> WeighedRows:
+    @cached_property
+    def plain(self) -> WeighedRows:
+        """The rows with the measured noise."""
+        return self.rows.weighed(np.ones(self.rows.residual_Nm.shape[1]))
+
+    @cached_property
+    def _plain_columns(self) -> np.ndarray:
+        return self._all_columns(self.plain)
+
+    @property
+    def terms(self) -> list[int]:
+        """How many columns each effect has."""
+        return [one.lines.shape[1] for one in self.effects]
+
+    def weighed(self, gain_variance: float) -> WeighedRows:
         """Return the rows with the measured noise, and gains that differ from point to point."""
+        if not gain_variance:
+            return self.plain
         return self.rows.weighed(np.ones(self.rows.residual_Nm.shape[1]), gain_variance)
 
-    def all_columns(self, weighed: WeighedRows) -> list[np.ndarray]:
-        """Return the rows of all effects."""
-        return [self.columns(weighed, number) for number in range(len(self.effects))]
+    def all_columns(self, weighed: WeighedRows) -> np.ndarray:
+        """Return the rows (n, all terms) of all effects, one after the other."""
+        return self._plain_columns if weighed is self.plain else self._all_columns(weighed)
+
+    def _all_columns(self, weighed: WeighedRows) -> np.ndarray:
+        found, last = np.empty((weighed.y.size, sum(self.terms))), 0
+        for number, count in enumerate(self.terms):
+            found[:, last : last + count] = self.columns(weighed, number)
+            last += count
+        return found
 
     def columns(self, weighed: WeighedRows, number: int) -> np.ndarray:
         """Return the rows (n, terms) of an effect."""
@@ -121,12 +145,13 @@ def explain(evidence: Evidence, subspace: np.ndarray) -> ExplainedFit:
     Orders of cogging torque among the effects compete with the departures but are none.
     subspace (p, k): what the columns of the rows' model stand for among its p parameters.
     """
-    plain = evidence.weighed()
+    plain, terms = evidence.plain, evidence.terms
     columns = evidence.all_columns(plain)
     found: list[Cause] = []
     chosen: list[int] = []
     while len(found) < MAX_CAUSES and len(chosen) < MAX_CAUSES + MAX_ORDERS:
-        best = _significant(evidence, chosen, evidence.fitted(plain, chosen).gains(columns))
+        gains = evidence.fitted(plain, chosen).gains(columns, terms)
+        best = _significant(evidence, chosen, gains)
         if best is None:
             break
         if evidence.effects[best.number].name != COGGING:
@@ -169,7 +194,7 @@ def _cause(evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: n
     """Return an effect that was found, with its shift of the model that has those chosen."""
     weighed, effect = evidence.weighed(shown.gain_variance), evidence.effects[shown.number]
     current = evidence.fitted(weighed, chosen)
-    gains = current.gains(evidence.all_columns(weighed))
+    gains = current.gains(evidence.all_columns(weighed), evidence.terms)
     size = gains[shown.number].size
     alike = [n for n in _alike(evidence.effects, gains, shown.number) if n not in chosen]
     own = slice(0, subspace.shape[1])
@@ -233,7 +258,7 @@ def _significant(evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain
         weighed = rows.weighed(noise.dispersion, noise.scatter.variance)
         columns = evidence.columns(weighed, number)
         current = evidence.fitted(weighed, chosen)
-        [gain] = current.gains([columns])
+        [gain] = current.gains(columns, [columns.shape[1]])
         effect = columns @ gain.size
         freedom = min(samples, noise.freedom(current.orthogonal(effect), current.directions))
         if gain.terms and _p_value(gain, freedom) <= level:
@@ -262,10 +287,11 @@ class _Noise:
         rows, scatter = evidence.rows, GainScatter()
         dispersion = np.ones(rows.residual_Nm.shape[1])
         for _ in range(ROUNDS):
-            weighed = rows.weighed(dispersion, scatter.variance)
-            scatter = evidence.fitted(weighed, chosen).gain_scatter()
-            weighed = rows.weighed(dispersion, scatter.variance)
-            left, freedom = evidence.fitted(weighed, chosen).dispersion()
+            fitted = evidence.fitted(rows.weighed(dispersion, scatter.variance), chosen)
+            scatter = fitted.gain_scatter()
+            if scatter.variance != fitted.gain_variance:
+                fitted = evidence.fitted(rows.weighed(dispersion, scatter.variance), chosen)
+            left, freedom = fitted.dispersion()
             dispersion = np.maximum(dispersion * left, 1.0)
         return cls(dispersion, freedom, scatter)
 

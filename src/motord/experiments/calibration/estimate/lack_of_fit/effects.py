@@ -231,9 +231,10 @@ def _gain_curve(point: PointModel) -> tuple[np.ndarray, np.ndarray]:
     for power in (2, 3):
         for p in range(3):
             i_A = point.spectrum.command_A[:, p]
-            torques_Nm.append(point.gain[p] * i_A**power * point.k[:, p])
-            like = np.mean(i_A**4) / max(np.mean(i_A**2), 1e-300)
-            law.append(np.eye(4)[3] * np.mean(i_A**2) if power == 2 else np.eye(4)[p] * like)
+            square = i_A**2
+            torques_Nm.append(point.gain[p] * square * i_A ** (power - 2) * point.k[:, p])
+            like = np.mean(square**2) / max(np.mean(square), 1e-300)
+            law.append(np.eye(4)[3] * np.mean(square) if power == 2 else np.eye(4)[p] * like)
             law[-1] = law[-1] * point.gain[p]
     return np.array(torques_Nm), np.array(law)
 

@@ -6,7 +6,7 @@ rank(S) degrees of freedom where the model holds (Rao 1948). With the effect in 
 parameters would move to X^+ (y - G S^+ b).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -153,17 +153,31 @@ class WeighedRows:
         inverse, scale = self._inverse
         return np.asarray(effect - self.x @ (scale * (inverse @ (scale * (self.x.T @ effect)))))
 
-    def gains(self, effects: Sequence[np.ndarray]) -> list[Gain]:
-        """Return by how much each effect (n, terms) would reduce chi-square."""
+    def gains(self, effects: np.ndarray, terms: Sequence[int]) -> list[Gain]:
+        """Return by how much each effect would reduce chi-square.
+
+        effects (n, sum of terms): their rows one after the other. All are multiplied out at once,
+        and those of as many terms solved at once.
+        """
         inverse, scale = self._inverse
-        residual = self.residual
-        x = self.x * scale
-        gained = []
-        for g in effects:
-            cross = x.T @ g
-            s = g.T @ g - cross.T @ inverse @ cross
-            gained.append(_gain(s, np.diag(g.T @ g), g.T @ residual))
-        return gained
+        cross = (self.x * scale).T @ effects
+        moved, b = inverse @ cross, effects.T @ self.residual
+        sizes, last = np.array(terms), effects.shape[1]
+        firsts = np.cumsum(sizes) - sizes
+        products = [
+            np.einsum("ni,ni->i", effects[:, : last - apart], effects[:, apart:])
+            for apart in range(sizes.max())
+        ]
+        found: dict[int, Gain] = {}
+        for count in np.unique(sizes).tolist():
+            numbers = np.flatnonzero(sizes == count)
+            places = firsts[numbers, None] + np.arange(count)
+            square = np.empty((numbers.size, count, count))
+            for i, j in np.ndindex(count, count):
+                square[:, i, j] = products[abs(i - j)][places[:, min(i, j)]]
+            taken = np.moveaxis(cross[:, places], 0, 2) @ np.moveaxis(moved[:, places], 0, 1)
+            found |= zip(numbers.tolist(), _gains(square, taken, b[places]), strict=True)
+        return [found[number] for number in range(sizes.size)]
 
     def robust_t(self, rows: ResidualRows, effect: np.ndarray) -> tuple[float, float]:
         """Return how large a column (n,) is in standard errors, and their degrees of freedom.
@@ -219,13 +233,16 @@ def cluster_variance(
     return max(whole, 1e-300), max(seen**2 / max(doubt, 1e-300), 1.0)
 
 
-def _gain(s: np.ndarray, whole: np.ndarray, b: np.ndarray) -> Gain:
-    scale = 1 / np.sqrt(np.maximum(whole, 1e-300))
-    values, vectors = np.linalg.eigh(s * np.outer(scale, scale))
+def _gains(whole: np.ndarray, taken: np.ndarray, b: np.ndarray) -> Iterator[Gain]:
+    """Yield the gains of effects by G' G and what the model takes of it (m, t, t), and b (m, t)."""
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
+    values, vectors = np.linalg.eigh((whole - taken) * scale[:, :, None] * scale[:, None, :])
     seen = values > RESOLVED
-    parts = (vectors[:, seen].T @ (scale * b)) / values[seen]
-    size = scale * (vectors[:, seen] @ parts)
-    return Gain(float(b @ size), int(seen.sum()), size)
+    along = np.einsum("mij,mi->mj", vectors, scale * b)
+    parts = np.divide(along, values, out=np.zeros_like(along), where=seen)
+    size = scale * np.einsum("mij,mj->mi", vectors, parts)
+    for chi_square, terms, one in zip((b * size).sum(axis=1), seen.sum(axis=1), size, strict=True):
+        yield Gain(float(chi_square), int(terms), one)
 
 
 def _real(lines: np.ndarray) -> np.ndarray:
