@@ -107,12 +107,14 @@ def test_the_progress_is_that_of_all_recordings_together(recorded: Recorded) -> 
     assert seen == [("reading", number / 8) for number in range(1, 9)]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_page_without_points(recorded: Recorded) -> None:
     text = ripple.report(MeshRipple(()), Recordings.open([recorded.off])).html()
     assert "Torque at" not in text
     assert "off.mcap" in text
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_point_with_one_side_only(recorded: Recorded) -> None:
     recordings = Recordings.open([recorded.on])
     points = ripples(recordings.runs, recordings.subject, EveryCapture())

@@ -2,15 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from motord.config import AccuracyConfig, load
+from motord.config import AccuracyConfig, Config, load
 from motord.config.motor.accuracy import widest
+from motord.experiments.calibration.estimate import calibrator
+from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import GainDirections
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     EffectSensitivity,
@@ -18,7 +19,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
-from motord.identification.operating_points import split
+from motord.identification.operating_points import PointData, split
 from motord.intervals import coverage_factor, plus_minus
 from motord.rig.truth import load as load_truth
 from motord.uncertainty_budget import Contribution, combined, totals
@@ -43,10 +44,25 @@ def independent() -> CalibrationResult:
 
 
 @pytest.fixture(scope="module")
-def with_limits() -> Callable[..., CalibrationResult]:
-    """Return what calibrates the same operating points with limits of one's own."""
+def short() -> tuple[Config, list[PointData]]:
     config, _, points = captured("independent", None, 1, mesh=SHORT)
-    return cache(lambda **limits: calibration_of(config, points, AccuracyConfig(**limits)))
+    return config, points
+
+
+@pytest.fixture(scope="module")
+def with_limits(short: tuple[Config, list[PointData]]) -> Callable[..., CalibrationResult]:
+    """Return what gives one calibration the budget of limits of one's own."""
+    taken: list[Any] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibrator, "budget", lambda *arguments: taken.extend(arguments))
+        calibration_of(*short)
+    result, fitted, sensitivities, bench, back_emf = taken
+
+    def limited(**limits: float) -> CalibrationResult:
+        own = replace(bench, accuracy=AccuracyConfig(**limits))
+        return replace(result, budget=budget(result, fitted, sensitivities, own, back_emf))
+
+    return limited
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +130,9 @@ def test_an_error_within_the_limits_is_within_the_combined_uncertainty() -> None
 
 
 def test_what_the_bench_file_states_is_said_to_be_stated(
-    with_limits: Callable[..., CalibrationResult],
+    short: tuple[Config, list[PointData]],
 ) -> None:
-    result = with_limits(torque_crosstalk_percent=0.0)
+    result = calibration_of(*short, AccuracyConfig(torque_crosstalk_percent=0.0))
     crosstalk = by_source(result)["cross-talk of the torque sensor"]
     assert (crosstalk.basis, crosstalk.alpha) == ("stated", (0.0, 0.0, 0.0))
     assert crosstalk.limit_text == "0 %"
