@@ -230,6 +230,7 @@ def test_what_the_correction_adds_is_by_sensor_and_coefficient() -> None:
     assert ReferredBackEmf.of(motor, (1.0, 1.0)) is None
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_the_report_has_the_temperatures_of_each_point(recorded: Run) -> None:
     recordings = Recordings((recorded,))
     text = report(estimate(recordings), recordings).html()
