@@ -68,8 +68,8 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
         return np.asarray(np.fft.rfft(values)[..., : highest + 1])
 
     wanted = sums / samples
-    lines: np.ndarray = np.zeros_like(wanted)
-    for _ in range(DAMPED_ROUNDS):
+    lines = _solved(damped, wanted)
+    for _ in range(DAMPED_ROUNDS - 1):
         lines = lines + _solved(damped, wanted - seen(lines))
     lines[..., 1:] *= 2
     return lines
