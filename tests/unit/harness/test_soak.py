@@ -3,6 +3,8 @@
 import subprocess
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[3]
 PYTHON = """#!/bin/sh
 echo "$SEED $*"
@@ -10,7 +12,11 @@ test "$2" != tests.campaigns.learn
 """
 
 
-def test_a_campaign_that_finds_something_hides_none_of_the_others(tmp_path: Path) -> None:
+def test_a_campaign_that_finds_something_hides_none_of_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("MAKELEVEL", "MAKEFLAGS", "MFLAGS"):  # of the make that runs the tests
+        monkeypatch.delenv(name, raising=False)
     python = tmp_path / "venv/bin/python"
     python.parent.mkdir(parents=True)
     python.write_text(PYTHON)
