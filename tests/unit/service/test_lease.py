@@ -7,6 +7,7 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
 from motord.api.errors import RpcError
 from motord.service.bench.lease import CommandLease
+from tests.support.properties import examples
 
 DURATION_NS = 2_000_000_000
 HOLDERS = st.sampled_from(["anna", "ben", "cli"])
@@ -95,7 +96,7 @@ class LeaseModel(RuleBasedStateMachine):
 
 
 TestLease = LeaseModel.TestCase
-TestLease.settings = settings(max_examples=60, stateful_step_count=25)
+TestLease.settings = settings(max_examples=examples(60), stateful_step_count=25)
 
 
 @given(forced=st.integers(1, 5))

@@ -89,6 +89,8 @@ def run_to_end(service, token):
 
 def test_a_plan_goes_on_with_what_is_missing(days):
     first = interrupted(days)
+    first.journal.point({**first.sink.points[0], "index": 1, "quality": "noisy"})
+    days.crash(first)
     again = days.daemon()
     view = again.bench.plans.view
     assert (view.state, view.over, view.points_done, view.points) == ("interrupted", True, 1, 3)
@@ -103,6 +105,7 @@ def test_a_plan_goes_on_with_what_is_missing(days):
     shown = again.bench.plans.mesh.points
     assert [p.state for p in shown] == ["done", "planned", "planned"]
     assert (shown[0].takes, shown[0].rms_error_percent) == (1, first_error)
+    assert [(p.takes, p.quality) for p in shown[1:]] == [(1, "noisy"), (0, "")]
     view = run_to_end(again, token)
     assert (view.state, view.points_done, view.points) == ("done", 3, 3)
     assert [p.state for p in again.bench.plans.mesh.points] == ["done"] * 3
