@@ -9,6 +9,7 @@ from motord.sequencing.brake_servo import brake_torque_Nm
 
 PERIOD_NS = 10_000_000
 LOOK_TICKS = 2
+COLUMNS = ("tick", "t_ns", "angle_rad", "speed_rad_s", "state", "torque_set_Nm")
 
 
 class FakeBench:
@@ -31,17 +32,15 @@ class FakeBench:
         if self.obeys and demand.enabled and not self._demand.enabled:
             self.state = State.ENABLED
         self._demand = demand
+        ticks = [self._advance(demand) for _ in range(LOOK_TICKS)]
         block = np.zeros(LOOK_TICKS, TICK_DTYPE)
-        for row in block:
-            self._advance(demand)
-            row["tick"], row["t_ns"] = self.number, self.t_ns
-            row["angle_rad"] = self.angle_rad % (2 * np.pi)
-            row["speed_rad_s"] = self.speed_rad_s
-            row["state"], row["trip_bits"] = self.state, self.trip_bits
-            row["torque_set_Nm"], row["plan_point"] = self.torque_Nm, demand.plan_point
+        for name, column in zip(COLUMNS, zip(*ticks, strict=True), strict=True):
+            block[name] = column
+        block["trip_bits"], block["plan_point"] = self.trip_bits, demand.plan_point
         return block
 
-    def _advance(self, demand: Demand) -> None:
+    def _advance(self, demand: Demand) -> tuple[float, ...]:
+        """Return the COLUMNS of the next tick."""
         dt_s = PERIOD_NS * 1e-9
         self.number += 1
         self.t_ns += PERIOD_NS
@@ -51,11 +50,13 @@ class FakeBench:
         if self.state is State.ENABLED and not demand.enabled and self.torque_Nm == 0.0:
             self.state = State.READY
         self.excitation += (demand.brake - self.excitation) * dt_s / 0.2
-        for _ in range(10):
+        for _ in range(5):
             load_Nm = self.brake_factor * brake_torque_Nm(
                 self.brake, self.excitation, self.speed_rad_s
             )
             net_Nm = self.torque_Nm - load_Nm - 0.01 * self.speed_rad_s
-            self.speed_rad_s = max(self.speed_rad_s + net_Nm / 0.0105 * dt_s / 10, 0.0)
+            self.speed_rad_s = max(self.speed_rad_s + net_Nm / 0.0105 * dt_s / 5, 0.0)
         self.fastest_rad_s = max(self.fastest_rad_s, self.speed_rad_s)
         self.angle_rad += self.speed_rad_s * dt_s
+        angle_rad = self.angle_rad % (2 * np.pi)
+        return self.number, self.t_ns, angle_rad, self.speed_rad_s, self.state, self.torque_Nm

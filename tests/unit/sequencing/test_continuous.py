@@ -8,7 +8,7 @@ from math import inf, pi
 import numpy as np
 import pytest
 
-from motord.schema import State
+from motord.schema import State, joined
 from motord.sequencing import Demand, Executor, OperatingPoint, Plan, PlanState, TickWatcher
 from motord.sequencing.brake_servo import excitation_for
 from motord.sequencing.continuous import (
@@ -74,7 +74,7 @@ class Ride:
 
     @property
     def ticks(self) -> np.ndarray:
-        return np.concatenate(self.blocks)
+        return joined(self.blocks)
 
     @property
     def seconds(self) -> float:
