@@ -129,7 +129,7 @@ def test_every_plan_can_be_paused_again_and_again(name: str) -> None:
     bench, watcher, demand = FakeBench(config.brake), TickWatcher(), Demand()
     executor = Executor(build(name, config))
     labels = []
-    for look in range(3000):
+    for look in range(1300):
         if look % 307 in (3, 300):
             executor.pause()
         demand = executor.advance(watcher.take(bench.look(demand)))
