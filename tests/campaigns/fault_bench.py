@@ -1,6 +1,7 @@
 """A virtual bench brought into a state, a fault injected into it, and what came of it."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,8 @@ import numpy as np
 from motord.config import Config, load
 from motord.config.faults import Fault
 from motord.control.types import SETPOINT
+from motord.rig.truth import RigTruth
+from motord.rig.truth import load as load_rig
 from motord.schema import Flag, Request, State
 from motord.virtual.bench import VirtualBench
 
@@ -19,6 +22,13 @@ TORQUE_NM = 3.0
 ZERO_A = 1e-3
 AFTER_S = 0.3
 RECOVERY_S = 1.5
+
+
+@cache
+def packaged() -> tuple[Config, RigTruth]:
+    """Return the packaged bench and its rig, read once: a matrix has hundreds of benches."""
+    config = load()
+    return config, load_rig(config.bench.rig)
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,8 @@ class Driver:
     """A virtual bench with the requests of an operator."""
 
     def __init__(self, config: Config | None = None, seed: int = 1) -> None:
-        self.bench = VirtualBench(config or load(), seed=seed)
+        bench, truth = (config, None) if config else packaged()
+        self.bench = VirtualBench(bench, truth, seed)
         self.rate_Hz = self.bench.config.loop.rate_Hz
         self.setpoint = np.zeros(1, SETPOINT)
         self.setpoint["plan_point"] = -1
