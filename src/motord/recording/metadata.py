@@ -38,13 +38,19 @@ def describe(
     }
 
 
-@cache
 def _version(name: str) -> str:
-    """Return the version of a package that is installed, "" of one that is not by now.
-
-    Read once: it is that of what this process has loaded, which an upgrade replaces on the disk.
-    """
+    """Return the version of a package that is installed, "" of one that cannot be read now."""
     try:
-        return version(name) or ""
+        return _installed(name)
     except (PackageNotFoundError, OSError):
         return ""
+
+
+@cache
+def _installed(name: str) -> str:
+    """Return the version that was on the disk when it was first asked for: an upgrade replaces it
+    there, and not in this process.
+
+    Raises PackageNotFoundError, OSError, and asks again after them.
+    """
+    return version(name) or ""

@@ -16,7 +16,7 @@ def test_a_package_that_was_removed_meanwhile_has_no_version(monkeypatch, error)
         return version(name)
 
     monkeypatch.setattr(metadata, "version", version_of)
-    monkeypatch.setattr(metadata, "_version", metadata._version.__wrapped__)
+    monkeypatch.setattr(metadata, "_installed", metadata._installed.__wrapped__)  # asked anew
     versions = metadata.describe(config.load(), "")["versions"]
     assert versions["numba"] == ""
     assert all(text for name, text in versions.items() if name != "numba")
