@@ -7,7 +7,8 @@ that it has held for `lasts_s`. Evidence is a new sample of its source; between 
 condition is neither confirmed nor refuted, and a source that falls silent has an interlock of its
 own. So a cause is found within `lasts_s` and two intervals between samples of its source, whatever
 these are, or the source is stale, from when the first evidence of it arrives: of the currents this
-is `inverter.feedback_age_s` after they were measured, and a command's have settled by then.
+is `inverter.feedback_age_s` after they were measured, and a command's have settled by then. A
+current that fits another command than its own is no evidence meanwhile (docs/decisions/0023).
 """
 
 from dataclasses import dataclass

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from motord.control.interlock_table import INTERLOCKS, EvidenceSource, trips_from
-from motord.control.plausible import compare_currents, torque_error
+from motord.control.plausible import judge_currents, torque_error
 from motord.control.states import STATE
 from motord.control.tracks import watch_tracks
 from motord.jit import constants, jit
@@ -86,8 +86,8 @@ def conditions(
     line_open = enabled and (f.bridge_status & _BRIDGE.ENABLE_LINE) == 0
     stuck = watch_tracks(p, m, f.encoder_gray, f.t_ns)
     lost = m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking
-    compared, within = compare_currents(p, m, f)
-    m.not_compared = 0 if compared else _CURRENTS
+    evident, within = judge_currents(p, m, f)
+    m.not_compared = 0 if evident else _CURRENTS
     missed_now = max(missed - m.missed, 0) if m.started else 0
     torque_astray = torque_error(p, m, f.torque_Nm, missed_now) > p.torque_error_Nm
     bits = _OVER_CURRENT if largest_A > p.trip_current_A else 0
@@ -109,7 +109,7 @@ def conditions(
     bits |= _TRIP.ENABLE_TIMEOUT if m.arming_s > p.enable_timeout_s else 0
     bits |= _TRIP.BRIDGE_FAULT if f.bridge_status & _BRIDGE_FAULT else 0
     bits |= _TRIP.FEEDBACK_INVALID if not finite else 0
-    bits |= _CURRENTS if compared and not within else 0
+    bits |= _CURRENTS if evident and not within else 0
     bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled else 0
     bits |= _TRIP.BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
     bits |= _TRIP.ENABLE_LINE if line_open else 0

@@ -5,11 +5,49 @@ import math
 import numpy as np
 
 from motord.config.timing import TORQUE_SHARE
+from motord.control.interlock_table import INTERLOCK
 from motord.control.park import turned
 from motord.jit import jit
+from motord.schema import Trip
 
 CUT_MEMORY_S = 1.0
 """After this time 1/e is left of the torque that limited currents lacked: sensors are not quick."""
+
+_CURRENTS = Trip.CURRENT_IMPLAUSIBLE.value
+_CURRENTS_BIT = INTERLOCK[Trip.CURRENT_IMPLAUSIBLE].bit
+DOUBT_PERIODS = 2
+"""For so many periods and the time that an error may last, doubt does not clear wrong currents."""
+
+
+@jit
+def judge_currents(p: np.record, m: np.record, f: np.record) -> tuple[bool, bool]:
+    """Return (whether the sensed currents are evidence, whether they are within the limit).
+
+    Currents that were beyond it a moment ago are not cleared by ones that are in doubt: while the
+    rotor turns, a wrong current comes close to another command than its own in every turn.
+    """
+    compared, within = compare_currents(p, m, f)
+    if compared and not within:
+        m.beyond_ns = f.now_ns
+    elif compared and m.conditions_held & _CURRENTS:
+        doubt_ns = p.lasts_ns[_CURRENTS_BIT] + int(DOUBT_PERIODS * 1e9 * p.period_s)
+        if f.now_ns - m.beyond_ns <= doubt_ns and _in_doubt(p, m, f):
+            return False, True
+    return compared, within
+
+
+@jit
+def _in_doubt(p: np.record, m: np.record, f: np.record) -> bool:
+    """Return whether any command of those that `compare_currents` takes is beyond the limit."""
+    later = _sent_after(p, m, f.t_inverter_ns)
+    for back in range(later, m.commands):
+        place = _place(p, m, back)
+        a, b, c = _deviation(p, m, f, place)
+        if max(abs(a), abs(b), abs(c)) > p.current_error_A:
+            return True
+        if back > later and f.t_inverter_ns - m.command_ns[place] >= p.settling_ns:
+            break
+    return False
 
 
 @jit

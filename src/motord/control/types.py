@@ -167,6 +167,7 @@ MEMORY = record_dtype(
         ("first_trip", "u4"),
         ("request_seq", "u4"),
         ("since_ns", "i8", (32,)),  # when each trip's condition began to hold
+        ("beyond_ns", "i8"),  # when currents were last seen beyond their limit
         ("conditions_held", "u4"),  # conditions that hold by the newest evidence of each
         ("causes", "u4"),  # those that have held for longer than they may
         ("implausible", "u4"),  # encoder samples that the speed cannot explain, since two it could

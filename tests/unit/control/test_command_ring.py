@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.control import parameters
-from motord.control.plausible import compare_currents, remember_command
+from motord.control.plausible import compare_currents, judge_currents, remember_command
 from motord.control.step import new_memory
 from motord.control.types import COMMANDS_MAX, FEEDBACK, SETPOINT
+from motord.schema import Trip
 from tests.support.properties import examples
 from tests.unit.control.bench import EPOCH_NS, make_config
 
@@ -18,6 +19,7 @@ MS = 1_000_000
 LIMIT_A = 2.0
 SETTLING_MS = 1.5
 UNKNOWN, WITHIN, BEYOND = (False, False), (True, True), (True, False)
+IN_DOUBT = False, True
 
 
 class Ring:
@@ -45,6 +47,16 @@ class Ring:
         self.f.i_A[:] = i_A
         compared, within = compare_currents(self.p, self.m, self.f)
         return bool(compared), bool(within)
+
+    def judge(self, now_ms: float, at_ms: float, *i_A: float) -> tuple[bool, bool]:
+        """Return the verdict of a tick, and note as the interlocks do what holds after it."""
+        self.f.now_ns = EPOCH_NS + round(now_ms * MS)
+        self.f.t_inverter_ns = EPOCH_NS + round(at_ms * MS)
+        self.f.i_A[:] = i_A
+        evident, within = judge_currents(self.p, self.m, self.f)
+        if evident:
+            self.m.conditions_held = 0 if within else int(Trip.CURRENT_IMPLAUSIBLE)
+        return bool(evident), bool(within)
 
 
 def rising(count: int) -> list[tuple[float, float, float]]:
@@ -146,6 +158,26 @@ def test_a_phase_whose_command_stays_is_compared_on_the_way_too() -> None:
     assert ring.compare(1.0, 15.0, 7.0, 0.0) == WITHIN
     assert ring.compare(1.0, 15.0, 7.1, 0.0) == BEYOND
     assert ring.compare(1.0, 15.0, 2.9, 0.0) == BEYOND
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("number", [3, 4, 5])
+def test_currents_that_fit_one_command_of_several_clear_nothing_for_a_while(number) -> None:
+    ring, fits_A = Ring(*rising(6)), (10.0 * number, -10.0 * number, 0.0)
+    doubt_ms = 20.0 + 2 * 1.0  # current_error_s and two periods
+    assert ring.judge(10.0, 5.2, *fits_A) == WITHIN  # nothing was wrong before
+    assert ring.judge(20.0, 5.2, 90.0, 0.0, 0.0) == BEYOND
+    assert ring.judge(20.0 + doubt_ms, 5.2, *fits_A) == IN_DOUBT
+    assert ring.judge(20.0 + doubt_ms + 1e-3, 5.2, *fits_A) == WITHIN
+    assert ring.judge(20.0 + doubt_ms, 5.2, *fits_A) == WITHIN
+
+
+@pytest.mark.kernel
+def test_currents_that_fit_all_commands_clear_those_that_were_wrong() -> None:
+    ring = Ring((9.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert ring.judge(10.0, 3.5, 90.0, 0.0, 0.0) == BEYOND
+    assert ring.judge(11.0, 3.5, 2.9, 0.0, 0.0) == IN_DOUBT
+    assert ring.judge(12.0, 3.5, 2.0, 0.0, 0.0) == WITHIN  # the first has long been replaced
 
 
 _A = st.integers(-40, 40).map(lambda quarter: quarter / 4)
