@@ -234,7 +234,16 @@ interlock its time are refused. Currents are compared with the commands that can
 when they were measured (`i_age_ns`), and between these while a current settles: a drive that makes
 no current any more is found `inverter.feedback_age_s` later than the times above, and by
 `actuation_delay_s` and 3 `lag_s` where its command is new; right currents do not trip at any age up
-to `inverter.stale_after_s`. The
+to `inverter.stale_after_s`. A wrong current that happens to fit one of several such commands, as it
+may while the rotor turns, is no evidence, and for `current_error_s` and two ticks it does not clear
+what was found before. An error of one phase by more than 3 times `current_error_A` and what the
+currents' sum changes by is never hidden so; a smaller one, or one in a star, is found later by the
+part of an electrical turn in which it is: a quarter at 1.8 times (in a star 2.4), an eighth in a
+star at 4.5 times. An error that swings with the current, as of an open phase, is above the limit
+for less than half an electrical turn at a time: where this is a quarter of the amplitude for 2.6
+rad (in a star 2.4), so at speeds above 2.6 rad / `current_error_s`, electrical, it is not found (16
+rad/s with 8 pole pairs and 20 ms); where the rotor turns faster, `current_error_s` has to be
+shorter. The
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
