@@ -256,6 +256,31 @@ def test_what_the_mailbox_holds():
     assert mailbox.written[-1]["plan_point"] == -1
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "field", "written"),
+    [
+        ("torque_Nm", 1.5, "torque_Nm", 1.5),
+        ("speed_Hz", 0.5, "speed_rad_s", np.float32(np.pi)),
+        ("brake", 0.25, "brake", 0.25),
+        ("drive_Hz", -1.0, "drive_rad_s", np.float32(-2 * np.pi)),
+        ("brake_temperature_C", 81.5, "brake_temperature_C", 81.5),
+        ("channels_beyond", 2, "channels_beyond", 2),
+        ("i2t_derating", 0.75, "i2t_derating", 0.75),
+        ("plan_point", 7, "plan_point", 7),
+        ("compensate", Compensate.CURRENTS, "compensate", int(Compensate.CURRENTS)),
+    ],
+)
+def test_whatever_changes_alone_is_in_the_mailbox_with_the_next_write(name, value, field, written):
+    mailbox = Mailbox()
+    setpoint = Setpoint(mailbox)
+    setpoint.write(0, 0)
+    setpoint.write(1, 0)
+    setattr(setpoint, name, value)
+    setpoint.write(2, 0)
+    setpoint.write(3, 0)
+    assert [bool(w[field] == written) for w in mailbox.written] == [False, False, True, True]
+
+
 def test_induced_errors_are_in_the_mailbox_until_the_bench_rests():
     mailbox = Mailbox()
     setpoint = Setpoint(mailbox)

@@ -118,6 +118,18 @@ def test_lateness_is_that_of_the_last_second(watch):
     assert (view.ticks, view.age_s) == (2000, 1.0)
 
 
+@pytest.mark.parametrize("size", [1, 2, 3, 50, 101, 998])
+def test_quantiles_of_lateness_are_those_of_numpy(watch, size):
+    ticks, draw = block(size), np.random.default_rng(size)
+    ticks["wake_late_ns"] = late_ns = draw.integers(0, 10**6, size)
+    ticks["work_ns"] = work_ns = draw.integers(0, 10**5, size)
+    watch.update(ticks, 0, 0)
+    view = watch.loop_view(0)
+    found_us = view.wake_late_us_p50, view.wake_late_us_p99, view.wake_late_us_max, view.work_us_p99
+    shares = ((late_ns, 50), (late_ns, 99), (late_ns, 100), (work_ns, 99))
+    assert found_us == tuple(round(np.percentile(ns / 1e3, q), 1) for ns, q in shares)
+
+
 def test_the_newest_tick_in_short(watch):
     ticks = block(
         2, tick=[8, 9], speed_rad_s=2 * np.pi, torque_Nm=np.nan, i_a_A=1.5,
