@@ -6,6 +6,7 @@ the process that calls it is scheduled. Times are monotonic nanoseconds, argumen
 """
 
 from collections.abc import Callable
+from functools import cache
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -61,6 +62,9 @@ class SensorReading(NamedTuple):
     fault: int
 
 
+_INPUTS = ("i_command_A", "enable_command", "enable_line", "brake", "drive_rad_s")
+"""What of RIG_INPUT the devices give; the rest are faults."""
+
 _pick = itemgetter(*((RIG_OUTPUT.names or ()).index(name) for name in SensorReading._fields))
 
 
@@ -94,7 +98,8 @@ class EmulatedBench:
         self._currents_A = self._state["i_A"][0]
         self._output = np.zeros(1, RIG_OUTPUT)
         self.rig_input = np.zeros(1, RIG_INPUT)
-        self._fields = {name: self.rig_input[name] for name in self.rig_input.dtype.names or ()}
+        self._inputs = [self.rig_input[name] for name in _INPUTS]
+        self._given: tuple[object, ...] = ()
         self._arrivals: list[tuple[int, CurrentCommand | Numbered]] = []
 
     def wake(self, now_ns: int) -> None:
@@ -148,11 +153,11 @@ class EmulatedBench:
 
     def inverter_status(self, reading: SensorReading) -> InverterStatus:
         """Return what the drive says of itself."""
-        return InverterStatus(
-            (InverterStatus.READY if reading.inverter_on else 0)
-            | (InverterStatus.FAULT if reading.fault else 0)
-            | (InverterStatus.ENABLE_LINE if reading.enable_line else 0)
-            | (InverterStatus.COMMAND_TIMEOUT if self.inverter.timed_out else 0)
+        return _status(
+            reading.inverter_on != 0,
+            reading.fault != 0,
+            reading.enable_line != 0,
+            self.inverter.timed_out,
         )
 
     def fill_truth(self, unix_ns: int, truth: np.record) -> None:
@@ -181,12 +186,18 @@ class EmulatedBench:
         played_ns = self._played_ns(to_ns)
         self.brake.elapse(played_ns)
         self.drive.elapse(played_ns)
-        fields = self._fields
-        fields["i_command_A"][0] = self.inverter.i_A
-        fields["enable_command"][0] = self.inverter.enabled
-        fields["enable_line"][0] = self.board.line_closed
-        fields["brake"][0] = self.brake.setpoint
-        fields["drive_rad_s"][0] = self.drive.setpoint
+        inverter = self.inverter
+        given = (
+            inverter.i_A,
+            inverter.enabled,
+            self.board.line_closed,
+            self.brake.setpoint,
+            self.drive.setpoint,
+        )
+        if given != self._given:
+            self._given = given
+            for field, value in zip(self._inputs, given, strict=True):
+                field[0] = value
         if played_ns > 0:
             step.advance(self._parameters, self._state, self.rig_input, played_ns * 1e-9)
             self._heat(played_ns * 1e-9)
@@ -216,6 +227,16 @@ class EmulatedBench:
         if self.inverter.enabled:
             until_ns = min(to_ns, self.inverter.commanded_ns + self._patience_ns)
         return max(until_ns - max(self.now_ns, self._still_until_ns), 0)
+
+
+@cache
+def _status(on: bool, fault: bool, enable_line: bool, timed_out: bool) -> InverterStatus:
+    return InverterStatus(
+        (InverterStatus.READY if on else 0)
+        | (InverterStatus.FAULT if fault else 0)
+        | (InverterStatus.ENABLE_LINE if enable_line else 0)
+        | (InverterStatus.COMMAND_TIMEOUT if timed_out else 0)
+    )
 
 
 def _asks_for_no_power(what: CurrentCommand | Numbered) -> bool:

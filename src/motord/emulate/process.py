@@ -11,6 +11,7 @@ import select
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,7 @@ class Emulator:
         self._config = config
         self._can_config = config.inverter.can
         self._codec = dbc.load(config.inverter.can)
+        self._status_word = cache(self._codec.status_word)
         self._fast = [m for m in self._codec.feedback if is_fast(m)]
         self._slow = [m for m in self._codec.feedback if not is_fast(m)]
         self._log = TruthLog(config.loop.rate_Hz, sink)
@@ -176,7 +178,8 @@ class Emulator:
         now_ns = time.monotonic_ns()
         end_ns = now_ns + round(duration_s * 1e9) if duration_s is not None else None
         self._start(now_ns)
-        inputs = [fd for fd in (self._link.fileno(), self._control.fileno()) if fd >= 0]
+        control = self._control.fileno()
+        inputs = [fd for fd in (self._link.fileno(), control) if fd >= 0]
         while not self._stopped and (end_ns is None or now_ns < end_ns):
             self.bench.wake(now_ns)
             self._listen(now_ns)
@@ -186,11 +189,11 @@ class Emulator:
                 self._link.play(now_ns)
             next_ns = min(self._produce(now_ns), self._faults.next_ns)
             self._clock.refresh(now_ns)
-            wait_s = (next_ns - time.monotonic_ns()) * 1e-9
-            if wait_s > 0:
-                select.select(inputs, (), (), wait_s)
+            wait_s = max(next_ns - time.monotonic_ns(), 0) * 1e-9
+            readable, _, _ = select.select(inputs, (), (), wait_s)
             now_ns = time.monotonic_ns()
-            self._carry_out(now_ns)
+            if control in readable:
+                self._carry_out(now_ns)
 
     def _start(self, now_ns: int) -> None:
         with suppress(OSError):
@@ -282,6 +285,6 @@ class Emulator:
         status: InverterStatus,
         at_ns: int,
     ) -> None:
-        named = inverter_values(reading, self._codec.status_word(status))
+        named = inverter_values(reading, self._status_word(status))
         for message in messages:
             self._can.send(message, named, at_ns)
