@@ -1,9 +1,9 @@
 """`motord emulate`: the devices of a bench on the wire."""
 
 import signal
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,9 @@ from motord.cli.common_options import bench_file
 from motord.cli.connection_options import print_answer
 from motord.process.collector_pause import collector_paused
 from motord.process.signal_handlers import handled
+
+if TYPE_CHECKING:
+    from motord.recording.writer import RunWriter
 
 
 def emulate(
@@ -40,12 +43,10 @@ def emulate(
         from motord.config import load
         from motord.config.faults import load_timeline
         from motord.emulate.process import Emulator
-        from motord.recording.writer import RunWriter
         from motord.rig.truth import load as load_rig
 
     bench = load(config)
-    about = {"bench": bench.bench.name, "source": "motord emulate"}
-    with RunWriter(truth, about) if truth is not None else nullcontext() as writer:
+    with _truth_writer(truth, bench.bench.name) as writer:
         timeline = load_timeline(faults) if faults else None
         rig = load_rig(bench.bench.rig)
         emulator = Emulator(
@@ -61,6 +62,14 @@ def emulate(
             print_answer(emulator.ready(), _ready_line(emulator.ready()), as_json)
             emulator.run(duration_s)
     print_answer(emulator.summary(), _summary_line(emulator.summary()), as_json)
+
+
+def _truth_writer(truth: Path | None, bench: str) -> "AbstractContextManager[RunWriter | None]":
+    if truth is None:
+        return nullcontext()
+    from motord.recording.writer import RunWriter
+
+    return RunWriter(truth, {"bench": bench, "source": "motord emulate"})
 
 
 def _ready_line(ready: dict[str, object]) -> str:

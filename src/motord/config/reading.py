@@ -67,17 +67,20 @@ def check_text(path: Path, text: str) -> Config:
     return validate(Config, path, text, data)
 
 
-def load_started(path: Path, kept: Path) -> tuple[Config, str]:
+def load_started(path: Path, kept: Path, *, plans: bool = True) -> tuple[Config, str]:
     """Return the bench of a daemon that runs, and the text of its bench file. Raises ConfigError.
 
     kept: the text as the daemon read it, next to copies of the files that it names
     (`named_files.keep`); bench file and files may have been edited since. Where there are none, no
-    daemon having run, they are read themselves.
+    daemon having run, they are read themselves. Without `plans`, for who needs none, no experiment
+    is imported and nothing of `[plans.*]` is there.
     """
     text, data = _read_bench(kept if kept.exists() else path)
     _resolve_files(path, data)
     for table, key, file in named_files(data):
         table[key] = as_kept(Path(file), kept)
+    if not plans:
+        data["plans"] = PlansConfig()
     return validate(Config, path, text, data), text
 
 

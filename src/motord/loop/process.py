@@ -62,7 +62,7 @@ class LoopProcess:
         self._stop.reason = signal.Signals(number).name
 
     def _run_bench(self) -> None:
-        bench, _ = config.load_started(self._config_path, self._run_dir.bench_file)
+        bench, _ = config.load_started(self._config_path, self._run_dir.bench_file, plans=False)
         tables = TablesReader(self._run_dir.tables)
         mailbox = MailboxReader(self._run_dir.setpoint)
         if not tables.poll() or tables.counts != bench.motor.counts:

@@ -152,7 +152,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     allocate_from_one_heap()  # every recording has a thread
     try:
         run_dir = RunDir.at(options.dir)
-        config, text = load_started(options.config, run_dir.bench_file)
+        config, text = load_started(options.config, run_dir.bench_file, plans=False)
         metadata = cache(lambda: describe(config, text))  # few recorders need it
         session = Session(run_dir.ring, config.recording)
         recovery = CrashRecovery(config, run_dir, metadata, session.note_recovered)

@@ -198,7 +198,7 @@ def main() -> int:
     reporter = AuditReporter(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
     try:
         kept = RunDir.at(options.dir).bench_file
-        config, _ = config_file.load_started(options.config, kept)
+        config, _ = config_file.load_started(options.config, kept, plans=False)
         keep(config, reporter, log)
     except (ConfigError, SecurityError, zenoh.ZError) as error:
         reporter.report(f"closed to other machines: {str(error).split(' at /')[0]}")
