@@ -9,6 +9,7 @@ from html import escape as escape_markup
 from io import StringIO
 from pathlib import Path
 
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from motord.atomic_write import write_whole
@@ -76,6 +77,7 @@ def inline(figure: Figure, prefix: str, description: str) -> str:
     """
     buffer = StringIO()
     with drawing():
+        _lay_out(figure)
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     element = text[text.index("<svg") :]
@@ -86,6 +88,16 @@ def inline(figure: Figure, prefix: str, description: str) -> str:
         element = element.replace(colour.light, f"var(--{name})")
     element = re.sub(r' width="[^"]*pt" height="[^"]*pt"', "", element, count=1)
     return element.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Place the axes of a figure; `savefig` would draw all of it once more for that."""
+    FigureCanvasSVG(figure)  # becomes that of the figure: texts are measured by it
+    figure.dpi = FigureCanvasSVG.fixed_dpi
+    layout = figure.get_layout_engine()
+    if layout is not None and figure.axes:
+        layout.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def _unique_ids(element: str, prefix: str) -> str:

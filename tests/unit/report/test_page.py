@@ -1,12 +1,15 @@
 import re
 from functools import partial
 from html.parser import HTMLParser
+from io import BytesIO
 from itertools import pairwise, product
 from pathlib import Path
 from xml.etree import ElementTree
 
 import matplotlib as mpl
 import pytest
+from matplotlib.backend_bases import Event
+from matplotlib.figure import Figure
 
 import motord
 from motord.findings import Finding, Severity
@@ -221,6 +224,28 @@ def test_inline_keeps_clip_paths_apart() -> None:
     assert "url(#p1-" in one
     assert 'aria-label="a &quot;quoted&quot; &lt;label&gt;"' in one
     ElementTree.fromstring(one)
+
+
+def test_a_picture_is_laid_out_as_when_it_is_saved_and_drawn_once() -> None:
+    """To save a figure with a layout of its own draws it twice: first to lay it out."""
+
+    def draw() -> tuple[Figure, list[Event]]:
+        drawn: list[Event] = []
+        with figure(2.0) as picture:
+            left, right = picture.subplots(1, 2, width_ratios=[2.0, 1.0])
+            left.set(ylabel="torque (Nm)", title="over angle", yscale="log", ylim=(1e-6, 1.0))
+            right.plot([0, 1], [0, 1e3], label="of order 48")
+            right.legend()
+            picture.canvas.mpl_connect("draw_event", drawn.append)
+        return picture, drawn
+
+    (saved, twice), (shown, once) = draw(), draw()
+    with drawing():
+        saved.savefig(BytesIO(), format="svg")
+    inline(shown, "p1", "")
+    for one, other in zip(shown.axes, saved.axes, strict=True):
+        assert one.get_position().bounds == other.get_position().bounds
+    assert (len(twice), len(once)) == (2, 1)
 
 
 @pytest.mark.parametrize("kinds", [*product(("part", "heading", "subheading"), repeat=4)])
