@@ -23,11 +23,15 @@ def trend(values: np.ndarray, name: str = "x_Nm") -> FigureTrend:
     return FigureTrend(name, "Nm", HOURS, values, slope(HOURS, values))
 
 
+def others() -> list[np.ndarray]:
+    """Return 11 figures of a soak without a step."""
+    rng = np.random.default_rng(99)
+    return [rng.normal(size=HOURS.size) for _ in range(11)]
+
+
 @cache
 def p_values_of_others() -> list[float | None]:
-    """Return those of 11 figures of a soak without a step."""
-    rng = np.random.default_rng(99)
-    found = [most_likely_step(HOURS, rng.normal(size=HOURS.size)) for _ in range(11)]
+    found = [most_likely_step(HOURS, one) for one in others()]
     return [one and one.p_value for one in found]
 
 
@@ -45,6 +49,14 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_slope():
         assert HOURS[19] < found.step.hours < HOURS[20]
         assert abs(found.step.value - 10.0) < 2 * found.step.half_width
         assert found.slope.p_value > 1e-3
+
+
+def test_a_step_is_judged_together_with_all_figures_of_the_soak():
+    noise = np.random.default_rng(5).normal(size=HOURS.size)
+    one = trend(noise + 2.75 * (np.arange(HOURS.size) >= 20))
+    [alone], [among, *_] = with_steps([one]), with_steps([one, *map(trend, others())])
+    assert FALSE_ALARMS / 12 < alone.step.p_value < FALSE_ALARMS
+    assert among.step is None
 
 
 def test_a_step_and_a_slope_are_separated():
