@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +43,8 @@ def frozen(ticks: np.ndarray) -> np.ndarray:
     return ticks
 
 
-def stuck(ticks: np.ndarray) -> np.ndarray:
-    ticks["encoder_count"] |= 16
+def stuck(bit: int, ticks: np.ndarray) -> np.ndarray:
+    ticks["encoder_count"] |= 1 << bit
     return ticks
 
 
@@ -65,8 +66,8 @@ def uncommanded(ticks: np.ndarray) -> np.ndarray:
         ("calibrate", clipped, "torque-clipped"),
         ("calibrate", frozen, "torque-frozen"),
         ("calibrate", clipped_current, "current-b-clipped"),
-        ("calibrate", stuck, "encoder-stuck"),
-        ("verify", stuck, "encoder-stuck"),
+        ("calibrate", partial(stuck, 4), "encoder-stuck"),
+        ("verify", partial(stuck, 9), "encoder-stuck"),
         ("verify", clipped, "torque-clipped"),
         ("verify", frozen, "torque-frozen"),
         ("verify", CHANGES["torque in mNm"], "torque-scale"),
