@@ -1,7 +1,7 @@
-"""Processes that compute operating points are kept from test to test: each takes seconds to start.
+"""What spares the time of several folders' tests: processes that are kept, pictures not drawn.
 
-Tests that interrupt some have their own (`tests/unit/virtual/test_mesh.py`), and
-`tests/system/test_demo.py`.
+Processes that compute operating points take seconds to start. Tests that interrupt some have their
+own (`tests/unit/virtual/test_mesh.py`), and `tests/system/test_demo.py`.
 """
 
 import sys
@@ -41,3 +41,9 @@ def kept_processes(kept_pools: list[ProcessPoolExecutor]) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(mesh, "_Processors", kept)
         yield
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare the time of drawing the pictures of a page, of which only the text is looked at."""
+    monkeypatch.setattr("motord.report.html.inline", lambda *_: "")

@@ -69,6 +69,7 @@ def test_a_recording_that_is_cut_is_analysed_and_said_to_be(cut, tmp_path):
         assert "cut off" in damage[str(cut)]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_the_page_says_first_that_a_recording_is_cut(whole, cut, tmp_path):
     page = tmp_path / "page.html"
     analyse(cut, "--report", page)

@@ -65,9 +65,3 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 def no_search_for_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare the time of looking for lines that are not locked to the rotor: there are none."""
     monkeypatch.setattr(lines_of_points, "asynchronous_lines", lambda *_: ())
-
-
-@pytest.fixture
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare the time of drawing the pictures of a page, of which only the text is looked at."""
-    monkeypatch.setattr("motord.report.html.inline", lambda *_: "")

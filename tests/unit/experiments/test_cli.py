@@ -38,6 +38,7 @@ def test_calibrate_writes_file_and_report(recorded: Recorded, tmp_path: Path) ->
     text = report.read_text()
     assert "residual estimator" in text
     assert "truth" in text
+    assert text.count("<svg") == 5
 
 
 def test_calibrate_as_json_and_by_the_other_method(recorded: Recorded) -> None:
@@ -71,6 +72,7 @@ def test_verify_before_and_after(recorded: Recorded, tmp_path: Path) -> None:
     code, out, _ = run(analyse, *arguments)
     assert code == 0
     assert "before: mean" in out
+    assert report.read_text().count("<svg") == 2
     result = json.loads(output.read_text())
     assert len(result["points"]) == 8
     errors = result["rms_error_percent"]
@@ -84,6 +86,7 @@ def test_a_bench_file_overrides_what_the_run_says(recorded: Recorded) -> None:
     assert run(analyse, "verify", recorded.on, "-c", packaged("sim.toml"))[0] == 0
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_what_is_wrong_is_one_line(recorded: Recorded, tmp_path: Path) -> None:
     sim, empty = packaged("sim.toml"), tmp_path / "empty.mcap"
     (tmp_path / "text.mcap").write_text("no recording")

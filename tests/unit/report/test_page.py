@@ -154,11 +154,13 @@ calibrated = partial(page, before={}, after={}, curves=None)
 """A page of a calibration alone: each picture takes a tenth of a second to draw."""
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_another_calibration_as_the_reference() -> None:
     one, reference = (("joint", estimate(0.0)),), ("calibration abc", estimate(0.01))
     assert "calibration abc" in calibrated(reference=reference, estimates=one).html()
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_an_order_that_only_one_knows_and_no_reference() -> None:
     other = estimate(0.0, amplitudes_Nm={16: 0.1, 32: 0.02})
     both = (("joint", estimate(0.0)), ("residual", other))

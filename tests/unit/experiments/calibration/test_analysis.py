@@ -78,6 +78,7 @@ def test_a_real_run_has_no_truth(recorded: Recorded) -> None:
     assert recorded_truth([Bare()], Subject.of_config(load())) is None
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_from_runs_to_a_page(recorded: Recorded) -> None:
     recordings = Recordings.open([recorded.off, recorded.on])
     subject = recordings.subject

@@ -46,7 +46,7 @@ def trials(name: str, seeds: int) -> list[DirectionalFriction]:
 
 @cache
 def measured(seed: int, number: int) -> Friction:
-    """Return what coast-downs of the rotor show, which are several tests' own."""
+    """Return what coast-downs of the rotor show; several tests look at them."""
     return friction(coast_downs(np.random.default_rng(seed), Rotor(), number))
 
 

@@ -259,6 +259,7 @@ def test_the_command_writes_the_next_calibration_and_a_page(
     assert load(tmp_path / "n.json").learned is not None
     page = (tmp_path / "r.html").read_text()
     assert "Learning the residual torque ripple" in page
+    assert page.count("<svg") == 3
     assert re.search(r"<b>[\d.]+\u00a0\u00b1\u00a0[\d.]+ %</b><span>mean RMS error of this", page)
     code, out, _ = invoke(app, "learn", path, *options[:2], "--finish", "--json")
     result = json.loads(out)

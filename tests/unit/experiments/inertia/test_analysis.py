@@ -74,6 +74,7 @@ def test_oscillation_from_a_recording(swings: Path, tmp_path: Path) -> None:
     assert result["budget"][0]["source"] == "spring constants"
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_acceleration_from_a_recording(steps: Path, tmp_path: Path) -> None:
     code, output = invoke(steps, "--json", "--report", tmp_path / "j.html")
     assert code == 0, output

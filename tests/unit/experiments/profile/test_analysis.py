@@ -297,7 +297,7 @@ def test_what_was_asked_for_is_taken_from_the_middle_of_each_set_point() -> None
 
 def test_json_page_and_text(played: Played) -> None:
     recordings = Recordings.open([played.on])
-    result = estimate(recordings, played.calibration)
+    result = found(played.on, played.calibration)
     content = json.loads(json.dumps(ANALYSIS.to_json(result, recordings)))
     assert content["schema"] == "motord.profile/1"
     assert content["energy_low_J"] < content["energy_J"] < content["energy_high_J"]
@@ -307,6 +307,7 @@ def test_json_page_and_text(played: Played) -> None:
     assert kept["energy_J"].unit == "J"
     assert kept["energy_J"].low == content["energy_low_J"]
     page = ANALYSIS.page(result, recordings).html()
+    assert page.count("<svg") == 3
     for part in ("Torque and speed over time", "SHA-256", content["sha256"], "mechanical energy"):
         assert part in page
     for heading in ("speed error RMS (turns/s)", "torque error RMS (Nm)", "asked (J)"):
@@ -318,7 +319,7 @@ def test_limits_can_be_set_for_its_figures(played: Played) -> None:
     from motord.config.experiments import analysis_kinds
 
     recordings = Recordings.open([played.off])
-    content = ANALYSIS.to_json(estimate(recordings, played.calibration), recordings)
+    content = ANALYSIS.to_json(found(played.off, played.calibration), recordings)
     for kind in analysis_kinds()["profile"].figures:
         [figure] = figures_of(kind, content, {})
         assert figure.value is not None

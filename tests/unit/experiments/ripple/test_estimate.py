@@ -130,6 +130,7 @@ def test_images_between_the_samples_are_not_explained(recorded: Recorded, tmp_pa
         assert sampled.sampled_percent == sampled.measured.rms_percent
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_verify_with_the_calibration_reports_the_shares(recorded: Recorded, tmp_path: Path) -> None:
     report, output = tmp_path / "v.html", tmp_path / "v.json"
     files = ("-o", output, "--report", report)
