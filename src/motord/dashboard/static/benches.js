@@ -1,7 +1,7 @@
 /** The page of all benches: a card for each, as the server last described it. It commands nothing. */
 
 import { ageText, motionText, old, planText, queueText, recorderText, summary, troubles } from "./bench_texts.js";
-import { byId, element, setAttribute, setText } from "./dom.js";
+import { byId, element, setAttribute, setHidden, setText } from "./dom.js";
 import { takeToken } from "./session.js";
 import { Socket } from "./socket.js";
 import { STATES } from "./state.js";
@@ -69,7 +69,7 @@ let received_ms = -Infinity;
 let link = { status: "connecting", message: "" };
 const socket = new Socket(takeToken(), receive, (status, message) => {
   link = { status, message };
-  byId("refused").hidden = status !== "refused";
+  setHidden(byId("refused"), status !== "refused");
   if (status === "refused") setText(byId("refused-text"), message);
   tick();
 });
@@ -81,9 +81,9 @@ function receive(header) {
   benches = header.data.benches;
   const names = benches.map((bench) => bench.bench);
   if (names.join("\n") !== [...cards.keys()].join("\n")) arrange(names);
-  byId("unreachable").hidden = header.data.unreachable.length === 0;
+  setHidden(byId("unreachable"), header.data.unreachable.length === 0);
   setText(byId("unreachable"), header.data.unreachable.join(". "));
-  byId("none").hidden = benches.length > 0;
+  setHidden(byId("none"), benches.length > 0);
   setText(byId("summary"), summary(benches));
   tick();
 }

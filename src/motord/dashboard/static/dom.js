@@ -53,6 +53,11 @@ export function setAttribute(node, name, value) {
   }
 }
 
+/** Hide or show only what is not so yet: an observer gets each assignment, a change or not. @param {HTMLElement} node @param {boolean} hidden */
+export function setHidden(node, hidden) {
+  if (node.hidden !== hidden) node.hidden = hidden;
+}
+
 /** A control that is to have the focus once it is allowed, and what has it meanwhile. @type {{id: string, meanwhile: Element} | null} */
 let focusNext = null;
 const forgetNext = () => { focusNext = null; };

@@ -1,6 +1,6 @@
 /** Operating by hand: lease, enable, reset, torque, speed, brake and drive, with the ramp. */
 
-import { allow, byId, setAttribute, setText } from "./dom.js";
+import { allow, byId, setAttribute, setHidden, setText } from "./dom.js";
 import { number } from "./format.js";
 import { underWay } from "./state.js";
 
@@ -83,7 +83,7 @@ export class Operate {
 
   /** @param {boolean} shown */
   _askTakeOver(shown) {
-    byId("take-over").hidden = !shown;
+    setHidden(byId("take-over"), !shown);
     (shown ? byId("cancel-take") : byId("take")).focus();
   }
 
@@ -99,8 +99,8 @@ export class Operate {
     const { state, lease } = this._bench;
     const why = this._bench.leaseObstacle;
     setText(byId("operate-why"), why);
-    byId("operate-why").hidden = why === "";
-    if (lease.held) byId("take-over").hidden = true;
+    setHidden(byId("operate-why"), why === "");
+    if (lease.held) setHidden(byId("take-over"), true);
     if (state === null) return;
     const plan = underWay(this._bench.plan) ? "A plan is under way." : "";
     const is = state.state;
@@ -117,7 +117,7 @@ export class Operate {
 
   /** @param {any} state @param {string} why */
   _drive(state, why) {
-    byId("drive-form").hidden = state.drive?.health === "none";
+    setHidden(byId("drive-form"), state.drive?.health === "none");
     allow(byId("drive"), why);
     allow(byId("drive-set"), why);
     setText(byId("drive-now"), number(state.setpoint.drive_Hz, 2));

@@ -1,6 +1,6 @@
 /** The plan under way: progress, and pause, resume, abort, discard. */
 
-import { allow, byId, setAttribute, setText } from "./dom.js";
+import { allow, byId, setAttribute, setHidden, setText } from "./dom.js";
 import { duration, number } from "./format.js";
 import { PlanPrecision } from "./precision.js";
 import { stateText } from "./queue_items.js";
@@ -23,8 +23,8 @@ export class PlanProgress {
 
   _show() {
     const plan = this._bench.plan;
-    byId("plan-none").hidden = plan !== null || this._bench.state === null;
-    byId("plan-progress").hidden = plan === null;
+    setHidden(byId("plan-none"), plan !== null || this._bench.state === null);
+    setHidden(byId("plan-progress"), plan === null);
     if (plan === null) return;
     setAttribute(byId("plan-state"), "data-state", plan.state);
     setText(byId("plan-state"), stateText(plan.state));
@@ -44,10 +44,10 @@ export class PlanProgress {
   _buttons(state) {
     const why = this._bench.leaseObstacle;
     const resumable = state === "paused" || ["interrupted", "aborted", "failed"].includes(state);
-    byId("plan-pause").hidden = !["running", "pausing"].includes(state);
-    byId("plan-resume").hidden = !resumable;
-    byId("plan-abort").hidden = !this.active;
-    byId("plan-discard").hidden = state !== "interrupted";
+    setHidden(byId("plan-pause"), !["running", "pausing"].includes(state));
+    setHidden(byId("plan-resume"), !resumable);
+    setHidden(byId("plan-abort"), !this.active);
+    setHidden(byId("plan-discard"), state !== "interrupted");
     for (const name of ["pause", "resume", "abort", "discard"]) allow(byId(`plan-${name}`), why);
     allow(byId("plan-pause"), why || (state === "pausing" ? "It is pausing." : ""));
   }

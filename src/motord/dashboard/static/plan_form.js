@@ -1,6 +1,6 @@
 /** The form that starts a plan, made from its settings: units, limits, defaults, help; first a dry run, then the start. */
 
-import { allow, byId, element, setText } from "./dom.js";
+import { allow, byId, element, setHidden, setText } from "./dom.js";
 import { duration, nameAndUnit } from "./format.js";
 import { waitsOf } from "./queue_items.js";
 import { underWay } from "./state.js";
@@ -107,10 +107,10 @@ export class PlanForm {
     byId("plan-before-checked").addEventListener("change", () => this._changed());
     byId("plan-serial").addEventListener("input", () => this._changed());
     byId("plan-on-failure").addEventListener("change", () => {
-      byId("plan-retries-field").hidden = byId("plan-on-failure").value !== "retry";
+      setHidden(byId("plan-retries-field"), byId("plan-on-failure").value !== "retry");
     });
     bench.on("hello", ({ config }) => {
-      byId("plan-before").hidden = !config?.calibration?.check_before_plans;
+      setHidden(byId("plan-before"), !config?.calibration?.check_before_plans);
       this._list();
     });
     for (const kind of /** @type {const} */ (["state", "plan", "lease", "link", "connection"])) bench.on(kind, () => this._buttons());
@@ -218,7 +218,7 @@ export class PlanForm {
 
   _buttons() {
     const active = underWay(this._bench.plan) ? "A plan is under way." : "";
-    byId("plan-queue").hidden = !this._bench.state?.queue;
+    setHidden(byId("plan-queue"), !this._bench.state?.queue);
     allow(byId("plan-add"), this._bench.leaseObstacle || (this._adding ? "It is being added." : "") || (this._checked ? "" : "Check it first."));
     allow(byId("plan-check"), this._bench.link.status === "open" ? "" : "No connection.");
     allow(byId("plan-start"), this._bench.leaseObstacle || active || (this._checked ? "" : "Check it first."));

@@ -1,6 +1,6 @@
 /** How precise a plan with targets is by now: half-widths of 95 % intervals, which shrink as it runs. */
 
-import { element, svg } from "./dom.js";
+import { element, setHidden, svg } from "./dom.js";
 import { nameAndUnit, significant } from "./format.js";
 
 const HALF_WIDTH = 50;
@@ -38,7 +38,7 @@ export class PlanPrecision {
     if (known === this._shown) return;
     this._shown = known;
     const rows = quantities(plan);
-    this._box.hidden = rows.length === 0;
+    setHidden(this._box, rows.length === 0);
     const head = element("tr", {}, ...["quantity", "\u00b1 95 %", "target", "interval", "state"].map((text) => element("th", { scope: "col" }, text)));
     this._box.replaceChildren(
       element("table", { class: "figures" }, element("thead", {}, head), element("tbody", {}, ...rows.map(row))),

@@ -1,6 +1,6 @@
 /** The queue of plans as the daemon reported it; start, pause, stop, move and remove. */
 
-import { allow, byId, element, focusOnceAllowed, setAttribute, setText } from "./dom.js";
+import { allow, byId, element, focusOnceAllowed, setAttribute, setHidden, setText } from "./dom.js";
 import { clock, duration } from "./format.js";
 import { attemptsText, place, policyText, settingsText, stateText, timeText, waitText, whole } from "./queue_items.js";
 
@@ -60,7 +60,7 @@ export class PlanQueue {
 
   _show() {
     const queue = this._bench.state?.queue ?? null;
-    byId("queue").hidden = queue === null;
+    setHidden(byId("queue"), queue === null);
     if (queue === null) return;
     const empty = queue.length === 0;
     setAttribute(byId("queue"), "data-empty", empty && queue.state === "paused");
@@ -97,9 +97,9 @@ export class PlanQueue {
     const history = this._bench.queue?.history ?? [];
     const rows = this._items.map((item) => this._row(item, history));
     list.replaceChildren(...rows);
-    list.hidden = rows.length === 0;
+    setHidden(list, rows.length === 0);
     const ended = history.slice(-HISTORY_SHOWN).reverse().map((run) => runRow(run, this._items));
-    byId("queue-ended").hidden = ended.length === 0;
+    setHidden(byId("queue-ended"), ended.length === 0);
     byId("queue-history").replaceChildren(...ended);
     this._show();
     if (focus !== null) this._focus(focus.id, rows[Math.min(at, rows.length - 1)]);

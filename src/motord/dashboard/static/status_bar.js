@@ -1,6 +1,6 @@
 /** The head of the page: state, lease, trips and connection, in words. */
 
-import { allow, byId, element, setAttribute, setText } from "./dom.js";
+import { allow, byId, element, setAttribute, setHidden, setText } from "./dom.js";
 import { age, clock, duration, significant } from "./format.js";
 import { STATES } from "./state.js";
 
@@ -43,14 +43,14 @@ export class StatusBar {
   _alerts() {
     const boxes = [...byId("alerts").querySelectorAll("[role=alert]:not([hidden], :empty)")];
     setText(byId("alert-line"), boxes.map((box) => box.innerText.replace(/\s+/g, " ")).join(" \u00b7 "));
-    byId("alert-line").hidden = boxes.length === 0;
+    setHidden(byId("alert-line"), boxes.length === 0);
   }
 
   /** @param {any} hello */
   _hello(hello) {
     setText(byId("bench-name"), hello.bench);
     document.title = `${hello.bench} \u00b7 motord`;
-    byId("viewer-note").hidden = hello.role !== "viewer";
+    setHidden(byId("viewer-note"), hello.role !== "viewer");
     document.body.dataset.role = hello.role;
   }
 
@@ -64,7 +64,7 @@ export class StatusBar {
     setAttribute(byId("identity"), "title", `${state.bench}: ${byId("motor").textContent}`);
     this._trips(state);
     const wrong = troubles(state).join("; ");
-    byId("trouble").hidden = wrong === "";
+    setHidden(byId("trouble"), wrong === "");
     setText(byId("trouble"), wrong);
     if (state.uptime_s < this._uptime_s) {
       this._messages.say("warning", `The daemon was restarted at ${clock(state.t_ns / 1e9 - state.uptime_s)}. It begins OFF; nothing was commanded.`);
@@ -88,7 +88,7 @@ export class StatusBar {
     const { state } = this._bench;
     const tripAlone = state?.state === "TRIPPED" && !state.fault;
     const cut = meaning.scrollHeight > meaning.clientHeight + HALF_A_LINE_PX && !tripAlone;
-    byId("state-all").hidden = !cut;
+    setHidden(byId("state-all"), !cut);
     setText(byId("state-all"), cut ? meaning.textContent : "");
   }
 
@@ -108,7 +108,7 @@ export class StatusBar {
     const key = state.state === "TRIPPED" ? JSON.stringify([trip, state.trips]) : "";
     if (key === this._trip) return;
     this._trip = key;
-    box.hidden = key === "";
+    setHidden(box, key === "");
     if (key === "") return box.replaceChildren();
     const causes = (trip?.causes ?? state.trips.map((/** @type {any} */ t) => t.name)).map(
       (/** @type {string} */ name) => element("li", {}, element("b", {}, name), ` ${tripText(this._bench, name, state)}`));
@@ -147,7 +147,7 @@ export class StatusBar {
       this._wasOpen = true;
     } else if (status === "waiting" && this._lostAt_ms === 0) this._lostAt_ms = performance.now();
     if (status === "open") this._lostAt_ms = 0;
-    byId("refused").hidden = status !== "refused";
+    setHidden(byId("refused"), status !== "refused");
     if (status === "refused") setText(byId("refused-text"), message);
     this.tick();
     this._lease();
@@ -174,7 +174,7 @@ export class StatusBar {
     if (ticksStale !== this._ticksStale) this._bench.emit("age", null);
     this._ticksStale = ticksStale;
     const gone = link.status === "open" && !connection.alive && connection.message !== "" && age_s > GONE_S;
-    byId("gone").hidden = !gone;
+    setHidden(byId("gone"), !gone);
     this._gone ||= gone;
     setText(byId("gone"), gone ? connection.message : "");
     const text =

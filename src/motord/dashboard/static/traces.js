@@ -72,10 +72,12 @@ export class Traces {
     this._request();
   }
 
-  _request() {
+  /** Ask for a frame; until it is time for it the browser makes none. @param {number} [wait_ms] */
+  _request(wait_ms = 0) {
     if (this._waiting || document.hidden) return;
     this._waiting = true;
-    requestAnimationFrame(this._frame);
+    if (wait_ms > 0) setTimeout(() => requestAnimationFrame(this._frame), wait_ms);
+    else requestAnimationFrame(this._frame);
   }
 
   /** @param {number} now_ms */
@@ -83,7 +85,8 @@ export class Traces {
     this._waiting = false;
     if (!this._dirty || document.hidden || this._buckets.count === 0) return;
     const pause_ms = reducedMotion() ? CALM_MS : DRAWING_SHARE * this._cost_ms;
-    if (now_ms - this._drawn_ms < pause_ms) return this._request();
+    const wait_ms = this._drawn_ms + pause_ms - now_ms;
+    if (wait_ms > 0) return this._request(wait_ms);
     this._dirty = false;
     this._drawn_ms = now_ms;
     const to_s = this._window.end_s ?? this._buckets.end_s;

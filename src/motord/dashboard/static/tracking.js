@@ -1,6 +1,6 @@
 /** The calibration in force as ordinary operation shows it: each quantity against its value in force. */
 
-import { byId, element, setText } from "./dom.js";
+import { byId, element, setHidden, setText } from "./dom.js";
 import { plusMinus } from "./format.js";
 
 /**
@@ -20,7 +20,7 @@ export class TrackedQuantities {
     const key = tracking ? `${tracking.calibration} ${tracking.t_ns} ${tracking.turns} ${tracking.obstacle}` : "";
     if (key === this._shown) return;
     this._shown = key;
-    byId("calibration-tracked").hidden = tracking === null;
+    setHidden(byId("calibration-tracked"), tracking === null);
     if (tracking === null) return;
     setText(byId("tracked-verdict"), verdict(tracking));
     byId("tracked-quantities").replaceChildren(table(tracking.quantities), notes(tracking));

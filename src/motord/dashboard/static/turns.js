@@ -1,7 +1,7 @@
 /** Torque over the angle of the last turns, and its spectrum over the orders of the turn. */
 
 import { bars, Chart } from "./chart.js";
-import { byId, setAttribute, setText } from "./dom.js";
+import { byId, setAttribute, setHidden, setText } from "./dom.js";
 import { number, steadyRange } from "./format.js";
 
 const LABELLED = 4;
@@ -45,7 +45,7 @@ export class Turns {
 
   _summarise() {
     const { turns, bins, orders, calibrated } = this._header;
-    byId("turns-empty").hidden = turns > 0;
+    setHidden(byId("turns-empty"), turns > 0);
     if (turns === 0) return;
     let [low, high] = [Infinity, -Infinity];
     for (let i = (turns - 1) * bins; i < turns * bins; i++) {
