@@ -13,6 +13,7 @@ ARGUMENTS = [
     "--disable-background-networking", "--disable-component-update",
 ]  # fmt: skip
 DESKTOP = {"width": 1440, "height": 900}
+NARROW = {"width": 1100, "height": 880}
 PHONE = {"width": 390, "height": 844}
 PATIENCE_MS = 60_000
 """What waits longer waits for ever."""

@@ -45,7 +45,7 @@ class Watched:
         page = self._left.pop() if self._left else self._new_page()
         self._pages.append(page)
         page.set_viewport_size(size)
-        page.emulate_media(color_scheme=color_scheme)
+        page.emulate_media(color_scheme=color_scheme, reduced_motion="no-preference")
         page.goto(url)
         if live:
             shows(page, "#link-text", "live")
@@ -73,8 +73,9 @@ class Watched:
     def close(self) -> None:
         """Leave the pages; none may have complained."""
         while self._pages:
-            leave(self._pages[-1])
-            self._left.append(self._pages.pop())
+            page = self._pages.pop()
+            leave(page)  # one that cannot be left is not opened again
+            self._left.append(page)
         complaints, self.complaints, self.expected = self.complaints, [], ""
         assert complaints == []
 

@@ -5,12 +5,12 @@ from playwright.sync_api import FloatRect, Locator, expect
 
 from tests.browser import documents
 from tests.browser.chromium import (
+    NARROW,
     PATH,
     PHONE,
     press,
     set_by_hand,
     shows,
-    start_plan,
     take_command,
 )  # fmt: skip
 from tests.browser.conftest import Watched
@@ -21,7 +21,6 @@ pytestmark = [
     pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
 ]
 SMALL_PHONE = {"width": 375, "height": 800}
-NARROW = {"width": 1100, "height": 880}
 LAPTOP = {"width": 1280, "height": 800}
 CHART_HEIGHT_px = 90
 """With less of it a chart shows nothing any more."""
@@ -200,22 +199,6 @@ def test_why_the_daemon_is_silent_takes_no_room_from_the_head(
     shows(page, "#messages", "The daemon publishes again, after ")
 
 
-def test_in_one_wide_column_the_scale_of_the_torque_stays_small(
-    server: Server, visit: Watched
-) -> None:
-    page = visit(server.urls.operator, {"width": 1000, "height": 900})
-    assert page.locator("#ramp").evaluate("e => e.getBoundingClientRect().height") < 50
-
-
-def test_a_page_that_was_not_let_in_claims_nothing(server: Server, visit: Watched) -> None:
-    visit.expected = "401"
-    page = visit(server.urls.operator[:-4], live=False)
-    shows(page, "#refused-text", "not, or no longer, that of the server")
-    shows(page, "#lease-text", "Not known who is in command")
-    for claim in ("#plan-none", "#calibration-empty"):
-        expect(page.locator(claim)).to_be_hidden()
-
-
 def test_without_a_calibration_it_says_so(
     server: Server, visit: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -225,15 +208,6 @@ def test_without_a_calibration_it_says_so(
     page = visit(server.urls.operator)
     shows(page, "#calibration-empty", "No calibration is installed")
     shows(page, "#plan-none", "No plan has run")
-
-
-def test_a_plan_that_was_started_shows_its_progress(server: Server, visit: Watched) -> None:
-    page = visit(server.urls.operator, NARROW)
-    take_command(page)
-    server.stand_in.points_max = 1
-    start_plan(page)
-    expect(page.locator("#plan-title")).to_be_in_viewport(ratio=1)
-    assert page.locator("#plan").evaluate("e => e.scrollTop") == 0
 
 
 def test_what_the_charts_of_the_turn_say_is_whole_and_has_its_unit(
@@ -253,10 +227,14 @@ def test_what_the_charts_of_the_turn_say_is_whole_and_has_its_unit(
             assert chart.evaluate("e => e.clientHeight") >= CHART_HEIGHT_px, size
 
 
-def test_what_a_field_asks_for_can_be_read(server: Server, visit: Watched) -> None:
+def test_what_a_field_asks_for_can_be_read_and_the_scale_of_the_torque_stays_small(
+    server: Server, visit: Watched
+) -> None:
     page = visit(server.urls.operator)
     for field in page.locator("[placeholder]").all():
         assert placeholder_px(field) <= field.evaluate(ROOM)
+    page.set_viewport_size({"width": 1000, "height": 900})  # one wide column
+    assert page.locator("#ramp").evaluate("e => e.getBoundingClientRect().height") < 50
 
 
 ROOM = """e => {

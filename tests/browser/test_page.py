@@ -13,6 +13,7 @@ from playwright.sync_api import Page, expect
 from motord.dashboard.frames import decode
 from tests.browser import documents
 from tests.browser.chromium import (
+    NARROW,
     PATH,
     PATIENCE_MS,
     PHONE,
@@ -34,6 +35,7 @@ pytestmark = [
 ]
 
 
+POLLING_MS = 100
 HOSTILE = "<script>alert(1)</script>"
 
 
@@ -48,8 +50,8 @@ def commands(server: Server) -> list[str]:
 
 
 def waits(page: Page, condition: str, argument: Any = None) -> None:
-    """Wait until a condition in JavaScript holds."""
-    page.wait_for_function(condition, arg=argument, timeout=PATIENCE_MS)
+    """Wait until a condition in JavaScript holds, without a frame for each look."""
+    page.wait_for_function(condition, arg=argument, polling=POLLING_MS, timeout=PATIENCE_MS)
 
 
 def until(page: Page, condition: Callable[[], bool]) -> None:
@@ -382,7 +384,9 @@ NOTE_DRAWN_TEXTS = """() => {
 }"""
 
 
-def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Watched):
+def test_traces_of_a_loop_that_ended_or_whose_ticks_do_not_arrive_are_not_live(
+    server, visit: Watched
+):
     page = visit(server.urls.operator)
     press(page, "#take")
     shows(page, "#lease-text", "You are in command")
@@ -399,12 +403,7 @@ def test_traces_of_a_loop_that_has_ended_are_not_shown_as_live(server, visit: Wa
     waits(page, "() => window.drawn.includes('last')")  # in the place of "now"
     server.stand_in.do(lambda: setattr(server.stand_in, "loop_ended", False))
     expect(page.locator("#no-ticks")).to_be_empty()
-
-
-def test_traces_whose_ticks_do_not_arrive_are_not_shown_as_live(server, visit: Watched):
-    page = visit(server.urls.operator)
-    waits(page, "() => document.body.dataset.ticksStale === undefined")
-    page.evaluate(NOTE_DRAWN_TEXTS)
+    page.evaluate("() => { window.drawn = []; }")
     server.stand_in.do(lambda: setattr(server.stand_in, "ticks_withheld", True))
     shows(page, "#no-ticks", "no ticks arrive from the daemon")
     expect(page.locator("body")).not_to_have_attribute("data-stale", "true")
@@ -413,22 +412,16 @@ def test_traces_whose_ticks_do_not_arrive_are_not_shown_as_live(server, visit: W
     expect(page.locator("#no-ticks")).to_be_empty()
 
 
-def test_a_daemon_that_was_there_all_along_is_not_said_to_be_back(server, visit: Watched):
-    page = visit(server.urls.operator)
-    press(page, "#tab-health")
-    shows(page, "#health-figures", "Link errors")
-    expect(page.locator("#gone")).to_be_hidden()
-    assert page.locator("#messages").inner_text() == ""
-
-
-def test_a_page_that_is_opened_late_says_how_long_the_daemon_was_silent(server, visit: Watched):
+def test_a_reload_keeps_the_token_and_says_how_long_the_daemon_was_silent(server, visit: Watched):
     stand_in = server.stand_in
-    page = visit(server.urls.operator)
+    page = visit(server.urls.operator.replace("#token=", "?token="))
+    assert "token" not in page.url
     stand_in.do(lambda: stand_in.fall_silent(3600.0))
     page.reload()
     shows(page, "#gone", "publishes nothing")
     stand_in.do(lambda: setattr(stand_in, "silent", False))
     shows(page, "#messages", "The daemon publishes again, after 1:0")  # hour
+    shows(page, "#link-text", "live")
 
 
 def test_what_is_old_invites_nobody_to_enable(server, visit: Watched):
@@ -439,11 +432,13 @@ def test_what_is_old_invites_nobody_to_enable(server, visit: Watched):
     expect(page.locator("#state-meaning")).not_to_contain_text("You may enable it.")
 
 
-def test_a_mesh_whose_plan_was_stopped_takes_no_point(server, visit: Watched):
-    page = visit(server.urls.operator)
+def test_a_plan_shows_its_progress_and_takes_no_point_when_it_was_stopped(server, visit: Watched):
+    page = visit(server.urls.operator, NARROW)
     take_command(page)
     server.stand_in.points_max = 1
     start_plan(page)
+    expect(page.locator("#plan-title")).to_be_in_viewport(ratio=1)
+    assert page.locator("#plan").evaluate("e => e.scrollTop") == 0
     expect(page.locator("#mesh td.done")).to_have_count(1)
     expect(page.locator("#mesh td.now")).to_have_count(1)
     page.keyboard.press("Escape")
@@ -468,8 +463,40 @@ def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):
     assert commands(server) == before
 
 
-def test_ticks_that_were_lost_are_reported(server, visit: Watched):
+NOTE_WHAT_COSTS = """() => {
+  window.costs = { frames: 0, drawn: 0, same: [] };
+  const { requestAnimationFrame } = window, { prototype } = CanvasRenderingContext2D;
+  const { putImageData } = prototype;
+  window.requestAnimationFrame = (drawing) => {
+    costs.frames += 1;
+    return requestAnimationFrame(drawing);
+  };
+  prototype.putImageData = function (...what) {
+    costs.drawn += this.canvas === document.querySelector('canvas.traces');
+    putImageData.apply(this, what);
+  };
+  new MutationObserver((changes) => {
+    for (const { target, attributeName: name, oldValue } of changes)
+      if (target.getAttribute(name) === oldValue) costs.same.push(`${target.id} ${name}`);
+  }).observe(document, { subtree: true, attributeOldValue: true });
+}"""
+
+
+def test_a_page_of_a_bench_at_rest_costs_little_and_reports_lost_ticks_alone(
+    server, visit: Watched
+):
     page = visit(server.urls.operator)
+    page.emulate_media(reduced_motion="reduce")
+    press(page, "#tab-health")
+    shows(page, "#health-figures", "Link errors")
+    expect(page.locator("#gone")).to_be_hidden()
+    assert page.locator("#messages").inner_text() == ""
+    press(page, "#tab-page")  # the chart of health has frames of its own
+    page.evaluate(NOTE_WHAT_COSTS)
+    waits(page, "() => costs.drawn >= 6")
+    costs = page.evaluate("costs")
+    assert costs["same"] == []  # what stays is not assigned again
+    assert costs["frames"] <= 4 * costs["drawn"]  # and it does not wait frame by frame
     bench = server.stand_in.bench
     server.stand_in.do(lambda: setattr(bench, "tick", bench.tick + 250))
     shows(page, "#lost", "250 ticks lost")
@@ -502,7 +529,7 @@ def test_a_viewer_looks(server, visit: Watched):
     assert commands(server) == []
 
 
-def test_who_is_not_let_in_gets_the_reason(server, visit: Watched):
+def test_who_is_not_let_in_gets_the_reason_and_no_claims(server, visit: Watched):
     visit.expected = "401"
     address = server.urls.operator.split("#")[0]
     page = visit(address, live=False)
@@ -510,14 +537,10 @@ def test_who_is_not_let_in_gets_the_reason(server, visit: Watched):
     page.goto(f"{address}?token=wrong-wrong-wrong-wrong")
     shows(page, "#refused-text", "not, or no longer, that of the server")
     assert "token" not in page.url
+    shows(page, "#lease-text", "Not known who is in command")
+    for claim in ("#plan-none", "#calibration-empty"):
+        expect(page.locator(claim)).to_be_hidden()
     assert commands(server) == []
-
-
-def test_a_reload_keeps_the_token(server, visit: Watched):
-    page = visit(server.urls.operator.replace("#token=", "?token="))
-    assert "token" not in page.url
-    page.reload()
-    shows(page, "#link-text", "live")
 
 
 def test_a_server_that_comes_back_finds_the_page_again(visit: Watched):
@@ -615,7 +638,9 @@ def test_all_of_it_by_keyboard(server, visit: Watched):
     shows(page, "#stop-status", "Stopped")
 
 
-def test_findings_of_a_calibration_are_listed_the_serious_first(server, visit: Watched):
+def test_findings_of_the_calibration_chosen_are_listed_though_another_comes_late(
+    server, visit: Watched
+):
     page = visit(server.urls.operator)
     page.click("#tab-calibration")
     listed = page.locator("#calibration-content .findings li")
@@ -626,6 +651,20 @@ def test_findings_of_a_calibration_are_listed_the_serious_first(server, visit: W
     page.select_option("#calibration-choice", documents.IDS[1])
     shows(page, "#calibration-content", "Earlier, not in force")
     expect(listed).to_have_count(0)
+    page.select_option("#calibration-choice", documents.IDS[0])
+    shows(page, "#calibration-content", "In force")
+    chosen, late = documents.IDS
+    server.stand_in.held_back.add(late)
+    page.select_option("#calibration-choice", late)
+    until(page, lambda: late in server.stand_in.waited_for)
+    page.select_option("#calibration-choice", chosen)
+    shows(page, "#calibration-content", "In force")
+    server.stand_in.held_back.clear()
+    until(page, lambda: late in server.stand_in.given_late)
+    page.fill("#note", "the late answer is here by now")
+    page.keyboard.press("Enter")
+    shows(page, "#messages", "Noted")
+    shows(page, "#calibration-content", "In force")
 
 
 def test_what_is_tracked_stands_against_the_calibration_in_force(server, visit: Watched):
@@ -649,24 +688,6 @@ def test_what_is_tracked_stands_against_the_calibration_in_force(server, visit: 
     shows(page, "#tracked-verdict", "alpha-c left its interval. Calibrate again")
     server.stand_in.tracking = None
     expect(page.locator("#calibration-tracked")).to_be_hidden()
-
-
-def test_a_calibration_that_comes_late_is_not_shown_in_the_place_of_another(server, visit: Watched):
-    page = visit(server.urls.operator)
-    page.click("#tab-calibration")
-    shows(page, "#calibration-content", "In force")
-    chosen, late = documents.IDS
-    server.stand_in.held_back.add(late)
-    page.select_option("#calibration-choice", late)
-    until(page, lambda: late in server.stand_in.waited_for)
-    page.select_option("#calibration-choice", chosen)
-    shows(page, "#calibration-content", "In force")
-    server.stand_in.held_back.clear()
-    until(page, lambda: late in server.stand_in.given_late)
-    page.fill("#note", "the late answer is here by now")
-    page.keyboard.press("Enter")
-    shows(page, "#messages", "Noted")
-    shows(page, "#calibration-content", "In force")
 
 
 FOCUSED = "(document.activeElement.id || document.activeElement.className).toString()"

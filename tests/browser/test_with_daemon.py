@@ -28,8 +28,8 @@ def test_a_person_operates_a_bench(tmp_path: Path, visit: Watched) -> None:
         take_command(page)
         set_by_hand(page, 2.0, 0.7)
         shows(page, "#setpoint-now", "2.00")
-        page.wait_for_function(f"() => Math.abs(parseFloat({SET_POINT}) - 2) < 0.05")
-        page.wait_for_function(f"() => parseFloat({SPEED}) > 0.3")
+        reached = f"Math.abs(parseFloat({SET_POINT}) - 2) < 0.05 && parseFloat({SPEED}) > 0.3"
+        page.wait_for_function(f"() => {reached}", polling=100)
         press(page, "#zero")
         shows(page, "#setpoint-now", "0.00")
         page.fill("#note", "by hand")
