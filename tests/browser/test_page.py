@@ -4,6 +4,7 @@ import base64
 import json
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from motord.dashboard.frames import decode
+from motord.dashboard.page.live_page import LivePage
+from motord.dashboard.page.messages import ViewWanted
 from tests.browser import documents
 from tests.browser.chromium import (
     NARROW,
@@ -476,15 +479,22 @@ NOTE_WHAT_COSTS = """() => {
     putImageData.apply(this, what);
   };
   new MutationObserver((changes) => {
-    for (const { target, attributeName: name, oldValue } of changes)
-      if (target.getAttribute(name) === oldValue) costs.same.push(`${target.id} ${name}`);
-  }).observe(document, { subtree: true, attributeOldValue: true });
+    for (const { target, oldValue } of changes)
+      if (target.getAttribute('hidden') === oldValue) costs.same.push(target.id);
+  }).observe(document, { subtree: true, attributeFilter: ['hidden'], attributeOldValue: true });
 }"""
 
 
 def test_a_page_of_a_bench_at_rest_costs_little_and_reports_lost_ticks_alone(
-    server, visit: Watched
+    server, visit: Watched, monkeypatch
 ):
+    asked, look_at = [], LivePage._look_at
+
+    def note(page: LivePage, wanted: ViewWanted) -> None:
+        asked.append((page, wanted))
+        look_at(page, wanted)
+
+    monkeypatch.setattr(LivePage, "_look_at", note)
     page = visit(server.urls.operator)
     page.emulate_media(reduced_motion="reduce")
     press(page, "#tab-health")
@@ -492,9 +502,14 @@ def test_a_page_of_a_bench_at_rest_costs_little_and_reports_lost_ticks_alone(
     expect(page.locator("#gone")).to_be_hidden()
     assert page.locator("#messages").inner_text() == ""
     press(page, "#tab-page")  # the chart of health has frames of its own
+    page.evaluate("() => { window.before = document.querySelector('canvas.traces'); }")
+    page.evaluate("() => { document.querySelector('#plots').style.paddingBottom = '40px'; }")
+    waits(page, "() => document.querySelector('canvas.traces') !== window.before")
     page.evaluate(NOTE_WHAT_COSTS)
     waits(page, "() => costs.drawn >= 6")
     costs = page.evaluate("costs")
+    assert asked
+    assert all(one != next_one for one, next_one in pairwise(asked))  # a height is no other width
     assert costs["same"] == []  # what stays is not assigned again
     assert costs["frames"] <= 4 * costs["drawn"]  # and it does not wait frame by frame
     bench = server.stand_in.bench

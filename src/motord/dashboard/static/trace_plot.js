@@ -75,6 +75,12 @@ export class TracePlot {
     this._overlay(buckets);
   }
 
+  /** Whether it has the size of its place. */
+  get fits() {
+    const { width, height } = this._size();
+    return this.uplot !== null && width === this.uplot.width && height === this.uplot.height;
+  }
+
   _size() {
     return { width: this.canvas.clientWidth, height: this.canvas.clientHeight };
   }

@@ -109,11 +109,15 @@ export class Traces {
     setText(byId("lost"), this._lost ? `${this._lost} ticks lost on the way` : "");
   }
 
+  get _bucketsWanted() {
+    const width = this._plots[0]?.canvas.clientWidth || 600;
+    return Math.round(Math.min(MAX_BUCKETS, Math.max(120, (width - 50) * Math.min(devicePixelRatio, 2))));
+  }
+
   /** Ask the server for what is to be seen. */
   _ask() {
     const signals = this._shown().flatMap(([, traces]) => traces.map((trace) => trace.name));
-    const width = this._plots[0]?.canvas.clientWidth || 600;
-    const buckets = Math.round(Math.min(MAX_BUCKETS, Math.max(120, (width - 50) * Math.min(devicePixelRatio, 2))));
+    const buckets = (this._asked = this._bucketsWanted);
     const { span_s, end_s } = this._window;
     this._socket.send({ kind: "view", view: VIEW, span_s, end_s, buckets, signals });
     this._buttons();
@@ -160,8 +164,9 @@ export class Traces {
   _resized() {
     clearTimeout(this._timer);
     this._timer = setTimeout(() => {
+      if (this._plots.every((plot) => plot.fits)) return;
       this._fit();
-      if (this._groups.size) this._ask();
+      if (this._bucketsWanted !== this._asked) this._ask();
     }, 100);
   }
 
