@@ -38,7 +38,7 @@ def certificate(figures: int) -> Certificate:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("figures", "pages"), [(1, 1), (30, 1), (120, 3)])
+@pytest.mark.parametrize(("figures", "pages"), [(30, 1), (120, 3)])
 def test_it_prints_on_one_page_with_thirty_figures(browser, tmp_path, figures, pages):
     path = tmp_path / "c.html"
     certificate(figures).page().write(path)
