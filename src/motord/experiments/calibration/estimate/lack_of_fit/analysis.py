@@ -16,7 +16,6 @@ from motord.experiments.calibration.estimate.lack_of_fit.departures import (
     FALSE_SHARE,
     MINOR_SHARE,
     Cause,
-    Evidence,
     ExplainedFit,
     explain,
     rms_Nm,
@@ -28,6 +27,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.effects import (
     model_columns,
     point_models,
 )
+from motord.experiments.calibration.estimate.lack_of_fit.evidence import Evidence
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     EffectSensitivity,
     ResidualRows,

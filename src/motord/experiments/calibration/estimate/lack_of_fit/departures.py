@@ -7,19 +7,18 @@ parameters. Repeated until none is. The shift of the model's own parameters by e
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.special import stdtr
 
 from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING, Effect
+from motord.experiments.calibration.estimate.lack_of_fit.evidence import Evidence
 from motord.experiments.calibration.estimate.lack_of_fit.gain_scatter import (
     GainDirections,
     GainScatter,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     Gain,
-    ResidualRows,
     WeighedRows,
 )
 from motord.identification.variance_components import MOST_FREEDOM
@@ -63,64 +62,6 @@ class Cause:
     rms_Nm: float
     shifts: np.ndarray
     alike: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Residual of a fit, and the effects that might explain it.
-
-    further: rows (m, terms) of each effect in the rows' further ones.
-    """
-
-    rows: ResidualRows
-    effects: Sequence[Effect]
-    further: Sequence[np.ndarray]
-
-    def with_effects(self, more: Sequence[Effect]) -> "Evidence":
-        """Return the same with further effects, which Kirchhoff's law does not show."""
-        of_law = [np.zeros((self.rows.further.size, one.lines.shape[1])) for one in more]
-        return replace(self, effects=[*self.effects, *more], further=[*self.further, *of_law])
-
-    @cached_property
-    def plain(self) -> WeighedRows:
-        """The rows with the measured noise."""
-        return self.rows.weighed(np.ones(self.rows.residual_Nm.shape[1]))
-
-    @cached_property
-    def _plain_columns(self) -> np.ndarray:
-        return self._all_columns(self.plain)
-
-    @property
-    def terms(self) -> list[int]:
-        """How many columns each effect has."""
-        return [one.lines.shape[1] for one in self.effects]
-
-    def weighed(self, gain_variance: float) -> WeighedRows:
-        """Return the rows with the measured noise, and gains that differ from point to point."""
-        if not gain_variance:
-            return self.plain
-        return self.rows.weighed(np.ones(self.rows.residual_Nm.shape[1]), gain_variance)
-
-    def all_columns(self, weighed: WeighedRows) -> np.ndarray:
-        """Return the rows (n, all terms) of all effects, one after the other."""
-        return self._plain_columns if weighed is self.plain else self._all_columns(weighed)
-
-    def _all_columns(self, weighed: WeighedRows) -> np.ndarray:
-        found, last = np.empty((weighed.y.size, sum(self.terms))), 0
-        for number, count in enumerate(self.terms):
-            found[:, last : last + count] = self.columns(weighed, number)
-            last += count
-        return found
-
-    def columns(self, weighed: WeighedRows, number: int) -> np.ndarray:
-        """Return the rows (n, terms) of an effect."""
-        return weighed.effect(self.effects[number].lines, self.further[number])
-
-    def fitted(self, weighed: WeighedRows, chosen: Sequence[int]) -> WeighedRows:
-        """Return the rows with the chosen effects in the model."""
-        if not chosen:
-            return weighed
-        return weighed.with_columns(np.column_stack([self.columns(weighed, n) for n in chosen]))
 
 
 def rms_Nm(lines_Nm: np.ndarray) -> np.ndarray:
