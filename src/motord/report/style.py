@@ -77,6 +77,8 @@ SETTINGS: dict[Any, Any] = {
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "axes.grid": True,
+    "figure.autolayout": False,  # a layout of the user's own would move what is laid out
+    "figure.constrained_layout.use": False,
     "grid.color": GRID,
     "grid.linewidth": 0.8,
     "figure.facecolor": "none",

@@ -4,6 +4,7 @@ from html.parser import HTMLParser
 from io import BytesIO
 from itertools import pairwise, product
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import matplotlib as mpl
@@ -228,8 +229,15 @@ def test_inline_keeps_clip_paths_apart() -> None:
     ElementTree.fromstring(one)
 
 
-def test_a_picture_is_laid_out_as_when_it_is_saved_and_drawn_once() -> None:
-    """To save a figure with a layout of its own draws it twice: first to lay it out."""
+OWN_LAYOUTS = ("figure.autolayout", "figure.constrained_layout.use")
+
+
+@pytest.mark.parametrize("own", [{}, *({name: True} for name in OWN_LAYOUTS)])
+def test_a_picture_is_laid_out_as_when_it_is_saved_and_drawn_once(own: dict[Any, bool]) -> None:
+    """To save a figure with a layout of its own draws it twice: first to lay it out.
+
+    own: what a person has in a matplotlibrc, where it is no matter of the picture.
+    """
 
     def draw() -> tuple[Figure, list[Event]]:
         drawn: list[Event] = []
@@ -238,13 +246,15 @@ def test_a_picture_is_laid_out_as_when_it_is_saved_and_drawn_once() -> None:
             left.set(ylabel="torque (Nm)", title="over angle", yscale="log", ylim=(1e-6, 1.0))
             right.plot([0, 1], [0, 1e3], label="of order 48")
             right.legend()
+            picture.colorbar(right.pcolormesh([[0.0, 1.0]]), ax=right)
             picture.canvas.mpl_connect("draw_event", drawn.append)
         return picture, drawn
 
     (saved, twice), (shown, once) = draw(), draw()
     with drawing():
         saved.savefig(BytesIO(), format="svg")
-    inline(shown, "p1", "")
+    with mpl.rc_context(own):
+        inline(shown, "p1", "")
     for one, other in zip(shown.axes, saved.axes, strict=True):
         assert one.get_position().bounds == other.get_position().bounds
     assert (len(twice), len(once)) == (2, 1)
