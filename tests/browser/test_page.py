@@ -485,6 +485,13 @@ NOTE_WHAT_COSTS = """() => {
 }"""
 
 
+NARROWER_AND_FITTED = """() => {
+  document.querySelector('#plots').style.width = '60%';
+  document.querySelector('#theme').dispatchEvent(new Event('change'));
+}"""
+"""Traces that come do so, too: a size is noticed only a while after the last one."""
+
+
 def test_a_page_of_a_bench_at_rest_costs_little_and_reports_lost_ticks_alone(
     server, visit: Watched, monkeypatch
 ):
@@ -512,6 +519,8 @@ def test_a_page_of_a_bench_at_rest_costs_little_and_reports_lost_ticks_alone(
     assert all(one != next_one for one, next_one in pairwise(asked))  # a height is no other width
     assert costs["same"] == []  # what stays is not assigned again
     assert costs["frames"] <= 4 * costs["drawn"]  # and it does not wait frame by frame
+    page.evaluate(NARROWER_AND_FITTED)
+    until(page, lambda: asked[-1][1].buckets < asked[0][1].buckets)
     bench = server.stand_in.bench
     server.stand_in.do(lambda: setattr(bench, "tick", bench.tick + 250))
     shows(page, "#lost", "250 ticks lost")

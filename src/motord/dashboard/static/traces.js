@@ -164,9 +164,8 @@ export class Traces {
   _resized() {
     clearTimeout(this._timer);
     this._timer = setTimeout(() => {
-      if (this._plots.every((plot) => plot.fits)) return;
-      this._fit();
-      if (this._bucketsWanted !== this._asked) this._ask();
+      if (!this._plots.every((plot) => plot.fits)) this._fit();
+      if (this._groups.size && this._bucketsWanted !== this._asked) this._ask(); // also of what was fitted meanwhile
     }, 100);
   }
 
