@@ -51,6 +51,9 @@ def _installed(name: str) -> str:
     """Return the version that was on the disk when it was first asked for: an upgrade replaces it
     there, and not in this process.
 
-    Raises PackageNotFoundError, OSError, and asks again after them.
+    Raises PackageNotFoundError, also of one that is half there, OSError; asks again after them.
     """
-    return version(name) or ""
+    found = version(name)
+    if not found:
+        raise PackageNotFoundError(name)
+    return found

@@ -1,5 +1,6 @@
 """What a recording says of itself."""
 
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 import pytest
@@ -8,15 +9,24 @@ from motord import config
 from motord.recording import metadata
 
 
-@pytest.mark.parametrize("error", [PackageNotFoundError("numba"), OSError(2, "gone")])
-def test_a_package_that_was_removed_meanwhile_has_no_version(monkeypatch, error):
+@pytest.mark.parametrize("first", [PackageNotFoundError("numba"), OSError(2, "gone"), None])
+def test_a_package_that_cannot_be_read_is_asked_for_again_and_keeps_what_it_said(
+    monkeypatch, first
+):
+    """None: of a folder that an upgrade has not filled yet."""
+    answers = [first, "1.0", "2.0"]
+
     def version_of(name):
-        if name == "numba":
-            raise error
-        return version(name)
+        if name != "numba":
+            return version(name)
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     monkeypatch.setattr(metadata, "version", version_of)
-    monkeypatch.setattr(metadata, "_installed", metadata._installed.__wrapped__)  # asked anew
-    versions = metadata.describe(config.load(), "")["versions"]
-    assert versions["numba"] == ""
-    assert all(text for name, text in versions.items() if name != "numba")
+    monkeypatch.setattr(metadata, "_installed", cache(metadata._installed.__wrapped__))
+    bench = config.load()
+    named = [metadata.describe(bench, "")["versions"] for _ in range(3)]
+    assert [versions["numba"] for versions in named] == ["", "1.0", "1.0"]
+    assert all(text for name, text in named[0].items() if name != "numba")
