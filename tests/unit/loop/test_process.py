@@ -261,12 +261,14 @@ def test_launched_loop_is_a_process_of_its_own(bench: LoopBench) -> None:
     assert started.args == bench.run_dir.command("motord.loop.main", bench.config_path)
 
 
-def test_the_loop_loads_nothing_heavy_besides_its_compiler() -> None:
+def test_the_loop_loads_nothing_heavy_besides_its_compiler_and_no_experiments() -> None:
     pytest.importorskip("asammdf")  # which `import can` would load, with pandas
     script = (
         "import sys, motord.loop.process, motord.wire.can.dbc, motord.hal.can.bus\n"
-        "import motord.hal.can.python_can, motord.hal.sim.rig\n"
-        "heavy = {'asammdf', 'pandas', 'pyarrow', 'zenoh', 'yaml'}\n"
+        "import motord.hal.can.python_can, motord.hal.sim.rig, motord.config as config\n"
+        "bench = config.packaged('sim.toml')\n"
+        "config.load_started(bench, bench, plans=False)\n"
+        "heavy = {'asammdf', 'pandas', 'pyarrow', 'zenoh', 'yaml', 'motord.experiments'}\n"
         "print(heavy & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
