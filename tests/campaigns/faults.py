@@ -238,12 +238,18 @@ to `inverter.stale_after_s`. A wrong current that happens to fit one of several 
 may while the rotor turns, is no evidence, and for `current_error_s` and two ticks it does not clear
 what was found before. An error of one phase by more than 3 times `current_error_A` and what the
 currents' sum changes by is never hidden so; a smaller one, or one in a star, is found later by the
-part of an electrical turn in which it is: a quarter at 1.8 times (in a star 2.4), an eighth in a
-star at 4.5 times. An error that swings with the current, as of an open phase, is above the limit
-for less than half an electrical turn at a time: where this is a quarter of the amplitude for 2.6
-rad (in a star 2.4), so at speeds above 2.6 rad / `current_error_s`, electrical, it is not found (16
-rad/s with 8 pole pairs and 20 ms); where the rotor turns faster, `current_error_s` has to be
-shorter. The
+part of an electrical turn in which it is, and by up to `current_error_s` more where this takes
+longer than `current_error_s` and two ticks. The part is a quarter at 1.8 times (in a star 2.4), an
+eighth in a star at 4.5 times, if a current settles within a tick; if it takes many, up to 0.53 (in
+a star 0.63), and 0.42. A right current may be as ambiguous, so disturbed readings within that time
+of each other count as an error that lasts: of readings of which one in a hundred is wrong by 25 A,
+a trip within seconds at 333 Hz and 18 rad/s, with 8 pole pairs and 19 A, none at 1 kHz. A drive
+whose `lag_s` is half a radian or more, electrical, may trip where large steps of torque follow each
+other within 50 ms: after each its currents are beyond the limit for a moment. An error that swings
+with the current, as of an open phase, is above the limit for less than half an electrical turn at a
+time: where this is a quarter of the amplitude for 2.6 rad (in a star 2.4), so at speeds above 2.6
+rad / `current_error_s`, electrical, it is not found (16 rad/s with 8 pole pairs and 20 ms); where
+the rotor turns faster, `current_error_s` has to be shorter. The
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
