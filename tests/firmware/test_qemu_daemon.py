@@ -25,11 +25,12 @@ from tests.system.daemons import (
     daemon,
     forgive,
     patient,
+    resets,
     runtime_of,
     stalls_from_now,
     wait_for,
 )
-from tests.system.test_wire import go_on, hold, resets
+from tests.system.test_wire import go_on, hold
 from tests.unit.emulate.benches import NO_OFFSETS, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

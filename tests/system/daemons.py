@@ -304,6 +304,17 @@ def wait_for(client, condition, what):
     raise AssertionError(f"waited in vain for: {what}; now {client.state()}")
 
 
+def resets(client, lease):
+    """Reset the bench; return whether no cause of a trip was left. It is off: none is a trip."""
+    try:
+        client.rpc("reset", token=lease.token)
+    except ClientError as error:
+        if error.code != "timeout":
+            raise
+        return False
+    return True
+
+
 def leave_at_rest(client):
     """Stop the bench, and wait until nobody is in command; it may not be tripped.
 

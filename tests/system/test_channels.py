@@ -12,8 +12,7 @@ import pytest
 from motord.client import ClientError
 from tests.support.channel_package import install
 from tests.support.patience import until
-from tests.system.daemons import daemon, wait_for, write_sim
-from tests.system.test_wire import resets
+from tests.system.daemons import daemon, resets, wait_for, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

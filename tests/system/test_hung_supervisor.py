@@ -24,10 +24,10 @@ from tests.system.daemons import (
     emulator,
     forgive,
     patient,
+    resets,
     stalls_from_now,
     wait_for,
 )
-from tests.system.test_wire import resets
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

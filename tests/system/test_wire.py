@@ -26,6 +26,7 @@ from tests.system.daemons import (
     emulator,
     forgive,
     patient,
+    resets,
     stalls_from_now,
     wait_for,
 )
@@ -122,17 +123,6 @@ def wire(tmp_path, request):
     truth = tmp_path / "truth.mcap"
     with emulator(tmp_path, bench, truth) as devices, daemon(tmp_path, bench) as running:
         yield Wire(running, devices, truth)
-
-
-def resets(client, lease):
-    """Reset the bench; return whether no cause of a trip was left. It is off: none is a trip."""
-    try:
-        client.rpc("reset", token=lease.token)
-    except ClientError as error:
-        if error.code != "timeout":
-            raise
-        return False
-    return True
 
 
 def hold(
