@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from motord.api.descriptions import LOOP_SILENT
 from motord.client import ClientError
 from motord.config import load
 from motord.hal.modbus.link import connect as modbus_link
@@ -104,7 +105,10 @@ def hang(running, client, bench, what):
         running.process.send_signal(hangs)
     after_ns = time.time_ns()
     until(lambda: abs(drive_speed_rad_s(bench)) < 0.1, "the drive to stand")
-    if what != HANGS[-1]:
+    if what == "loop stopped":
+        # a reset before that starts no other loop
+        wait_for(client, lambda s: s.fault == LOOP_SILENT, "the loop to be missed")
+    elif what == "supervisor stopped":
         continued_ns = time.time_ns()
         running.process.send_signal(signal.SIGCONT)
         wait_for(client, lambda s: s.t_ns > continued_ns, "the daemon")
