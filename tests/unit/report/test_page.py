@@ -152,7 +152,7 @@ def test_parts_that_are_missing_are_left_out() -> None:
 
 
 calibrated = partial(page, before={}, after={}, curves=None)
-"""A page of a calibration alone: each picture takes a tenth of a second to draw."""
+"""A page of a calibration alone."""
 
 
 @pytest.mark.usefixtures("no_pictures")
