@@ -513,6 +513,7 @@ def test_a_page_of_a_bench_at_rest_costs_little_and_reports_lost_ticks_alone(
     page.evaluate("() => { document.querySelector('#plots').style.paddingBottom = '40px'; }")
     waits(page, "() => document.querySelector('canvas.traces') !== window.before")
     page.evaluate(NOTE_WHAT_COSTS)
+    page.select_option("#span", "30")
     waits(page, "() => costs.drawn >= 6")
     costs = page.evaluate("costs")
     assert asked

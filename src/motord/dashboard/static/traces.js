@@ -1,7 +1,7 @@
 /** The plots over time: which window is asked for, frames drawn, cursor, pause and zoom by mouse and keys. */
 
 import { Buckets } from "./buckets.js";
-import { byId, closeElsewhere, element, setAttribute, setText } from "./dom.js";
+import { byId, closeElsewhere, element, setAttribute, setHidden, setText } from "./dom.js";
 import { age, beforeNow, clock, decimals } from "./format.js";
 import { FrameTiming } from "./frame_timing.js";
 import { SHARE, grouped, titleOf } from "./signals.js";
@@ -281,7 +281,7 @@ export class Traces {
       byId("span-other").textContent = age(span_s);
       span.value = "other";
     }
-    byId("span-other").hidden = SPANS_S.includes(span_s);
+    setHidden(byId("span-other"), SPANS_S.includes(span_s));
     setAttribute(this._area, "data-live", String(live));
     setText(byId("held"), end_s === null ? "" : `held at ${clock(this._bench.epoch_s + end_s, 1)}`);
   }
