@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from motord.recorder.blackbox_request import BlackBoxRequest, checked_event
+from motord.recorder.finishing import Message
 from motord.recorder.mark import Mark
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
-from motord.recording.writer import RunWriter
 from motord.untrusted import parse_json
 
 TIME_MAX_NS = (1 << 63) - 1
@@ -43,6 +43,7 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
                 now_s,
                 resume=bool(command.get("resume", False)),
                 first_tick=_first_tick(command),
+                last=_last(command),
             )
         case "finish":
             session.finish(
@@ -53,24 +54,21 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
                 first_tick=_first_tick(command) or 0,
                 newest=_newest(command),
                 to_end=bool(command["to_end"]),
-                events=[checked_event(event) for event in command.get("events", ())],
+                last=_last(command),
             )
         case "stop":
             session.stop(str(command.get("reason", "asked to")), now_s)
-        case "event":
-            event = checked_event(_timed(command))
-            session.write(lambda writer: writer.event(**event))
         case "channel":
             reading, timeout_s = _timed(command), float(command["timeout_s"])
             name, unit = str(command["name"]), str(command["unit"])
             session.write(
                 lambda writer: writer.channel(reading["t_ns"], name, unit, timeout_s, reading)
             )
-        case "state" | "plan" | "operating_point" as what:
-            content, record = _timed(command), getattr(RunWriter, what)
+        case "event" | "state" | "plan" | "operating_point" as what:
+            message = _message(command)
             if what == "operating_point":
                 session.step(now_s)  # its ticks first: a file that holds it holds them, too
-            session.write(lambda writer: record(writer, content["t_ns"], content))
+            session.write(message.write)
         case "blackbox":
             session.boxes.request(BlackBoxRequest.from_command(command), now_s)
         case "blackbox_event":
@@ -87,6 +85,17 @@ def _first_tick(command: Command) -> int | None:
 def _newest(command: Command) -> Mark | None:
     newest = command["newest"]
     return None if newest is None else Mark(**{name: int(newest[name]) for name in MARKED})
+
+
+def _last(command: Command) -> list[Message]:
+    return [_message(message) for message in command.get("last", ())]
+
+
+def _message(command: Command) -> Message:
+    content = _timed(command)
+    if command["do"] == "event":
+        content = checked_event(content)
+    return Message(str(command["do"]), content)
 
 
 def _timed(command: Command) -> dict[str, Any]:

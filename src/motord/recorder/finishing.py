@@ -1,6 +1,7 @@
-"""What is missing of a recording that ended without its recorder: events, ticks out of the ring."""
+"""What is missing of a recording whose recorder died: messages, ticks out of the ring."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,36 +19,59 @@ from motord.recorder.ring_source import (
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, stem_of, whole_of
 from motord.recording.reader import open_run_unfinished_or_not
+from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingReader
 from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
 
-Event = Mapping[str, Any]
+_KEYS = ("t_ns", "kind", "message", "state", "step", "index")
 
 
-def events_missing(stem: Path, events: Sequence[Event]) -> list[Event]:
-    """Return those of the last `events` of the recording `stem` that are in none of its files."""
-    since_ns = min((event["t_ns"] for event in events), default=0)
+@dataclass(frozen=True)
+class Message:
+    """A message of a recording: `what` it is, an event, state, plan or operating_point."""
+
+    what: str
+    content: Mapping[str, Any]
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What tells it from the others."""
+        return self.what, *(self.content.get(key) for key in _KEYS)
+
+    def write(self, writer: RunWriter) -> None:
+        """Write it. Raises RecordError."""
+        if self.what == "event":
+            writer.event(**self.content)
+        else:
+            getattr(writer, self.what)(self.content["t_ns"], self.content)
+
+
+def messages_missing(stem: Path, last: Sequence[Message]) -> list[Message]:
+    """Return those of the last messages of the recording `stem` that are in none of its files."""
+    since_ns = min((message.content["t_ns"] for message in last), default=0)
     written: set[tuple[object, ...]] = set()
-    for number in reversed(numbers(stem) if events else ()):
+    for number in reversed(numbers(stem) if last else ()):
         path = file_name(stem, number)
-        written |= {_key(event) for event in _events_in(path)}
-        last = mark_of(path)
-        if last is not None and last.t_ns < since_ns:
+        written |= {message.key for message in _messages_in(path)}
+        mark = mark_of(path)
+        if mark is not None and mark.t_ns < since_ns:
             break  # those before it ended even earlier
-    return [event for event in events if _key(event) not in written]
+    return [message for message in last if message.key not in written]
 
 
-def _key(event: Event) -> tuple[object, ...]:
-    return event["t_ns"], event["kind"], event["message"]
-
-
-def _events_in(path: Path) -> list[dict[str, Any]]:
+def _messages_in(path: Path) -> list[Message]:
     try:
-        return open_run_unfinished_or_not(path).events()
+        run = open_run_unfinished_or_not(path)
+        found = {
+            "event": run.events(),
+            "plan": run.plan(),
+            "operating_point": run.operating_points(),
+        }
     except RecordError:
         return []
+    return [Message(what, content) for what, contents in found.items() for content in contents]
 
 
 def missing_of(

@@ -3,8 +3,8 @@
 import os
 import signal
 import subprocess
-from collections.abc import Mapping, Sequence
-from typing import IO, Generic, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import IO, Generic, Literal, NamedTuple
 
 from motord.process.one_thread import ONE_THREAD
 from motord.process.signal_handlers import blocked
@@ -15,7 +15,16 @@ from motord.recorder.protocol import M, MessageReader, RecorderReport, Recording
 from motord.recording.json_encoding import to_line
 
 BACKLOG_MAX_BYTES = 4 << 20
-Recorded = Literal["event", "state", "plan", "operating_point", "blackbox_event"]
+Resent = Literal["event", "plan", "operating_point"]
+Recorded = Resent | Literal["state", "blackbox_event"]
+
+
+class LastMessage(NamedTuple):
+    """A message of a recording, at `t_ns` (Unix ns), that a recorder may not have written."""
+
+    what: Resent
+    t_ns: int
+    content: Mapping[str, object]
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
@@ -75,9 +84,11 @@ class RecorderLink(PipedChild[RecorderReport]):
         """Return what it has reported, but for that it lives, which `received` counts."""
         return [report for report in super().reports(now_ns) if not report.blocked]
 
-    def start(self, task: RecordingTask, *, resume: bool = False) -> None:
+    def start(
+        self, task: RecordingTask, *, resume: bool = False, last: Iterable[LastMessage] = ()
+    ) -> None:
         """Begin a recording, as `Session.start` does."""
-        self.send({"do": "start", **_content(task), "resume": resume})
+        self.send({"do": "start", **_content(task), "resume": resume, "last": _commands(last)})
 
     def finish(
         self,
@@ -86,11 +97,11 @@ class RecorderLink(PipedChild[RecorderReport]):
         *,
         newest: Mark | None,
         to_end: bool,
-        events: Sequence[Mapping[str, object]] = (),
+        last: Iterable[LastMessage] = (),
     ) -> None:
         """Record what is missing of a recording that has ended, as `Session.finish` does."""
-        last = {"newest": vars(newest) if newest is not None else None, "to_end": to_end}
-        ends = {"reason": reason, **last, "events": list(events)}
+        end = {"newest": vars(newest) if newest is not None else None, "to_end": to_end}
+        ends = {"reason": reason, **end, "last": _commands(last)}
         self.send({"do": "finish", **_content(task), **ends})
 
     def stop(self, reason: str) -> None:
@@ -102,7 +113,7 @@ class RecorderLink(PipedChild[RecorderReport]):
 
         Of a "blackbox_event" in the boxes that are being filled.
         """
-        self.send({"do": what, "t_ns": t_ns, "content": content})
+        self.send(_command(what, t_ns, content))
 
     def channel(
         self, t_ns: int, name: str, unit: str, timeout_s: float, content: Mapping[str, object]
@@ -114,6 +125,14 @@ class RecorderLink(PipedChild[RecorderReport]):
     def blackbox(self, request: BlackBoxRequest) -> None:
         """Write a black box, in parallel with any recording."""
         self.send({"do": "blackbox", **vars(request)})
+
+
+def _command(what: Recorded, t_ns: int, content: Mapping[str, object]) -> dict[str, object]:
+    return {"do": what, "t_ns": t_ns, "content": content}
+
+
+def _commands(last: Iterable[LastMessage]) -> list[dict[str, object]]:
+    return [_command(*message) for message in last]
 
 
 def _content(task: RecordingTask) -> dict[str, object]:

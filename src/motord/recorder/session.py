@@ -6,7 +6,7 @@ from pathlib import Path
 from motord.config import RecordingConfig
 from motord.recorder.background import Background
 from motord.recorder.blackbox import BlackBoxWriter
-from motord.recorder.finishing import Event, events_missing, missing_of
+from motord.recorder.finishing import Message, messages_missing, missing_of
 from motord.recorder.mark import Mark
 from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, RecordingTask, note_outcome
 from motord.recorder.ring_source import RingPiece, RingSource, last_mark, neighbours
@@ -74,13 +74,15 @@ class Session:
         *,
         resume: bool = False,
         first_tick: int | None = None,
+        last: Sequence[Message] = (),
     ) -> None:
         """Begin the recording `stem`, after ending the one that is going on.
 
         With `first_tick`, begin with that one, if nothing is going on and it is not recorded yet.
         With `resume`, ticks go on after the last in the newest file of `stem`, or of the recording
-        that ended where this one begins; if it goes on already, it does. Raises RecordError; it is
-        then tried again by `step`.
+        that ended where this one begins; if it goes on already, it does. Of its `last` messages
+        those that are in none of its files are written. Raises RecordError; it is then tried again
+        by `step`.
         """
         if resume and self._goes_on(stem):
             return
@@ -92,7 +94,10 @@ class Session:
         self.metadata = metadata
         if self._source is None or resume:
             self._source = self._source_for(self._task, resume=resume)
+        missing = messages_missing(stem, last)
         self._begin(self._task, now_s)
+        for message in missing:
+            self.write(message.write)
 
     def _goes_on(self, stem: Path) -> bool:
         recording, task = self._recording, self._task
@@ -206,12 +211,12 @@ class Session:
         first_tick: int = 0,
         newest: Mark | None = None,
         to_end: bool = False,
-        events: Sequence[Event] = (),
+        last: Sequence[Message] = (),
     ) -> None:
         """Record what the ring has of a recording that has ended, as `missing_of` says.
 
-        And those of its last `events` that are not written yet. Nothing, if it is closed; else what
-        goes on is ended. Raises RecordError.
+        And those of its `last` messages that are not written yet. Nothing, if it is closed; else
+        what goes on is ended. Raises RecordError.
         """
         if self._goes_on(stem) or not closed_in_order(stem):
             self.stop(f"the recording {stem.name} is finished", now_s)
@@ -220,12 +225,12 @@ class Session:
             return
         self.metadata, self._recording = metadata, None
         piece = missing_of(self._ring, stem, first_tick, newest, to_end=to_end)
-        events = events_missing(stem, events)
+        missing = messages_missing(stem, last)
         self._recording = recording = RollingFile(stem, metadata, self._settings, now_s)
         self.error = ""
         recording.take(piece, now_s)
-        for event in events:
-            recording.event(**event)
+        for message in missing:
+            recording.write(message.write)
         self.stop(reason, now_s)
         if self._newest is not None and len(piece.block):  # else the files are asked
             ends = (self._newest, Mark.of(piece.block[-1]))

@@ -62,9 +62,9 @@ class Bench:
     def stop(self) -> None:
         self.do(do="stop", reason="done")
 
-    def finish(self, last: int | None = None, **more: Any) -> None:
-        """Finish the recording, which ended with tick `last`, or with the newest one."""
-        tick = tick_block(1, self.published - 1 if last is None else last)[0]
+    def finish(self, last_tick: int | None = None, **more: Any) -> None:
+        """Finish the recording, which ended with `last_tick`, or with the newest one."""
+        tick = tick_block(1, self.published - 1 if last_tick is None else last_tick)[0]
         newest = {"tick": int(tick["tick"]), "t_ns": int(tick["t_ns"]), "missed": 0}
         about = {"metadata": METADATA, "reason": "done", "newest": newest, "to_end": False}
         self.do(do="finish", **({"out": str(self.stem)} | about | more))

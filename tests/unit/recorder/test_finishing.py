@@ -33,7 +33,7 @@ def died_after(bench: Bench, ticks: int) -> None:
 def test_it_ends_with_the_tick_with_which_it_ended(bench):
     died_after(bench, 100)
     bench.loop(200 - 100)
-    bench.finish(last=149)
+    bench.finish(last_tick=149)
     assert bench.recorded() == list(range(150))
     assert bench.report()["closed"] == [str(bench.stem)]
     assert bench.report()["lost"] == 0
@@ -42,14 +42,14 @@ def test_it_ends_with_the_tick_with_which_it_ended(bench):
 def test_one_that_ended_with_its_loop_has_all_that_the_loop_published(bench):
     died_after(bench, 100)
     bench.loop(50)
-    bench.finish(last=119, to_end=True)
+    bench.finish(last_tick=119, to_end=True)
     assert bench.recorded() == list(range(150))
 
 
 def test_a_file_that_has_more_than_that_is_only_closed(bench):
     died_after(bench, 100)
     bench.loop(50)
-    bench.finish(last=89)
+    bench.finish(last_tick=89)
     assert bench.recorded() == list(range(100))
     assert (bench.report()["closed"], bench.report()["lost"]) == ([str(bench.stem)], 0)
 
@@ -66,7 +66,7 @@ def test_the_ring_of_another_loop_has_nothing_of_it(bench, to_end):
     for row in block:
         bench.ring.slot()[0] = row
         bench.ring.publish()
-    bench.finish(last=149, to_end=to_end)
+    bench.finish(last_tick=149, to_end=to_end)
     assert bench.recorded() == list(range(100))
     assert bench.report()["lost"] == 50
     assert [event["kind"] for event in bench.events()] == ["ring_lost"]
@@ -101,7 +101,7 @@ def test_ticks_that_the_next_recording_has_are_not_recorded_twice(bench):
 
 def test_one_of_which_there_is_no_file_begins_with_its_first_tick(bench):
     bench.loop(100)
-    bench.finish(last=79, first_tick=60)
+    bench.finish(last_tick=79, first_tick=60)
     assert bench.recorded() == list(range(60, 80))
 
 
@@ -114,9 +114,10 @@ def test_its_last_events_are_written_once(bench):
     bench.step(1.1)
     bench.session = bench.new_session()
     last = {"kind": "timing", "message": "at the end", "data": {"missed": 3}}
-    events = [{"t_ns": START_NS, **known}, {"t_ns": START_NS + 1, **last}]
-    bench.finish(events=events)
-    bench.finish(events=events)
+    contents = enumerate((known, last), START_NS)
+    events = [{"do": "event", "t_ns": t_ns, "content": content} for t_ns, content in contents]
+    bench.finish(last=events)
+    bench.finish(last=events)
     written = [(e["t_ns"], e["message"], e["data"]) for e in bench.events() if e["kind"] != "gap"]
     assert written == [(START_NS, "before", {}), (START_NS + 1, "at the end", {"missed": 3})]
 
@@ -133,7 +134,7 @@ def test_last_events_are_not_written_again_however_many_files_have_begun_since(t
     bench.step(1.1)
     assert len(bench.files()) > 3
     bench.session = bench.new_session()
-    bench.finish(events=[{"t_ns": START_NS, **known}])
+    bench.finish(last=[{"do": "event", "t_ns": START_NS, "content": known}])
     assert [event["message"] for event in bench.events()].count("before") == 1
 
 

@@ -13,7 +13,7 @@ from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.shm.ring import RingWriter
 from tests.unit.recorder.recorder_bench import CAPACITY, PLENTY, Bench, FreeSpace
-from tests.unit.recording.runs import PERIOD_NS, START_NS, tick_block
+from tests.unit.recording.runs import PERIOD_NS, START_NS, point_of, tick_block
 
 pytestmark = pytest.mark.usefixtures("free_space")
 
@@ -177,7 +177,7 @@ def test_asking_again_for_what_is_closed_and_what_goes_on_makes_no_new_file(benc
     bench.loop(30)
     for _ in range(5):
         bench.step()
-        bench.finish(last=19, out=str(before))
+        bench.finish(last_tick=19, out=str(before))
         bench.start(resume=True)
     bench.loop(10)
     bench.stop()
@@ -382,3 +382,34 @@ def test_a_ring_that_is_removed_with_its_folder_is_recorded_while_ticks_come(ben
     assert "ring" in report["error"]
     bench.stop()
     assert bench.recorded() == list(range(15))
+
+
+def test_messages_that_were_in_memory_only_are_written_by_the_next_recorder_once(bench):
+    def message(what, number, **content):
+        return {"do": what, "t_ns": START_NS + number, "content": content}
+
+    last = [
+        message("event", 0, kind="note", message="written", data={}),
+        message("plan", 1, state="running", step="1"),
+        message("event", 2, kind="note", message="in memory", data={}),
+        message("operating_point", 3, **point_of(tick_block(100))),
+        message("operating_point", 4, **point_of(tick_block(50, 100)) | {"index": 1}),
+        message("plan", 5, state="running", step="2"),
+    ]
+    bench.start()
+    bench.loop(100)
+    for command in last[:2]:
+        bench.do(**command)
+    bench.step(1.1)
+    for command in last[2:4]:
+        bench.do(**command)
+    bench.session = bench.new_session()
+    bench.loop(60)
+    bench.start(resume=True, last=last)
+    bench.start(resume=True, last=last)  # asked for once more: it goes on
+    bench.stop()
+    runs = [open_run(file) for file in bench.files()]
+    assert [e["message"] for e in bench.events() if e["kind"] == "note"] == ["written", "in memory"]
+    assert [point["index"] for run in runs for point in run.operating_points()] == [0, 1]
+    assert [plan["step"] for run in runs for plan in run.plan()] == ["1", "2"]
+    assert bench.recorded() == list(range(160))

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from motord.api.messages import Event
 from motord.service.recording import session
 from motord.service.recording.ended import ENDED_MAX
 from tests.unit.service.test_closed_recordings import FULL, VIEW, Closing
@@ -245,3 +246,32 @@ def test_a_plan_is_recorded_up_to_its_end_and_what_follows_begins_after_it(tmp_p
     closing.recorder.newest = session.Mark(tick=41, t_ns=1, missed=0)
     closing.control.plan_closing(VIEW)
     assert closing.recorder.task.first_tick == 42
+
+
+@pytest.mark.parametrize("over", [False, True], ids=["resumed", "finished"])
+def test_the_next_recorder_gets_the_last_messages_however_long_ago_they_were_sent(bench, over):
+    bench.next_recorder()
+    bench.power_on()
+    recorder, sent_ns = bench.recording.recorder, bench.now_ns
+    recorder.record("operating_point", sent_ns, {"index": 3})
+    bench.children.running = None
+    bench.recording.step(0)
+    recorder.event(Event(t_ns=sent_ns, kind="daemon", message="shutting down"))
+    recorder.record("operating_point", sent_ns, {"index": 4})
+    bench.now_ns += round(2 * session.EVENTS_BEFORE_S * 1e9)
+    if over:
+        bench.recording.end("over")
+    [command] = bench.next_recorder().received()
+    assert command["do"] == ("finish" if over else "start")
+    sent = [(m["do"], m["content"].get("index")) for m in command["last"] if m["t_ns"] == sent_ns]
+    assert sent == [("operating_point", 3), ("event", None), ("operating_point", 4)]
+
+
+def test_events_of_long_before_a_recording_are_not_part_of_it(bench):
+    recorder = bench.next_recorder()
+    session_, before_ns = bench.recording.recorder, round(session.EVENTS_BEFORE_S * 1e9)
+    for t_ns, message in ((bench.now_ns - before_ns - 1, "old"), (bench.now_ns, "new")):
+        session_.event(Event(t_ns=t_ns, kind="note", message=message))
+    bench.power_on()
+    events = [c["content"] for c in recorder.received() if c["do"] == "event"]
+    assert [event["message"] for event in events if event["kind"] == "note"] == ["new"]

@@ -203,8 +203,8 @@ def test_a_recording_that_ends_as_its_recorder_has_died_is_finished_with_it(benc
     bench.recording.end("over")
     [finish] = bench.next_recorder().received()
     assert finish["do"] == "finish"
-    [event] = finish["events"]
-    assert TimingSummary.model_validate(event["data"]).work.samples == 1
+    [event] = finish["last"]
+    assert TimingSummary.model_validate(event["content"]["data"]).work.samples == 1
     bench.now_ns += 1_000_000
     bench.power_on()
     assert [command["kind"] for command in bench.recorders[-1].received()] == ["start"]

@@ -191,16 +191,14 @@ class RecordingControl:
 
     def plan_point(self, point: dict[str, Any]) -> None:
         """Record an operating point."""
-        if self.recorder.link is not None:
-            self.recorder.link.record("operating_point", int(point["t_end_ns"]), point)
+        self.recorder.record("operating_point", int(point["t_end_ns"]), point)
 
     def plan_progress(self, view: PlanView) -> None:
         """Record a plan's progress when it comes to another step."""
         progress = (view.state, view.step, view.points_done)
-        link = self.recorder.link if self._plan else None
-        if progress != self._plan_progress and link is not None:
+        if self._plan and progress != self._plan_progress:
             self._plan_progress = progress
-            link.record("plan", self._unix_ns(), view.model_dump(mode="json"))
+            self.recorder.record("plan", self._unix_ns(), view.model_dump(mode="json"))
 
     def plan_over(self, view: PlanView) -> None:
         """End the recording of a plan, once; if the bench is still powered, another begins."""

@@ -5,8 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from motord.api.messages import Event
-from motord.recorder.launch import RecorderLink
+from motord.recorder.launch import LastMessage, RecorderLink
 from motord.recorder.mark import Mark
 from motord.recorder.protocol import RecorderReport, RecordingTask
 from motord.recording.file_names import stem_of, whole_of
@@ -22,7 +21,7 @@ class EndedRecording:
     """A recording that ended at `t_ns` (Unix ns), and why; it may not be closed yet.
 
     newest: the newest tick by then, None without any. to_end: the loop had ended, and what else
-    it had published belongs to the recording, too. events: its last ones, which may not be written.
+    it had published belongs to the recording, too. last: messages that may not be written.
     """
 
     task: RecordingTask
@@ -30,7 +29,7 @@ class EndedRecording:
     t_ns: int
     newest: Mark | None
     to_end: bool
-    events: tuple[Event, ...] = ()
+    last: tuple[LastMessage, ...] = ()
 
 
 class EndedRecordings:
@@ -57,10 +56,10 @@ class EndedRecordings:
         newest: Mark | None,
         *,
         to_end: bool,
-        events: tuple[Event, ...] = (),
+        last: tuple[LastMessage, ...] = (),
     ) -> None:
         """Keep a recording that ends now."""
-        self._ended.append(EndedRecording(task, why, self._unix_ns(), newest, to_end, events))
+        self._ended.append(EndedRecording(task, why, self._unix_ns(), newest, to_end, last))
         if len(self._ended) > ENDED_MAX:
             self._give_up(self._ended.popleft())
 
@@ -68,9 +67,8 @@ class EndedRecordings:
         """Have all finished, as far as the ring reaches back to them."""
         self.give_up_old()
         for ended in self._ended:
-            events = [dict(event) for event in ended.events]
             link.finish(
-                ended.task, ended.why, newest=ended.newest, to_end=ended.to_end, events=events
+                ended.task, ended.why, newest=ended.newest, to_end=ended.to_end, last=ended.last
             )
 
     def take(self, report: RecorderReport) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from motord.api.messages import Event
 from motord.config import ChannelConfig
-from motord.recorder.launch import RecorderLink
+from motord.recorder.launch import LastMessage, RecorderLink, Resent
 from motord.recorder.mark import Mark
 from motord.recorder.protocol import RecorderReport, RecordingTask
 from motord.service.host.child_pipes import LOOK_NS, SILENCE_MAX_NS, ChildFaults
@@ -21,12 +21,10 @@ from motord.service.host.events import EventLog
 from motord.service.recording.ended import EndedRecordings
 
 RECORDER = "recorder"
-EVENTS_MAX = 1000
-"""Events that are kept for a recorder that is not up yet."""
-EVENTS_BEFORE_S = 10.0
-"""Events of this time before a recording go into it."""
-EVENTS_LAST = 100
-"""Events that are kept of a recording, for one that has to be finished."""
+EVENTS_BEFORE_MAX, EVENTS_BEFORE_S = 1000, 10.0
+"""Events before a recording that go into it: at most so many, of this time."""
+LAST_MAX = 300
+"""Messages of a recording that are kept for the successor of a recorder that dies."""
 CLOSE_S = 2.0
 """Time for a recorder to close its file before it is ended."""
 UP_S = 8.0
@@ -60,8 +58,8 @@ class RecorderSession:
         self.pid: int | None = None
         """Number of the recorder's process, None if there is none."""
         self._dropped = 0
-        self._unsent: deque[Event] = deque(maxlen=EVENTS_MAX)
-        self._sent: deque[Event] = deque(maxlen=EVENTS_LAST)  # of `task`, perhaps not written yet
+        self._before: deque[Event] = deque(maxlen=EVENTS_BEFORE_MAX)
+        self._last: deque[LastMessage] = deque(maxlen=LAST_MAX)  # of `task`, perhaps not written
         self._leftovers: Mapping[str, str] = {}
         self._readings: dict[str, tuple[int, ChannelConfig, Mapping[str, Any]]] = {}
         self._faults = ChildFaults(RECORDER, children, events)
@@ -148,6 +146,11 @@ class RecorderSession:
             self._note_end(self.task, f"the recording {task.stem.name} began")
         self.task = task
         self._send_task(resume=False)
+        since_ns = self._unix_ns() - round(EVENTS_BEFORE_S * 1e9)
+        while self._before:
+            event = self._before.popleft()
+            if event.t_ns >= since_ns:
+                self.event(event)
 
     def end(self, why: str) -> None:
         """End the recording under way."""
@@ -160,10 +163,21 @@ class RecorderSession:
 
     def event(self, event: Event) -> None:
         """Record an event, now or once a recording begins."""
-        if self.link is None or self.task is None:
-            self._unsent.append(event)
+        if self.task is None:
+            self._before.append(event)
         else:
-            self._send_event(self.link, event)
+            self.record("event", event.t_ns, dict(event))
+
+    def record(self, what: Resent, t_ns: int, content: Mapping[str, Any]) -> None:
+        """Record a message at `t_ns` (Unix ns), if something is recorded.
+
+        Without a recorder, or if that dies before it has written it, its successor does.
+        """
+        if self.task is None:
+            return
+        self._last.append(LastMessage(what, t_ns, content))
+        if self.link is not None:
+            self.link.record(what, t_ns, content)
 
     def state(self, t_ns: int, state: Mapping[str, Any]) -> None:
         """Record the bench's state by name at `t_ns` (Unix ns), if something is recorded."""
@@ -230,12 +244,9 @@ class RecorderSession:
             self._leftovers = dict(report.leftovers)
 
     def _note_end(self, task: RecordingTask, why: str) -> None:
-        since_ns = self._unix_ns() - round(EVENTS_BEFORE_S * 1e9)
-        last = [event for event in (*self._sent, *self._unsent) if event.t_ns >= since_ns]
-        self._sent.clear()
-        self._unsent.clear()
-        events = tuple(last[-EVENTS_LAST:])
-        self.ended.add(task, why, self.newest, to_end=self.loop_over, events=events)
+        last = tuple(self._last)
+        self._last.clear()
+        self.ended.add(task, why, self.newest, to_end=self.loop_over, last=last)
         self._asked_ns = self._now_ns
 
     def _send_ended(self, link: RecorderLink) -> None:
@@ -246,20 +257,11 @@ class RecorderSession:
         link, task = self.link, self.task
         if link is None or task is None:
             return
-        link.start(task, resume=resume)
+        link.start(task, resume=resume, last=self._last)
         now_ns = self._unix_ns()
         for t_ns, channel, content in self._readings.values():
             if not resume and now_ns - t_ns <= channel.timeout_s * 1e9:
                 self._send_reading(link, t_ns, channel, content)
-        since_ns = now_ns - round(EVENTS_BEFORE_S * 1e9)
-        while self._unsent:
-            event = self._unsent.popleft()
-            if event.t_ns >= since_ns:
-                self._send_event(link, event)
-
-    def _send_event(self, link: RecorderLink, event: Event) -> None:
-        link.record("event", event.t_ns, dict(event))
-        self._sent.append(event)
 
     def _send_reading(
         self, link: RecorderLink, t_ns: int, channel: ChannelConfig, content: Mapping[str, Any]
