@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from motord.recorder.blackbox_request import BlackBoxRequest, checked_event
-from motord.recorder.finishing import Message
+from motord.recorder.finishing import RunMessage
 from motord.recorder.mark import Mark
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
@@ -87,15 +87,15 @@ def _newest(command: Command) -> Mark | None:
     return None if newest is None else Mark(**{name: int(newest[name]) for name in MARKED})
 
 
-def _last(command: Command) -> list[Message]:
+def _last(command: Command) -> list[RunMessage]:
     return [_message(message) for message in command.get("last", ())]
 
 
-def _message(command: Command) -> Message:
+def _message(command: Command) -> RunMessage:
     content = _timed(command)
     if command["do"] == "event":
         content = checked_event(content)
-    return Message(str(command["do"]), content)
+    return RunMessage(str(command["do"]), content)
 
 
 def _timed(command: Command) -> dict[str, Any]:

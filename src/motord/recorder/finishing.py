@@ -29,7 +29,7 @@ _KEYS = ("t_ns", "kind", "message", "state", "step", "index")
 
 
 @dataclass(frozen=True)
-class Message:
+class RunMessage:
     """A message of a recording: `what` it is, an event, state, plan or operating_point."""
 
     what: str
@@ -48,7 +48,7 @@ class Message:
             getattr(writer, self.what)(self.content["t_ns"], self.content)
 
 
-def messages_missing(stem: Path, last: Sequence[Message]) -> list[Message]:
+def messages_missing(stem: Path, last: Sequence[RunMessage]) -> list[RunMessage]:
     """Return those of the last messages of the recording `stem` that are in none of its files."""
     since_ns = min((message.content["t_ns"] for message in last), default=0)
     written: set[tuple[object, ...]] = set()
@@ -61,7 +61,7 @@ def messages_missing(stem: Path, last: Sequence[Message]) -> list[Message]:
     return [message for message in last if message.key not in written]
 
 
-def _messages_in(path: Path) -> list[Message]:
+def _messages_in(path: Path) -> list[RunMessage]:
     try:
         run = open_run_unfinished_or_not(path)
         found = {
@@ -71,7 +71,7 @@ def _messages_in(path: Path) -> list[Message]:
         }
     except RecordError:
         return []
-    return [Message(what, content) for what, contents in found.items() for content in contents]
+    return [RunMessage(what, content) for what, contents in found.items() for content in contents]
 
 
 def missing_of(

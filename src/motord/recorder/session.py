@@ -6,7 +6,7 @@ from pathlib import Path
 from motord.config import RecordingConfig
 from motord.recorder.background import Background
 from motord.recorder.blackbox import BlackBoxWriter
-from motord.recorder.finishing import Message, messages_missing, missing_of
+from motord.recorder.finishing import RunMessage, messages_missing, missing_of
 from motord.recorder.mark import Mark
 from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, RecordingTask, note_outcome
 from motord.recorder.ring_source import RingPiece, RingSource, last_mark, neighbours
@@ -74,7 +74,7 @@ class Session:
         *,
         resume: bool = False,
         first_tick: int | None = None,
-        last: Sequence[Message] = (),
+        last: Sequence[RunMessage] = (),
     ) -> None:
         """Begin the recording `stem`, after ending the one that is going on.
 
@@ -211,7 +211,7 @@ class Session:
         first_tick: int = 0,
         newest: Mark | None = None,
         to_end: bool = False,
-        last: Sequence[Message] = (),
+        last: Sequence[RunMessage] = (),
     ) -> None:
         """Record what the ring has of a recording that has ended, as `missing_of` says.
 
