@@ -7,12 +7,7 @@ from typing import Any
 
 from motord.config.figures import FigureKind
 from motord.intervals import coverage_factor, standard_uncertainty
-from motord.results.figures import (
-    StatedQuantity,
-    error_keys,
-    freedoms,
-    stated_quantity,
-)
+from motord.results.figures import StatedQuantity, error_keys, freedoms, stated_quantity
 from motord.uncertainty_budget import Contribution, totals
 from motord.verdict.decision import Figure, FigureVerdict, MotorVerdict, decide
 from motord.verdict.motor_type import MotorType
@@ -153,12 +148,7 @@ def _combined(kind: FigureKind, name: str, figures: Sequence[Figure]) -> Figure:
 
 def judge(motor_type: MotorType, results: Mapping[str, Mapping[str, Any]]) -> MotorVerdict:
     """Return the verdict of a motor; results: JSON results by analysis."""
-    return MotorVerdict(tuple(_decisions(motor_type, results)))
-
-
-def _decisions(
-    motor_type: MotorType, results: Mapping[str, Mapping[str, Any]]
-) -> Iterator[FigureVerdict]:
+    decisions: list[FigureVerdict] = []
     for limit in motor_type.limit:
         kind, result = limit.kind, results.get(limit.analysis)
         if result is None:
@@ -168,4 +158,5 @@ def _decisions(
             figures = figures_of(kind, result, limit.at)
         for figure in figures:
             named = replace(figure, analysis=limit.analysis)
-            yield decide(named, limit.tolerance, motor_type.risk)
+            decisions.append(decide(named, limit.tolerance, motor_type.risk))
+    return MotorVerdict(tuple(decisions))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.verdict.bar import HEIGHT, WIDTH, bar
+from motord.verdict.certificate import HEIGHT, WIDTH, bar
 from tests.unit.verdict.made_up import decided
 
 NUMBERS = st.floats(-1e6, 1e6)
