@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from motord.atomic_write import write_whole
-from motord.calibration.cramer_rao import CramerRao
 from motord.calibration.parts import (
     AddedOrder,
     CalibratedMotor,
+    CramerRao,
     DegreesOfFreedom,
     Harmonic,
     Part,

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.results.control_chart import RULES, control_chart, violations
-from motord.results.trend import trends
+from motord.results.control_chart import RULES, control_chart, trends, violations
 from tests.unit.results.made_up import row
 
 HIGH = [2.1, 2.1]

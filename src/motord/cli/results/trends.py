@@ -13,7 +13,7 @@ from motord.cli.results.printing import aligned, plain
 from motord.cli.results.store_options import StoreReading, StoreToRead
 
 if TYPE_CHECKING:
-    from motord.results.trend import Trend
+    from motord.results.control_chart import Trend
 
 PICTURES = (".svg", ".png")
 """Kinds of pictures, by the end of their names."""
@@ -45,8 +45,8 @@ def trend(
     Of each recording the newest version's result counts. Limits are three standard deviations from
     the mean of all points, by the mean difference of successive points / 1.128.
     """
+    from motord.results.control_chart import trends
     from motord.results.selection import newest, rows_of
-    from motord.results.trend import trends
 
     if output is not None and output.suffix not in PICTURES:
         raise typer.BadParameter(f"{output}: its name must end with {' or '.join(PICTURES)}")

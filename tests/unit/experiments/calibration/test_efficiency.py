@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from motord.calibration import CramerRao
-from motord.calibration.cramer_rao import WHITE_NOISE
+from motord.calibration.parts import WHITE_NOISE
 from motord.config import TorqueSensorConfig
 from motord.experiments.calibration.estimate import efficiency
 from motord.experiments.calibration.estimate.calibrator import Calibrator

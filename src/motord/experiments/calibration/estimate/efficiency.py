@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from motord.calibration import BoundedQuantity, CramerRao, VarianceShare
-from motord.calibration.cramer_rao import PRIORS, WHITE_NOISE
+from motord.calibration.parts import PRIORS, WHITE_NOISE
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, LackOfFit
 from motord.experiments.calibration.estimate.least_squares import scatter
