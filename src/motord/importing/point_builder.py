@@ -9,7 +9,7 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.identification.operating_points import CURRENTS, GOOD, stacked
-from motord.identification.torque.torque_of_currents import SHOWN_PART, phase_torques_Nm
+from motord.identification.torque.torque_of_currents import SHOWN_PART
 from motord.importing.currents import TORQUE_RATIO, TorqueOfCurrents
 from motord.importing.segments import ConstantSegment
 from motord.schema import Compensate, Flag
@@ -32,7 +32,7 @@ class _Sums:
         self.rows += ticks.size
         i_A = stacked(ticks, CURRENTS)
         torques = {
-            "of_currents_Nm": phase_torques_Nm(i_A, back_emf).sum(axis=1),
+            "of_currents_Nm": (i_A * back_emf).sum(axis=1),
             "largest_Nm": np.linalg.norm(i_A, axis=1) * np.linalg.norm(back_emf, axis=1),
         }
         for name in ("torque_Nm", "torque_set_Nm", "speed_set_rad_s", "speed_rad_s", *torques):

@@ -7,8 +7,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from motord.identification.disturbances.asynchronous_line import asynchronous_lines
-from motord.identification.disturbances.encoder_images import image_frequencies_Hz
+from motord.identification.disturbances.asynchronous_line import (
+    asynchronous_lines,
+    image_frequencies_Hz,
+)
 from motord.identification.disturbances.leakage import lines_in_average, with_leakage
 from motord.identification.disturbances.periodogram import Periodogram
 from motord.identification.operating_points import PointData, Samples, prepare

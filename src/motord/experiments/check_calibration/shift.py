@@ -164,12 +164,11 @@ def parameters_of(calibration: Calibration, highest: int) -> tuple[np.ndarray, l
 
 def _fit(regression: Regression, theta: np.ndarray, motor: MotorConfig) -> LineFit:
     """Return the fit of what parameters theta (p,) leave."""
-    spectra = [point.spectrum for point in regression.points]
-    highest = min(spectrum.highest for spectrum in spectra)
-    coefficients = regression.coefficients(theta)
+    groups_Nm = regression.residual_lines(theta)
+    highest = groups_Nm[0].shape[1]
     models = point_models(regression, theta, highest)
     return LineFit(
-        groups_Nm=[spectrum.residual(coefficients)[:, :highest] for spectrum in spectra],
+        groups_Nm=groups_Nm,
         columns=model_columns(models, regression, theta[ALPHA]),
         prior=np.eye(theta.size)[[DELAY, ZOH]],
         model_Nm=MODEL_ACCURACY * motor.rated_torque_Nm / 3**0.5,

@@ -30,11 +30,6 @@ MIN_FREEDOM = 2
 """Degrees of freedom from which the scatter of points shows what a slope is known to."""
 
 
-def phase_torques_Nm(i_A: np.ndarray, back_emf: np.ndarray) -> np.ndarray:
-    """Return the torques of the phases (n, 3). i_A, back_emf (n, 3): at the same angles."""
-    return np.asarray(i_A * back_emf)
-
-
 @dataclass(frozen=True)
 class MeanTorque:
     """An operating point's mean torque as measured, and by phase as the sensed currents make it.

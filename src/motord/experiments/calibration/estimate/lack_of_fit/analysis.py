@@ -212,10 +212,7 @@ def _residual_lines(
 
     And their means over the groups of turns (points, orders), with the noise of these.
     """
-    spectra = [point.spectrum for point in regression.points]
-    highest = min(spectrum.highest for spectrum in spectra)
-    coefficients = regression.coefficients(theta)
-    lines = [spectrum.residual(coefficients)[:, :highest] for spectrum in spectra]
+    lines = regression.residual_lines(theta)
     noise_Nm = smooth_noise(np.array([_variance_of_mean(groups) for groups in lines]))
     means_Nm = np.array([groups.mean(axis=0) for groups in lines])
     return lines, means_Nm, np.maximum(noise_Nm, 1e-12 * max(float(noise_Nm.max()), 1e-300))

@@ -5,7 +5,7 @@ model if it is significant; of those with nearly as large a statistic, the one w
 parameters. Repeated until none is. The shift of the model's own parameters by each is kept.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,23 +102,25 @@ def explain(evidence: Evidence, subspace: np.ndarray) -> ExplainedFit:
             found.append(cause)
         chosen.append(best.number)
     fitted = evidence.fitted(evidence.weighed(_gain_variance(evidence, chosen)), chosen)
-    causes = tuple(_sized(found, evidence, chosen, fitted))
-    return ExplainedFit(causes, _caused(evidence, chosen, fitted), tuple(chosen), fitted)
+    sizes, caused_Nm = _sizes(evidence, chosen, fitted), np.zeros_like(evidence.rows.residual_Nm)
+    for effect, size in sizes:
+        caused_Nm += np.einsum("pth,t->ph", effect.lines, size)
+    causes = tuple(replace(cause, size=size) for cause, (_, size) in zip(found, sizes, strict=True))
+    return ExplainedFit(causes, caused_Nm, tuple(chosen), fitted)
 
 
-def _sized(
-    found: Sequence[Cause], evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows
-) -> Iterator[Cause]:
-    """Yield the causes with their sizes in a fit with all of them: each would bias the others."""
-    terms = [evidence.effects[number].lines.shape[1] for number in chosen]
-    ends = evidence.rows.columns.shape[1] + np.cumsum(terms)
-    sizes = [
-        fitted.solution[end - count : end]
-        for number, end, count in zip(chosen, ends, terms, strict=True)
-        if evidence.effects[number].name != COGGING
-    ]
-    for cause, size in zip(found, sizes, strict=True):
-        yield replace(cause, size=size)
+def _sizes(
+    evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows
+) -> list[tuple[Effect, np.ndarray]]:
+    """Return the chosen departures with their sizes in a fit with all: each would bias the others.
+
+    Orders of cogging torque are none.
+    """
+    effects = [evidence.effects[number] for number in chosen]
+    ends = np.cumsum([evidence.rows.columns.shape[1], *(one.lines.shape[1] for one in effects)])
+    sizes = np.split(fitted.solution, ends)[1:-1]
+    pairs = zip(effects, sizes, strict=True)
+    return [(effect, size) for effect, size in pairs if effect.name != COGGING]
 
 
 @dataclass(frozen=True)
@@ -152,18 +154,6 @@ def _cause(evidence: Evidence, chosen: Sequence[int], shown: _Shown, subspace: n
         shifts=np.array(moved) @ subspace.T,
         alike=tuple(sorted({evidence.effects[n].name for n in alike})),
     )
-
-
-def _caused(evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows) -> np.ndarray:
-    """Return the lines (points, orders) of the chosen effects, in the sizes of a fit with them."""
-    lines = np.zeros_like(evidence.rows.residual_Nm)
-    place = evidence.rows.columns.shape[1]
-    for effect in (evidence.effects[number] for number in chosen):
-        end = place + effect.lines.shape[1]
-        if effect.name != COGGING:
-            lines += np.einsum("pth,t->ph", effect.lines, fitted.solution[place:end])
-        place = end
-    return lines
 
 
 def _alike(effects: Sequence[Effect], gains: Sequence[Gain], number: int) -> list[int]:

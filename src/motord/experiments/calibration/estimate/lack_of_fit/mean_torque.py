@@ -18,7 +18,6 @@ from motord.identification.torque.torque_of_currents import (
     SHOWN_PART,
     MeanTorque,
     Slope,
-    phase_torques_Nm,
     slope_of,
 )
 from motord.intervals import coverage_factor
@@ -37,7 +36,7 @@ class MeanTorques:
         if not self._passes_mean:
             return
         back_emf = samples.back_emf_factor * self._back_emf[samples.count[samples.whole]]
-        phases_Nm = phase_torques_Nm(samples.i_A[samples.whole], back_emf).mean(axis=0)
+        phases_Nm = (samples.i_A[samples.whole] * back_emf).mean(axis=0)
         measured_Nm = float(samples.torque_Nm[samples.whole].mean())
         self._points.append(MeanTorque(measured_Nm, phases_Nm, samples.velocity_Hz))
 

@@ -191,6 +191,13 @@ class Regression:
         matrix = self._choose(CURRENT, RATE, delays, ZOH_SHARE * self.period_s**2)
         return matrix[: self.basis.command.start]
 
+    def residual_lines(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Return the lines (groups, orders) that parameters theta (p,) leave at each point."""
+        spectra = [point.spectrum for point in self.points]
+        highest = min(spectrum.highest for spectrum in spectra)
+        coefficients = self.coefficients(theta)
+        return [spectrum.residual(coefficients)[:, :highest] for spectrum in spectra]
+
     def _choose(self, current: slice, rate: slice, delays: np.ndarray, zoh_s2: float) -> np.ndarray:
         """Return the matrix that makes regressors, or instruments, of the columns."""
         waves = 2 * self.orders
