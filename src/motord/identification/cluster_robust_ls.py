@@ -70,7 +70,7 @@ class BiasReduction:
         scale = np.sqrt(np.maximum(np.diag(regressors.inverse), 1e-300))
         sizes, vectors = np.linalg.eigh(regressors.inverse / np.outer(scale, scale))
         root = scale[:, None] * vectors * np.sqrt(np.maximum(sizes, 0.0))
-        parts = [x @ root for x in regressors.split(regressors.columns)]
+        parts = [x @ root for x in split(regressors.columns, regressors.first)]
         leverage = np.array([part.T @ part for part in parts])
         shares, axes = np.linalg.eigh(leverage)
         complement = 1.0 - shares
@@ -94,7 +94,7 @@ class BiasReducedFit:
     def influence(self) -> np.ndarray:
         """Influence (p, g) of each cluster on the solution, by its adjusted residuals."""
         reduction = self.regressors.bias_reduction
-        pairs = zip(reduction.parts, self.regressors.split(self.residual), strict=True)
+        pairs = zip(reduction.parts, split(self.residual, self.regressors.first), strict=True)
         scores = np.array([part.T @ e for part, e in pairs])
         return np.asarray(reduction.root @ np.einsum("gij,gj->ig", reduction.adjustment, scores))
 
@@ -149,10 +149,6 @@ class Regressors:
         inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(scale, scale)
         return cls(columns, inverse, first, least_turns)
 
-    def split(self, values: np.ndarray) -> list[np.ndarray]:
-        """Return rows (n, ...) of each turn."""
-        return split(values, self.first)
-
     def solved(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the solution (p,) of a fit of values (n,) and its residual (n,)."""
         solution = self.inverse @ (self.columns.T @ values)
@@ -172,7 +168,7 @@ class Regressors:
         """
         solution, residual, noise = self._with_noise(values)
         homoskedastic = noise**2 * self.inverse
-        pairs = zip(self.split(self.columns), self.split(residual), strict=True)
+        pairs = zip(split(self.columns, self.first), split(residual, self.first), strict=True)
         scores = np.array([x.T @ e for x, e in pairs])
         more = _inflation(self.inverse @ scores.T, np.diag(homoskedastic), self.least_turns)
         return ClusterFit(solution, homoskedastic * np.outer(more, more), residual, noise)

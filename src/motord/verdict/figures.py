@@ -85,7 +85,8 @@ def _figure(
         data, others, _ = totals(budget)
         type_b = _of_budget(others, kind, key)
         if not row.of_error:
-            type_a, freedom = _of_budget(data, kind, key), _fewer(freedom, _freedom_of(data, kind))
+            type_a = _of_budget(data, kind, key)
+            freedom = _fewer(freedom, data.degrees_of_freedom[BUDGETS.index(kind.budget)])
     if type_a is None or not type_a > 0:
         return Figure(name, kind.unit, value, None, None, "its uncertainty is not stated")
     whole = hypot(type_a, type_b)
@@ -116,10 +117,6 @@ def _type_a(row: StatedQuantity) -> tuple[float | None, float | None, bool]:
 def _fewer(one: float | None, other: float | None) -> float | None:
     """Return the fewer of degrees of freedom, None being many."""
     return min((f for f in (one, other) if f is not None), default=None)
-
-
-def _freedom_of(total: Contribution, kind: FigureKind) -> float | None:
-    return total.degrees_of_freedom[BUDGETS.index(kind.budget)]
 
 
 def _of_budget(total: Contribution, kind: FigureKind, key: Mapping[str, Any]) -> float:

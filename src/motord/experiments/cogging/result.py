@@ -24,11 +24,6 @@ class TorqueHarmonic:
     phase_rad: float
     stderr_Nm: float
 
-    @property
-    def significant(self) -> bool:
-        """True if it is beyond three standard errors, so that its phase says something."""
-        return self.amplitude_Nm > 3 * self.stderr_Nm
-
 
 @dataclass(frozen=True)
 class MeanHarmonic(TorqueHarmonic):
@@ -44,8 +39,9 @@ class MeanHarmonic(TorqueHarmonic):
 
     @property
     def cells(self) -> tuple[str, str, str]:
-        """Order, amplitude (mNm) and phase (rad) as text."""
-        phase = plus_minus(self.phase_rad, self.phase_half_width_rad) if self.significant else ""
+        """Order, amplitude (mNm) and, beyond three standard errors, phase (rad) as text."""
+        significant = self.amplitude_Nm > 3 * self.stderr_Nm
+        phase = plus_minus(self.phase_rad, self.phase_half_width_rad) if significant else ""
         amplitude = plus_minus(1e3 * self.amplitude_Nm, 1e3 * self.half_width_Nm)
         return str(self.order), amplitude, phase
 

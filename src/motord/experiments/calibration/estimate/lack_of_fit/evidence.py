@@ -68,4 +68,5 @@ class Evidence:
         """Return the rows with the chosen effects in the model."""
         if not chosen:
             return weighed
-        return weighed.with_columns(np.column_stack([self.columns(weighed, n) for n in chosen]))
+        more = [self.columns(weighed, number) for number in chosen]
+        return replace(weighed, x=np.column_stack([weighed.x, *more]))

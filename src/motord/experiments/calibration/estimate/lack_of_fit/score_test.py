@@ -7,7 +7,7 @@ parameters would move to X^+ (y - G S^+ b).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -106,10 +106,6 @@ class WeighedRows:
         """Return the rows (n, terms) of an effect: lines (points, terms, orders), (m, terms)."""
         rows = _stacked(lines, further, self.weight)
         return self.directions.whitened(rows, self.gain_variance)
-
-    def with_columns(self, more: np.ndarray) -> "WeighedRows":
-        """Return the same with columns (n, terms) added to the model."""
-        return replace(self, x=np.column_stack([self.x, more]))
 
     @cached_property
     def solution(self) -> np.ndarray:
