@@ -2,7 +2,9 @@
 
 A weighted least squares with instruments. alpha's torque grows with the set-point, cogging does
 not, and beta's torque has other orders: fitted together they are separated, which the residual
-estimator cannot do. Star-connected motors add Kirchhoff's law, sum_p (alpha_p i*_p + beta_p) = 0.
+estimator cannot do. A turn weighs 1 / s_j^2, s_j^2 the mean of the squares that the round before
+left unexplained in the turns of its operating point j. Star-connected motors add Kirchhoff's law,
+sum_p (alpha_p i*_p + beta_p) = 0.
 """
 
 from dataclasses import dataclass
