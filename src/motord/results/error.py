@@ -1,5 +1,7 @@
 """What a results store cannot do, and the packages that it needs."""
 
+import atexit
+import gc
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -23,7 +25,12 @@ def require_parquet() -> None:
 
 def duckdb() -> ModuleType:
     """Return duckdb. Raises ResultsError where it is not installed."""
-    return _loaded("duckdb")
+    module = _loaded("duckdb")
+    atexit.unregister(gc.unfreeze)
+    atexit.register(
+        gc.unfreeze
+    )  # else objects that refer to it outlive it, which it prints at exit
+    return module
 
 
 def fsspec() -> ModuleType:

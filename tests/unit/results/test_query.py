@@ -1,12 +1,15 @@
 """SQL sees the results and nothing else, and changes nothing."""
 
 import math
+import subprocess
+import sys
 from datetime import datetime
 
 import pytest
 
 from motord.results.error import ResultsError
 from motord.results.query import query
+from tests.support.patience import PATIENCE_S
 from tests.unit.results.made_up import fill
 
 
@@ -178,3 +181,13 @@ def test_settings_hold_by_themselves_not_only_by_the_kind_of_statement(
         with pytest.raises(ResultsError, match=r"^SQL: "):
             query(table, sql.format(csv=tmp_path / "a.csv", parquet="x.parquet", folder=tmp_path))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_command_that_asks_prints_the_answer_and_nothing_else(folder, table):
+    del table  # the folder is filled with it
+    sql = "SELECT count(*) AS n FROM results"
+    done = subprocess.run(
+        [sys.executable, "-m", "motord", "results", "query", sql, "--csv", "--store", folder],
+        check=False, capture_output=True, text=True, timeout=PATIENCE_S,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout.split(), done.stderr) == (0, ["n", "3"], "")
