@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from motord.cli.common_options import BenchFile, ReadyAsJson
 from motord.cli.connection_options import print_answer
-from motord.cli.console import explain_first_run
+from motord.cli.console import explain_first_run, remark
 from motord.process.collector_pause import collector_paused
 
 if TYPE_CHECKING:
@@ -26,5 +26,7 @@ def run(
         where = ", ".join(bench.zenoh.listen)
         print_answer(ready, f"ready: bench {bench.bench.name} at {where}", as_json)
 
+    if config is None and not as_json:
+        remark("no bench file (-c FILE): this is the packaged simulated bench")
     explain_first_run(silent=as_json)
     run_daemon(config or packaged("sim.toml"), say_ready)
