@@ -7,7 +7,7 @@ import pytest
 
 from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT
 from motord.cli.bench import overview
-from motord.cli.bench.status import table
+from motord.cli.bench.status import show, table
 from motord.cli.bench.watch import command
 from motord.client.roster import BenchEntry
 from motord.dashboard.overview.bench_list import described
@@ -23,6 +23,15 @@ def rows(**changes):
 
 def entry(**changes):
     return BenchEntry("a", state(**changes), 0.1, True, 1, "", "tcp/127.0.0.1:7447")
+
+
+def test_into_a_pipe_each_row_is_a_line_that_nothing_is_added_to(capsys):
+    long = {**TRIP, "fault": "x" * 600, "remedy": ""}
+    show(state(**long))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [line.rstrip() for line in lines]
+    assert len(lines) == len(rows(**long))
+    assert any(line.split(maxsplit=1) == ["fault", "x" * 600] for line in lines)
 
 
 @pytest.mark.parametrize(("changes", "shown"), [(SILENT, [HANGING_REMEDY]), ({}, [])])

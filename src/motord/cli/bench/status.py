@@ -77,11 +77,15 @@ def _show(event: "Event", as_json: bool) -> None:
 
 
 def show(state: "BenchState") -> None:
-    """Print a state; where it is no terminal, whatever its lines are long."""
+    """Print a state; where it is no terminal each row is one line, whatever its length."""
     console = plain_console()
-    if not console.is_terminal:
-        console.width = 500
-    console.print(table(state))
+    if console.is_terminal:
+        console.print(table(state))
+        return
+    rows = _rows(state)
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        print_line(f"{name:<{width}}  {value}".rstrip())
 
 
 def table(state: "BenchState") -> "Table":
