@@ -182,12 +182,14 @@ class CramerRao(Part):
 
     def to_text(self) -> list[str]:
         """Return what a calibration's text says of it, a line each."""
-        named = self.held_back_by if self.efficiency < 1.0 else ""  # above 1 by chance: no rest
-        most = f"; most of the rest: {named}" if named else ""
+        named = self.held_back_by
+        rest = f"; most of the rest: {named}" if named else ""
+        if self.efficiency > 1.0:
+            rest = ", above 1 by chance"
         return [
             f"predicted ripple, by the errors of Type A: {self.ripple_percent:.2g} % of rated "
             f"torque, below {self.ripple_upper_percent:.2g} % (95 %)",
-            f"efficiency {self.efficiency:.2f} of the Cramer-Rao bound (ripple){most}",
+            f"efficiency {self.efficiency:.2f} of the Cramer-Rao bound (ripple){rest}",
         ]
 
     @property

@@ -1,7 +1,7 @@
 """`motord demo`: calibration of the simulated rig in virtual time: progress, table and report."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,8 @@ from motord.cli.reproduce import stage_progress
 from motord.cli.viewers import open_page
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from motord.report.text import TextTable
     from motord.reproduce.demo import Demo
 
@@ -61,22 +63,33 @@ def _print(found: "Demo") -> None:
             TextTable(title, ["", *(f"{speed_Hz:g} Hz" for speed_Hz in speeds_Hz)], rows),
             f"mean {before['mean']:.2f} % before, {after['mean']:.2f} % after "
             f"(worst point {after['max']:.2f} %)",
-            _gain_table(summary),
+            _gain_table(found),
             f"{summary['bench_s']:.0f} s on the bench took {summary['wall_s']:.0f} s; "
             f"report: {found.files['report']}, calibration: {found.files['calibration']}",
         ]
     )
 
 
-def _gain_table(summary: dict[str, Any]) -> "TextTable":
+def _gain_table(found: "Demo") -> "TextTable":
     from motord.report.text import TextTable
+    from motord.reproduce.bench import true_estimate
 
-    columns = [summary[name] for name in ("truth", "joint", "residual")]
+    truth = true_estimate(found.truth, found.config.motor.counts)
+    columns = (truth, found.calibrated.joint, found.calibrated.residual)
+    alpha = [(one.alpha, one.alpha_half_width) for one in columns]
+    beta_A = [(one.beta_A, one.beta_half_width_A) for one in columns]
     rows = [
-        [f"{key.removesuffix('_A')} {'abc'[phase]}"]
-        + [f"{column[key][phase]:.{digits}f}{unit}" for column in columns]
-        for key, digits, unit in (("alpha", 4, ""), ("beta_A", 3, " A"))
+        [f"{name} {'abc'[phase]}", *(_figure(*column, phase) for column in estimates)]
+        for name, estimates in (("alpha", alpha), ("beta (A)", beta_A))
         for phase in range(3)
     ]
-    header = ("", "truth", "joint estimator", "residual estimator (report)")
-    return TextTable("identified parameters, compared with the truth", header, rows)
+    header = ("", "truth", "joint estimator", "residual estimator (2008)")
+    return TextTable("identified parameters, 95 %, compared with the truth", header, rows)
+
+
+def _figure(values: "np.ndarray", half_widths: "np.ndarray | None", phase: int) -> str:
+    """Return a phase's value, with half of its interval unless it is true."""
+    from motord.intervals import plus_minus
+
+    value = values[phase]
+    return f"{value:.4f}" if half_widths is None else plus_minus(value, half_widths[phase])

@@ -5,8 +5,9 @@ is not the same in both, so the products of their spectra have no share of it on
 sensor's frequency response is divided out order by order.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
 from motord.identification.signal_condition import SignalFault
 from motord.identification.torque.torque_sensor import order_below_resonance, response
+from motord.intervals import coverage_factor
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,13 @@ class PointRipple:
         waves = np.exp(1j * np.outer(angle_rad, self.order))
         return np.asarray((waves @ self.line_Nm).real)
 
+    def with_scale_error(self, scale: float) -> "PointRipple":
+        """Return it with the standard uncertainty of the torque's scale, in parts (Type B)."""
+        if self.stderr_percent is None:
+            return self
+        stderr_percent = hypot(self.stderr_percent, scale * self.rms_percent)
+        return replace(self, stderr_percent=stderr_percent)
+
 
 def with_rms(
     ripple: PointRipple, rms_Nm: float, stderr_Nm: float, rated_torque_Nm: float
@@ -121,10 +130,29 @@ def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
 
     Of several takes of a set-point the mean counts.
     """
-    found: dict[TorqueSpeed, tuple[list[float], list[float]]] = {}
+    return _by_set_point(ripples, lambda ripple: ripple.rms_percent)
+
+
+def rms_half_widths(ripples: Sequence[PointRipple]) -> RmsErrors:
+    """Return half of the 95 % interval of each of `rms_errors`, None where one is not known.
+
+    Of a mean it is that of errors which are the same in all: the widest it may be.
+    """
+    return _by_set_point(ripples, _half_width)
+
+
+def _half_width(ripple: PointRipple) -> float | None:
+    known = ripple.stderr_percent
+    return None if known is None else coverage_factor() * known
+
+
+def _by_set_point(
+    ripples: Sequence[PointRipple], value: Callable[[PointRipple], float | None]
+) -> RmsErrors:
+    found: dict[TorqueSpeed, tuple[list[float | None], list[float | None]]] = {}
     for ripple in ripples:
         lists = found.setdefault((ripple.torque_Nm, ripple.speed_Hz), ([], []))
-        lists[ripple.compensate != 0].append(ripple.rms_percent)
+        lists[ripple.compensate != 0].append(value(ripple))
     return RmsErrors.of(
         tuple(
             RmsPoint(
@@ -135,8 +163,10 @@ def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
     )
 
 
-def _mean(values: list[float]) -> float | None:
-    return sum(values) / len(values) if values else None
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Return the mean; None if there are no values, or one is not known."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:

@@ -2,8 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
-from motord.calibration import RmsErrors, RmsPoint, by_magnitude
+from motord.calibration import RmsErrors
+from motord.intervals import plus_minus
+
+WHEN = {"before": "without compensation", "after": "with compensation"}
+"""What the RMS errors of a set-point are called in a table."""
 
 
 @dataclass(frozen=True)
@@ -16,29 +21,36 @@ class TextTable:
     left: Sequence[int] = ()
 
 
-def error_table(errors: RmsErrors) -> Iterator[str | TextTable]:
-    """Yield the errors by torque and speed, then mean and worst."""
-    points = by_magnitude({(point.torque_Nm, point.speed_Hz): point for point in errors.points})
-    speeds_Hz = sorted({speed_Hz for _, speed_Hz in points})
+def error_table(errors: RmsErrors, half_widths: RmsErrors) -> Iterator[str | TextTable]:
+    """Yield the errors of each set-point with their 95 % intervals, then mean and worst.
+
+    half_widths: of the intervals, for the same points; of a mean it is the mean of them.
+    """
+    measured = [name for name in WHEN if getattr(errors, name) is not None]
+    pairs = list(zip(errors.points, half_widths.points, strict=True))
     yield TextTable(
-        f"RMS error of the measured torque, % of rated: {_which(errors)}",
-        ["", *(f"{speed_Hz:g} Hz" for speed_Hz in speeds_Hz)],
+        "RMS error of the measured torque, % of rated, 95 %",
+        ("torque (Nm)", "speed (Hz)", *(WHEN[name] for name in measured)),
         [
-            [f"{torque_Nm:g} Nm", *(_cell(points.get((torque_Nm, at_Hz))) for at_Hz in speeds_Hz)]
-            for torque_Nm in sorted({torque_Nm for torque_Nm, _ in points})
+            (
+                f"{point.torque_Nm:g}",
+                f"{point.speed_Hz:g}",
+                *(_figure(getattr(point, name), getattr(half, name)) for name in measured),
+            )
+            for point, half in pairs
         ],
     )
-    for name, summary in (("before", errors.before), ("after", errors.after)):
-        if summary is not None:
-            yield f"{name}: mean {summary.mean:.2f} %, worst {summary.max:.2f} %"
+    for name in measured:
+        figures = [(getattr(point, name), getattr(half, name)) for point, half in pairs]
+        values, known = zip(*(one for one in figures if one[0] is not None), strict=True)
+        half_width = None if None in known else sum(known) / len(known)
+        mean = _figure(sum(values) / len(values), half_width)
+        worst = _figure(*max(zip(values, known, strict=True), key=itemgetter(0)))
+        yield f"{name}: mean {mean} %, worst {worst} %"
 
 
-def _which(errors: RmsErrors) -> str:
-    if errors.before is not None and errors.after is not None:
-        return "before > after"
-    return "without compensation" if errors.after is None else "with compensation"
-
-
-def _cell(point: RmsPoint | None) -> str:
-    values = () if point is None else (point.before, point.after)
-    return " > ".join(f"{value:.2f}" for value in values if value is not None)
+def _figure(value: float | None, half_width: float | None) -> str:
+    """Return a figure with half of its interval, or with two decimals if that is not known."""
+    if value is None:
+        return ""
+    return f"{value:.2f}" if half_width is None else plus_minus(value, half_width)

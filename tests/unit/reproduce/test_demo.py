@@ -1,6 +1,7 @@
 """The demo's quick form, in this process: its table, its files; what it and `reproduce` refuse."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,8 @@ def test_it_prints_before_and_after_and_where_things_are(quick: tuple[Path, str]
     folder, output = quick
     assert "before→after" in output
     assert "worst point" in output
-    assert "residual estimator" in output
+    assert "residual estimator (2008)" in output
+    assert len(re.findall(r"(alpha|beta \(A\)) [abc] .* \+- .* \+- ", output)) == 6
     assert str(folder / "report.html") in output.replace("\n", "")
 
 

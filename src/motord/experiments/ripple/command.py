@@ -42,7 +42,7 @@ def estimate(
 
 
 def _text(found: MeshRipple, _: Recordings) -> Iterator[str | TextTable]:
-    yield from error_table(found.errors)
+    yield from error_table(found.errors, found.half_widths)
     if shares := found.explained:
         measured = sum(s.sampled_percent for s in shares) / len(shares)
         currents = sum(s.reconstructed_percent for s in shares) / len(shares)

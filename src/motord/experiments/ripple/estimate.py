@@ -14,7 +14,6 @@ to have been compensated out of phase.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from math import hypot
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,6 +35,7 @@ from motord.identification.point_ripple import (
     repeating_rms,
     ripple_of,
     rms_errors,
+    rms_half_widths,
 )
 from motord.identification.zero_sequence import is_missing, restored
 from motord.recording.captures import captures
@@ -93,6 +93,16 @@ class MeshRipple:
         return rms_errors(self.ripples)
 
     @property
+    def half_widths(self) -> RmsErrors:
+        """Half of the 95 % interval of each of `errors`."""
+        return rms_half_widths(self.scaled)
+
+    @property
+    def scaled(self) -> list[PointRipple]:
+        """The ripples with the uncertainty of the torque's scale."""
+        return [one.with_scale_error(self.scale) for one in self.ripples]
+
+    @property
     def rms_error_percent(self) -> dict[str, Any]:
         """The RMS errors as JSON has them."""
         return self.errors.model_dump(mode="json")
@@ -101,15 +111,9 @@ class MeshRipple:
     def points(self) -> list[dict[str, Any]]:
         """The operating points as JSON has them."""
         return [
-            {**encode(self._scaled(ripple)), **(encode(share) if share else {})}
-            for ripple, share in zip_longest(self.ripples, self.explained)
+            {**encode(ripple), **(encode(share) if share else {})}
+            for ripple, share in zip_longest(self.scaled, self.explained)
         ]
-
-    def _scaled(self, ripple: PointRipple) -> PointRipple:
-        if ripple.stderr_percent is None:
-            return ripple
-        stderr_percent = hypot(ripple.stderr_percent, self.scale * ripple.rms_percent)
-        return replace(ripple, stderr_percent=stderr_percent)
 
 
 def ripples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -> list[PointRipple]:
