@@ -69,12 +69,12 @@ def check_torque_changes(config: Config, torques_Nm: Iterable[float]) -> None:
 
 def check_speed(config: Config, speed_Hz: float) -> None:
     """Refuse a speed too near to the over-speed trip. Raises PlanError."""
-    speed_rad_s = 2 * math.pi * speed_Hz
-    if not abs(speed_rad_s) <= SPEED_MARGIN * config.limits.trip_speed_rad_s:
+    trip_rad_s = config.limits.trip_speed_rad_s
+    most_Hz = SPEED_MARGIN * trip_rad_s / (2 * math.pi)
+    if not abs(speed_Hz) <= most_Hz:
         raise PlanError(
-            f"{speed_Hz:g} Hz is within 20 % of the over-speed trip, [limits] "
-            f"trip_speed_rad_s = {config.limits.trip_speed_rad_s:g} "
-            f"({speed_rad_s:.3g} rad/s asked)"
+            f"{abs(speed_Hz):g} Hz is above {most_Hz:g} Hz, {100 * SPEED_MARGIN:g} % of [limits] "
+            f"trip_speed_rad_s = {trip_rad_s:g}"
         )
 
 

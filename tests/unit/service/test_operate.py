@@ -215,7 +215,7 @@ def test_a_set_that_trips_while_enabling_leaves_nothing_behind(service):
 def test_the_drive_may_not_be_set_near_the_over_speed_trip():
     service = VirtualService(drive={"speed_max_rad_s": 100.0})
     said = refused(service, "refused", "set", token=service.acquire(), drive_Hz=4.0)
-    assert "within 20 % of the over-speed trip" in said
+    assert " Hz, 80 % of [limits] trip_speed_rad_s" in said
 
 
 def test_torque_needs_an_enabled_bench_and_the_drive_one_that_is_watched(service):

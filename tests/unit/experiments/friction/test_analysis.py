@@ -287,7 +287,7 @@ def test_a_dry_run_finds_every_point_fine() -> None:
     ("settings", "message"),
     [
         ({"torque_Nm": 60.0}, "above .limits. torque_Nm"),
-        ({"start_speed_Hz": 3.0}, "within 20 % of the over-speed trip"),
+        ({"start_speed_Hz": 3.0}, " Hz, 80 % of .limits. trip_speed_rad_s"),
         ({"stop_speed_Hz": 2.5}, "stop_speed_Hz must be below start_speed_Hz"),
         ({"speed_Hz": 1.0}, "setting speed_Hz"),
         ({"compensate": "on"}, "compensate is always 'off'"),

@@ -29,7 +29,7 @@ def envelope(config: Config, **settings: object) -> Envelope:
         (5.0, 4.0, {}, ""),
         (-5.0, -4.0, {}, ""),
         (6.1, 4.0, {}, "above [limits] torque_Nm"),
-        (1.0, 11.0, {}, "within 20 % of the over-speed trip"),
+        (1.0, 11.0, {}, " Hz, 80 % of [limits] trip_speed_rad_s"),
         (5.0, 1.0, {}, "the brake holds at most 3.66 Nm at 1 Hz"),
         (-1.0, 4.0, {}, "more than the external drive carries"),
         (-1.0, 4.0, {"drive_torque_Nm": 1.0}, ""),
