@@ -124,7 +124,8 @@ class Certificate:
         )
         bound = self.verdict.nonconformance_bound
         if self.verdict.decision == "pass" and bound is not None:
-            yield f"That any figure lies outside has a probability of at most {percent(bound)}."
+            most = percent(bound).removeprefix("< ")
+            yield f"That any figure lies outside has a probability of at most {most}."
         yield (
             "Pictures: a limit is a line; within the darker part a value passes; the mark is the "
             "value, with U."

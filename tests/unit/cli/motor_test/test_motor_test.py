@@ -53,6 +53,7 @@ def test_the_decision_is_the_exit_code(high, code, decision, folder, analysed):
     assert f"{MOTOR}, serial {SERIAL}: {decision}" in page
     assert hashlib.sha256(Path("a.mcap").read_bytes()).hexdigest() in page
     assert hashlib.sha256(Path("pump.toml").read_bytes()).hexdigest() in page
+    assert ("lies outside has a probability of at most 0.05 %." in page) == (decision == "pass")
 
 
 def test_json_has_every_figure_with_its_limits_and_probability(analysed):
