@@ -16,7 +16,7 @@ from motord.identification.point_ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
 from motord.recording.reader import bounds_of, open_run
 from motord.report.style import PALETTE
-from motord.reproduce.between_ticks import COLUMNS, BetweenTicks
+from motord.reproduce.evaluate import COLUMNS, BetweenTicks
 from motord.rig.truth import load as load_truth
 
 FILE = Path(__file__).resolve().parent.parent / "docs/images/ripple.svg"

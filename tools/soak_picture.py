@@ -5,7 +5,7 @@ from pathlib import Path
 
 from motord.experiments.plans import build
 from motord.experiments.soak.estimate import soak_trends
-from motord.experiments.soak.plots import over_time
+from motord.experiments.soak.report import over_time
 from motord.experiments.subject import Recordings
 from motord.report.style import drawing
 from motord.simulate import PlanSource, record_plan

@@ -22,9 +22,8 @@ from motord.sequencing import Plan
 from motord.sequencing.quality import GOOD
 from motord.untrusted import read_text
 from motord.virtual.bench import rig_and_faults
-from motord.virtual.channels import channel_readings
 from motord.virtual.mesh import ROW_BYTES, MeshPiece, run_points
-from motord.virtual.plan import PlanFailed
+from motord.virtual.plan import PlanFailed, channel_readings
 from motord.virtual.preflight import BY_HAND
 
 CHUNK_S = 1.0

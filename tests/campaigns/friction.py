@@ -14,7 +14,7 @@ from math import radians
 
 import numpy as np
 
-from motord.experiments.friction.coast_down import CoastDown
+from motord.experiments.friction.coast_down_rows import CoastDown
 from motord.experiments.friction.result import DirectionalFriction
 from motord.virtual import processors
 from tests.campaigns import departed, seeds

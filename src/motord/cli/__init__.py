@@ -16,7 +16,7 @@ from motord.process.module_command import shield_from_working_folder
 from motord.process.standard_streams import lost_output, outlive_readers
 
 COMMANDS = {
-    "demo": "motord.cli.demo:demo",
+    "demo": "motord.cli.reproduce:demo",
     "new": "motord.cli.setup.new:new",
     "reproduce": "motord.cli.reproduce:reproduce",
     "run": "motord.cli.run:run",
@@ -27,7 +27,7 @@ COMMANDS = {
     "status": "motord.cli.bench.status:status",
     "watch": "motord.cli.bench.watch.command:watch",
     "events": "motord.cli.bench.status:events",
-    "dashboard": "motord.cli.viewers.dashboard:dashboard",
+    "dashboard": "motord.cli.viewers:dashboard",
     "enable": "motord.cli.bench.operate:enable",
     "disable": "motord.cli.bench.operate:disable",
     "stop": "motord.cli.bench.operate:stop",
@@ -45,7 +45,7 @@ COMMANDS = {
     "record": "motord.cli.record.commands:app",
     "archive": "motord.cli.record.archiving:archive",
     "security": "motord.cli.security:app",
-    "bridge": "motord.cli.viewers.bridge:app",
+    "bridge": "motord.cli.viewers:app",
     "latency": "motord.cli.latency:latency",
 }
 """Command to `module:object`; the object is a function or a typer app."""

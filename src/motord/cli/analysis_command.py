@@ -14,7 +14,13 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.cli.batch_analysis import Rehash, Retry, Scheduler, Workers, analyse_batch, of_each
-from motord.cli.common_options import ResultAsJson, bench_file, output_file
+from motord.cli.common_options import (
+    ResultAsJson,
+    bench_file,
+    bench_files,
+    check_output_files,
+    output_file,
+)
 from motord.cli.console import (
     CommandGroup,
     group,
@@ -24,7 +30,6 @@ from motord.cli.console import (
     remark,
     single,
 )
-from motord.cli.output_files import bench_files, check_output_files
 from motord.cli.results.store_options import AnalysisStorage, Store
 
 if TYPE_CHECKING:

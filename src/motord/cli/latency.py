@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.analysis_command import print_text
-from motord.cli.common_options import AsJson, bench_file
+from motord.cli.common_options import AsJson, bench_file, bench_files, check_output_files
 from motord.cli.console import fail, print_json, progress_bar
-from motord.cli.output_files import bench_files, check_output_files
 
 if TYPE_CHECKING:
     from motord.config import LoopConfig

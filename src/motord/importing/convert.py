@@ -13,9 +13,8 @@ from motord.importing.binary.mdf import MdfSource, begins_as_mdf
 from motord.importing.binary.tdms import TdmsSource, begins_as_tdms
 from motord.importing.column_map import ColumnMap
 from motord.importing.csv.source import CsvSource
-from motord.importing.currents import remarks
 from motord.importing.mapping import ImportMap, load_map, load_mapped_motor
-from motord.importing.point_builder import PointBuilder
+from motord.importing.point_builder import PointBuilder, remarks
 from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
 from motord.importing.source import RowSource, readable

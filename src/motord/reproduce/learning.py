@@ -19,8 +19,7 @@ from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData, split
 from motord.identification.point_ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
-from motord.reproduce.between_ticks import BetweenTicks
-from motord.reproduce.evaluate import Errors
+from motord.reproduce.evaluate import BetweenTicks, Errors
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.schema import joined

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from motord.cli import demo as demo_module
+from motord.cli import reproduce as demo_module
 from motord.cli import viewers
 from motord.cli.viewers import open_page
 
@@ -82,6 +82,6 @@ def test_the_demo_ends_with_its_report(
     found = SimpleNamespace(files={"report": report}, summary={})
     monkeypatch.setattr("motord.reproduce.demo.run_demo", lambda *_: found)
     monkeypatch.setattr("motord.reproduce.demo.write_report", lambda _: None)
-    monkeypatch.setattr(demo_module, "_print", lambda _: None)
+    monkeypatch.setattr(demo_module, "_print_demo", lambda _: None)
     demo_module.demo(out=tmp_path, **options)
     assert opened == [report.as_uri()] * pages

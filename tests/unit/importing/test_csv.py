@@ -8,7 +8,7 @@ import pytest
 
 from motord.config import ConfigError
 from motord.config.reading import load_motor
-from motord.importing.currents import TorqueOfCurrents, remarks
+from motord.importing.point_builder import TorqueOfCurrents, remarks
 from motord.recording.errors import RecordError
 from motord.schema import Flag
 from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv, write_motor

@@ -5,7 +5,7 @@ import pytest
 
 from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.identification.point_ripple import rms_error_percent
-from motord.reproduce.between_ticks import COLUMNS, PARTS, BetweenTicks
+from motord.reproduce.evaluate import COLUMNS, PARTS, BetweenTicks
 from motord.rig.truth import RigTruth
 from tests.unit.identification import test_aliased_ripple as held
 

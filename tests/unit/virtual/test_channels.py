@@ -5,7 +5,7 @@ import pytest
 
 from motord.config import ChannelConfig
 from motord.schema import TRUTH_DTYPE
-from motord.virtual.channels import channel_readings, newest
+from motord.virtual.plan import channel_readings, newest
 
 MS = 1_000_000
 

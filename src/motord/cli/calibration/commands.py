@@ -9,10 +9,9 @@ import typer
 from motord.cli.bench.wording import tracked_lines
 from motord.cli.calibration.export import export
 from motord.cli.calibration.in_force import CalibrationFile, load_in_force
-from motord.cli.common_options import AsJson, output_file
+from motord.cli.common_options import AsJson, check_output_files, output_file
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result, remark
-from motord.cli.output_files import check_output_files
 
 app = group("Calibration files: show, list, install, export for a drive, adopt what is tracked.")
 app.command()(export)

@@ -7,10 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.calibration.in_force import CalibrationFile, load_in_force
-from motord.cli.common_options import AsJson, Overwrite, bench_file, output_file
+from motord.cli.common_options import (
+    AsJson,
+    Overwrite,
+    bench_file,
+    bench_files,
+    check_output_files,
+    output_file,
+)
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_json, remark
-from motord.cli.output_files import bench_files, check_output_files
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.common_options import ResultAsJson
+from motord.cli.common_options import ResultAsJson, check_output_files
 from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
 from motord.cli.motor_test.station import run_station
 from motord.cli.motor_test.testing import MotorTests
-from motord.cli.output_files import check_output_files
 from motord.cli.results.store_options import Store
 
 if TYPE_CHECKING:

@@ -7,10 +7,9 @@ import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.console import fail_with, group, print_json, print_line, remark
-from motord.cli.results.comparing import compare
 from motord.cli.results.printing import aligned, as_csv, as_objects
 from motord.cli.results.store_options import StoreReading, StoreToRead, named
-from motord.cli.results.trends import trend
+from motord.cli.results.trends import compare, trend
 
 app = group("Query results of analyses, follow them over time, compare them.")
 

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from motord.config import MotorConfig
-from motord.experiments.friction.coast_down import CoastDown
-from motord.experiments.friction.coast_down_rows import CoastDownRows
+from motord.experiments.friction.coast_down_rows import CoastDown, CoastDownRows
 from motord.experiments.friction.linearisation import Linearisation
 from motord.experiments.friction.two_step_fit import (
     OWN,

@@ -12,13 +12,13 @@ from math import hypot
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import (
     STRIBECK_SPEEDS,
     CoastDownFit,
     fitted,
     stribeck_speeds,
 )
+from motord.experiments.friction.coast_down_rows import CoastDown
 from motord.experiments.friction.findings import findings
 from motord.experiments.friction.lack_of_fit import WindageFit, lack_of_fit, windage_instead
 from motord.experiments.friction.result import (

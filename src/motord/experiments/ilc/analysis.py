@@ -20,8 +20,15 @@ from motord.experiments.ilc.estimate import (
     settled,
     unlearned,
 )
-from motord.experiments.ilc.order_list import Unreached, reach_text, to_learn, unreached
-from motord.experiments.ilc.seen import LEAST_TURNS, SeenRipple, seen_points
+from motord.experiments.ilc.order_list import (
+    LEAST_TURNS,
+    SeenRipple,
+    Unreached,
+    reach_text,
+    seen_points,
+    to_learn,
+    unreached,
+)
 from motord.experiments.ripple_findings import asynchronous_line
 from motord.experiments.signal_findings import require_reliable, signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.ilc.seen import SeenRipple
+from motord.experiments.ilc.order_list import SeenRipple
 from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.identification.point_ripple import repeating_rms
 from motord.learned import LearnedPoint, Verified

@@ -8,8 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from motord.experiments.inertia.error_budget import Budget, Curves, budget, curves
-from motord.experiments.inertia.improvements import Improvement, improvements
+from motord.experiments.inertia.error_budget import (
+    Budget,
+    Curves,
+    Improvement,
+    budget,
+    curves,
+    improvements,
+)
 from motord.experiments.inertia.releases import Release
 from motord.experiments.inertia.springs import SpringSetup
 from motord.findings import Finding

@@ -29,8 +29,7 @@ from motord.experiments.tracking.adopted import adopted, is_adoptable
 from motord.experiments.tracking.shift import COMMON_GAIN_DRIFT, operating_points, tracked_shift
 from motord.experiments.tracking.stated import stated
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
-from motord.experiments.tracking.turn_windows import TurnWindows
-from motord.experiments.tracking.window_lines import WindowLines, WindowModel
+from motord.experiments.tracking.window_lines import TurnWindows, WindowLines, WindowModel
 from motord.identification import IdentifyError
 from motord.intervals import t_quantile
 

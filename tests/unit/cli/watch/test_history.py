@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.cli.bench.watch.history import BUCKET_NS, SPAN_S, MinMaxHistory, column_of
+from motord.cli.bench.watch.feed import BUCKET_NS, SPAN_S, MinMaxHistory, column_of
 from tests.unit.cli.watch.samples import NOW_NS, ticks
 
 TORQUE, SPEED = 0, 1

@@ -6,9 +6,8 @@ import pytest
 from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT, bridge_action
 from motord.api.messages import Event
 from motord.cli.bench.watch import layout
+from motord.cli.bench.watch.feed import MinMaxHistory, Snapshot
 from motord.cli.bench.watch.glyphs import ASCII, UNICODE
-from motord.cli.bench.watch.history import MinMaxHistory
-from motord.cli.bench.watch.snapshot import Snapshot
 from motord.schema import BridgeStatus
 from tests.unit.cli.watch.samples import LINKS, NOW_NS, PLAN, TRIP, no_columns, state, ticks
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.cli.bench.watch.glyphs import ASCII, UNICODE, suitable
-from motord.cli.bench.watch.sparkline import axis_limits, sparkline
+from motord.cli.bench.watch.glyphs import ASCII, UNICODE, axis_limits, sparkline, suitable
 
 NAN = float("nan")
 

@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 
 from motord.config import MotorConfig, load
-from motord.experiments.friction.coast_down import CoastDown
+from motord.experiments.friction.coast_down_rows import CoastDown
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.result import Friction, Inertia
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import CoastDownFit, fitted
-from motord.experiments.friction.coast_down_rows import CoastDownRows
+from motord.experiments.friction.coast_down_rows import CoastDown, CoastDownRows
 from motord.experiments.friction.result import DirectionalFriction
 from motord.experiments.friction.two_step_fit import OWN, TwoStepFit
 from motord.identification.cluster_robust_ls import Regressors

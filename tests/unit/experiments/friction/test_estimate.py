@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from motord.experiments.analysis import encode
-from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.coast_down_fit import fitted
+from motord.experiments.friction.coast_down_rows import CoastDown
 from motord.experiments.friction.report import friction_over_speed
 from motord.experiments.friction.result import DirectionalFriction, Friction, Inertia
 from motord.identification import IdentifyError

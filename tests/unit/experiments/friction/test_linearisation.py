@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.experiments.friction.coast_down import CoastDown
-from motord.experiments.friction.coast_down_rows import CoastDownRows
+from motord.experiments.friction.coast_down_rows import CoastDown, CoastDownRows
 from motord.experiments.friction.linearisation import Linearisation
 from tests.unit.experiments.friction.coasting import (
     INERTIA,

@@ -20,8 +20,8 @@ from motord.experiments.ilc.analysis import (
     reopen,
 )
 from motord.experiments.ilc.estimate import Learning
+from motord.experiments.ilc.order_list import SeenRipple
 from motord.experiments.ilc.report import report
-from motord.experiments.ilc.seen import SeenRipple
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.operating_points import CURRENTS
 from motord.recording.captures import true_torque

@@ -11,8 +11,14 @@ from motord.experiments.ilc.estimate import (
     refine,
     unlearned,
 )
-from motord.experiments.ilc.order_list import in_lines, reach_text, shown, to_learn, unreached
-from motord.experiments.ilc.seen import SeenRipple
+from motord.experiments.ilc.order_list import (
+    SeenRipple,
+    in_lines,
+    reach_text,
+    shown,
+    to_learn,
+    unreached,
+)
 from motord.identification import IdentifyError
 from motord.learned import MAX_ORDERS
 

@@ -5,8 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.experiments.inertia.error_budget import budget, curves
-from motord.experiments.inertia.improvements import improvements, one_spring_a_side, shorter_bar
+from motord.experiments.inertia.error_budget import (
+    budget,
+    curves,
+    improvements,
+    one_spring_a_side,
+    shorter_bar,
+)
 from motord.experiments.inertia.springs import Tolerances
 from motord.reproduce.cad_difference import (
     DIFFERENCE,

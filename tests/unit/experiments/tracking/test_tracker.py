@@ -18,7 +18,7 @@ from motord.experiments.tracking.adopted import adopted as adopt
 from motord.experiments.tracking.adopted import is_adoptable
 from motord.experiments.tracking.tracked import TrackedCalibration
 from motord.experiments.tracking.tracker import FORGOTTEN, WINDOW_SHARE, CalibrationTracker
-from motord.experiments.tracking.turn_windows import LONGEST_S
+from motord.experiments.tracking.window_lines import LONGEST_S
 from motord.schema import Flag, State
 from motord.virtual import VirtualBench
 from tests.campaigns.check_calibration import stated_calibration, with_drift

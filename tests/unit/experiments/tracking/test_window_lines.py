@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from motord.config import load
-from motord.experiments.tracking.turn_windows import TurnWindows
-from motord.experiments.tracking.window_lines import WindowModel, unrounded
+from motord.experiments.tracking.window_lines import TurnWindows, WindowModel, unrounded
 from motord.virtual import VirtualBench
 from tests.campaigns.check_calibration import stated_calibration
 from tests.campaigns.estimator import rig

@@ -1,5 +1,5 @@
 """`motord watch`: the bench on one screen of a terminal, and keys to operate it.
 
-Pure are `history` (minimum and maximum of all ticks), `sparkline`, `glyphs`, `panels` and `layout`
-(the screen as lines). `feed` receives, `operator_session` commands, `app` draws and takes keys.
+Pure are `glyphs` (sparklines, too), `panels` and `layout` (the screen as lines). `feed` receives,
+`operator_session` commands, `app` draws and takes keys.
 """

@@ -12,10 +12,9 @@ from textual.widget import Widget
 
 from motord.cli.bench.watch import keys, layout
 from motord.cli.bench.watch.controls import Controls
-from motord.cli.bench.watch.feed import Feed
+from motord.cli.bench.watch.feed import Feed, Snapshot
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.operator_session import BEAT_S, OperatorSession, in_thread
-from motord.cli.bench.watch.snapshot import Snapshot
 
 DRAW_S = 0.2
 

@@ -1,10 +1,13 @@
 """`motord watch`: the screen on a terminal, a line a second into a pipe, all states as JSON."""
 
 import os
+import signal
+import socket
 import sys
+import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,6 +17,7 @@ from motord.cli.bench.overview import All, watch_all
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import print_line, remark
+from motord.process.signal_handlers import handled
 from motord.process.standard_streams import nobody_reads
 
 if TYPE_CHECKING:
@@ -126,7 +130,7 @@ async def _run(app: "WatchApp", session: "OperatorSession") -> None:
     """Run the screen until it ends, or until a signal ends it."""
     import asyncio
 
-    from motord.cli.bench.ending_signals import ending_signals
+    from motord.cli.bench.watch.command import ending_signals
 
     loop = asyncio.get_running_loop()
 
@@ -159,3 +163,46 @@ def _on_screen(client: "Client", for_s: float | None, *, ascii_only: bool) -> No
             remark("the lease was given back: an enabled bench ramps down and is disabled")
     if app.return_code:
         raise typer.Exit(app.return_code)
+
+
+GIVE_UP_S = 5.0
+"""A program that has not ended so long after a signal hangs: the process ends without it."""
+_NUMBERS = (signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def ending_signals(end: Callable[[], object], give_up: Callable[[], object]) -> Iterator[None]:
+    """Call `end` at a signal; if the process goes on after it, `give_up`, and end the process.
+
+    A thread takes them from Python's wake-up descriptor. The kernel may deliver a signal to any
+    thread, and the main one, where Python runs handlers, may wait for a terminal that takes no more
+    output: it would never get to them.
+    """
+    receiving, sending = socket.socketpair()
+    sending.setblocking(False)
+    threading.Thread(
+        target=_take, args=(receiving, end, give_up), name="motord-signals", daemon=True
+    ).start()
+    with sending, handled(_NUMBERS, lambda *_: None):
+        descriptor = signal.set_wakeup_fd(sending.fileno(), warn_on_full_buffer=False)
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(descriptor)
+
+
+def _take(
+    receiving: socket.socket, end: Callable[[], object], give_up: Callable[[], object]
+) -> None:
+    with receiving:
+        while received := receiving.recv(1):
+            if received[0] in _NUMBERS:
+                break
+        else:
+            return
+    end()
+    time.sleep(GIVE_UP_S)
+    giving_up = threading.Thread(target=give_up, daemon=True)  # it may wait for the daemon
+    giving_up.start()
+    giving_up.join(GIVE_UP_S)
+    os._exit(128 + received[0])

@@ -2,10 +2,58 @@
 
 from rich.text import Text
 
-from motord.cli.bench.watch import keys, panels, plan_panel
+from motord.api.messages import BenchState
+from motord.cli.bench import wording
+from motord.cli.bench.watch import keys, panels
+from motord.cli.bench.watch.feed import SIGNALS, Snapshot
 from motord.cli.bench.watch.glyphs import Glyphs
-from motord.cli.bench.watch.history import SIGNALS
-from motord.cli.bench.watch.snapshot import Snapshot
+from motord.cli.bench.watch.panels import row, wrapped
+
+PRECISION_ROWS = 4
+QUEUE_ROWS = 2
+
+
+def _plan(state: BenchState, glyphs: Glyphs) -> list[Text]:
+    """Return the plan under way, or the last one."""
+    p = state.plan
+    if p is None:
+        return [row("plan", "none since the daemon started")]
+    cells = 16
+    done = round(cells * min(max(p.fraction, 0.0), 1.0))
+    bar = glyphs.bar[0] * done + glyphs.bar[1] * (cells - done)
+    most = "at most " if p.targets else ""
+    left = "" if p.over else f"  {most}{wording.duration(p.eta_s)} left"
+    head = row("plan", (f"{p.plan} {p.state}", "bold"), f"  {bar} {100 * p.fraction:.0f} %{left}")
+    if p.over:
+        return [head, row("", wording.plan_progress(p))]
+    how = "; detached" if p.detached else f"; started by {p.started_by}" if p.started_by else ""
+    return [head, row("", f"{p.points_done} of {p.points} points; {p.step or p.state}{how}")]
+
+
+def _queue(state: BenchState, width: int) -> list[Text]:
+    """Return where the queue of plans stands; nothing if it is empty."""
+    if state.queue is None or not (state.queue.length or state.queue.active):
+        return []
+    return wrapped("queue", wording.queue(state.queue), width)[:QUEUE_ROWS]
+
+
+def _precision(state: BenchState, width: int) -> list[Text]:
+    """Return the half-widths that a plan gives by now next to its targets; of others nothing."""
+    p = state.plan
+    if p is None or not p.targets:
+        return []
+    known = ((name, p.precision.get(name), target) for name, target in p.targets.items())
+    lines = wrapped("precision", ", ".join(_against_target(*one) for one in known), width)
+    if p.obstacle:
+        lines += wrapped("", f"does not end early: {p.obstacle}", width)
+    return lines[:PRECISION_ROWS]
+
+
+def _against_target(name: str, half_width: float | None, target: float) -> str:
+    if half_width is None:
+        return f"{name} ? of {target:g}"
+    return f"{name} {half_width:.3g} of {target:g}" + " (reached)" * (half_width <= target)
+
 
 EVENTS_MIN = 2
 SIGNAL_ROWS_MAX = 6
@@ -52,8 +100,8 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     """Return what is between state and message, as much of it as there is room for."""
     state = seen.state
     assert state is not None
-    below = plan_panel.plan(state, glyphs) + plan_panel.precision(state, width)
-    below += plan_panel.queue(state, width) + panels.loop(state, width)
+    below = _plan(state, glyphs) + _precision(state, width)
+    below += _queue(state, width) + panels.loop(state, width)
     below += panels.devices(state, width) + panels.channels(state, width)
     below += panels.kept(state, width, glyphs)
     below += panels.tracked(state, width)

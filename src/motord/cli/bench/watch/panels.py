@@ -9,10 +9,8 @@ from rich.text import Text
 
 from motord.api.messages import BenchState
 from motord.cli.bench import wording
-from motord.cli.bench.watch.glyphs import Glyphs
-from motord.cli.bench.watch.history import SIGNALS, column_count, column_of
-from motord.cli.bench.watch.snapshot import Snapshot
-from motord.cli.bench.watch.sparkline import axis_limits, columns_per_character, sparkline
+from motord.cli.bench.watch.feed import SIGNALS, Snapshot, column_count, column_of
+from motord.cli.bench.watch.glyphs import Glyphs, axis_limits, columns_per_character, sparkline
 
 NOW = " now"
 LABEL_WIDTH = 13

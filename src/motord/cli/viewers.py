@@ -1,18 +1,89 @@
-"""`motord dashboard`: the live page in a browser."""
+"""Commands that serve viewers: the page in the browser, Foxglove; pages opened for a person."""
 
 import os
+import signal
+import sys
+import threading
+from dataclasses import replace
 from ipaddress import ip_address
 from typing import Annotated
 
 import typer
 
 from motord.cli.bench.overview import All, open_benches
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, ReadyAsJson
 from motord.cli.connection_options import DEFAULT, Connection, print_answer
-from motord.cli.console import fail, remark
-from motord.cli.viewers import NICE, open_page
+from motord.cli.console import fail, group, remark
+from motord.process.signal_handlers import handled
 
-EXTRA = "the page needs more packages: pip install 'motord[dashboard]'"
+NICE = 5
+"""Of programs that show a bench: daemon and recorder go first."""
+
+
+def open_page(url: str) -> bool:
+    """Open a page in the browser; return whether one took it.
+
+    Only where somebody sits: a terminal and a display. A browser of the terminal, which would take
+    it over, is not asked.
+    """
+    if not (sys.stdin.isatty() and sys.stdout.isatty()) or "CI" in os.environ:
+        return False
+    if sys.platform != "darwin" and not ({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()):
+        return False
+    import webbrowser
+
+    try:
+        return webbrowser.open(url)
+    except webbrowser.Error:
+        return False
+
+
+FOXGLOVE_EXTRA = "the bridge needs the package foxglove-sdk: pip install 'motord[foxglove]'"
+
+app = group("Serve a bench to other programs.")
+
+
+@app.callback()
+def _group() -> None:
+    """Serve a bench to other programs."""
+
+
+@app.command()
+def foxglove(
+    connection: Connection = DEFAULT,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, metavar="P", help="0 takes any free one.")
+    ] = 8765,
+    as_json: ReadyAsJson = False,
+) -> None:
+    """Serve topics to Foxglove and Lichtblick on 127.0.0.1, read-only, until Ctrl-C or SIGTERM."""
+    try:
+        from motord.foxglove.bridge import run
+        from motord.foxglove.server import FoxgloveServer
+        from motord.foxglove.topics import SERVED
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "foxglove":
+            raise
+        fail(FOXGLOVE_EXTRA)
+
+    with connection.connect() as client:
+        bench = client.bench
+    server = FoxgloveServer(f"motord {bench}", port)
+    topics = [topic.name for topic in SERVED]
+    ready = {"bench": bench, "url": server.url, "topics": topics}
+    text = f"ready: bench {bench} at {server.url} (Foxglove: open connection, Foxglove WebSocket)"
+
+    find, stopping = replace(connection, bench=bench).connect, threading.Event()
+    with handled((signal.SIGINT, signal.SIGTERM), lambda *_: stopping.set()):
+        print_answer(ready, text, as_json)
+        os.nice(NICE)
+        try:
+            run(find, server, lambda line: remark(f"motord: {line}"), stopping)
+        finally:
+            server.stop()
+
+
+DASHBOARD_EXTRA = "the page needs more packages: pip install 'motord[dashboard]'"
 PORT = 8447
 
 
@@ -40,7 +111,7 @@ def dashboard(
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn", "websockets"):
             raise
-        fail(EXTRA)
+        fail(DASHBOARD_EXTRA)
     if all_benches:
         _serve_overview(port, connection, browser=browser, as_json=as_json)
         return
