@@ -21,7 +21,7 @@ COMMANDS = {
     "reproduce": "motord.cli.reproduce:reproduce",
     "run": "motord.cli.run:run",
     "emulate": "motord.cli.emulate:emulate",
-    "fault": "motord.cli.fault:app",
+    "fault": "motord.cli.emulate:app",
     "check": "motord.cli.check:check",
     "service": "motord.cli.setup.service:app",
     "status": "motord.cli.bench.status:status",

@@ -9,7 +9,7 @@ from motord.recording.mcap.chunk_decoder import MessageBlock
 from motord.recording.mcap.chunk_source import ALWAYS, ChunkSource, Span
 from motord.recording.mcap.compression import CONTENT_MAX_BYTES
 from motord.recording.mcap.message_array import MessageArray
-from motord.recording.mcap.structure import ChunkEntry
+from motord.recording.mcap.summary import ChunkEntry
 from motord.schema import Record
 from motord.wire.ticks.blocks import Block, codec_of
 from motord.wire.ticks.lanes import Lanes

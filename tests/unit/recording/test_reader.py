@@ -36,8 +36,7 @@ from motord.recording.mcap.chunk_source import Span
 from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.mcap.message_array import MessageArray
 from motord.recording.mcap.records import MAGIC, serialise
-from motord.recording.mcap.structure import ChunkEntry
-from motord.recording.mcap.summary import chunk_entry
+from motord.recording.mcap.summary import ChunkEntry, chunk_entry
 from motord.recording.reader import Run, open_run, open_run_unfinished_or_not
 from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record

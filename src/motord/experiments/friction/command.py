@@ -13,10 +13,10 @@ from pydantic import BaseModel, Field, ValidationError
 from motord.config import MotorConfig, NonNegative, Positive
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.captures_left_out import CapturesLeftOut
+from motord.experiments.friction import NAME, FrictionConfig
 from motord.experiments.friction.coast_down_rows import CoastDown
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.result import Friction, Inertia
-from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import (
     AnalysisError,

@@ -8,7 +8,7 @@ from typing import Any
 
 from motord.config import BrakeConfig, Config, LimitsConfig
 from motord.experiments.free_rotor import SLOW_RISE_S, runaway
-from motord.experiments.friction.settings import NAME, FrictionConfig
+from motord.experiments.friction import NAME, FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, take_points

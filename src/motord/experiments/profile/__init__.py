@@ -1,8 +1,46 @@
 """Torque and speed over time from a file, played on the bench: how it follows, and the energy."""
 
+from typing import Annotated
+
+from pydantic import Field
+
+from motord.config import Positive, Section
+from motord.config.base import TemperatureBand
 from motord.config.experiments import experiment
 from motord.config.figures import FigureKind
-from motord.experiments.profile.settings import NAME, ProfileConfig
+
+NAME = "profile"
+
+
+class ProfileConfig(Section):
+    """`[plans.profile]`: torque by the motor and speed by the brake over time, from a CSV file.
+
+    The file is read on the daemon's machine.
+    """
+
+    file: Annotated[str, Field(max_length=4096)] = "package:examples/profiles/short-cycle.csv"
+    """CSV file on the daemon's machine: columns time_s, torque_Nm, speed_Hz."""
+    sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    """Digest that the file's content must have; empty: any."""
+    torque_factor: Positive = 1.0
+    """By what the torques of the file are multiplied."""
+    speed_factor: Positive = 1.0
+    """By what its speeds are multiplied."""
+    repeats: Annotated[int, Field(ge=1, le=1000)] = 3
+    """How often it is played; three times or more show the scatter."""
+    inertia_kg_m2: Positive = 0.01
+    """Moment of inertia of all that turns."""
+    power_max_W: Positive | None = None
+    """Largest mechanical power. None: no limit."""
+    speed_tolerance_Hz: Positive = 0.1
+    """Speed error that counts as tracked."""
+    torque_tolerance_Nm: Positive = 0.3
+    """Torque error that counts as tracked."""
+    speed_error_max_Hz: Positive = 0.5
+    """Speed error beyond which, if it lasts for 3 s, the plan fails."""
+    temperature_C: TemperatureBand | None = None
+    """Band of the inverter's temperature; outside, a cycle is poor and repeated. None: any."""
+
 
 EXPERIMENT = experiment(
     __name__,

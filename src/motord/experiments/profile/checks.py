@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 
 from motord.config import Config
+from motord.experiments.profile import ProfileConfig
 from motord.experiments.profile.course import (
     STEP_S,
     Course,
@@ -13,7 +14,6 @@ from motord.experiments.profile.course import (
     fastest_rad_s,
     full_torque_Nm,
 )
-from motord.experiments.profile.settings import ProfileConfig
 from motord.experiments.profile.trace import Trace
 from motord.schema import TICK_DTYPE
 from motord.sequencing import PlanError

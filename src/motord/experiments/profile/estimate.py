@@ -19,6 +19,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.experiments.captures_left_out import CapturesLeftOut
+from motord.experiments.profile import NAME, ProfileConfig
 from motord.experiments.profile.cycle_torque import slow_square, torques
 from motord.experiments.profile.findings import CycleSignals, findings
 from motord.experiments.profile.result import (
@@ -29,7 +30,6 @@ from motord.experiments.profile.result import (
     TorqueMoments,
     TrackingError,
 )
-from motord.experiments.profile.settings import NAME, ProfileConfig
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,

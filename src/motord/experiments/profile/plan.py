@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from motord.config import BrakeConfig, Config
+from motord.experiments.profile import NAME, ProfileConfig
 from motord.experiments.profile.checks import check, check_room
 from motord.experiments.profile.course import Course
-from motord.experiments.profile.settings import NAME, ProfileConfig
 from motord.experiments.profile.trace import read
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan
 from motord.sequencing.brake_servo import BrakeServo

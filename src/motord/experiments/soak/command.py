@@ -9,11 +9,6 @@ from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
 
 
-def estimate(recordings: Recordings) -> SoakResult:
-    """Return the trends. Raises AnalysisError, ConfigError, RecordError."""
-    return soak_trends(recordings)
-
-
 def _text(found: SoakResult, _: Recordings) -> Iterator[str | TextTable]:
     from motord.experiments.soak.report import HEADER, rows
 
@@ -22,7 +17,7 @@ def _text(found: SoakResult, _: Recordings) -> Iterator[str | TextTable]:
 
 
 ANALYSIS = Analysis(
-    estimate,
+    soak_trends,
     json=json_of("motord.soak/1", "name", "serial", "rated_torque_Nm"),
     text=_text,
     details="Name all files of the soak. Intervals hold for repetitions that resemble those next "

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from motord.experiments.captures_left_out import CapturesLeftOut
+from motord.experiments.soak import NAME
 from motord.experiments.soak.figure_trends import (
     of_points,
     of_repetitions,
@@ -13,7 +14,6 @@ from motord.experiments.soak.figure_trends import (
 from motord.experiments.soak.point_figures import PointFigures, points_of, with_stated
 from motord.experiments.soak.point_ripples import changed_behind_noise, ripple_findings
 from motord.experiments.soak.result import SoakResult
-from motord.experiments.soak.settings import NAME
 from motord.experiments.subject import AnalysisError, Recordings, check_plan
 from motord.identification import IdentifyError
 from motord.intervals import LEVEL, beyond_chance

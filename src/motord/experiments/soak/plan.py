@@ -14,7 +14,7 @@ from typing import Any
 from motord.config import Config
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
-from motord.experiments.soak.settings import NAME, SoakConfig
+from motord.experiments.soak import NAME, SoakConfig
 from motord.intervals import two_digits
 from motord.schema import TICK_DTYPE
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError

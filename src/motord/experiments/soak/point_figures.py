@@ -9,6 +9,7 @@ import numpy as np
 
 from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.ripple_findings import is_hidden
+from motord.experiments.soak import NAME
 from motord.experiments.soak.point_ripples import (
     capture_label,
     noise_rms_Nm,
@@ -16,7 +17,6 @@ from motord.experiments.soak.point_ripples import (
     set_point_label,
     without_orders,
 )
-from motord.experiments.soak.settings import NAME
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import CaptureError
 from motord.identification.operating_points import good_points

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motord.config import BrakeConfig, ChannelConfig, Config
-from motord.experiments.thermal.settings import NAME, ThermalConfig
+from motord.experiments.thermal import NAME, ThermalConfig
 from motord.experiments.thermal.watch import TemperatureWatch
 from motord.identification.least_loss import currents_per_Nm
 from motord.intervals import coverage_factor

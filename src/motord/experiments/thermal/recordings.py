@@ -14,8 +14,8 @@ from motord.experiments.subject import (
     plan_settings,
     require_columns,
 )
+from motord.experiments.thermal import NAME, ThermalConfig
 from motord.experiments.thermal.course import CopperResistance, Readings, ThermalCourse
-from motord.experiments.thermal.settings import NAME, ThermalConfig
 from motord.identification.operating_points import COMMANDS, CURRENTS, stacked
 from motord.identification.signal_condition import CurrentProducts
 from motord.recording.reader import Run

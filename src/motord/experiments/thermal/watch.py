@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from motord.experiments.thermal.settings import ThermalConfig
+from motord.experiments.thermal import ThermalConfig
 from motord.experiments.thermal.steadiness import ChannelWindow
 from motord.sequencing.motions import MotionFailed
 from motord.sequencing.observation import ChannelValue

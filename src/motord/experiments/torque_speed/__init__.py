@@ -1,8 +1,58 @@
 """Efficiency and losses over torque and speed, within the envelope of the bench."""
 
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from motord.config import Finite, MeshConfig, NonNegative
+from motord.config.base import MAX_VALUES
 from motord.config.experiments import experiment
 from motord.config.figures import FigureKind
-from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
+
+NAME = "torque-speed"
+
+
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise ValueError("must not be 0")
+    return value
+
+
+SignedValues = Annotated[
+    tuple[Annotated[Finite, AfterValidator(_not_zero)], ...],
+    Field(min_length=1, max_length=MAX_VALUES),
+]
+
+
+class TorqueSpeedConfig(MeshConfig):
+    """`[plans.torque-speed]`: torques times speeds, of either sign, as far as the bench can.
+
+    Torque and speed of one sign: motoring against the brake; of different signs: generating, the
+    rotor turned by the external drive, which drive_torque_Nm allows. Points beyond the envelope are
+    left out.
+    """
+
+    torques_Nm: SignedValues = (1.0, 2.0, 3.0, 4.0, 5.0)
+    """Torques of the mesh, of either sign."""
+    speeds_Hz: SignedValues = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+    """Speeds of the mesh, turns a second, of either sign."""
+    drive_torque_Nm: NonNegative = 0.0
+    """Torque that external drive and belt carry, for generating points; 0: none are taken."""
+    drive_speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    """How far the speed of a generating point may be off, in parts: a belt creeps."""
+    power_max_W: NonNegative = 0.0
+    """Mechanical power that brake and drive take for as long as the plan lasts; 0: any."""
+    bus_V: NonNegative = 0.0
+    """Voltage of the DC supply, which limits speed and torque; 0: it sets no limit."""
+    resistance_ohm: NonNegative = 0.0
+    """Resistance of a phase, warm, for that limit."""
+    power_channel: str = "dc_power_W"
+    """The entry of `[[channels]]` with the DC power, W; with bus_current_channel "" it counts."""
+    bus_current_channel: str = ""
+    """An entry with the DC current instead, A, times the ticks' bus voltage."""
+    readings: Literal["means", "instants"] = "means"
+    """What a reading is: the mean since the one before, as of a power analyser, or an instant."""
+
 
 _PLACE = ("torque_Nm", "speed_Hz")
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from motord.config import BrakeConfig, Config
-from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
+from motord.experiments.torque_speed import NAME, TorqueSpeedConfig
 from motord.identification.least_loss import currents_per_Nm
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import BrakeServo, release_s

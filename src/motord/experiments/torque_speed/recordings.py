@@ -14,11 +14,11 @@ from motord.config import TorqueSensorConfig
 from motord.experiments.captures_left_out import CapturesLeftOut
 from motord.experiments.signal_findings import signal_findings
 from motord.experiments.subject import AnalysisError, Recordings, check_plan, plan_settings
+from motord.experiments.torque_speed import NAME, TorqueSpeedConfig
 from motord.experiments.torque_speed.estimate import operating_power
 from motord.experiments.torque_speed.findings import findings
 from motord.experiments.torque_speed.power_series import PowerSeries, resolution_of
 from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
-from motord.experiments.torque_speed.settings import NAME, TorqueSpeedConfig
 from motord.experiments.torque_speed.turns import COLUMNS, CapturedTurns
 from motord.identification import IdentifyError
 from motord.identification.disturbances.noise_floor import noise_floor

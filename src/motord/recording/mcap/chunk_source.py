@@ -26,8 +26,7 @@ from motord.recording.mcap.chunk_decoder import ChunkError, DecodedChunk, decode
 from motord.recording.mcap.message_array import MessageArray, messages_of
 from motord.recording.mcap.records import MAGIC
 from motord.recording.mcap.salvage import Salvage
-from motord.recording.mcap.structure import ChunkEntry, Structure
-from motord.recording.mcap.summary import read_summary
+from motord.recording.mcap.summary import ChunkEntry, Structure, read_summary
 from motord.recording.topics import Topic
 from motord.wire.ticks.blocks import codec_of
 from motord.wire.ticks.proto_text import read_record

@@ -20,8 +20,7 @@ from motord.recording.mcap.chunk_decoder import (
     chunk_head,
 )
 from motord.recording.mcap.records import MAGIC, PARSED, RECORD_HEAD, parse
-from motord.recording.mcap.structure import ChunkEntry, Structure
-from motord.recording.mcap.summary import FOOTER_BYTES
+from motord.recording.mcap.summary import FOOTER_BYTES, ChunkEntry, Structure
 
 _KNOWN = tuple(Opcode)
 _INDEX = struct.Struct("<HI")  # channel and size of a message index

@@ -11,6 +11,7 @@ import pytest
 from motord.calibration import Calibration, load
 from motord.config import packaged
 from motord.experiments.plans import build
+from motord.experiments.profile import ProfileConfig
 from motord.experiments.profile.command import ANALYSIS, estimate
 from motord.experiments.profile.cycle_torque import slow_square
 from motord.experiments.profile.estimate import (
@@ -22,7 +23,6 @@ from motord.experiments.profile.estimate import (
     measure,
 )
 from motord.experiments.profile.result import ProfileTracking
-from motord.experiments.profile.settings import ProfileConfig
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.identification.signal_condition import MISREAD_IN_ROWS_SHARE
 from motord.recording.reader import bounds_of, open_run

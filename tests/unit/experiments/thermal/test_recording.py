@@ -12,8 +12,8 @@ from motord.cli import app
 from motord.config import AccuracyConfig, packaged
 from motord.experiments.plans import build
 from motord.experiments.subject import Recordings
+from motord.experiments.thermal import ThermalConfig
 from motord.experiments.thermal.recordings import copper_of, thermal_course
-from motord.experiments.thermal.settings import ThermalConfig
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.rig.truth import ThermalTruth

@@ -6,8 +6,8 @@ import pytest
 
 from motord.config import Config, load, packaged
 from motord.experiments.plans import build
+from motord.experiments.torque_speed import TorqueSpeedConfig
 from motord.experiments.torque_speed.plan import Envelope
-from motord.experiments.torque_speed.settings import TorqueSpeedConfig
 from motord.sequencing import PlanError
 from motord.virtual import VirtualBench, run_plan
 
