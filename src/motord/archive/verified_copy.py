@@ -44,7 +44,7 @@ def sha256_of(path: Path, pace: Pace) -> str:
     """Return the SHA-256 of a file as the disk has it. Raises OSError, PausedError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
-        _forget_cached(descriptor)
+        os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)  # from the disk, not memory
         digest = hashlib.sha256()
         with naming(path):
             while piece := _read(descriptor, pace):
@@ -127,11 +127,6 @@ def _write(descriptor: int, piece: bytes, pace: Pace) -> None:
     left = memoryview(piece)
     while left:
         left = left[os.write(descriptor, left) :]
-
-
-def _forget_cached(descriptor: int) -> None:
-    """Have what follows be read from the disk, not from what memory still holds of it."""
-    os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
 
 
 def _publish(partial: Path, copy: Path) -> None:

@@ -71,14 +71,11 @@ class Ledger:
     def store(self, analysis: LedgerEntry, file: ResultFile) -> str:
         """Store a result and enter it; return its file's name. Raises ResultsError, OSError."""
         name = Path(self._store.add_file(file).path).name
-        self._enter(analysis, stored=name)
+        self.enter(analysis, stored=name)
         return name
 
-    def set_aside(self, analysis: LedgerEntry, failure: str) -> None:
-        """Enter why there is no result. Raises OSError."""
-        self._enter(analysis, failure=failure)
-
-    def _enter(self, analysis: LedgerEntry, **outcome: str) -> None:
+    def enter(self, analysis: LedgerEntry, **outcome: str) -> None:
+        """Enter `stored` or, if there is no result, `failure`. Raises OSError."""
         content = {**asdict(analysis), "settings": dict(analysis.settings), **outcome}
         lines = json.dumps(content, separators=(",\n ", ": "))
         write_cached(self._path(analysis), f"{lines}\n")

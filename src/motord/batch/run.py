@@ -146,7 +146,7 @@ def _chosen(
 def _entered(path: Path, analysis: LedgerEntry, outcome: Outcome, ledger: Ledger) -> BatchLine:
     """Store a result, enter what became of it, and return the line of it."""
     if outcome.failure and outcome.lasting:
-        ledger.set_aside(analysis, outcome.failure)
+        ledger.enter(analysis, failure=outcome.failure)
     if line := _failed(path, outcome):
         return line
     assert outcome.to_store is not None

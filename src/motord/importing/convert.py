@@ -40,6 +40,8 @@ SPEED_RATIO = 2.0
 TORQUE_RATIO = 10.0
 """Torque, in parts of the rated one, that a motor hardly has."""
 
+UNEVEN = "the rows are not evenly spaced: no missing ones are counted"
+
 
 @dataclass(frozen=True)
 class Imported:
@@ -170,7 +172,8 @@ class _Job:
             raise RecordError(f"{source.path}: {'; '.join(problems.messages())}")
         seen, given = self.survey, {*self.column_map.fields, *self.column_map.constants}
         remarked = [
-            *_on_rows(problems, seen, self.column_map.position_field),
+            *([] if seen.regular else [UNEVEN]),
+            *hints(problems, seen.rows, self.column_map.position_field),
             *_on_torque(given, points, maker.torque_largest_Nm, motor.rated_torque_Nm),
             *remarks(builder.of_currents, motor.rated_torque_Nm),
             *_on_speed(given, points),
@@ -191,13 +194,6 @@ class _Job:
         writer.event(end_ns, "import", f"imported {source.path.name}", account)
         writer.close({"reason": "imported"})
         return result
-
-
-def _on_rows(problems: Problems, seen: Survey, position: str) -> Iterator[str]:
-    """Yield remarks on times."""
-    if not seen.regular:
-        yield "the rows are not evenly spaced: no missing ones are counted"
-    yield from hints(problems, seen.rows, position)
 
 
 def _on_torque(

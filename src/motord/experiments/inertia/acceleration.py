@@ -125,7 +125,8 @@ def accelerate(
     repetition = TorqueSource("repetition", both.stderr_kg_m2 / value)
     sources = [TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3))]
     if sensor.highpass_time_constant_s > 0:
-        longer = _longer_highpass(sensor, settings.highpass_tolerance)
+        tau_s = sensor.highpass_time_constant_s * (1 + settings.highpass_tolerance)
+        longer = sensor.model_copy(update={"highpass_time_constant_s": tau_s})
         reread = partial(read_step, counts=counts, sensor=longer, orders=orders)
         changed = _both_ways(
             [reread(one.index, data[one.index][1], name=one.label) for one in steps]
@@ -153,12 +154,6 @@ def accelerate(
             *left_out.findings(),
         ),
     )
-
-
-def _longer_highpass(sensor: TorqueSensorConfig, part: float) -> TorqueSensorConfig:
-    """Return the sensor with a time constant that is longer by a part of it."""
-    tau_s = sensor.highpass_time_constant_s * (1 + part)
-    return sensor.model_copy(update={"highpass_time_constant_s": tau_s})
 
 
 def _scale(ratios: Sequence[float]) -> Iterator[Finding]:
