@@ -15,9 +15,8 @@ from motord.importing.column_map import ColumnMap
 from motord.importing.csv.source import CsvSource
 from motord.importing.mapping import ImportMap, load_map, load_mapped_motor
 from motord.importing.point_builder import PointBuilder, remarks
-from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
-from motord.importing.source import RowSource, readable
+from motord.importing.source import Problems, RowSource, readable
 from motord.importing.survey import Progress, Survey, survey
 from motord.importing.ticks import TickMaker
 from motord.importing.times import hints

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.importing.column_map import ColumnMap
-from motord.importing.problems import Problems
-from motord.importing.source import RawBlock
+from motord.importing.source import Problems, RawBlock
 from motord.importing.times import REPEATED, STANDING, TimeReader, lacks
 from motord.recording.errors import RecordError
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from motord.importing.column_map import ColumnMap
 from motord.importing.mapping import ImportMap, SplitMap
-from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
+from motord.importing.source import Problems
 from motord.importing.times import hints
 from motord.recording.errors import RecordError
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from motord.importing.column_map import ColumnMap
 from motord.importing.mapping import IN_OTHER_UNITS
-from motord.importing.problems import Problems
 from motord.importing.rows import ForwardFill, Rows
+from motord.importing.source import Problems
 from motord.importing.survey import Survey
 from motord.recording.errors import RecordError
 from motord.schema import TICK_DTYPE, Flag

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from motord.importing.column_map import ColumnMap
-from motord.importing.problems import LEFT_OUT, Problems
-from motord.importing.source import MISSING_NS, RawBlock
+from motord.importing.source import LEFT_OUT, MISSING_NS, Problems, RawBlock
 
 STANDING = f"same time as the row before{LEFT_OUT}"
 REPEATED = f"same time and position as the row before{LEFT_OUT}"

@@ -21,8 +21,14 @@ from motord.importing.csv.dialect import (
     without_blank_end,
 )
 from motord.importing.mapping import CsvMap
-from motord.importing.problems import LEFT_OUT, Problems
-from motord.importing.source import MISSING_NS, RawBlock, RowSource, WantedColumn
+from motord.importing.source import (
+    LEFT_OUT,
+    MISSING_NS,
+    Problems,
+    RawBlock,
+    RowSource,
+    WantedColumn,
+)
 from motord.recording.errors import RecordError
 
 Columns = tuple[np.ndarray, ...]
