@@ -15,24 +15,6 @@ from motord.importing.source import Problems, RawBlock
 from motord.importing.times import REPEATED, STANDING, TimeReader, lacks
 from motord.recording.errors import RecordError
 
-
-class ForwardFill:
-    """Fills gaps in columns with the value before, from block to block."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, float] = {}
-
-    def fill(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Return `values` (n,) with nan replaced; nan stays where there is no value before."""
-        if not values.size:
-            return values
-        known = np.concatenate([[self._last.get(name, np.nan)], values])
-        place = np.where(np.isnan(known), 0, np.arange(known.size))
-        filled = np.take(known, np.maximum.accumulate(place))[1:]
-        self._last[name] = float(filled[-1])
-        return filled
-
-
 JUMPS = 4
 """Jumps through the range, all alike and in one direction, that show that positions wrap."""
 
@@ -49,6 +31,23 @@ between two counts."""
 
 RANGE = (0.75, 1.02)
 """Range of positions, in parts of a turn, that a source may wrap at."""
+
+
+class ForwardFill:
+    """Fills gaps in columns with the value before, from block to block."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, float] = {}
+
+    def fill(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Return `values` (n,) with nan replaced; nan stays where there is no value before."""
+        if not values.size:
+            return values
+        known = np.concatenate([[self._last.get(name, np.nan)], values])
+        place = np.where(np.isnan(known), 0, np.arange(known.size))
+        filled = np.take(known, np.maximum.accumulate(place))[1:]
+        self._last[name] = float(filled[-1])
+        return filled
 
 
 class PositionReader:

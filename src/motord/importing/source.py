@@ -20,6 +20,12 @@ LINES_NAMED = 5
 LEFT_OUT = ": left out"
 """How a kind ends of which the rows are not used."""
 
+BLOCK_ROWS = 1 << 16
+"""Rows that are read at once."""
+
+MISSING_NS = np.iinfo(np.int64).min
+"""Time of a row that has none, where times are whole ns."""
+
 
 class Problems:
     """Counts what is wrong, by kind; `unit` is what a row's number counts: line or row."""
@@ -62,13 +68,6 @@ class Problems:
             {"what": kind, "count": count, f"first_{self.unit}s": self._lines[kind]}
             for kind, count in self._counts.items()
         ]
-
-
-BLOCK_ROWS = 1 << 16
-"""Rows that are read at once."""
-
-MISSING_NS = np.iinfo(np.int64).min
-"""Time of a row that has none, where times are whole ns."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,14 @@ GAP_S = 0.5
 
 GAP_ROWS = 20
 
+REGULAR_SHARE = 0.9
+"""Share of spacings within half a period of the usual one, from which rows count as regular."""
+
+LEFT_OUT_MAX = 0.5
+"""Share of rows that may be left out: with more, the rest is hardly what was recorded."""
+
+Progress = Callable[[float], None]
+
 
 @dataclass(frozen=True)
 class ConstantSegment:
@@ -130,15 +138,6 @@ class SegmentFinder:
             changed[row] = True
             row, look = row + 1, 64
         return changed
-
-
-REGULAR_SHARE = 0.9
-"""Share of spacings within half a period of the usual one, from which rows count as regular."""
-
-LEFT_OUT_MAX = 0.5
-"""Share of rows that may be left out: with more, the rest is hardly what was recorded."""
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,8 @@ SPAN_S = (0.02, 0.2)
 PIECE_ROWS = 4096
 """Rows at once: sums over more would lose digits."""
 
+FLOATS = tuple(n for n in TICK_DTYPE.names or () if TICK_DTYPE[n].kind == "f")
+
 
 def span_s(period_s: float, counts_per_s: float) -> float:
     """Return the time to take the slope over: it lags by half of it."""
@@ -86,9 +88,6 @@ def _slopes(t_s: np.ndarray, x: np.ndarray, begin: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = mean + (rows * tv - t * v) / spread
     return np.where((rows < 4) | (spread <= 0), np.nan, slope)
-
-
-FLOATS = tuple(n for n in TICK_DTYPE.names or () if TICK_DTYPE[n].kind == "f")
 
 
 class TickMaker:

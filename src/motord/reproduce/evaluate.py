@@ -35,6 +35,12 @@ CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
 COLUMNS = ("t_ns", "angle_rad", "speed_rad_s", "torque_Nm", *CURRENTS)
 _FINE = np.dtype([(name, float) for name in ("angle_rad", "speed_rad_s", "torque_Nm")])
 
+Errors = dict[TorqueSpeed, float]
+"""RMS error in percent of rated torque by (torque_Nm, speed_Hz)."""
+
+CELLS = 1024
+"""Parts of a turn over which the true torque is averaged for the picture."""
+
 
 @dataclass(frozen=True)
 class BetweenTicks:
@@ -104,13 +110,6 @@ def _commands_A(driven_A: np.ndarray, before: float, after: float, i_A: np.ndarr
     rest_A, _ = lfilter([1.0], feedback, driven_A / after, axis=1, zi=begin)
     command_A = np.concatenate([i_A[:, :1], rest_A], axis=1)
     return command_A[:, ::-1] if backwards else command_A
-
-
-Errors = dict[TorqueSpeed, float]
-"""RMS error in percent of rated torque by (torque_Nm, speed_Hz)."""
-
-CELLS = 1024
-"""Parts of a turn over which the true torque is averaged for the picture."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,14 @@ from motord.virtual.bench import VirtualBench
 Reading = tuple[int, ChannelConfig, float]
 """Time (Unix ns), channel, value."""
 
+LOOK_S = 0.05
+"""Virtual time between two looks of the executor."""
+
+LOOKS_PASSED_ON = 20
+"""Looks whose ticks are passed on at once: large blocks are written and read fastest."""
+
+BlockSink = Callable[[np.ndarray, np.ndarray], None]
+
 
 def channel_readings(channels: Sequence[ChannelConfig], truth: np.ndarray) -> Iterator[Reading]:
     """Yield what simulated channels read over `truth` (TRUTH_DTYPE), each in order of time.
@@ -77,15 +85,6 @@ def _reading_times(channel: ChannelConfig, from_ns: int, to_ns: int) -> np.ndarr
     """Return the times within both ends at which a channel is read (n,), Unix ns."""
     period_ns = round(channel.period_s * 1e9)
     return np.arange(-(-from_ns // period_ns) * period_ns, to_ns + 1, period_ns)
-
-
-LOOK_S = 0.05
-"""Virtual time between two looks of the executor."""
-
-LOOKS_PASSED_ON = 20
-"""Looks whose ticks are passed on at once: large blocks are written and read fastest."""
-
-BlockSink = Callable[[np.ndarray, np.ndarray], None]
 
 
 class PlanFailed(Exception):

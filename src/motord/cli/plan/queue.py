@@ -32,6 +32,8 @@ ItemId = Annotated[
 
 app = group("The queue of plans: add, list, move, remove, start, pause.")
 
+LOOK_S = 1.0
+
 
 @app.command()
 def add(
@@ -234,9 +236,6 @@ def _run(run: "QueueRun", queued: Collection[int]) -> str:
     still = "still in the queue" if run.id in queued else ""
     parts = f"{run.id:4d}  {run.state:11} {run.plan}", when, run.message, still, run.recording
     return "  ".join(filter(None, parts))
-
-
-LOOK_S = 1.0
 
 
 def follow_queue(client: "Client", commander: "Commander", *, quiet: bool) -> "QueueView":

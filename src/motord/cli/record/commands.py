@@ -25,6 +25,9 @@ RunFiles = Annotated[
     typer.Argument(metavar="RUN...", help="Recordings: .mcap, or .mcap.part if unfinished."),
 ]
 
+QUIET_S = 2.0
+"""Time after which progress is shown."""
+
 
 @app.command()
 def info(
@@ -187,10 +190,6 @@ def _ticks(facts: dict[str, Any]) -> str:
         text += f" ({facts['rate_Hz']:.1f} Hz)"
     missing = facts["ticks_missing"]
     return text + (f", {missing} periods without a tick" if missing else "")
-
-
-QUIET_S = 2.0
-"""Time after which progress is shown."""
 
 
 @app.command("import")

@@ -36,6 +36,24 @@ LEAST_TURNS = 4
 NO_CURRENTS = np.empty((0, 3))
 """Of points of which angle and torque alone are kept."""
 
+FALSE_SHARE = 0.002
+"""Probability that noise puts any order into the list."""
+
+NOISE_FREEDOM = 30
+"""Degrees of freedom of the noise of a point: it is averaged over 15 orders."""
+
+PASSED = 0.7
+"""Part of an order that the sensor's high-pass lets through, below which its noise is mentioned."""
+
+Why = Literal["bandwidth", "highest-order", "one-point", "room"]
+
+_WHY = {
+    "bandwidth": "the currents do not follow",
+    "highest-order": "above --highest-order",
+    "one-point": "not shown over all points together",
+    "room": f"there is room for {MAX_ORDERS} orders",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class SeenRipple(PointRipple):
@@ -101,25 +119,6 @@ def seen_by(
     return SeenRipple(
         **vars(ripple), turns_Hz=samples.speed_Hz, band=band, highest=min(band, highest_order)
     )
-
-
-FALSE_SHARE = 0.002
-"""Probability that noise puts any order into the list."""
-
-NOISE_FREEDOM = 30
-"""Degrees of freedom of the noise of a point: it is averaged over 15 orders."""
-
-PASSED = 0.7
-"""Part of an order that the sensor's high-pass lets through, below which its noise is mentioned."""
-
-Why = Literal["bandwidth", "highest-order", "one-point", "room"]
-
-_WHY = {
-    "bandwidth": "the currents do not follow",
-    "highest-order": "above --highest-order",
-    "one-point": "not shown over all points together",
-    "room": f"there is room for {MAX_ORDERS} orders",
-}
 
 
 @dataclass(frozen=True)

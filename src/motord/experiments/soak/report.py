@@ -17,6 +17,9 @@ HEADER = ("figure", "mean", "unit", "slope an hour", "drift", "step")
 CARDS = 3
 """Figures whose slopes the page begins with."""
 
+PANELS_MAX = 8
+"""Figures of whole repetitions that are drawn; the table has all."""
+
 
 def report(found: SoakResult, recordings: Recordings) -> Page:
     """Return the page of a soak."""
@@ -68,10 +71,6 @@ def rows(found: SoakResult) -> list[list[str]]:
         ]
         for one in found.trends
     ]  # fmt: skip
-
-
-PANELS_MAX = 8
-"""Figures of whole repetitions that are drawn; the table has all."""
 
 
 def over_time(found: SoakResult) -> Figure:

@@ -11,6 +11,8 @@ from motord.config.figures import FigureKind
 
 NAME = "torque-speed"
 
+_PLACE = ("torque_Nm", "speed_Hz")
+
 
 def _not_zero(value: float) -> float:
     if value == 0:
@@ -53,8 +55,6 @@ class TorqueSpeedConfig(MeshConfig):
     readings: Literal["means", "instants"] = "means"
     """What a reading is: the mean since the one before, as of a power analyser, or an instant."""
 
-
-_PLACE = ("torque_Nm", "speed_Hz")
 
 EXPERIMENT = experiment(
     __name__,

@@ -41,6 +41,13 @@ ANGLES = 512
 HALVINGS = 24
 """Steps of the search for the largest torque."""
 
+STOPPED_HZ = 0.05
+"""Speed below which a rotor that was driven counts as stopped."""
+
+LOADING_S = 2.0
+"""Time over which a torque against the drive rises: slowly, so that a belt that slips is seen
+before the motor, which nothing brakes then, has run away backwards."""
+
 
 @dataclass(frozen=True)
 class Envelope:
@@ -116,14 +123,6 @@ class Envelope:
         if self.config.motor.connection == "star":
             return float(np.ptp(across_V, axis=1).max())
         return float(np.abs(across_V).max())
-
-
-STOPPED_HZ = 0.05
-"""Speed below which a rotor that was driven counts as stopped."""
-
-LOADING_S = 2.0
-"""Time over which a torque against the drive rises: slowly, so that a belt that slips is seen
-before the motor, which nothing brakes then, has run away backwards."""
 
 
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:

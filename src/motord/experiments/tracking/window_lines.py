@@ -57,6 +57,10 @@ MARGIN = 16
 ONE_WAY = 0.9
 """Part of the path of a rotor that keeps its direction, at least: counts may tremble."""
 
+SMOOTHING_S = 0.02
+"""Standard deviation of the Gaussian that smooths the angle: up to 8 Hz pass; the inertia lets a
+compensated rotor ripple little beyond. One that ripples by more is seen by its counts."""
+
 
 class TurnWindows:
     """Takes ticks as they come and gives windows of about `window_s`, or LEAST_TURNS if longer."""
@@ -141,11 +145,6 @@ class TurnWindows:
         """Keep these ticks, which were looked at, and no others."""
         self._kept = list(ticks)
         self._size = self._looked_at = sum(one.size for one in ticks)
-
-
-SMOOTHING_S = 0.02
-"""Standard deviation of the Gaussian that smooths the angle: up to 8 Hz pass; the inertia lets a
-compensated rotor ripple little beyond. One that ripples by more is seen by its counts."""
 
 
 def unrounded(t_s: np.ndarray, count: np.ndarray, counts: int) -> np.ndarray:

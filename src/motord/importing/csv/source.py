@@ -42,6 +42,12 @@ GROUPED = re.compile(r"[+-]?\d{1,3}([,.' \u00a0\u202f])\d{3}(?:\1\d{3})*(?:[.,]\
 POINTED = r"\s*[+-]?\d{1,3}(?:\.\d{3})+\s*"
 """Those of points alone."""
 
+BLOCK_CHARACTERS = 1 << 21
+"""Text that is read at once."""
+
+LINE_MAX = 1 << 20
+"""Characters of the longest line of a table."""
+
 
 class CellReader:
     """Reads the columns `wanted`; those whose index is in `dates` hold dates in `date_format`.
@@ -194,13 +200,6 @@ def _date_ns(cell: str, date_format: str | None) -> int:
     seconds = (date.replace(microsecond=0) - zero).total_seconds()
     value = round(seconds) * 1_000_000_000 + date.microsecond * 1000
     return value if abs(value) < -int(MISSING_NS) else int(MISSING_NS)
-
-
-BLOCK_CHARACTERS = 1 << 21
-"""Text that is read at once."""
-
-LINE_MAX = 1 << 20
-"""Characters of the longest line of a table."""
 
 
 class CsvSource(RowSource):

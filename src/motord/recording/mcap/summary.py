@@ -22,6 +22,17 @@ from mcap.records import (
 from motord.recording.damage import Loss
 from motord.recording.mcap.records import MAGIC, PARSED, RECORD_HEAD, parse
 
+FOOTER_BYTES = RECORD_HEAD.size + 8 + 8 + 4
+"""Of the record: start of the summary, start of its offsets, checksum."""
+
+_INDEX_HEAD = struct.Struct("<QQQQI")  # times, offset and length of the chunk, bytes that follow
+_INDEX_OFFSET = struct.Struct("<HQ")  # channel, and the offset of its message index
+_INDEX_LABEL = struct.Struct("<QI")  # length of the indexes, and of the compression's name
+_INDEX_SIZES = struct.Struct("<QQ")  # of the content, compressed and not
+
+_TAIL_BYTES = FOOTER_BYTES + len(MAGIC)
+_DATA_END_BYTES = RECORD_HEAD.size + 4
+
 
 @dataclass(frozen=True)
 class ChunkEntry:
@@ -68,18 +79,6 @@ class Structure:
             self.metadata.setdefault(record.name, record.metadata)
         elif isinstance(record, Header):
             self.library = record.library
-
-
-FOOTER_BYTES = RECORD_HEAD.size + 8 + 8 + 4
-"""Of the record: start of the summary, start of its offsets, checksum."""
-
-_INDEX_HEAD = struct.Struct("<QQQQI")  # times, offset and length of the chunk, bytes that follow
-_INDEX_OFFSET = struct.Struct("<HQ")  # channel, and the offset of its message index
-_INDEX_LABEL = struct.Struct("<QI")  # length of the indexes, and of the compression's name
-_INDEX_SIZES = struct.Struct("<QQ")  # of the content, compressed and not
-
-_TAIL_BYTES = FOOTER_BYTES + len(MAGIC)
-_DATA_END_BYTES = RECORD_HEAD.size + 4
 
 
 def read_summary(file: BinaryIO, size: int) -> Structure | None:

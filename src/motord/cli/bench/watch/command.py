@@ -37,6 +37,10 @@ Plain = Annotated[
 ]
 AsciiOnly = Annotated[bool, typer.Option("--ascii", help="Draw with ASCII characters only.")]
 
+GIVE_UP_S = 5.0
+"""A program that has not ended so long after a signal hangs: the process ends without it."""
+_NUMBERS = (signal.SIGTERM, signal.SIGHUP)
+
 
 def watch(
     connection: Connection = DEFAULT,
@@ -163,11 +167,6 @@ def _on_screen(client: "Client", for_s: float | None, *, ascii_only: bool) -> No
             remark("the lease was given back: an enabled bench ramps down and is disabled")
     if app.return_code:
         raise typer.Exit(app.return_code)
-
-
-GIVE_UP_S = 5.0
-"""A program that has not ended so long after a signal hangs: the process ends without it."""
-_NUMBERS = (signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager

@@ -26,6 +26,14 @@ STALE_S = 0.5
 Columns = Callable[[int, int], tuple[np.ndarray, np.ndarray]]
 """`MinMaxHistory.columns`."""
 
+SPAN_S = 60.0
+BUCKET_NS = 100_000_000
+BUCKETS = round(SPAN_S * 1e9 / BUCKET_NS)
+_SPARE = 100
+"""Buckets kept besides, so that the oldest column is whole."""
+
+EVENTS_KEPT = 500
+
 
 @dataclass(frozen=True)
 class Snapshot:
@@ -58,13 +66,6 @@ class Snapshot:
 def is_stale(state: BenchState | None, age_s: float) -> bool:
     """Return whether a state that came `age_s` ago may not be the present one."""
     return state is None or age_s > STALE_S
-
-
-SPAN_S = 60.0
-BUCKET_NS = 100_000_000
-BUCKETS = round(SPAN_S * 1e9 / BUCKET_NS)
-_SPARE = 100
-"""Buckets kept besides, so that the oldest column is whole."""
 
 
 @dataclass(frozen=True)
@@ -147,9 +148,6 @@ def column_of(t_ns: int, now_ns: int, columns: int) -> int | None:
     each, count = column_buckets(columns), column_count(columns)
     column = count - 1 - (now_ns // BUCKET_NS // each - t_ns // BUCKET_NS // each)
     return int(column) if 0 <= column < count else None
-
-
-EVENTS_KEPT = 500
 
 
 class Feed:

@@ -9,6 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from rich.text import Text
 
+_DOTS = np.array([[0x40, 0x04, 0x02, 0x01], [0x80, 0x20, 0x10, 0x08]])
+"""Bit of a Braille pattern by column and level, the lowest level first."""
+_PATTERNS, _DOT_LEVELS = 0x2800, 4
+_ASCII = (" ", ".", "-", ":", "'", ":", ":", "|")
+"""Character by the levels that are in it: 1 low, 2 middle, 4 high."""
+_ASCII_LEVELS = 3
+
 
 @dataclass(frozen=True)
 class Glyphs:
@@ -57,14 +64,6 @@ def suitable(environment: Mapping[str, str] = os.environ, codeset: str | None = 
     if environment.get("TERM") in _FEW_CHARACTERS or codeset.lower() not in ("utf-8", "utf8"):
         return ASCII
     return UNICODE
-
-
-_DOTS = np.array([[0x40, 0x04, 0x02, 0x01], [0x80, 0x20, 0x10, 0x08]])
-"""Bit of a Braille pattern by column and level, the lowest level first."""
-_PATTERNS, _DOT_LEVELS = 0x2800, 4
-_ASCII = (" ", ".", "-", ":", "'", ":", ":", "|")
-"""Character by the levels that are in it: 1 low, 2 middle, 4 high."""
-_ASCII_LEVELS = 3
 
 
 def columns_per_character(braille: bool) -> int:

@@ -12,6 +12,10 @@ from motord.cli.bench.watch.panels import row, wrapped
 PRECISION_ROWS = 4
 QUEUE_ROWS = 2
 
+EVENTS_MIN = 2
+SIGNAL_ROWS_MAX = 6
+"""Lines of a sparkline on the largest screen; more are given to the events."""
+
 
 def _plan(state: BenchState, glyphs: Glyphs) -> list[Text]:
     """Return the plan under way, or the last one."""
@@ -53,11 +57,6 @@ def _against_target(name: str, half_width: float | None, target: float) -> str:
     if half_width is None:
         return f"{name} ? of {target:g}"
     return f"{name} {half_width:.3g} of {target:g}" + " (reached)" * (half_width <= target)
-
-
-EVENTS_MIN = 2
-SIGNAL_ROWS_MAX = 6
-"""Lines of a sparkline on the largest screen; more are given to the events."""
 
 
 def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]:
