@@ -29,6 +29,38 @@ QUIET_S = 2.0
 """Time after which progress is shown."""
 
 
+@app.command("import")
+def import_recording(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording: CSV, TDMS or MDF.")],
+    map_file: Annotated[
+        Path, typer.Option("--map", metavar="MAP.toml", help="Which column is what.")
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="RUN.mcap", help="The recording to write.")
+    ],
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Fail if a row lacks something or its time is wrong.")
+    ] = False,
+    few_rows: Annotated[
+        bool,
+        typer.Option("--few-rows", help="Import even if more than half of the rows are left out."),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Make a run of a recording from elsewhere; most of `analyse` works on it."""
+    from motord.importing.convert import import_run
+
+    check_output_files({"--output": output}, [file, map_file])
+    try:
+        with _progress(silent=as_json) as progress:
+            done = import_run(
+                file, map_file, output, strict=strict, few_rows=few_rows, progress=progress
+            )
+    except OSError as error:
+        fail(f"{error.filename or output}: {error.strerror}")
+    print_result(done.to_json(), "\n".join(_imported_lines(done)), as_json)
+
+
 @app.command()
 def info(
     runs: RunFiles,
@@ -190,38 +222,6 @@ def _ticks(facts: dict[str, Any]) -> str:
         text += f" ({facts['rate_Hz']:.1f} Hz)"
     missing = facts["ticks_missing"]
     return text + (f", {missing} periods without a tick" if missing else "")
-
-
-@app.command("import")
-def import_recording(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording: CSV, TDMS or MDF.")],
-    map_file: Annotated[
-        Path, typer.Option("--map", metavar="MAP.toml", help="Which column is what.")
-    ],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="RUN.mcap", help="The recording to write.")
-    ],
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Fail if a row lacks something or its time is wrong.")
-    ] = False,
-    few_rows: Annotated[
-        bool,
-        typer.Option("--few-rows", help="Import even if more than half of the rows are left out."),
-    ] = False,
-    as_json: AsJson = False,
-) -> None:
-    """Make a run of a recording from elsewhere; most of `analyse` works on it."""
-    from motord.importing.convert import import_run
-
-    check_output_files({"--output": output}, [file, map_file])
-    try:
-        with _progress(silent=as_json) as progress:
-            done = import_run(
-                file, map_file, output, strict=strict, few_rows=few_rows, progress=progress
-            )
-    except OSError as error:
-        fail(f"{error.filename or output}: {error.strerror}")
-    print_result(done.to_json(), "\n".join(_imported_lines(done)), as_json)
 
 
 @contextmanager
