@@ -6,6 +6,7 @@ from math import hypot, inf
 from motord.experiments.signal_findings import beyond_rated, mean_torque_scale, signal_findings
 from motord.findings import Finding, listed
 from motord.identification.point_ripple import AsynchronousLine, PointRipple
+from motord.identification.signal_condition import is_stuck
 from motord.intervals import SERIOUS_BIAS, coverage_factor
 
 LINE_PERCENT = 0.1
@@ -33,8 +34,17 @@ def asynchronous_line(
 ) -> Iterator[Finding]:
     """Yield a finding of lines that are not locked to the rotor; a note where none matters.
 
-    consequence: what the results make of what the lines change.
+    And a note of points where they were not looked for. consequence: what the results make of what
+    the lines change.
     """
+    stuck = [one.label for one in ripples if is_stuck(one.faults)]
+    if stuck:
+        yield Finding(
+            "asynchronous-lines-unsearched", len(stuck), 0, "points", "note",
+            f"{listed(stuck)}: the torque was not searched for lines that are not locked to the "
+            "rotor, so that the intervals do not hold them: angles of a stuck encoder make some",
+            "mend the encoder, record these points again",
+        )  # fmt: skip
     humming = [one for one in ripples if one.asynchronous_percent > LINE_PERCENT]
     if humming:
         most = max(humming, key=lambda one: one.asynchronous_percent)

@@ -48,7 +48,7 @@ class PointRipple:
     standard error; even_odd_Nm (2, n): the lines of even and of odd turns. One whole turn alone
     does not show its noise, which is in the RMS then: noise_Nm is nan, stderr_percent None.
     faults: signals that are not right. mean_Nm: mean torque, None if the sensor does not pass it.
-    asynchronous_lines: what is not locked to the rotor, where it was looked for;
+    asynchronous_lines: what is not locked to the rotor, none where it was not looked for;
     asynchronous_percent: the largest amplitude of these; leakage_percent: by how much they change
     the RMS error at most, which stderr_percent holds, noise_stderr_percent without it;
     bias_percent: by how much they make it larger on average.

@@ -4,7 +4,7 @@ They leave figures that look sound: a torque that does not change has no ripple,
 peaks that were cut off is too small with a small scatter.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -217,6 +217,11 @@ def stuck_lines(count: np.ndarray, counts: int) -> tuple[SignalFault, ...]:
         if int(changing) & (counts - 1) != counts - 1:
             return (SignalFault("encoder_count", "stuck", 0.5),)
     return ()
+
+
+def is_stuck(faults: Iterable[SignalFault]) -> bool:
+    """Return whether one of the faults is an encoder with a line that never changes."""
+    return any(one.kind == "stuck" for one in faults)
 
 
 def _faults(

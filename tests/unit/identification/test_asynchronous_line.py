@@ -15,6 +15,7 @@ from motord.identification.disturbances.leakage import lines_in_average, with_le
 from motord.identification.disturbances.periodogram import Periodogram
 from motord.identification.operating_points import PointData, Samples, prepare
 from motord.identification.point_ripple import AsynchronousLine, PointRipple, point_ripple
+from motord.identification.signal_condition import SignalFault
 from tests.campaigns.ripple import SMOOTH, holds, lines_of_noise, with_hum
 from tests.unit.identification.synthetic_bench import Bench
 
@@ -50,7 +51,7 @@ def test_a_line_is_found_with_its_amplitude(frequency_Hz: float) -> None:
     assert not others
 
 
-def test_two_lines_are_distinguished_and_one_turn_shows_none() -> None:
+def test_two_lines_are_distinguished_and_one_turn_or_a_stuck_encoder_shows_none() -> None:
     point = BENCH.point(2.0, 0.9, 10.3, 4)
     t_s = 1e-9 * point.ticks["t_ns"]
     for frequency_Hz, amplitude_Nm in ((50.0, 0.03), (150.0, 0.015)):
@@ -59,6 +60,8 @@ def test_two_lines_are_distinguished_and_one_turn_shows_none() -> None:
     found = asynchronous_lines(one, COUNTS)
     assert [round(line.frequency_Hz) for line in found] == [50, 150]
     assert asynchronous_lines(replace(one, turns=one.turns[:1]), COUNTS) == ()
+    stuck = (SignalFault("encoder_count", "stuck", 0.5),)
+    assert asynchronous_lines(replace(one, faults=stuck), COUNTS) == ()
 
 
 def test_a_line_on_an_order_is_known_from_other_speeds() -> None:

@@ -23,6 +23,7 @@ from motord.identification.harmonics import over_one_turn
 from motord.identification.operating_points import Samples
 from motord.identification.orders import resolved_order
 from motord.identification.point_ripple import AsynchronousLine, even_and_odd, without_drift
+from motord.identification.signal_condition import is_stuck
 
 NEAREST = 0.1
 """Distance from the nearest order, in parts of the resolution, beyond which a line is fitted."""
@@ -36,7 +37,7 @@ STANDS_OUT = 4.0
 
 SECTORS = 64
 """Parts of a turn each of which has samples, or there is no average over turns that could leave a
-line: a track of the encoder is stuck, which has findings of its own."""
+line: a track of the encoder is stuck."""
 
 MOST_LINES = 4
 MOST_TRIED = 6
@@ -48,9 +49,15 @@ MULTIPLES = 4
 
 
 def asynchronous_lines(samples: Samples, counts: int) -> tuple[AsynchronousLine, ...]:
-    """Return the lines beyond chance, strongest first. One turn alone shows none."""
+    """Return the lines beyond chance, strongest first.
+
+    One turn alone shows none, nor does an encoder with a line that never changes: what its angles
+    leave of the ripple would be lines.
+    """
+    if len(samples.turns) < 2 or is_stuck(samples.faults):
+        return ()
     sectors = np.bincount(samples.count[samples.whole] * SECTORS // counts, minlength=SECTORS)
-    if len(samples.turns) < 2 or not sectors.all():
+    if not sectors.all():
         return ()
     fewest = min(end - first for first, end in samples.turns)
     highest = max(resolved_order(fewest, counts, fewest), 1)

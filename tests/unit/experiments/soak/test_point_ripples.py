@@ -74,7 +74,7 @@ def test_faults_of_all_repetitions_are_named_whichever_is_known_worst() -> None:
         for fault, stderr in zip(faults, (0.05, 0.06), strict=True)
     ]
     found = [one.name for one in ripple_findings(at("point 1", ripples))]
-    assert found == ["torque-clipped", "encoder-stuck"]
+    assert found == ["asynchronous-lines-unsearched", "torque-clipped", "encoder-stuck"]
 
 
 def test_points_of_one_set_point_are_counted_each() -> None:
