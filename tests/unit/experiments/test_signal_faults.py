@@ -67,7 +67,7 @@ def uncommanded(ticks: np.ndarray) -> np.ndarray:
         ("calibrate", frozen, "torque-frozen"),
         ("calibrate", clipped_current, "current-b-clipped"),
         ("calibrate", partial(stuck, 4), "encoder-stuck"),
-        ("verify", partial(stuck, 9), "encoder-stuck"),
+        ("verify", partial(stuck, 4), "encoder-stuck"),
         ("verify", clipped, "torque-clipped"),
         ("verify", frozen, "torque-frozen"),
         ("verify", CHANGES["torque in mNm"], "torque-scale"),
