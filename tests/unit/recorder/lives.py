@@ -69,6 +69,7 @@ class Disk:
         # what was written outlasts a process without being synced, which takes longest
         calls = {"write": self._guarded(os.write), "fsync": self._guarded(lambda _file: None)}
         files = {"open": self._guarded(self._opened), "close": self._close}
+        patch.setattr(mcap_file, "sync_folder", lambda _folder: None)
         patch.setattr(mcap_file, "os", SimpleNamespace(**{**vars(os), **calls, **files}))
         patch.setattr(Path, "rename", self._guarded(Path.rename))
 
