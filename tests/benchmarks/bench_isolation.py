@@ -23,8 +23,7 @@ import numpy as np
 
 from motord import config
 from motord.control.types import SETPOINT
-from motord.loop.latency.measurement import choose_cpu
-from motord.loop.steal_time import stolen_ticks
+from motord.loop.latency.measurement import choose_cpu, stolen_ticks
 from motord.shm.mailbox import MailboxReader
 from motord.shm.run_directory import RunDir
 from motord.shm.timing import Timing

@@ -32,9 +32,8 @@ from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.hal.bridge.serial import SerialBridge
 from motord.hal.inverter.phase_currents import CanInverter
-from motord.loop.latency.measurement import MeasuredSlices, median_of_slices_us
+from motord.loop.latency.measurement import MeasuredSlices, median_of_slices_us, stolen_ticks
 from motord.loop.status import LoopPhase, LoopStatus
-from motord.loop.steal_time import stolen_ticks
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter

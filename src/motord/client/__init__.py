@@ -19,8 +19,12 @@ from motord.client.error import ClientError, PlanEndedError
 from motord.client.holder import operator
 from motord.client.lease import Lease
 from motord.client.plan_run import PlanRun
-from motord.client.subscription import DocumentSubscription, Subscription
-from motord.client.tick_subscription import TickLosses, TickSubscription
+from motord.client.subscription import (
+    DocumentSubscription,
+    Subscription,
+    TickLosses,
+    TickSubscription,
+)
 
 __all__ = [
     "DEFAULT_ENDPOINT",

@@ -27,8 +27,7 @@ from motord.client.error import ClientError
 from motord.client.holder import operator
 from motord.client.lease import Lease
 from motord.client.plan_run import PlanRun
-from motord.client.subscription import DocumentSubscription, Subscription
-from motord.client.tick_subscription import TickSubscription
+from motord.client.subscription import DocumentSubscription, Subscription, TickSubscription
 
 KEPT_BLOCKS = 500
 """Blocks of ticks that wait for a slow reader: ten seconds with the usual `[zenoh] block_s`."""

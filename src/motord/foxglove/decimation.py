@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from google.protobuf import descriptor_pb2
 
-from motord.client.tick_subscription import LossCounter
+from motord.client.subscription import LossCounter
 from motord.schema import TICK, TICK_DTYPE, joined
 from motord.wire.ticks.blocks import Block, BlockCodec, varint
 from motord.wire.ticks.proto_text import descriptor_set

@@ -17,8 +17,7 @@ from motord.api.requests import RPCS, parse
 from motord.config.experiments import plan_kinds
 from motord.schema import Trip
 from motord.service.bench.calibrations import CalibrationStore
-from motord.service.rpc.adoption import Adoption
-from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration import Adoption, Installation
 from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.calibration_reader import read, read_files
 from motord.service.rpc.dispatcher import Call, Dispatcher

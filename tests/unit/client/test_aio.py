@@ -9,8 +9,7 @@ import pytest
 from motord.client import Client, ClientError, Lease, PlanEndedError, aio
 from motord.client.aio import AsyncSubscription
 from motord.client.aio.threads import Threads
-from motord.client.subscription import Subscription
-from motord.client.tick_subscription import TickLosses
+from motord.client.subscription import Subscription, TickLosses
 from tests.support.patience import PATIENCE_S
 
 LONG = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 1000, "gain_steps": []}

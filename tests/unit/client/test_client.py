@@ -20,7 +20,7 @@ from motord.client import (
     connection,
     operator,
 )
-from motord.client.diagnosis import why_no_endpoint
+from motord.client.discovery import why_no_endpoint
 from motord.schema import TICK_DTYPE
 from motord.security.identity import Identity
 from motord.service.publish.zenoh_api import ApiError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motord.client.decoding import decode_ticks
-from motord.client.tick_subscription import TickLosses, TickSubscription
+from motord.client.subscription import TickLosses, TickSubscription
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import BlockCodec
 

@@ -20,8 +20,7 @@ from motord.service.bench.calibrations import CalibrationStore
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
-from motord.service.rpc.adoption import Adoption
-from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration import Adoption, Installation
 from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.calibration_reader import read, read_files
 from motord.service.rpc.dispatcher import Dispatcher

@@ -14,7 +14,7 @@ import zenoh
 
 from motord.api.endpoints import client_config, gateway_config
 from motord.client import ClientError, connect
-from motord.client.diagnosis import why_closed
+from motord.client.discovery import why_closed
 from motord.process import ending_threads
 from motord.recorder.pipe_lines import LineWriter
 from motord.security import authority, identity

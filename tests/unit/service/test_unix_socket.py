@@ -13,7 +13,7 @@ import pytest
 from motord import config
 from motord.api.endpoints import UNIX_SOCKET
 from motord.client import ClientError, connect
-from motord.client.diagnosis import why_no_socket
+from motord.client.discovery import why_no_socket
 from motord.config import ConfigError
 from motord.service.publish.zenoh_api import ApiError
 from tests.unit.service.live_service import LiveService, live_service

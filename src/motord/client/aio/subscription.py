@@ -9,8 +9,7 @@ from typing import Generic, Self, TypeVar
 import numpy as np
 
 from motord.client.aio.threads import Threads
-from motord.client.subscription import Subscription
-from motord.client.tick_subscription import TickLosses, TickSubscription
+from motord.client.subscription import Subscription, TickLosses, TickSubscription
 
 _Item = TypeVar("_Item")
 
