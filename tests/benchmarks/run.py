@@ -27,7 +27,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from motord.loop.steal_time import stolen_ticks
+from motord.loop.latency.measurement import stolen_ticks
 from tests import benchmarks
 from tests.benchmarks.figure import Figure
 

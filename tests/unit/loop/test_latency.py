@@ -19,12 +19,12 @@ from motord.loop.latency.measurement import (
     MeasuredSlices,
     MeasurementPlan,
     measure,
+    stolen_ticks,
     timing_of,
 )
 from motord.loop.latency.picture import picture
 from motord.loop.latency.report import report
 from motord.loop.rt_setup import RealtimeStatus
-from motord.loop.steal_time import stolen_ticks
 from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing
 from tests.support.patience import PATIENCE_S

@@ -13,8 +13,8 @@ import pytest
 
 from motord.config import LoopConfig
 from motord.config.base import CPUS_MAX
-from motord.loop import rt_rights, rt_setup
-from motord.loop.rt_rights import RealtimeItem
+from motord.loop import rt_setup
+from motord.loop.rt_setup import RealtimeItem
 
 NAMES = ["garbage collector", "timer slack", "memory lock", "CPU sleep", "CPU", "scheduler"]
 
@@ -99,29 +99,29 @@ def limits(monkeypatch: pytest.MonkeyPatch) -> dict[int, int]:
     hard = {resource.RLIMIT_MEMLOCK: 2**20, resource.RLIMIT_RTPRIO: 0}
     monkeypatch.setattr(resource, "getrlimit", lambda which: (0, hard[which]))
     monkeypatch.setattr(resource, "setrlimit", lambda _which, _limits: None)
-    monkeypatch.setattr(rt_rights, "has_capability", lambda _number: False)
+    monkeypatch.setattr(rt_setup, "has_capability", lambda _number: False)
     return hard
 
 
 def test_memory_lock(monkeypatch: pytest.MonkeyPatch, limits: dict[int, int]) -> None:
     libc = FakeLibc()
-    monkeypatch.setattr(rt_rights, "_libc", libc)
-    partly = rt_rights.lock_memory()
+    monkeypatch.setattr(rt_setup, "_libc", libc)
+    partly = rt_setup.lock_memory()
     assert (partly.granted, partly.why, libc.lock_flags) == (False, "limit 1024 KiB", 1)
     limits[resource.RLIMIT_MEMLOCK] = resource.RLIM_INFINITY
-    assert rt_rights.lock_memory().granted
+    assert rt_setup.lock_memory().granted
     assert libc.lock_flags == 3
     libc.lock_error = 12
-    refused = rt_rights.lock_memory()
+    refused = rt_setup.lock_memory()
     assert (refused.granted, refused.got) == (False, "nothing")
     assert "memory" in refused.why
 
 
 def test_timer_slack(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rt_rights, "_libc", FakeLibc())
-    assert rt_rights.set_timer_slack().granted
-    monkeypatch.setattr(rt_rights, "_libc", FakeLibc(slack_ns=50_000))
-    assert rt_rights.set_timer_slack().got == "50000 ns"
+    monkeypatch.setattr(rt_setup, "_libc", FakeLibc())
+    assert rt_setup.set_timer_slack().granted
+    monkeypatch.setattr(rt_setup, "_libc", FakeLibc(slack_ns=50_000))
+    assert rt_setup.set_timer_slack().got == "50000 ns"
 
 
 def test_scheduler(monkeypatch: pytest.MonkeyPatch, limits: dict[int, int]) -> None:
@@ -134,32 +134,32 @@ def test_scheduler(monkeypatch: pytest.MonkeyPatch, limits: dict[int, int]) -> N
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
     highest = 98
-    assert rt_rights.schedule(80).granted
+    assert rt_setup.schedule(80).granted
     highest = 0
-    assert rt_rights.schedule(80).got == "normal priority"
+    assert rt_setup.schedule(80).got == "normal priority"
     limits[resource.RLIMIT_RTPRIO] = highest = 20
-    lower = rt_rights.schedule(80)
+    lower = rt_setup.schedule(80)
     assert (lower.got, lower.granted) == ("SCHED_FIFO 20", False)
     assert asked == [80, 80, 80, 20]
 
 
 def test_pinning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {2, 0})
-    assert "0, 2" in rt_rights.pin(None).got
+    assert "0, 2" in rt_setup.pin(None).got
 
     def refuse(_process: int, _cpus: set[int]) -> None:
         raise OSError(22, "Invalid argument")
 
     monkeypatch.setattr(os, "sched_setaffinity", refuse)
-    refused = rt_rights.pin(1)
+    refused = rt_setup.pin(1)
     assert (refused.granted, refused.why) == (False, "Invalid argument")
     monkeypatch.setattr(os, "sched_setaffinity", lambda _process, _cpus: None)
-    assert rt_rights.pin(1).got == "CPU 1"
+    assert rt_setup.pin(1).got == "CPU 1"
 
 
 def test_cpu_sleep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "cpu_dma_latency"
-    assert rt_rights.keep_cpu_awake(device).got == "not managed by this kernel"
+    assert rt_setup.keep_cpu_awake(device).got == "not managed by this kernel"
     device.write_bytes(b"????")
     opened: list[int] = []
     real_open = os.open
@@ -169,17 +169,17 @@ def test_cpu_sleep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         return opened[-1]
 
     monkeypatch.setattr(os, "open", remember)
-    assert rt_rights.keep_cpu_awake(device).granted
+    assert rt_setup.keep_cpu_awake(device).granted
     assert device.read_bytes() == bytes(4)
     os.close(opened[0])  # still open until here
-    refused = rt_rights.keep_cpu_awake(tmp_path)
+    refused = rt_setup.keep_cpu_awake(tmp_path)
     assert not refused.granted
     assert str(tmp_path) in refused.why
 
 
 def test_garbage_collector() -> None:
     try:
-        assert rt_rights.stop_garbage_collector().granted
+        assert rt_setup.stop_garbage_collector().granted
         assert not gc.isenabled()
     finally:
         gc.unfreeze()
@@ -189,10 +189,10 @@ def test_garbage_collector() -> None:
 def test_capabilities(tmp_path: Path) -> None:
     status = tmp_path / "status"
     status.write_text("CapPrm:\t0000000000004000\nCapEff:\t0000000000000400\n")
-    assert rt_rights.has_capability(10, status)
-    assert not rt_rights.has_capability(14, status)
+    assert rt_setup.has_capability(10, status)
+    assert not rt_setup.has_capability(14, status)
     status.write_text("Name: x\n")
-    assert not rt_rights.has_capability(10, status)
+    assert not rt_setup.has_capability(10, status)
 
 
 def test_a_refused_right_is_one_line() -> None:
@@ -240,7 +240,7 @@ def test_apply_asks_for_everything_the_scheduler_last(
             asked.append(name)
             return RealtimeItem(name=name, wanted="", got="", granted=name != "pin")
 
-        monkeypatch.setattr(rt_rights, name, ask)
+        monkeypatch.setattr(rt_setup, name, ask)
     monkeypatch.setattr(sys, "stdin", io.StringIO(LoopConfig().model_dump_json()))
     rt_setup.main()
     status = rt_setup.RealtimeStatus.model_validate_json(capsys.readouterr().out)

@@ -46,7 +46,7 @@ def test_little_is_exposed() -> None:
 
 
 def test_what_the_loop_asks_for_is_let_through() -> None:
-    """Rights of `loop.rt_rights` and `service.host.scheduling` that a closed unit could take."""
+    """Rights of `loop.rt_setup` and `service.host.scheduling` that a closed unit could take."""
     unit = UNIT.read_text()
     rules = UNIT.with_name("60-motord.rules").read_text()
     assert "DeviceAllow=/dev/cpu_dma_latency rw" in unit

@@ -12,13 +12,13 @@ import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from motord.config import LoopConfig
 from motord.loop.latency import LatencyError, cyclictest
 from motord.loop.latency.measured_loop import LoopSetup, Ready
-from motord.loop.steal_time import stolen_ticks
 from motord.process.module_command import module_command
 from motord.process.one_thread import ONE_THREAD
 from motord.process.signal_handlers import blocked
@@ -235,3 +235,16 @@ def median_of_slices_us(histograms: list[TimeHistogram], fraction: float) -> flo
     if not histograms:
         return float("nan")
     return float(np.median([part.quantile_ns(fraction) for part in histograms])) / 1e3
+
+
+STAT = Path("/proc/stat")
+_STEAL_COLUMN = 8
+
+
+def stolen_ticks(cpu: int, stat: Path = STAT) -> int:
+    """Return the steal counter of processor `cpu`, in ticks of usually 10 ms; 0 if not counted."""
+    for line in stat.read_text().splitlines():
+        columns = line.split()
+        if columns and columns[0] == f"cpu{cpu}":
+            return int(columns[_STEAL_COLUMN]) if len(columns) > _STEAL_COLUMN else 0
+    return 0
