@@ -6,7 +6,7 @@ from typing import Any
 
 from motord.recorder.blackbox_request import BlackBoxRequest, checked_event
 from motord.recorder.finishing import RunMessage
-from motord.recorder.mark import Mark
+from motord.recorder.protocol import Mark
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.untrusted import parse_json

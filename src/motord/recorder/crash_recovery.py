@@ -19,7 +19,7 @@ import numpy as np
 from motord.atomic_write import sync_folder
 from motord.config import Config
 from motord.process.ending_threads import join_in_time
-from motord.recorder.mark import Mark
+from motord.recorder.protocol import Mark
 from motord.recorder.ring_source import after, indexes_of, mark_of
 from motord.recording.errors import RecordError
 from motord.recording.file_names import (

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.recorder.mark import Mark
+from motord.recorder.protocol import Mark
 from motord.recorder.ring_source import (
     NEIGHBOURS,
     RingPiece,

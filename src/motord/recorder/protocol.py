@@ -1,6 +1,7 @@
 """What a child process reports to the supervisor: typed messages, bounded in size and in rate.
 
-Whatever else comes out of a child's pipe is counted and left out. Nothing here waits or raises.
+Whatever else comes out of a child's pipe is counted and left out. Nothing here waits or raises, or
+loads what reads or writes recordings.
 """
 
 from collections.abc import Mapping
@@ -8,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from motord.process.allowance import Allowance
@@ -123,3 +125,25 @@ class RecordingTask:
     stem: Path
     metadata: Mapping[str, Any]
     first_tick: int | None = None
+
+
+_MARK_FIELDS = ("tick", "t_ns", "missed")
+
+
+@dataclass(frozen=True)
+class Mark:
+    """The last tick that is in a file."""
+
+    tick: int
+    t_ns: int
+    missed: int
+
+    @classmethod
+    def of(cls, tick: np.void) -> "Mark":
+        """Return the mark of a tick, a record with fields `tick`, `t_ns` and `missed`."""
+        return cls(*(int(tick[name]) for name in _MARK_FIELDS))
+
+    @classmethod
+    def of_last(cls, ticks: np.ndarray) -> "Mark":
+        """Return the mark of the last of `ticks` (n,), n > 0; faster than to take it out before."""
+        return cls(*(ticks[name].item(-1) for name in _MARK_FIELDS))

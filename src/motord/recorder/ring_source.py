@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from motord.recorder.mark import Mark
+from motord.recorder.protocol import Mark
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, whole_of
 from motord.recording.reader import open_run_unfinished_or_not

@@ -7,8 +7,7 @@ from motord.config import RecordingConfig
 from motord.recorder.background import Background
 from motord.recorder.blackbox import BlackBoxWriter
 from motord.recorder.finishing import RunMessage, messages_missing, missing_of
-from motord.recorder.mark import Mark
-from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, RecordingTask, note_outcome
+from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, Mark, RecordingTask, note_outcome
 from motord.recorder.ring_source import RingPiece, RingSource, last_mark, neighbours
 from motord.recorder.rolling_file import RollingFile, closed_in_order
 from motord.recording import storage

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.recorder.commands import handle
-from motord.recorder.mark import Mark
+from motord.recorder.protocol import Mark
 from motord.recorder.ring_source import last_mark
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, next_file, numbers

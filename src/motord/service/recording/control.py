@@ -17,8 +17,7 @@ import numpy as np
 from motord.api.messages import RecordingView
 from motord.api.plan_messages import PlanView
 from motord.config import ChannelConfig, Config
-from motord.recorder.mark import Mark
-from motord.recorder.protocol import RecordingTask
+from motord.recorder.protocol import Mark, RecordingTask
 from motord.recording.file_names import file_name, stamp
 from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motord.recorder.launch import LastMessage, RecorderLink
-from motord.recorder.mark import Mark
-from motord.recorder.protocol import RecorderReport, RecordingTask
+from motord.recorder.protocol import Mark, RecorderReport, RecordingTask
 from motord.recording.file_names import stem_of, whole_of
 from motord.service.host.events import EventLog
 

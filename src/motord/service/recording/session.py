@@ -13,8 +13,7 @@ from typing import Any
 from motord.api.messages import Event
 from motord.config import ChannelConfig
 from motord.recorder.launch import LastMessage, RecorderLink, Resent
-from motord.recorder.mark import Mark
-from motord.recorder.protocol import RecorderReport, RecordingTask
+from motord.recorder.protocol import Mark, RecorderReport, RecordingTask
 from motord.service.host.child_pipes import LOOK_NS, SILENCE_MAX_NS, ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
