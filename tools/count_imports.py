@@ -50,7 +50,7 @@ PATH = (
     Step("service/supervisor.py", "Supervisor.step", "takes the queue, steps", "thread"),
     Step("service/rpc/dispatcher.py", "Dispatcher.handle", "requires the lease, preconditions"),
     Step("service/rpc/operation.py", "ManualOperation.set_point", "carries it out", "handlers"),
-    Step("service/rpc/setpoint_validation.py", "validate_setpoint", "validates it as a whole"),
+    Step("service/rpc/preconditions.py", "validate_setpoint", "validates it as a whole"),
     Step("sequencing/limits.py", "check_torque", "compares it with [limits]"),
     Step("service/bench/manual_control.py", "ManualControl.set", "leads with the brake"),
     Step("service/setpoint.py", "Setpoint.write", "fills the SETPOINT record"),

@@ -45,8 +45,7 @@ from motord.service.queue.queue_file import QueueFile
 from motord.service.queue.runner import QueueRunner
 from motord.service.queue.waits import ChannelValue
 from motord.service.recording.control import RecordingControl
-from motord.service.rpc.adoption import Adoption
-from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration import Adoption, Installation
 from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded

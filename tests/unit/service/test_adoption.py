@@ -10,8 +10,7 @@ from motord.calibration import Calibration
 from motord.calibration.file import load
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 from motord.service.bench.calibrations import CalibrationStore
-from motord.service.rpc.adoption import Adoption
-from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration import Adoption, Installation
 from motord.service.rpc.calibration_reader import read
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.tracker.protocol import AdoptedReport

@@ -27,8 +27,8 @@ from motord.service.rpc.preconditions import (
     no_queue,
     no_trip,
     not_ramping_down,
+    validate_setpoint,
 )
-from motord.service.rpc.setpoint_validation import validate_setpoint
 
 TICKS_S = 0.5
 """Within this time the loop has carried out a request that needs no ramp."""
