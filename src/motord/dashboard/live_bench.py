@@ -10,12 +10,11 @@ import numpy as np
 
 from motord.api.descriptions import TRIP_ACTION, TRIP_MEANING
 from motord.api.messages import Event
-from motord.client.tick_subscription import LossCounter
+from motord.client.subscription import LossCounter
 from motord.dashboard.bench_link import Item
 from motord.dashboard.frames import encode, encode_document
-from motord.dashboard.history import RETENTION_S, History
+from motord.dashboard.history import RETENTION_S, History, TickGrid
 from motord.dashboard.signals import SIGNALS, values
-from motord.dashboard.tick_grid import TickGrid
 from motord.dashboard.timing import EDGES_us, TimingHistograms
 from motord.dashboard.turns import BINS, ORDERS, TurnAverager
 from motord.wire.ticks.blocks import Block

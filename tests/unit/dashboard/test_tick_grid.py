@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.dashboard.tick_grid import ANCHOR_S, TickGrid
+from motord.dashboard.history import ANCHOR_S, TickGrid
 from tests.unit.dashboard.ticks import block
 
 S = 1_000_000_000
