@@ -4,11 +4,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from motord.api.channel_messages import ChannelView
 from motord.api.plan_messages import PlanView
-from motord.api.published_message import PublishedMessage
+from motord.api.published_message import ChannelView, PublishedMessage, TripReport, TripView
 from motord.api.queue_messages import QueueView
-from motord.api.trip_messages import TripReport, TripView
 from motord.experiments.tracking.tracked import TrackedCalibration
 from motord.schema import Compensation
 from motord.section import SensorHighpass

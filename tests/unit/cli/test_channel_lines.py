@@ -2,7 +2,7 @@
 
 import pytest
 
-from motord.api.channel_messages import ChannelView
+from motord.api.published_message import ChannelView
 from motord.cli.bench import wording
 from motord.cli.bench.status import table
 from motord.cli.bench.watch import panels

@@ -4,9 +4,9 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from motord.api.channel_messages import ChannelView
     from motord.api.messages import BenchState
     from motord.api.plan_messages import PlanView
+    from motord.api.published_message import ChannelView
     from motord.api.queue_messages import QueueView
     from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 

@@ -11,7 +11,7 @@ that would start a motor with nobody there.
 
 from math import inf, isfinite, nan
 
-from motord.api.channel_messages import ChannelStatus, ChannelView
+from motord.api.published_message import ChannelStatus, ChannelView
 from motord.config import ChannelConfig, Config
 from motord.config.sections import LimitsConfig
 from motord.hal.channel_source import ChannelReading

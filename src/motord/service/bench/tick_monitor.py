@@ -18,7 +18,7 @@ from motord.api.descriptions import (
     trip_text,
 )
 from motord.api.messages import LinksView, LoopView, TickView
-from motord.api.trip_messages import TripReport, TripView
+from motord.api.published_message import TripReport, TripView
 from motord.config import Config
 from motord.schema import BridgeStatus, State, Trip
 from motord.service.bench import link_health
