@@ -1,7 +1,7 @@
 """NMT start, SYNC and heartbeats: which frames go with a command, and when."""
 
 from motord.config import CanopenConfig
-from motord.hal.inverter.canopen_host import CanopenHost
+from motord.hal.inverter.can_drive import CanopenHost
 
 SYNC = (0x80, b"")
 BEAT = (0x700 + 9, b"\x05")
