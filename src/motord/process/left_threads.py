@@ -1,4 +1,4 @@
-"""The end of a process: without a last search for garbage, and whatever threads it left behind."""
+"""The end of a process: at once, whatever threads it left behind; by an error, in any of them."""
 
 import atexit
 import gc
@@ -29,3 +29,20 @@ def end_process(code: Any) -> NoReturn:
         with suppress(OSError, ValueError):  # nobody reads it, or it is closed
             stream.flush()
     os._exit(code if isinstance(code, int) else code is not None)
+
+
+def end_with_any_thread() -> None:
+    """Have this process end, as by an error in its main thread, if one ends any thread of it.
+
+    Else it would go on without what the thread was for, and nobody would start it again.
+    """
+    report = threading.excepthook
+
+    def end(error: threading.ExceptHookArgs) -> None:
+        try:
+            report(error)
+            sys.stderr.flush()
+        finally:  # also where nobody takes what it writes
+            os._exit(1)
+
+    threading.excepthook = end

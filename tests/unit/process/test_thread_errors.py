@@ -10,7 +10,7 @@ from tests.support.patience import PATIENCE_S
 
 PROGRAM = """
 import sys, threading
-from motord.process.thread_errors import end_with_any_thread
+from motord.process.left_threads import end_with_any_thread
 from tests.support.panic import panic
 
 end_with_any_thread()

@@ -23,8 +23,7 @@ from motord.config import Config, ConfigError
 from motord.config.zenoh import TlsConfig
 from motord.process.bench_options import bench_options
 from motord.process.ending_threads import ends_in_time
-from motord.process.left_threads import end_process
-from motord.process.thread_errors import end_with_any_thread
+from motord.process.left_threads import end_process, end_with_any_thread
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.security import roles as roles_file

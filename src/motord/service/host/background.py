@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from motord.calibration import CalibrationError
 from motord.config import Config, ConfigError, load_started
 from motord.process.bench_options import bench_options
-from motord.process.thread_errors import end_with_any_thread
+from motord.process.left_threads import end_with_any_thread
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
 from motord.service.host import scheduling
 from motord.shm.run_directory import RunDir
