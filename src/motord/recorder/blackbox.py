@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from motord.config import RecordingConfig
-from motord.recorder.blackbox_request import AFTER_S, BlackBoxRequest
-from motord.recorder.protocol import note_outcome
+from motord.recorder.protocol import AFTER_S, BlackBoxRequest, note_outcome
 from motord.recording.errors import RecordError
 from motord.recording.file_names import PART, STAMP, part_of
 from motord.recording.writer import RunWriter

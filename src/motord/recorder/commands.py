@@ -4,15 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from motord.recorder.blackbox_request import BlackBoxRequest, checked_event
 from motord.recorder.finishing import RunMessage
-from motord.recorder.protocol import Mark
+from motord.recorder.protocol import BlackBoxRequest, Mark, checked_event
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.untrusted import parse_json
 
 TIME_MAX_NS = (1 << 63) - 1
-MARKED = ("tick", "t_ns", "missed")
 
 Command = Mapping[str, Any]
 
@@ -84,7 +82,7 @@ def _first_tick(command: Command) -> int | None:
 
 def _newest(command: Command) -> Mark | None:
     newest = command["newest"]
-    return None if newest is None else Mark(**{name: int(newest[name]) for name in MARKED})
+    return None if newest is None else Mark.of(newest)
 
 
 def _last(command: Command) -> list[RunMessage]:

@@ -8,9 +8,15 @@ from typing import IO, Generic, Literal, NamedTuple
 
 from motord.process.one_thread import ONE_THREAD
 from motord.process.signal_handlers import blocked
-from motord.recorder.blackbox_request import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
-from motord.recorder.protocol import M, Mark, MessageReader, RecorderReport, RecordingTask
+from motord.recorder.protocol import (
+    BlackBoxRequest,
+    M,
+    Mark,
+    MessageReader,
+    RecorderReport,
+    RecordingTask,
+)
 from motord.recording.json_encoding import to_line
 
 BACKLOG_MAX_BYTES = 4 << 20

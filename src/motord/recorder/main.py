@@ -22,11 +22,11 @@ from motord.process.allocator import allocate_from_one_heap
 from motord.process.bench_options import bench_options
 from motord.process.ending_threads import join_in_time
 from motord.process.left_threads import end_process
-from motord.recorder.blackbox_request import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
 from motord.recorder.launch import BACKLOG_MAX_BYTES
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineReader, LineWriter
+from motord.recorder.protocol import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.recording.json_encoding import to_line

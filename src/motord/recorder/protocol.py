@@ -5,15 +5,17 @@ loads what reads or writes recordings.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
+from motord.config import Config
 from motord.process.allowance import Allowance
 from motord.recorder.pipe_lines import LineReader
+from motord.recording.file_names import stamp
 
 TEXT_MAX = 16_384
 """Characters of a path or of an error; the recorder cuts off the rest."""
@@ -127,7 +129,7 @@ class RecordingTask:
     first_tick: int | None = None
 
 
-_MARK_FIELDS = ("tick", "t_ns", "missed")
+MARK_FIELDS = ("tick", "t_ns", "missed")
 
 
 @dataclass(frozen=True)
@@ -139,11 +141,63 @@ class Mark:
     missed: int
 
     @classmethod
-    def of(cls, tick: np.void) -> "Mark":
+    def of(cls, tick: np.void | Mapping[str, Any]) -> "Mark":
         """Return the mark of a tick, a record with fields `tick`, `t_ns` and `missed`."""
-        return cls(*(int(tick[name]) for name in _MARK_FIELDS))
+        return cls(*(int(tick[name]) for name in MARK_FIELDS))
 
     @classmethod
     def of_last(cls, ticks: np.ndarray) -> "Mark":
         """Return the mark of the last of `ticks` (n,), n > 0; faster than to take it out before."""
-        return cls(*(ticks[name].item(-1) for name in _MARK_FIELDS))
+        return cls(*(ticks[name].item(-1) for name in MARK_FIELDS))
+
+
+BEFORE_S = 10.0
+"""Ticks before the trip that a box holds, as far as the ring reaches (`[loop] ring_s`)."""
+AFTER_S = 1.0
+
+
+def path_of(config: Config, t_ns: int) -> Path:
+    """Return the name of the black box of a trip at `t_ns` (Unix ns)."""
+    folder = config.recording.blackbox_directory.absolute()
+    return folder / f"blackbox-{config.bench.name}-{stamp(t_ns)}.mcap"
+
+
+@dataclass(frozen=True)
+class BlackBoxRequest:
+    """What a box should be: file, tick of the trip (None: the newest), ticks before and after.
+
+    account: what is known of the trip, with `reason` as text. events: as in a recording, each
+    with `t_ns`, `kind`, `message`, `data`; more may be added while the box is open.
+    """
+
+    path: Path
+    tick: int | None
+    ticks_before: int
+    ticks_after: int
+    metadata: Mapping[str, Any]
+    account: Mapping[str, Any]
+    events: list[Mapping[str, Any]] = field(default_factory=list)
+
+    @classmethod
+    def from_command(cls, command: Mapping[str, Any]) -> "BlackBoxRequest":
+        """Return the request in a command. Raises KeyError, TypeError, ValueError."""
+        tick = command["tick"]
+        return cls(
+            path=Path(command["path"]),
+            tick=None if tick is None else int(tick),
+            ticks_before=int(command["ticks_before"]),
+            ticks_after=int(command["ticks_after"]),
+            metadata=dict(command["metadata"]),
+            account=dict(command["account"]),
+            events=[checked_event(event) for event in command["events"]],
+        )
+
+
+def checked_event(event: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an event with what a recording needs of it. Raises KeyError, TypeError, ValueError."""
+    return {
+        "t_ns": int(event["t_ns"]),
+        "kind": str(event["kind"]),
+        "message": str(event["message"]),
+        "data": dict(event.get("data", {})),
+    }

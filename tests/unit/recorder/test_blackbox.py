@@ -15,9 +15,8 @@ from motord.cli.record.commands import app
 from motord.config import RecordingConfig
 from motord.recorder import blackbox
 from motord.recorder.blackbox import AT_ONCE, LATE_S
-from motord.recorder.blackbox_request import AFTER_S, BlackBoxRequest, path_of
 from motord.recorder.commands import handle
-from motord.recorder.protocol import OUTCOMES_MAX
+from motord.recorder.protocol import AFTER_S, OUTCOMES_MAX, BlackBoxRequest, path_of
 from motord.recorder.session import Session
 from motord.recording.file_names import part_of
 from motord.recording.info import describe

@@ -10,9 +10,8 @@ from typing import Any
 
 from motord.api.messages import Event
 from motord.config import Config
-from motord.recorder.blackbox_request import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.launch import RecorderLink
-from motord.recorder.protocol import RecorderReport
+from motord.recorder.protocol import AFTER_S, BEFORE_S, BlackBoxRequest, RecorderReport, path_of
 from motord.schema import State
 from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
