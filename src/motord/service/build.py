@@ -41,9 +41,9 @@ from motord.service.processes import PROCESSES
 from motord.service.publish.publisher import Publisher, named_state
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
+from motord.service.queue.attempt import ChannelValue
 from motord.service.queue.queue_file import QueueFile
 from motord.service.queue.runner import QueueRunner
-from motord.service.queue.waits import ChannelValue
 from motord.service.recording.control import RecordingControl
 from motord.service.rpc.calibration import Adoption, Installation
 from motord.service.rpc.calibration_files import CalibrationFiles

@@ -10,9 +10,9 @@ from motord.api.queue_messages import QueueWait
 from motord.service.build import show_interrupted_plan
 from motord.service.plans.journal_file import Journal
 from motord.service.queue import attempt
+from motord.service.queue.attempt import WaitFailedError, Waits, due
 from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.queue_file import QueueFile
-from motord.service.queue.waits import WaitFailedError, Waits, due
 from tests.unit.service.virtual_service import VirtualService
 
 SHORT = {

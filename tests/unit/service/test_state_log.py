@@ -4,7 +4,7 @@ import pytest
 
 from motord.schema import State, Trip
 from motord.service.publish.publisher import named_state
-from motord.service.recording.state_log import BURST, Destination, StateLog
+from motord.service.recording.logs import BURST, Destination, StateLog
 from tests.unit.service.virtual_service import VirtualService
 
 S = 1_000_000_000

@@ -14,7 +14,7 @@ from motord.schema import TICK_DTYPE, State
 from motord.service.host.events import EventLog
 from motord.service.recording import session
 from motord.service.recording.control import NO_TICKS, RecordingControl
-from motord.service.recording.timing_log import EVERY_NS
+from motord.service.recording.logs import EVERY_NS
 from motord.shm.time_count import count_time
 from motord.shm.timing import Timing, TimingSummary, total
 

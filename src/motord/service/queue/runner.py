@@ -16,10 +16,17 @@ from uuid import uuid4
 from motord.api.queue_messages import QueueItem, QueueRun, QueueView
 from motord.schema import State
 from motord.service.bench.bench import Bench
-from motord.service.queue.attempt import Attempt, BeginPlan, NotStartedError, QueuedPlanStarter
+from motord.service.queue.attempt import (
+    Attempt,
+    BeginPlan,
+    ChannelValue,
+    NotStartedError,
+    QueuedPlanStarter,
+    WaitFailedError,
+    Waits,
+)
 from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.queue_file import QueueFile
-from motord.service.queue.waits import ChannelValue, WaitFailedError, Waits
 
 Submit = Callable[[Callable[[], BeginPlan]], "Future[BeginPlan]"]
 """Has something done by a thread that may wait."""

@@ -26,9 +26,8 @@ from motord.service.host.child_pipes import SILENCE_MAX_NS
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.closing import ClosingRecording
+from motord.service.recording.logs import Destination, NamedState, StateLog, TimingLog
 from motord.service.recording.session import RecorderSession
-from motord.service.recording.state_log import Destination, NamedState, StateLog
-from motord.service.recording.timing_log import TimingLog
 
 BEFORE_S = 2.0
 """Ticks before the bench was enabled that belong to a recording."""

@@ -11,10 +11,9 @@ from motord.api.requests import NoArguments, RpcRequest, parse
 from motord.schema import State
 from motord.service.bench.bench import Bench
 from motord.service.plans.resume import Resumption
-from motord.service.queue.attempt import BeginPlan
+from motord.service.queue.attempt import BeginPlan, valueless
 from motord.service.queue.plan_queue import PlanQueue
 from motord.service.queue.runner import QueueRunner
-from motord.service.queue.waits import valueless
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
 from motord.service.rpc.plans import PlanControl, PreparedPlan, estimate_s_of, same_serial
 from motord.service.rpc.preconditions import loop_up, no_trip, not_ramping_down

@@ -1,15 +1,23 @@
-"""The topic `/state` of a recording: the bench's state by name, when it changes.
+"""What a recording has besides ticks: the bench's state by name, and the loop's punctuality.
 
-A recording begins with the state at its beginning, which may lie before what began it, and every
-further file with the state then.
+The topic `/state` has the state when it changes. A recording begins with the state at its
+beginning, which may lie before what began it, and every further file with the state then.
+
+An event `timing` comes every so often, and at the end. Each holds what the loop counted since the
+one before, with the bins of both histograms, so that those of a file add up to the file's
+(`motord.shm.timing.total`), and a daemon that is killed leaves all but the last.
 """
 
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from motord.api.messages import Event
 from motord.process.allowance import Allowance
+from motord.shm.shared_records import SharedFileError
+from motord.shm.timing import KIND, TimingPart
 
 RATE_PER_S = 10.0
 BURST = 10.0
@@ -69,3 +77,43 @@ class StateLog:
         for at_ns, state in self._kept:
             if at_ns > since_ns:
                 self._record(at_ns, state)
+
+
+EVERY_NS = 60_000_000_000
+
+
+class TimingLog:
+    """Follows the loop that counts in the file at `path`; `record` records an event."""
+
+    def __init__(self, path: Path, record: Callable[[Event], None]) -> None:
+        self._path = path
+        self._record = record
+        self._part: TimingPart | None = None
+        self._since_ns = 0
+
+    def begin(self, now_ns: int) -> None:
+        """Count from now on, if there is a loop. `now_ns` is Unix ns."""
+        self._since_ns = now_ns
+        try:
+            self._part = TimingPart(self._path)
+        except SharedFileError:
+            self._part = None
+
+    def step(self, now_ns: int) -> None:
+        """Record what was counted, if it is time."""
+        if now_ns - self._since_ns >= EVERY_NS:
+            self._report(now_ns)
+
+    def end(self, now_ns: int) -> None:
+        """Record the rest and count no more."""
+        self._report(now_ns)
+        self._part = None
+
+    def _report(self, now_ns: int) -> None:
+        if self._part is None:
+            return
+        summary = self._part.take()
+        span = {"t_start_ns": self._since_ns, "t_end_ns": now_ns}
+        data = {**span, **summary.model_dump(mode="json")}
+        self._since_ns = now_ns
+        self._record(Event(t_ns=now_ns, kind=KIND, message=summary.line(), data=data))
