@@ -1,4 +1,4 @@
-/* Which of the numbered frames were lost or corrupt, each counted once (as motord.wire.bridge.sequence).
+/* Which of the numbered frames were lost or corrupt, each counted once (as motord.wire.sequence).
  *
  * A corrupt frame is seen twice: when its checksum fails, and as a gap at the next good one. The
  * larger of the two counts between good frames is what went wrong there. */

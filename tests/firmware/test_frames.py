@@ -12,9 +12,9 @@ from tools import bridge_layout
 from motord.wire.bridge import cobs, frames
 from motord.wire.bridge.layout import LAYOUTS, PROTOCOL
 from motord.wire.bridge.segmentation import PieceDecoder, split
-from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.crc import crc16
+from motord.wire.sequence import SequenceCheck
 from tests.firmware.library import Library
 from tests.support.properties import examples
 from tests.unit.wire.test_frames import FRAMES, KINDS, U16

@@ -7,7 +7,7 @@ from motord.config import Config
 from motord.emulate.devices import NEVER_NS
 from motord.schema import FAULT_COUNT_MODULUS, FAULT_COUNT_SHIFT, BridgeStatus
 from motord.wire.bridge import frames
-from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.sequence import SequenceCheck
 
 BOARD_NAME = b"motord-emulate"
 FIRMWARE = frames.firmware(1, 3, 0)

@@ -9,9 +9,9 @@ from motord.emulate.bench import CurrentCommand
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.python_can import can
-from motord.wire.alive_counter import AliveCounter
 from motord.wire.can.codec import InverterCodec, MessageCodec
 from motord.wire.can.frame_format import ERROR_BUS_OFF, ERROR_RESTARTED, EXTENDED
+from motord.wire.sequence import AliveCounter
 
 FRAMES_AT_ONCE = 4096
 

@@ -1,6 +1,6 @@
 import pytest
 
-from motord.wire.alive_counter import RESTART_FRAMES, AliveCounter
+from motord.wire.sequence import RESTART_FRAMES, AliveCounter
 
 SIXTEEN_BITS = 65536
 

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.sequence import SequenceCheck
 
 
 @given(st.lists(st.sampled_from("gcl"), max_size=200), st.integers(0, 65535))

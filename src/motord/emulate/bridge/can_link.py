@@ -9,8 +9,8 @@ from motord.emulate.can import EmulatedBus
 from motord.emulate.clock import HostClock
 from motord.wire.bridge.frames import Frame, Numbered, pack
 from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
-from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
+from motord.wire.sequence import SequenceCheck
 
 
 class BoardCanLink(BoardEnd):

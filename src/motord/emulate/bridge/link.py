@@ -10,8 +10,8 @@ from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.emulate.pty import Pty
 from motord.wire.bridge.frames import SEQUENCE_MODULUS, Frame, Numbered, encode
-from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.bridge.stream import StreamDecoder
+from motord.wire.sequence import SequenceCheck
 
 
 class BoardEnd(ABC):

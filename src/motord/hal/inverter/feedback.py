@@ -5,8 +5,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from motord.wire.alive_counter import AliveCounter
 from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, InverterCodec, MessageCodec
+from motord.wire.sequence import AliveCounter
 
 _SLOT = {slot: index for index, slot in enumerate(FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS)}
 _AXES = slice(len(FEEDBACK_SLOTS), len(_SLOT))

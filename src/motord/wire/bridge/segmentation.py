@@ -10,9 +10,9 @@ The board's side is `firmware_bridge/protocol/can_pieces.c`.
 """
 
 from motord.wire.bridge.frames import BODY_BYTES, Numbered, unpack
-from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.bridge.stream import FrameDecoder
 from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES, data_size
+from motord.wire.sequence import SequenceCheck
 
 FIRST = 0x80
 LAST = 0x40

@@ -12,7 +12,7 @@ from motord.wire.bridge.frames import (
     Numbered,
     decode,
 )
-from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.sequence import SequenceCheck
 
 
 class FrameDecoder:

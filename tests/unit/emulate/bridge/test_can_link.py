@@ -16,8 +16,8 @@ from motord.emulate.process import Emulator
 from motord.rig import truth as rig_truth
 from motord.wire.bridge import frames
 from motord.wire.bridge.segmentation import PieceDecoder, split
-from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
+from motord.wire.sequence import SequenceCheck
 from tests.unit.emulate.benches import EMULATED, write_bench
 
 CHANNEL = "test-can-link"

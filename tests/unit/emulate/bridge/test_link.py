@@ -7,8 +7,8 @@ from motord import config
 from motord.emulate.board import Board
 from motord.emulate.bridge.link import BoardLink
 from motord.wire.bridge import frames
-from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.bridge.stream import StreamDecoder
+from motord.wire.sequence import SequenceCheck
 from tests.unit.emulate.benches import EMULATED
 
 
