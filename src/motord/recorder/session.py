@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from motord.config import RecordingConfig
-from motord.recorder.background import Background
+from motord.process.ending_threads import Background
 from motord.recorder.blackbox import BlackBoxWriter
 from motord.recorder.finishing import RunMessage, messages_missing, missing_of
 from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX, Mark, RecordingTask, note_outcome

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from motord import config
+from motord.process import ending_threads
 from motord.process.ending_threads import _do
-from motord.recorder import background
 from motord.recorder.commands import handle
 from motord.recorder.main import Reporter
 from motord.recorder.pipe_lines import LineReader
@@ -191,7 +191,7 @@ class Bench:
         patch.setattr(control, "describe", lambda *_: {"motor": {}})
         for name in ("BEFORE_S", "AFTER_S"):
             patch.setattr(control, name, MARGIN_STEPS * STEP_S)
-        patch.setattr(background, "Worker", DoneAtOnce)
+        patch.setattr(ending_threads, "Worker", DoneAtOnce)
         clock = {"monotonic": lambda: self.now_s, "monotonic_ns": self._now_ns, "sleep": self._wait}
         patch.setattr(session, "time", SimpleNamespace(**clock))
         self.settings = config.RecordingConfig(

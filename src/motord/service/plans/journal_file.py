@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from motord.atomic_write import sync_folder
-from motord.recorder.background import Background
+from motord.process.ending_threads import Background
 from motord.recording.json_encoding import to_json
 from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote, read
 from motord.untrusted import parse_json

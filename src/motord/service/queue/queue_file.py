@@ -6,7 +6,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from motord.atomic_write import sync_folder, write_whole
-from motord.recorder.background import Background
+from motord.process.ending_threads import Background
 from motord.service.queue.plan_queue import PlanQueue
 
 
