@@ -7,7 +7,7 @@ import pytest
 
 from motord.api.messages import DeviceView
 from motord.schema import TICK_DTYPE, BridgeStatus, Flag, InverterStatus
-from motord.service.bench import link_health
+from motord.service.bench import recent_ticks
 from motord.service.publish.publisher import ages_s
 from tests.unit.service.virtual_service import VirtualService
 
@@ -26,7 +26,7 @@ def ticks():
 
 
 def ages(ticks, read_s=0.004):
-    return link_health.ages_s(lambda name: ticks[name], RATE_HZ, read_s)
+    return recent_ticks.ages_s(lambda name: ticks[name], RATE_HZ, read_s)
 
 
 def test_where_all_is_well_ages_are_those_of_the_newest_tick(ticks):
@@ -58,7 +58,7 @@ def test_errors_and_ticks_without_news_are_counted(ticks):
     ticks["link_errors"][500:] = 43
     ticks["flags"][::2] = Flag.NEW_ENCODER
     ticks["inverter_status"][-1] = InverterStatus.READY | InverterStatus.BUS_OFF
-    view = link_health.links(lambda name: ticks[name])
+    view = recent_ticks.links(lambda name: ticks[name])
     assert (view.errors, view.errors_last_s, view.ticks_last_s) == (43, 3, RATE_HZ)
     assert (view.without_encoder_last_s, view.without_inverter_last_s) == (0, RATE_HZ // 2)
     assert view.bus_off
@@ -67,7 +67,7 @@ def test_errors_and_ticks_without_news_are_counted(ticks):
 
 def test_a_bridge_board_that_was_barred_in_the_last_second_is_said_to(ticks):
     ticks["bridge_status"][-300:-200] = BridgeStatus.BARRED
-    assert "end that program" in link_health.links(lambda name: ticks[name]).bridge
+    assert "end that program" in recent_ticks.links(lambda name: ticks[name]).bridge
 
 
 def test_a_bench_reports_its_ages_and_none_without_a_loop():

@@ -21,8 +21,7 @@ from motord.api.messages import LinksView, LoopView, TickView
 from motord.api.published_message import TripReport, TripView
 from motord.config import Config
 from motord.schema import BridgeStatus, State, Trip
-from motord.service.bench import link_health
-from motord.service.bench.recent_ticks import RecentTicks
+from motord.service.bench.recent_ticks import RecentTicks, ages_s, links
 from motord.service.bench.trip_report import ValuesAndLimits, trip_values
 from motord.service.host.events import EventLog
 
@@ -269,11 +268,11 @@ class TickMonitor:
         if self.last is None:
             return {}
         read_s = (now_ns - self.read_ns) / 1e9
-        return link_health.ages_s(self._recent.last_second, self._rate_Hz, read_s)
+        return ages_s(self._recent.last_second, self._rate_Hz, read_s)
 
     def links_view(self) -> LinksView | None:
         """Return the errors of the loop's links; None without a loop."""
-        return link_health.links(self._recent.last_second) if self.last is not None else None
+        return links(self._recent.last_second) if self.last is not None else None
 
     def loop_view(self, now_ns: int) -> LoopView:
         """Return the timing of the loop."""
