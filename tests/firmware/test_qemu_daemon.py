@@ -15,7 +15,7 @@ from motord import config
 from motord.control.types import FEEDBACK
 from motord.emulate import EmulatorError
 from motord.emulate.control import inject
-from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.inverter.can_drive import CanInverter
 from motord.recording.reader import open_run
 from motord.schema import InverterStatus
 from tests.firmware.images import emulated, with_other_layout
