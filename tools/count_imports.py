@@ -61,7 +61,7 @@ PATH = (
     Step("control/step.py", "step", "ramps, compensates, limits"),
     Step("control/reference.py", "clamp", "clamps it"),
     Step("hal/wire_rig.py", "WireRig.write", "passes the COMMAND record on", "protocol Rig"),
-    Step("hal/inverter/phase_currents.py", "CanInverter.write", "takes the currents", "registry"),
+    Step("hal/inverter/can_drive.py", "CanInverter.write", "takes the currents", "registry"),
     Step("hal/inverter/can_drive.py", "CanDrive._send", "sends the payload"),
     Step("wire/can/codec.py", "InverterCodec.encode_command", "encodes them", "dbc.load"),
     Step("hal/can/socketcan.py", "SocketCan.send", "sends the frame", "protocol CanBus"),

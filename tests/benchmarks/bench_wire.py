@@ -31,7 +31,7 @@ from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.hal.bridge.serial import SerialBridge
-from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.inverter.can_drive import CanInverter
 from motord.loop.latency.measurement import MeasuredSlices, median_of_slices_us, stolen_ticks
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.shm.mailbox import MailboxWriter

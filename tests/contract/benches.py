@@ -15,8 +15,8 @@ from motord.control.park import DqFrame
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.bridge.can import CanBridge
 from motord.hal.bridge.serial import SerialBridge
+from motord.hal.inverter.can_drive import CanInverter
 from motord.hal.inverter.dq_currents import DqInverter
-from motord.hal.inverter.phase_currents import CanInverter
 from motord.hal.registry import make_rig
 from motord.schema import BridgeStatus, InverterStatus
 from tests.contract.peers import (

@@ -13,7 +13,7 @@ from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
 from motord.hal.can.python_can import open_python_can
 from motord.hal.inverter import can_drive
-from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.inverter.can_drive import CanInverter
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import Drive, bench, can_config
 

@@ -16,7 +16,7 @@ from motord.hal.base import DeviceError, Rig, SetpointDevice
 from motord.hal.wire_rig import WireRig
 
 BUILT_IN = {
-    "inverter.can": "motord.hal.inverter.phase_currents:CanInverter",
+    "inverter.can": "motord.hal.inverter.can_drive:CanInverter",
     "inverter.can-dq": "motord.hal.inverter.dq_currents:DqInverter",
     "bridge.can": "motord.hal.bridge.can:CanBridge",
     "bridge.serial": "motord.hal.bridge.serial:SerialBridge",

@@ -15,8 +15,8 @@ from motord.hal import countdown
 from motord.hal.base import DeviceError
 from motord.hal.can.base import REFUSED_MAX
 from motord.hal.can.python_can import PythonCan
+from motord.hal.inverter.can_drive import CanInverter
 from motord.hal.inverter.feedback import CanFeedback
-from motord.hal.inverter.phase_currents import CanInverter
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec

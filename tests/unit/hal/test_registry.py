@@ -10,7 +10,7 @@ from motord.config.driver_names import DRIVERS
 from motord.hal import registry
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial import SerialBridge
-from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.inverter.can_drive import CanInverter
 from motord.hal.modbus.devices import ModbusDevice
 from motord.hal.sim.rig import SimRig
 from motord.hal.wire_rig import WireRig

@@ -9,7 +9,7 @@ import pytest
 
 from motord.config import CanBusConfig, ChannelConfig, Config, ConfigError, load, packaged
 from motord.hal.channels.can import CanChannel, ListeningPort
-from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.inverter.can_drive import CanInverter
 from motord.wire.can import dbc, reach
 
 ROOT = Path(__file__).parents[3] / "config"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motord.hal.can.base import REFUSED_MAX
-from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.inverter.can_drive import CanInverter
 from motord.schema import InverterStatus
 from tests.contract.benches import can_socketcan, new_command, new_feedback
 from tests.contract.peers import SOCKETCAN, Drive, until

@@ -4,6 +4,7 @@ The messages come from the bench's DBC, the bus is any that `motord.hal.can.bus`
 pays per tick for one send and one receive, whatever number of frames has arrived.
 """
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -158,3 +159,17 @@ class CanDrive:
         else:
             what += "nothing at all; is the drive on, and is the bit rate right?"
         return DeviceError(f"{self.name}: {what}")
+
+
+class CanInverter(CanDrive):
+    """An `InverterDriver` for a drive that takes phase currents."""
+
+    NO_CURRENT_A = (0.0, 0.0, 0.0)
+
+    def write(self, command: np.ndarray) -> None:
+        """Send current references and the enable bit; a current that is not finite makes all 0."""
+        i_a_A, i_b_A, i_c_A = command["i_A"][0].tolist()
+        if math.isfinite(i_a_A + i_b_A + i_c_A):
+            self._send((i_a_A, i_b_A, i_c_A), bool(command["enable"][0]))
+        else:
+            self._send(self.NO_CURRENT_A, bool(command["enable"][0]))
