@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.recorder.protocol import Mark
+from motord.recorder.protocol import MARK_FIELDS, Mark
 from motord.recorder.ring_source import (
     NEIGHBOURS,
     RingPiece,
@@ -140,7 +140,7 @@ def _first_mark(stem: Path) -> Mark | None:
     for number in numbers(stem):
         try:
             run = open_run_unfinished_or_not(file_name(stem, number))
-            block = next(iter(run.blocks(["tick", "t_ns", "missed"])), None)
+            block = next(iter(run.blocks(MARK_FIELDS)), None)
         except RecordError:
             continue
         if block is not None and len(block):

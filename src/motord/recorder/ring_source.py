@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from motord.recorder.protocol import Mark
+from motord.recorder.protocol import MARK_FIELDS, Mark
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, whole_of
 from motord.recording.reader import open_run_unfinished_or_not
@@ -54,7 +54,7 @@ def mark_of(path: Path) -> Mark | None:
     """Return the last tick in a file, finished or not; None if none can be read."""
     try:
         table = open_run_unfinished_or_not(whole_of(path)).tick_table
-        last = table.last(["tick", "t_ns", "missed"])
+        last = table.last(MARK_FIELDS)
     except RecordError:
         return None
     return Mark.of(last[0]) if len(last) else None
