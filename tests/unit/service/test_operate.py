@@ -280,6 +280,15 @@ def test_stop_ends_what_is_waiting(service):
     assert service.bench.state is State.OFF
 
 
+def test_a_second_stop_fulfils_what_waits_for_the_bench_to_be_off(service):
+    token = service.enabled()
+    service.loop.running = False
+    waiting = [service.begin("disable", token=token), service.begin("stop"), service.begin("stop")]
+    service.loop.running = True
+    service.step(5)
+    assert [one.outcome for one in waiting] == [{"state": "OFF"}] * 3
+
+
 def test_a_lease_that_runs_out_ramps_down_and_disables(service):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.7)

@@ -6,7 +6,7 @@ or times out. Every call gets a reply, also one whose handler fails by an error 
 """
 
 import queue
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
@@ -195,9 +195,9 @@ class Dispatcher:
         self.give_up(why)
 
     def handle(self, call: Call, now_ns: int) -> None:
-        """Carry out a call, or begin to."""
+        """Carry out a call, or begin to; a stop refuses all that waits but what it fulfils."""
         if call.name == STOP.name:
-            self.give_up("it was stopped")
+            self.give_up("it was stopped", but=(STOP.name, DISABLE.name))
         self._begin(call, now_ns)
 
     def _begin(self, call: Call, now_ns: int, held_until_ns: int | None = None) -> None:
@@ -233,12 +233,13 @@ class Dispatcher:
                 call.reply(outcome)
         self._waiting = waiting
 
-    def give_up(self, why: str) -> None:
-        """Refuse the waiting calls."""
+    def give_up(self, why: str, but: Collection[str] = ()) -> None:
+        """Refuse the waiting calls, except those of the RPCs `but`."""
         self._give_up_held(why)
         for call, _, _ in self._waiting:
-            call.reply(RpcError("refused", f"{call.name}: {why}"))
-        self._waiting = []
+            if call.name not in but:
+                call.reply(RpcError("refused", f"{call.name}: {why}"))
+        self._waiting = [waiting for waiting in self._waiting if waiting[0].name in but]
 
     def _give_up_held(self, why: str) -> None:
         """Refuse the calls that are to be tried again: what was requested last is what counts."""
