@@ -212,12 +212,11 @@ def attack(running: Daemon, lines: int, seed: int) -> list[str]:
                 bench.gap_s = 0.0
                 what = one(bench)
                 time.sleep(1.0)
-                gap_ms, state = bench.gap_s * 1e3, client.state()
-                print(
-                    f"{one.__name__:22} {what:62} gap {gap_ms:5.0f} ms, {state.state}", flush=True
-                )
-                if one is not quiet and bench.gap_s > GAP_LIMIT_S:
-                    wrong.append(f"{one.__name__}: no heartbeat for {gap_ms:.0f} ms")
+                state, gap_s = client.state(), bench.gap_s
+                gap = f"gap {gap_s * 1e3:5.0f} ms"
+                print(f"{one.__name__:22} {what:62} {gap}, {state.state}", flush=True)
+                if one is not quiet and gap_s > GAP_LIMIT_S:
+                    wrong.append(f"{one.__name__}: no heartbeat for {gap_s * 1e3:.0f} ms")
                 if state.state != "ENABLED" or running.process.poll() is not None:
                     return [*wrong, f"{one.__name__}: {state.state}, {state.trips}"]
                 bench.recorded_again()
