@@ -3,6 +3,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from motord.calibration import (
     BoundedQuantity,
@@ -134,6 +135,11 @@ def test_what_is_no_calibration_is_said_in_one_line(
         load(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_a_time_without_a_zone_is_refused() -> None:
+    with pytest.raises(ValidationError, match=r"created\n.*timezone"):
+        make(created=CREATED.replace(tzinfo=None))
 
 
 def test_missing_file(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AwareDatetime, Field, ValidationError, model_validator
 
 from motord.atomic_write import write_whole
 from motord.calibration.parts import (
@@ -57,7 +57,7 @@ class Calibration(Part):
 
     schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
     id: str = ""
-    created: datetime
+    created: AwareDatetime
     motor: CalibratedMotor
     method: Literal["joint", "residual"]
     runs: tuple[str, ...] = ()

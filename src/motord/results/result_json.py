@@ -78,6 +78,6 @@ def _text(value: object) -> str:
 def _time(value: object) -> datetime | None:
     try:
         found = datetime.fromisoformat(_text(value))
-    except ValueError:
+        return found.astimezone(UTC) if found.tzinfo else found.replace(tzinfo=UTC)
+    except (OverflowError, ValueError):  # at the ends of the calendar another zone has no year
         return None
-    return found if found.tzinfo else found.replace(tzinfo=UTC)

@@ -6,6 +6,7 @@ import json
 import os
 import shlex
 import xml.etree.ElementTree as ET
+from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
 import pytest
@@ -247,6 +248,16 @@ def test_a_calibration_that_exists_is_added_once(folder):
         "calibrate", made.motor.name, made.motor.serial,
     )  # fmt: skip
     assert (row["time"], row["version"]) == (made.created, "")
+
+
+def test_a_time_that_no_other_zone_has_is_taken_from_the_file(folder):
+    last = datetime.max.replace(tzinfo=timezone(timedelta(hours=-1)))
+    made = calibration()
+    made.model_copy(update={"id": "", "created": last}).save(folder / "c.json")
+    os.utime(folder / "c.json", (1e9, 1e9))
+    assert "stored 8 figures in store/calibrate-" in motord("results add c.json").stdout
+    [row] = ResultsStore(folder / "store").read().table.slice(0, 1).to_pylist()
+    assert row["time"] == datetime.fromtimestamp(1e9, UTC)
 
 
 def test_a_store_at_a_url_is_added_to_and_asked(folder, monkeypatch):
