@@ -3,8 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from motord.config import Config
 from motord.config.experiments import broken_experiments, plan_kinds
+from motord.identification.least_loss import currents_per_Nm
 from motord.section.complaints import suggestion
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.limits import check_torque_changes
@@ -19,6 +22,34 @@ def build(name: str, config: Config, settings: Mapping[str, Any] | None = None) 
     plan: Plan = kinds[name].maker()(config, settings or {})
     try:
         check_torque_changes(config, (0.0, *(point.torque_Nm for point in plan.points)))
+        _check_i2t(config, plan)
     except PlanError as error:
         raise PlanError(f"{name}: {error}") from error
     return plan
+
+
+def _check_i2t(config: Config, plan: Plan) -> None:
+    """Refuse torques that are held until I2t trips for certain. Raises PlanError.
+
+    By the mean square of each phase's current over a turn, while a point settles and is captured;
+    all other time is taken to be without current. A plan that may end early is not judged.
+    """
+    if plan.targets:
+        return
+    limits = config.limits
+    per_Nm2 = (currents_per_Nm(config.motor) ** 2).mean(axis=0)
+    settle_s, heat_s = plan.settings.get("settle_s", 0.0), np.zeros(3)
+    for point in plan.points:
+        torque_Nm = point.torque_Nm * min(point.induced.torque_part, 1.0)
+        turning = point.turns > 0 and point.speed_Hz != 0.0
+        held_s = settle_s + point.turns / abs(point.speed_Hz) if turning else 0.0
+        squares_A2 = per_Nm2 * torque_Nm**2
+        cooled_s = np.maximum(heat_s - max(plan.point_s(point) - held_s, 0.0), 0.0)
+        heat_s = np.maximum(cooled_s + (squares_A2 / limits.i2t_current_A**2 - 1.0) * held_s, 0.0)
+        if heat_s.max() > limits.i2t_time_s:
+            raise PlanError(
+                f"{point.torque_Nm:g} Nm at {point.speed_Hz:g} Hz would trip the bench by I2T: "
+                f"{np.sqrt(squares_A2.max()):.3g} A RMS in a phase, [limits] i2t_current_A = "
+                f"{limits.i2t_current_A:g}, i2t_time_s = {limits.i2t_time_s:g}; lower the torque, "
+                "or take fewer turns"
+            )
