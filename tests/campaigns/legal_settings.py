@@ -91,8 +91,8 @@ DRAWS: Mapping[str, Draw] = {
     "align": lambda rng, most_Hz: {
         "currents_A": some(rng, 1.0, 22.0),
         "brake": between(rng, 0.0, 1.0),
-        "turns": 1,
-        "rests": 17,
+        "turns": int(rng.integers(1, 4)),
+        "rests": int(rng.integers(12, 40)),
     },
     "profile": lambda rng, most_Hz: {
         "torque_factor": between(rng, 0.2, 2.0),
