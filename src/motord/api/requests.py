@@ -30,6 +30,10 @@ def _printable(text: str) -> str:
     return text
 
 
+NAME_MAX = 64
+"""Characters of who asks for a stop."""
+
+
 class LeaseAcquire(RpcRequest):
     """`lease/acquire`: who asks."""
 
@@ -42,8 +46,8 @@ class LeaseAcquire(RpcRequest):
 class StopNow(RpcRequest):
     """`stop`: from anyone, no token."""
 
-    by: Annotated[str, Field(max_length=64)] = ""
-    """Who asks, for the log."""
+    by: Annotated[str, AfterValidator(lambda name: name[:NAME_MAX])] = ""
+    """Who asks, for the log; a longer name is cut off, as no stop is refused for it."""
 
 
 class Note(RpcRequest):

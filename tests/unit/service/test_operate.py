@@ -280,6 +280,15 @@ def test_stop_ends_what_is_waiting(service):
     assert service.bench.state is State.OFF
 
 
+@pytest.mark.parametrize(
+    ("by", "shown"),
+    [("a" * 65, "a" * 64), ("\x1b[2Ja\nINFO fault: none", "?[2Ja?INFO fault: none")],
+)
+def test_no_stop_is_refused_for_who_asks(service, by, shown):
+    assert service.ask("stop", by=by) == {"state": "OFF"}
+    assert f"request: stop, from {shown}" in service.messages()
+
+
 def test_a_second_stop_fulfils_what_waits_for_the_bench_to_be_off(service):
     token = service.enabled()
     service.loop.running = False

@@ -30,10 +30,13 @@ class EventLog:
     def emit(self, kind: str, message: str, t_ns: int | None = None, **data: Any) -> Event:
         """Note that something happened, now or at `t_ns` (Unix ns), and return the event."""
         event = Event(
-            t_ns=self._unix_ns() if t_ns is None else t_ns, kind=kind, message=message, data=data
+            t_ns=self._unix_ns() if t_ns is None else t_ns,
+            kind=kind,
+            message=_one_line(message),
+            data=data,
         )
         self._kept.append(event)
-        _LOG.log(10 * event_level(kind), "%s: %s", kind, _one_line(message))
+        _LOG.log(10 * event_level(kind), "%s: %s", kind, event.message)
         for listener in self.listeners:
             try:
                 listener(event)
@@ -49,5 +52,5 @@ class EventLog:
 
 
 def _one_line(message: str) -> str:
-    """Return a message without what could pass for another line of the log, or move the cursor."""
+    """Return a message without what could pass for another line, or move a terminal's cursor."""
     return "".join(c if c.isprintable() else "?" for c in message)
