@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from motord.sequencing.capture import final
+from motord.sequencing.quality import GOOD
 from motord.untrusted import parse_json
 
 FORMAT = 1
@@ -40,6 +41,16 @@ class PlanNote(BaseModel, extra="ignore", frozen=True):
     notes: str
     serial: str = ""
     t_ns: int
+
+
+class JournalPoint(BaseModel, extra="ignore", frozen=True):
+    """What is used of an operating point, as it was captured."""
+
+    index: int
+    quality: str = GOOD
+    take: int = 1
+    rms_error_percent: float | None = None
+    mean_error_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -90,7 +101,7 @@ class PlanLog:
         """Return the log with one more line. Raises KeyError, TypeError, ValueError."""
         kind, last = line["kind"], self.segments[-1]
         if kind == "point":
-            int(line["point"]["index"])
+            JournalPoint.model_validate(line["point"])
             last = replace(last, points=(*last.points, dict(line["point"])))
         elif kind == "end":
             if line["state"] not in ENDS:
