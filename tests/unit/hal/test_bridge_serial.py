@@ -20,9 +20,8 @@ from tests.contract.peers import (
     bench,
     give_up_once,
     give_up_once_received,
-    until,
 )
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 
 
 def read(driver: SerialBridge) -> np.ndarray:

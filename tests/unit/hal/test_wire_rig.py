@@ -18,7 +18,8 @@ from tests.contract.benches import (
     serial,
     wires,
 )
-from tests.contract.peers import Board, Drive, never_ask, until
+from tests.contract.peers import Board, Drive, never_ask
+from tests.support.patience import until
 
 
 class Recorder:

@@ -42,9 +42,8 @@ from motord.service.rpc.outstanding import (
     ROOM_OF_STOP,
     OutstandingQueries,
 )
-from tests.contract.peers import until
 from tests.support.panic import PanicError, panic
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration
 
