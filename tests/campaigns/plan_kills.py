@@ -23,6 +23,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
 
+import psutil
+
 from motord.client import ClientError
 from motord.service.plans.journal import read
 from motord.shm.ring import RingReader
@@ -30,8 +32,7 @@ from motord.shm.run_directory import RunDir
 from tests.campaigns import seeds
 from tests.campaigns.plan_kills_found import MISSING_LIMIT_S, UNRECORDED, Found, Kill, look
 from tests.support.patience import until
-from tests.system.daemons import Daemon, wait_for, write_sim
-from tests.system.test_durable_plans import alive, kill_everything
+from tests.system.daemons import Daemon, kill_everything, wait_for, write_sim
 
 PLAN = {
     "torques_Nm": [1.0, 2.0], "speeds_Hz": [1.6, 1.8, 2.0], "turns": 2, "settle_s": 0.1,
@@ -154,7 +155,10 @@ class Sweep:
         elif victim == "supervisor":
             assert daemon.end(signal.SIGKILL) == -signal.SIGKILL
             if self.rng.random() < PATIENT:  # else the next daemon is started while they live
-                until(lambda: not any(map(alive, pids.values())), "loop and recorder to end")
+                until(
+                    lambda: not any(map(psutil.pid_exists, pids.values())),
+                    "loop and recorder to end",
+                )
         else:
             os.kill(pids[victim], signal.SIGKILL)
         self.kills_left -= 1

@@ -20,7 +20,7 @@ from motord.client import ClientError, connect
 from motord.recording.file_names import stem_of, whole_of
 from motord.recording.reader import open_run
 from tests.support import again, stalls
-from tests.support.patience import PATIENCE_S
+from tests.support.patience import PATIENCE_S, until
 from tests.support.ports import free_port
 from tests.support.stalls import STALE_S
 
@@ -302,6 +302,15 @@ def wait_for(client, condition, what):
             if state is not None and condition(state):
                 return state
     raise AssertionError(f"waited in vain for: {what}; now {client.state()}")
+
+
+def kill_everything(running, client):
+    """Kill -9 of supervisor, loop and recorder."""
+    pids = [view.pid for view in client.state().processes.values() if view.pid]
+    for pid in (running.process.pid, *pids):
+        os.kill(pid, signal.SIGKILL)
+    assert running.wait() == -signal.SIGKILL
+    until(lambda: not any(map(psutil.pid_exists, pids)), "the processes to be gone")
 
 
 def resets(client, lease):

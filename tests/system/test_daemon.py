@@ -211,7 +211,3 @@ def test_a_stopped_loop_is_ended_and_comes_back_off_after_reset(outlived):
         state = wait_for(client, lambda s: s.tick is not None, "ticks")
         assert (state.state, state.fault) == ("OFF", "")
         assert state.processes["loop"].pid != stopped
-
-
-def alive(pid):
-    return subprocess.run(["kill", "-0", str(pid)], capture_output=True).returncode == 0

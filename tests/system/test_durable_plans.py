@@ -10,7 +10,7 @@ import pytest
 from motord.client import ClientError
 from motord.identification.operating_points import split
 from tests.support.patience import PATIENCE_S, until
-from tests.system.daemons import daemon, journal, wait_for, write_sim
+from tests.system.daemons import daemon, journal, kill_everything, wait_for, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -19,23 +19,6 @@ PLAN = {
     "gain_steps": [],
 }  # fmt: skip
 COLUMNS = ("tick", "t_ns", "plan_point", "missed", "encoder_count", "torque_Nm")
-
-
-def alive(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
-def kill_everything(running, client):
-    """Kill -9 of supervisor, loop and recorder."""
-    pids = [view.pid for view in client.state().processes.values() if view.pid]
-    for pid in (running.process.pid, *pids):
-        os.kill(pid, signal.SIGKILL)
-    assert running.wait() == -signal.SIGKILL
-    until(lambda: not any(map(alive, pids)), "the processes to be gone")
 
 
 def journalled(folder):

@@ -10,6 +10,7 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from motord.client import ClientError
@@ -30,7 +31,7 @@ from tests.system.daemons import (
     stalls_from_now,
     wait_for,
 )
-from tests.system.test_daemon import alive, check_ticks
+from tests.system.test_daemon import check_ticks
 from tests.unit.emulate.benches import DRAG, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -329,7 +330,9 @@ def test_three_newton_metres_then_kill_9_of_the_supervisor_ramps_down(wire):
         alive_ns = time.time_ns()
         os.kill(wire.daemon.ready["pid"], signal.SIGKILL)
         killed_ns = time.time_ns()
-        until(lambda: not any(map(alive, pids)), "the loop to leave, and its last ticks")
+        until(
+            lambda: not any(map(psutil.pid_exists, pids)), "the loop to leave, and its last ticks"
+        )
         go_on(wire.devices)
     assert clock is not None
     assert abs(clock.drift_ppm) <= DRIFT_MAX * 1e6  # a computer that stalls shows no better
