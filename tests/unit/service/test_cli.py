@@ -496,9 +496,8 @@ def test_check_names_what_is_wrong(tmp_path, check):
 def without_devices(folder):
     """Write a bench that waits no longer than it must for devices that are not there."""
     short = "connect_timeout_s = 0.1\n"
-    return write_bench(
-        folder, {table: table + short for table in ("[inverter.can]\n", "[bridge]\n")}
-    )
+    tables = ("[brake.modbus]\n", "[drive.modbus]\n")
+    return write_bench(folder, {table: table + short for table in tables})
 
 
 def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, check):
