@@ -26,7 +26,7 @@ from motord.virtual import VirtualBench, run_plan
 from tests.support.virtual_calibration import calibrate
 
 DQ = Path(__file__).parents[3] / "config" / "dq.toml"
-MESH = {"torques_Nm": [1.5, 4.0], "speeds_Hz": [0.7, 1.0], "turns": 8, "settle_s": 1.0}
+MESH = {"torques_Nm": [1.5, 4.0], "speeds_Hz": [0.7, 1.0], "turns": 4, "settle_s": 0.5}
 TRUE_ALPHA, TRUE_BETA_A = np.array([0.8, 1.118, 1.118]), np.array([1.0, -0.5, -0.5])
 OWN_AXES = {"direction": -1, "d_axis_rad": 0.5, "scale": 1.2247}
 LATCHED = {"angle": "latched", "angle_age_s": 0.4e-3}
