@@ -221,7 +221,8 @@ _INTERLOCKS = """## Interlocks
 They are evaluated in every tick, in compiled code; a cause takes current and enable away in the
 same tick and stays until a reset. A condition that may last a while (debounce) trips with the
 first evidence that it has held for so long, so at every rate within this time and two intervals of
-its evidence; evidence that does not come has interlocks of its own. Speed is known up to @LAG ms
+its evidence; evidence that does not come has interlocks of its own. One that is interrupted starts
+over; `CURRENT_IMPLAUSIBLE` is counted up and down. Speed is known up to @LAG ms
 late under a constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest
 that is allowed); above its limit it bars enabling and reset for 0.1 s more, as an estimate from
 few counts falls below it now and then. A torque that swings is above its limit in either direction
@@ -234,22 +235,23 @@ interlock its time are refused. Currents are compared with the commands that can
 when they were measured (`i_age_ns`), and between these while a current settles: a drive that makes
 no current any more is found `inverter.feedback_age_s` later than the times above, and by
 `actuation_delay_s` and 3 `lag_s` where its command is new; right currents do not trip at any age up
-to `inverter.stale_after_s`. A wrong current that happens to fit one of several such commands, as it
-may while the rotor turns, is no evidence, and for `current_error_s` and two ticks it does not clear
-what was found before. An error of one phase by more than 3 times `current_error_A` and what the
-currents' sum changes by is never hidden so; a smaller one, or one in a star, is found later by the
-part of an electrical turn in which it is, and by up to `current_error_s` more where this takes
-longer than `current_error_s` and two ticks. The part is a quarter at 1.8 times (in a star 2.4), an
-eighth in a star at 4.5 times, if a current settles within a tick; if it takes many, up to 0.53 (in
-a star 0.63), and 0.42. A right current may be as ambiguous, so disturbed readings within that time
-of each other count as an error that lasts: of readings of which one in a hundred is wrong by 25 A,
-a trip within seconds at 333 Hz and 18 rad/s, with 8 pole pairs and 19 A, none at 1 kHz. A drive
-whose `lag_s` is half a radian or more, electrical, may trip where large steps of torque follow each
-other within 50 ms: after each its currents are beyond the limit for a moment. An error that swings
-with the current, as of an open phase, is above the limit for less than half an electrical turn at a
-time: where this is a quarter of the amplitude for 2.6 rad (in a star 2.4), so at speeds above 2.6
-rad / `current_error_s`, electrical, it is not found (16 rad/s with 8 pole pairs and 20 ms); where
-the rotor turns faster, `current_error_s` has to be shorter. The
+to `inverter.stale_after_s`. The time that a current is more than `current_error_A` off counts up,
+the time that it is not down, and `current_error_s` trips: an error that stays in this time, one
+that swings with the current and is beyond the limit for a part f of the time, more than half, in
+`current_error_s` / (2 f - 1) and an electrical turn. For a sine of amplitude A times the limit f is
+1 - 2/pi asin(1 / A): more than half for A above 1.41, 2/3 for 2. A is that of the currents for an
+open phase, 1.73 of it for two that are exchanged, half of it for a gain of 0.5 (in a star a third).
+An error that is beyond the limit for less is not found by this interlock. A wrong current that
+happens to fit one of several such commands, as it may while the rotor turns, is in doubt, and
+counts down by a quarter. An error of one phase by more than 3 times `current_error_A` and what the
+currents' sum changes by is never hidden so; a smaller one, or one in a star, is, in a part of the
+turn: a quarter at 1.8 times (in a star 2.4), an eighth in a star at 4.5 times, if a current settles
+within a tick; if it takes many, up to 0.53 (in a star 0.63), and 0.42. So it is found later, at
+0.63 after 4.7 times `current_error_s`. A right current may be as ambiguous, so disturbed readings
+trip where they are one in five: at 333 Hz and 18 rad/s, with 8 pole pairs and 19 A, three in a
+hundred that are wrong by 25 A do not. A drive whose `lag_s` is a radian, electrical, may trip where
+large steps of torque follow each other within 0.1 s: after each its currents are beyond the limit
+for a moment. The
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.

@@ -13,9 +13,10 @@ SOURCES = {
     EvidenceSource.INVERTER: "feedback of the inverter",
 }
 INTRO = """In the order in which the first of several causes of one tick is chosen. *May last*: for
-how long the condition may hold without a trip; *evidence*: new ones of these show whether it does.
-How they work, and what each fault leads to: [Faults](../faults.md). Limits are keys of the [bench
-file](bench-file.md)."""
+how long the condition may hold without a trip; one that is interrupted starts over, or this time is
+counted *up and down*, down while it does not hold. *Evidence*: new ones of these show whether it
+does. How they work, and what each fault leads to: [Faults](../faults.md). Limits are keys of the
+[bench file](bench-file.md)."""
 
 
 def interlocks() -> str:
@@ -59,4 +60,5 @@ def _lasts(lock: Interlock) -> tuple[str, str]:
     if not lock.lasts:
         return "", ""
     lasts = _key(lock.lasts) if isinstance(lock.lasts, str) else f"{1e3 * lock.lasts:g} ms"
+    lasts += ", up and down" if lock.counted else ""
     return lasts, SOURCES[lock.source]

@@ -115,7 +115,7 @@ class LimitsConfig(Section):
     """How far a sensed current may be from its command; left out: a quarter of current_A. Less than
     0.866 of current_A, or a drive without any current would not trip at full current."""
     current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
-    """How long it may be further off; at least a period of the loop."""
+    """How long it may be further off, counted up and down; at least a period of the loop."""
     torque_error_Nm: Positive | None = None
     """How far the measured torque may be from the set-point, besides a fifth of it and what induced
     offsets of the currents make at most, as of the plan `align`; left out: 0.3 torque_Nm. Less than

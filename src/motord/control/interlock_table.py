@@ -8,7 +8,9 @@ condition is neither confirmed nor refuted, and a source that falls silent has a
 own. So a cause is found within `lasts_s` and two intervals between samples of its source, whatever
 these are, or the source is stale, from when the first evidence of it arrives: of the currents this
 is `inverter.feedback_age_s` after they were measured, and a command's have settled by then. A
-current that fits another command than its own is no evidence meanwhile (docs/decisions/0023).
+condition that is interrupted starts over, or is counted up and down: it trips where it holds for
+more than half of the time, too. Which are counted, and what currents count that fit another command
+than their own: docs/decisions/0023.
 """
 
 from dataclasses import dataclass
@@ -34,7 +36,8 @@ class Interlock:
     """A cause of a trip.
 
     limit: the keys of the bench file that set it. lasts: for how long the condition may hold
-    without a trip, in s, or the key of the bench file that says so.
+    without a trip, in s, or the key of the bench file that says so. counted: this time is counted
+    up while it holds and down while it does not, for an error that swings; else it starts over.
     """
 
     trip: Trip
@@ -42,6 +45,7 @@ class Interlock:
     limit: str
     source: EvidenceSource = EvidenceSource.LOOP
     lasts: float | str = 0.0
+    counted: bool = False
 
     @property
     def bit(self) -> int:
@@ -132,7 +136,7 @@ INTERLOCKS = (
     Interlock(
         Trip.CURRENT_IMPLAUSIBLE,
         "a phase current was further than limits.current_error_A from its command",
-        "limits.current_error_A", EvidenceSource.INVERTER, "limits.current_error_s",
+        "limits.current_error_A", EvidenceSource.INVERTER, "limits.current_error_s", True,
     ),
     Interlock(
         Trip.TORQUE_IMPLAUSIBLE,

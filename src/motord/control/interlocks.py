@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from motord.control.interlock_table import INTERLOCKS, EvidenceSource, trips_from
-from motord.control.plausible import judge_currents, torque_error
+from motord.control.plausible import compare_currents, torque_error
 from motord.control.states import STATE
 from motord.control.tracks import watch_tracks
 from motord.jit import constants, jit
@@ -21,10 +21,15 @@ _COUNT = len(INTERLOCKS)
 _FROM_BRIDGE = trips_from(EvidenceSource.BRIDGE)
 _FROM_INVERTER = trips_from(EvidenceSource.INVERTER)
 _OVER_CURRENT, _CURRENTS = _TRIP.OVER_CURRENT, _TRIP.CURRENT_IMPLAUSIBLE
+_COUNTED = tuple(row.bit for row in INTERLOCKS if row.counted)
+_COUNTED_BITS = sum(1 << bit for bit in _COUNTED)
 _BRIDGE_FAULT = _BRIDGE.FAULT | _BRIDGE.ENCODER_INVALID
 
 IMPLAUSIBLE_SAMPLES = 3
 LINK_MEMORY_S = 1.0
+DOUBT_SHARE = 4
+"""While it is in doubt whether a condition holds, one part in so many of the time counts down: an
+error that is hidden in two of three readings is found, and none is remembered for ever."""
 
 
 @jit
@@ -86,8 +91,9 @@ def conditions(
     line_open = enabled and (f.bridge_status & _BRIDGE.ENABLE_LINE) == 0
     stuck = watch_tracks(p, m, f.encoder_gray, f.t_ns)
     lost = m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking
-    evident, within = judge_currents(p, m, f)
-    m.not_compared = 0 if evident else _CURRENTS
+    fits, beyond = compare_currents(p, m, f, m.counting & _CURRENTS != 0)
+    m.not_compared = 0 if fits or beyond else _CURRENTS
+    m.in_doubt = _CURRENTS if fits and beyond else 0
     missed_now = max(missed - m.missed, 0) if m.started else 0
     torque_astray = torque_error(p, m, f.torque_Nm, missed_now) > p.torque_error_Nm
     bits = _OVER_CURRENT if largest_A > p.trip_current_A else 0
@@ -109,7 +115,7 @@ def conditions(
     bits |= _TRIP.ENABLE_TIMEOUT if m.arming_s > p.enable_timeout_s else 0
     bits |= _TRIP.BRIDGE_FAULT if f.bridge_status & _BRIDGE_FAULT else 0
     bits |= _TRIP.FEEDBACK_INVALID if not finite else 0
-    bits |= _CURRENTS if evident and not within else 0
+    bits |= _CURRENTS if beyond and not fits else 0
     bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled else 0
     bits |= _TRIP.BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
     bits |= _TRIP.ENABLE_LINE if line_open else 0
@@ -120,16 +126,19 @@ def conditions(
 def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> int:
     """Return those of the conditions `bits` that have held for longer than they may.
 
-    A condition counts from the first evidence of it in a row. Where there is no evidence (`new`:
-    flags of the tick that say which samples are new; `m.not_compared`: conditions of which they say
-    nothing) everything stays as it was.
+    A condition counts from the first evidence of it in a row, or up and down. Where there is no
+    evidence (`new`: flags of the tick that say which samples are new; `m.not_compared`: conditions
+    of which they say nothing) everything stays as it was.
     """
     no_evidence = m.not_compared
     no_evidence |= 0 if new & _FLAG.NEW_ENCODER else _FROM_BRIDGE
     no_evidence |= 0 if new & _FLAG.NEW_INVERTER else _FROM_INVERTER
     seen = bits & ~no_evidence
-    begun = seen & ~m.conditions_held
+    begun = seen & ~(m.conditions_held | _COUNTED_BITS)
     causes = m.causes & no_evidence
+    for index in _COUNTED:
+        if not no_evidence >> index & 1:
+            _count(p, m, index, seen >> index & 1 != 0, now_ns)
     if seen:
         for index in range(_COUNT):
             if seen >> index & 1:
@@ -140,6 +149,29 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
     m.conditions_held = seen | (m.conditions_held & no_evidence)
     m.causes = causes
     return int(causes)
+
+
+@jit
+def _count(p: np.record, m: np.record, index: int, seen: bool, now_ns: int) -> None:
+    """Count the time since the evidence before this one for or against a condition.
+
+    The count is what has passed since `since_ns`, from 0 to the time that the condition may last,
+    and what one in doubt takes away. The time after evidence of it counts up, other time down,
+    while it is in doubt one part of DOUBT_SHARE. What is between evidence of it and of the opposite
+    counts for neither: it may have begun or ended at any time.
+    """
+    passed_ns = now_ns - m.evidence_ns[index]
+    doubt = m.in_doubt >> index & 1 != 0
+    held = m.conditions_held >> index & 1 != 0
+    since_ns = m.since_ns[index]
+    if not held or not (seen or doubt):
+        since_ns += passed_ns
+    if not held and not seen:
+        since_ns += passed_ns // DOUBT_SHARE if doubt else passed_ns
+    m.since_ns[index] = min(max(since_ns, now_ns - passed_ns - p.lasts_ns[index]), now_ns)
+    m.evidence_ns[index] = now_ns
+    counts, bit = seen or since_ns < now_ns, 1 << index
+    m.counting = int(m.counting) & ~bit | (bit if counts else 0)
 
 
 @jit

@@ -167,7 +167,7 @@ MEMORY = record_dtype(
         ("first_trip", "u4"),
         ("request_seq", "u4"),
         ("since_ns", "i8", (32,)),  # when each trip's condition began to hold
-        ("beyond_ns", "i8"),  # when currents were last seen beyond their limit
+        ("evidence_ns", "i8", (32,)),  # of conditions that are counted: when the newest came
         ("conditions_held", "u4"),  # conditions that hold by the newest evidence of each
         ("causes", "u4"),  # those that have held for longer than they may
         ("implausible", "u4"),  # encoder samples that the speed cannot explain, since two it could
@@ -179,6 +179,8 @@ MEMORY = record_dtype(
         ("arming", "u1"),  # READY, on the way to ENABLED
         ("stopping", "u1"),  # ENABLED, ramping to READY
         ("not_compared", "u4"),  # conditions that this tick's feedback says nothing of
+        ("in_doubt", "u4"),  # those that it may show or not
+        ("counting", "u4"),  # those whose time is counted that have a count, or just began to
         # the last commands, a ring (`control.plausible`)
         ("commands", "i8"),  # how many are in it
         ("newest", "i8"),  # where

@@ -91,7 +91,7 @@ def test_current_may_be_wrong_for_a_moment_and_samples_count_not_ticks() -> None
         bench.error_A[0] = 20.0
         bench.ticks(19)
         bench.error_A[0] = 0.0
-        bench.ticks(2)
+        bench.ticks(19)
     assert bench.tick["state"][0] == State.ENABLED
     bench.error_A[0] = 20.0
     bench.ticks(3)
