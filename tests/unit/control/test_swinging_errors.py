@@ -43,6 +43,11 @@ class Counted:
         bits = int(CURRENTS) if shown in (BEYOND, REPEATED) else 0
         return bool(debounced(self.p, self.m, bits, new, self.now_ns) & CURRENTS)
 
+    @property
+    def count_ns(self) -> int:
+        index = INTERLOCK[CURRENTS].bit
+        return int(self.m.evidence_ns[index] - self.m.since_ns[index])
+
 
 def test_the_currents_alone_are_counted() -> None:
     """Steps of the torque may be as close as their error lasts: they are right for a moment only.
@@ -73,6 +78,7 @@ def test_the_count_is_of_the_time_between_readings(readings: list[tuple[int, str
             before, since_ns = shown, 0
             trips = shown == BEYOND and count_ns >= LASTS_NS
         assert counted.trips(passed_ns, shown) == trips
+        assert counted.count_ns == count_ns
 
 
 @pytest.mark.kernel
