@@ -3,7 +3,7 @@
 import os
 import signal
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import IO, Generic, Literal, NamedTuple
 
 from motord.process.one_thread import ONE_THREAD
@@ -20,6 +20,8 @@ from motord.recorder.protocol import (
 from motord.recording.json_encoding import to_line
 
 BACKLOG_MAX_BYTES = 4 << 20
+LAST_MAX_BYTES = BACKLOG_MAX_BYTES // 8
+"""Messages of a recording that its successor is sent: those of `ENDED_MAX` others fit with them."""
 Resent = Literal["event", "plan", "operating_point"]
 Recorded = Resent | Literal["state", "blackbox_event"]
 
@@ -90,7 +92,7 @@ class RecorderLink(PipedChild[RecorderReport]):
         return [report for report in super().reports(now_ns) if not report.blocked]
 
     def start(
-        self, task: RecordingTask, *, resume: bool = False, last: Iterable[LastMessage] = ()
+        self, task: RecordingTask, *, resume: bool = False, last: Sequence[LastMessage] = ()
     ) -> None:
         """Begin a recording, as `Session.start` does."""
         self.send({"do": "start", **_content(task), "resume": resume, "last": _commands(last)})
@@ -102,7 +104,7 @@ class RecorderLink(PipedChild[RecorderReport]):
         *,
         newest: Mark | None,
         to_end: bool,
-        last: Iterable[LastMessage] = (),
+        last: Sequence[LastMessage] = (),
     ) -> None:
         """Record what is missing of a recording that has ended, as `Session.finish` does."""
         end = {"newest": vars(newest) if newest is not None else None, "to_end": to_end}
@@ -136,8 +138,16 @@ def _command(what: Recorded, t_ns: int, content: Mapping[str, object]) -> dict[s
     return {"do": what, "t_ns": t_ns, "content": content}
 
 
-def _commands(last: Iterable[LastMessage]) -> list[dict[str, object]]:
-    return [_command(*message) for message in last]
+def _commands(last: Sequence[LastMessage]) -> list[dict[str, object]]:
+    """Return the newest ones, as many as `LAST_MAX_BYTES` take."""
+    commands: list[dict[str, object]] = []
+    left_bytes = LAST_MAX_BYTES
+    for message in reversed(last):
+        left_bytes -= len(to_line(command := _command(*message)))
+        if left_bytes < 0:
+            break
+        commands.append(command)
+    return commands[::-1]
 
 
 def _content(task: RecordingTask) -> dict[str, object]:

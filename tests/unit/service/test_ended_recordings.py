@@ -1,10 +1,12 @@
 """Recordings that have ended: each is confirmed by a recorder, or given up with an event."""
 
+import json
 from types import SimpleNamespace
 
 import pytest
 
 from motord.api.messages import Event
+from motord.recorder.launch import LAST_MAX_BYTES
 from motord.service.recording import session
 from motord.service.recording.ended import ENDED_MAX
 from tests.unit.service.test_closed_recordings import FULL, VIEW, Closing
@@ -265,6 +267,23 @@ def test_the_next_recorder_gets_the_last_messages_however_long_ago_they_were_sen
     assert command["do"] == ("finish" if over else "start")
     sent = [(m["do"], m["content"].get("index")) for m in command["last"] if m["t_ns"] == sent_ns]
     assert sent == [("operating_point", 3), ("event", None), ("operating_point", 4)]
+
+
+def test_of_large_messages_the_newest_are_sent_again(bench):
+    """A command that the pipe's backlog does not take would begin nothing."""
+    bench.next_recorder()
+    bench.power_on()
+    for number in range(300):
+        event = {"kind": "note", "message": "x" * 20_000, "number": number}
+        bench.recording.recorder.record("event", number, event)
+    bench.children.running = None
+    bench.recording.step(0)
+    successor, sent = bench.next_recorder(), b""
+    while not sent.endswith(b"\n"):
+        bench.recording.step(0)
+        sent += successor.commands.read() or b""
+    numbers = [message["content"]["number"] for message in json.loads(sent)["last"]]
+    assert numbers == list(range(300 - LAST_MAX_BYTES // 20_100, 300))
 
 
 def test_events_of_long_before_a_recording_are_not_part_of_it(bench):
