@@ -244,6 +244,13 @@ test("numbers, times and ages as an instrument shows them", () => {
   assert.deepEqual(format.nameAndUnit("turns"), { words: "turns", unit: "" });
 });
 
+test("a quantity of a trip has its unit after the numbers", () => {
+  assert.equal(format.quantityText("speed, rad/s", "26.0", "25.0"), "speed: 26.0 rad/s, limit 25.0 rad/s");
+  assert.equal(format.quantityText("off the bus, for s", "0.1", "0.02"), "off the bus for 0.1 s, limit 0.02 s");
+  assert.equal(format.quantityText("periods missed in a row", "3", "2"), "periods missed in a row: 3, limit 2");
+  assert.equal(format.quantityText("channel a, s without a reading", "5", "2"), "channel a: 5 s without a reading, limit 2 s");
+});
+
 test("an axis grows at once and shrinks seldom", () => {
   const range = new Float64Array([NaN, NaN]);
   assert.equal(format.steadyRange(0, 1, range, 0.1), true);

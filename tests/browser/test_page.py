@@ -345,7 +345,7 @@ def test_a_trip_says_what_to_do(server, visit: Watched):
     take_command(page)
     server.stand_in.do(server.stand_in.trip_over_current)
     shows(page, "#state-name", "TRIPPED")
-    for text in ("OVER_CURRENT", "41.3 (limit 40.0)", "look for a short", "Black box"):
+    for text in ("OVER_CURRENT", "41.3 A, limit 40.0 A", "look for a short", "Black box"):
         shows(page, "#trip", text)
     press(page, "#reset")
     shows(page, "#state-name", "READY")

@@ -90,7 +90,7 @@ def test_a_channel_that_is_too_hot_or_broken_trips_and_one_that_hangs_costs_itse
         value = state.trip.values["channel probe_C, degC"]
         assert (value.value, value.limit) == (150.0, 130.0)
         assert not state.tick.torque_set_Nm
-        with pytest.raises(ClientError, match="probe_C, degC 150, limit 130"):
+        with pytest.raises(ClientError, match="probe_C: 150 degC, limit 130 degC"):
             lease.reset()
         script(folder, "probe", "41")
         until(lambda: shown(client, "probe_C").status == "ok", "a cooler one")

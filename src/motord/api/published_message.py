@@ -32,6 +32,16 @@ class TripValue(PublishedMessage):
     """What it must not pass."""
 
 
+def quantity_text(quantity: str, value: str, limit: str) -> str:
+    """Return `speed: 26 rad/s, limit 25 rad/s` of a trip's quantity `speed, rad/s`."""
+    what, _, unit = quantity.rpartition(", ")
+    if not what:
+        return f"{quantity}: {value}, limit {limit}"
+    if unit == "for s":
+        return f"{what} for {value} s, limit {limit} s"
+    return f"{what}: {value} {unit}, limit {limit} {unit.split(' ')[0]}"
+
+
 class TripReport(PublishedMessage):
     """A trip: causes, values, what to do, and the path of the black box."""
 

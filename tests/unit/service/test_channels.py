@@ -175,7 +175,7 @@ def test_a_channel_beyond_its_limit_trips_and_is_latched():
     assert trip.first == ["CHANNEL"]
     value = trip.values["channel a, degC"]
     assert (value.value, value.limit) == (101.5, 100.0)
-    assert "channel a, degC 101.5, limit 100" in trip.reason
+    assert "channel a: 101.5 degC, limit 100 degC" in trip.reason
     keep(bench, 1.0)
     assert bench.bench.state is State.TRIPPED
 
@@ -303,7 +303,7 @@ def test_a_bench_with_a_hot_channel_is_not_enabled_and_says_why():
     take(bench, 120.0)
     bench.run_s(0.1)
     token = bench.acquire()
-    with pytest.raises(RpcError, match=r"CHANNEL .*; channel a, degC 120, limit 100"):
+    with pytest.raises(RpcError, match=r"CHANNEL .*; channel a: 120 degC, limit 100 degC"):
         bench.ask("enable", token=token)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motord.api.descriptions import TRIP_ACTION, TRIP_MEANING
+from motord.api.published_message import quantity_text
 from motord.config import load
 from motord.config.faults import Fault
 from motord.control import parameters
@@ -267,4 +268,19 @@ def test_a_further_cause_has_its_value_too():
     ticks["trip_bits"] = [Trip.BUS_OFF, Trip.BUS_OFF, Trip.BUS_OFF | Trip.OVER_SPEED]
     _, further = watched(ticks)
     assert further.data["values"] == {"speed, rad/s": {"value": 30.0, "limit": 25.0}}
-    assert further.message.endswith("speed, rad/s 30, limit 25")
+    assert further.message.endswith("speed: 30 rad/s, limit 25 rad/s")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "text"),
+    [
+        ("speed, rad/s", "speed: 26 rad/s, limit 25 rad/s"),
+        ("READY without power, as far as looked back, s",
+         "READY without power, as far as looked back: 26 s, limit 25 s"),
+        ("off the bus, for s", "off the bus for 26 s, limit 25 s"),
+        ("periods missed in a row", "periods missed in a row: 26, limit 25"),
+        ("channel a, s without a reading", "channel a: 26 s without a reading, limit 25 s"),
+    ],
+)  # fmt: skip
+def test_the_unit_of_a_quantity_is_after_its_numbers(quantity, text):
+    assert quantity_text(quantity, "26", "25") == text

@@ -51,10 +51,10 @@ def test_changes_inside_a_block_are_all_reported_with_their_time(watch, events):
 @pytest.mark.parametrize(
     ("trip", "fields", "expected"),
     [
-        (Trip.OVER_CURRENT, {"i_b_A": -41.0}, "largest phase current, A 41, limit 40"),
-        (Trip.OVER_SPEED, {"speed_rad_s": -26.0}, "speed, rad/s 26, limit 25"),
-        (Trip.OVER_TORQUE, {"torque_Nm": 12.0}, "torque, Nm 12, limit 11"),
-        (Trip.TEMPERATURE, {"temperature_C": 91.0}, "degC 91, limit 90"),
+        (Trip.OVER_CURRENT, {"i_b_A": -41.0}, "largest phase current: 41 A, limit 40 A"),
+        (Trip.OVER_SPEED, {"speed_rad_s": -26.0}, "speed: 26 rad/s, limit 25 rad/s"),
+        (Trip.OVER_TORQUE, {"torque_Nm": 12.0}, "torque: 12 Nm, limit 11 Nm"),
+        (Trip.TEMPERATURE, {"temperature_C": 91.0}, "91 degC, limit 90 degC"),
     ],
 )
 def test_a_trip_is_reported_with_the_value_and_the_limit(watch, events, trip, fields, expected):

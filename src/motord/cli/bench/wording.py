@@ -41,9 +41,11 @@ def causes(state: "BenchState") -> list[str]:
 
 def trip_values(state: "BenchState") -> list[str]:
     """Return what each quantity was at the trip, and its limit."""
+    from motord.api.published_message import quantity_text
+
     values = state.trip.values if state.trip is not None else {}
     return [
-        f"{what}: {number(value.value)}, limit {number(value.limit)}"
+        quantity_text(what, number(value.value), number(value.limit))
         for what, value in values.items()
     ]
 

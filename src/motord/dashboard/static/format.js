@@ -25,6 +25,16 @@ export function significant(value, digits = 3) {
   return number(value, Math.max(0, digits - 1 - Math.floor(Math.log10(magnitude))));
 }
 
+/** `speed: 26 rad/s, limit 25 rad/s` of the quantity `speed, rad/s`, as `api.published_message.quantity_text`.
+ * @param {string} quantity @param {string} value @param {string} limit
+ */
+export function quantityText(quantity, value, limit) {
+  const [, what, unit] = /^(.+), (.+?)$/.exec(quantity) ?? [];
+  if (what === undefined || unit === undefined) return `${quantity}: ${value}, limit ${limit}`;
+  if (unit === "for s") return `${what} for ${value} s, limit ${limit} s`;
+  return `${what}: ${value} ${unit}, limit ${limit} ${unit.split(" ")[0]}`;
+}
+
 /** Value and half of its interval, with two digits of the latter. @param {number} value @param {number} half */
 export function plusMinus(value, half) {
   if (!Number.isFinite(half) || half <= 0) return significant(value, 4);

@@ -1,7 +1,7 @@
 /** The head of the page: state, lease, trips and connection, in words. */
 
 import { allow, byId, element, setAttribute, setHidden, setText } from "./dom.js";
-import { age, clock, duration, significant } from "./format.js";
+import { age, clock, duration, quantityText, significant } from "./format.js";
 import { STATES } from "./state.js";
 
 /** After so long what is known of why the daemon is silent has a line of its own; a hiccup moves nothing. */
@@ -113,7 +113,7 @@ export class StatusBar {
     const causes = (trip?.causes ?? state.trips.map((/** @type {any} */ t) => t.name)).map(
       (/** @type {string} */ name) => element("li", {}, element("b", {}, name), ` ${tripText(this._bench, name, state)}`));
     const values = Object.entries(trip?.values ?? {}).map(([what, { value, limit }]) =>
-      element("li", {}, `${what}: ${significant(value)}${limit === null ? "" : ` (limit ${significant(limit)})`}`));
+      element("li", {}, quantityText(what, significant(value), significant(limit))));
     const action = trip?.action ?? this._bench.hello?.trips?.[state.first_trip]?.action ?? "find the cause";
     box.replaceChildren(
       element("strong", {}, `\u2716 Tripped${trip ? ` at ${clock(trip.t_ns / 1e9)}` : ""}`),

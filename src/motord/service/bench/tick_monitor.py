@@ -18,7 +18,7 @@ from motord.api.descriptions import (
     trip_text,
 )
 from motord.api.messages import LinksView, LoopView, TickView
-from motord.api.published_message import TripReport, TripView
+from motord.api.published_message import TripReport, TripView, quantity_text
 from motord.config import Config
 from motord.schema import BridgeStatus, State, Trip
 from motord.service.bench.recent_ticks import RecentTicks, ages_s, links
@@ -60,7 +60,8 @@ def _quantile(ordered: np.ndarray, share: float) -> float:
 
 def values_text(values: Mapping[str, Mapping[str, float]]) -> str:
     """Return values and limits as text that goes on after a semicolon."""
-    return "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}" for what, v in values.items())
+    texts = ((what, f"{one['value']:.4g}", f"{one['limit']:g}") for what, one in values.items())
+    return "".join(f"; {quantity_text(*text)}" for text in texts)
 
 
 class TickMonitor:

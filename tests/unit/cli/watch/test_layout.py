@@ -90,7 +90,7 @@ def test_a_plan_with_targets_shows_how_precise_it_is_by_now():
 
 def test_a_trip_is_shown_with_value_limit_and_what_to_do_and_nothing_else_is_lost():
     lines = shown(snapshot(state(plan=PLAN, **TRIP)))
-    has(lines, "✕ TRIPPED", "speed, rad/s: 25.7, limit 25", "black box    /runs/blackbox.mcap")
+    has(lines, "✕ TRIPPED", "speed: 25.7 rad/s, limit 25 rad/s", "black box    /runs/blackbox.mcap")
     causes = [line for line in lines if "OVER_" in line]
     assert causes[0].startswith("cause        OVER_SPEED: the rotor turned faster")  # the first
     advice = " ".join(line[13:].strip() for line in lines[5:8])
@@ -136,7 +136,7 @@ def test_a_trip_of_many_causes_says_what_to_do_and_every_value_is_whole():
     many = state(**{**TRIP, "trips": trips, "trip": {**TRIP["trip"], "values": values}})
     has(shown(snapshot(many)), "CAUSE_0", "do this", "then r (reset)", "black box")
     two = state(**{**TRIP, "trips": trips[:2], "trip": {**TRIP["trip"], "values": values}})
-    has(shown(snapshot(two)), *(f"age of the feedback {n}, s: 0.25, limit 0.05" for n in range(2)))
+    has(shown(snapshot(two)), *(f"age of the feedback {n}: 0.25 s, limit 0.05 s" for n in range(2)))
 
 
 def test_long_ages_of_all_signals_are_on_80_by_24():
