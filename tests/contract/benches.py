@@ -28,9 +28,9 @@ from tests.contract.peers import (
     bench,
     bridge_can_config,
     can_config,
+    until,
 )
 from tests.contract.slcan import SlcanEnd
-from tests.support.patience import until
 
 INVERTER = ("t_inverter_ns", "i_A", "u_V", "u_bus_V", "temperature_C", "inverter_status")
 """What an inverter's driver fills in; it adds to `link_errors`."""

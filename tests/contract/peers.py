@@ -28,6 +28,7 @@ from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec, MessageCodec
 from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED, FD_BYTES
+from tests.support import patience
 from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 
@@ -84,6 +85,14 @@ def encode_feedback(
 ) -> list[tuple[MessageCodec, bytes]]:
     """Every feedback message with its payload."""
     return [(m, m.encode([values[slot] for slot in m.slots], counter)) for m in codec.feedback]
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    """Return what `condition` returns once it is true, looking several times in a period.
+
+    Conditions read drivers, which take a bridge for silent that is read less often than by a loop.
+    """
+    return patience.until(condition, look_s=PERIOD_S / 4)
 
 
 def give_up_once(condition: Callable[[], bool], patch: pytest.MonkeyPatch) -> None:

@@ -25,8 +25,8 @@ from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec
 from motord.wire.can.frame_format import nmt_start
 from tests.contract.benches import new_command
+from tests.contract.peers import until
 from tests.contract.shipped_drives import command_along, feedback_of, shipped
-from tests.support.patience import until
 
 NODE = 1
 CONTROLWORD, STATUSWORD, MODE = 0x6040, 0x6041, 0x6060

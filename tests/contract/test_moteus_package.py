@@ -23,9 +23,8 @@ from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec
 from motord.wire.can.frame_format import EXTENDED
 from tests.contract.benches import new_command
-from tests.contract.peers import Peer
+from tests.contract.peers import Peer, until
 from tests.contract.shipped_drives import command_along, feedback_of, shipped
-from tests.support.patience import until
 
 CURRENTS_A = [(0.0, 0.0), (-1.5, 6.25), (3.0e-5, -41.7), (100.0, -100.0)]
 ASKED = [

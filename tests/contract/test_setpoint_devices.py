@@ -25,9 +25,9 @@ from motord.hal.modbus.devices import ModbusDevice
 from motord.hal.modbus.link import RtuLink, TcpLink
 from motord.hal.registry import make_setpoint_device
 from motord.wire.modbus.registers import DeviceStatus, layout
-from tests.contract.peers import MOTOR
+from tests.contract.peers import MOTOR, until
 from tests.modbus.peers import BAUD, Peer, SerialLine
-from tests.support.patience import PATIENCE_S, until
+from tests.support.patience import PATIENCE_S
 
 GONE_S = 0.15
 """Timeout once the other end is gone: on a serial line it is silent. While it is there a driver

@@ -12,9 +12,8 @@ from motord.hal.can.base import REFUSED_MAX
 from motord.hal.can.bus import open_bus
 from motord.schema import InverterStatus
 from tests.contract.benches import Bench, can_slcan, new_command, new_feedback
-from tests.contract.peers import Drive, can_config
+from tests.contract.peers import Drive, can_config, until
 from tests.contract.slcan import SlcanEnd
-from tests.support.patience import until
 
 
 @pytest.fixture

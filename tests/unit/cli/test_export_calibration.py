@@ -13,7 +13,7 @@ from motord.calibration.export import FORMATS
 from motord.cli import app
 from motord.cli.calibration.export import NAMES
 from motord.config import load, packaged
-from tests.support.patience import until
+from tests.contract.peers import until
 from tests.unit.calibration_export.cases import calibration
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import put_in_force

@@ -22,8 +22,8 @@ from tests.contract.peers import (
     can_config,
     give_up_once_received,
     never_ask,
+    until,
 )
-from tests.support.patience import until
 
 
 def setup(can_: Any, **bridge: Any) -> Config:

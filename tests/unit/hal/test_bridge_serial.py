@@ -20,8 +20,9 @@ from tests.contract.peers import (
     bench,
     give_up_once,
     give_up_once_received,
+    until,
 )
-from tests.support.patience import PATIENCE_S, until
+from tests.support.patience import PATIENCE_S
 
 
 def read(driver: SerialBridge) -> np.ndarray:

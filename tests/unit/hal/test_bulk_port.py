@@ -10,8 +10,7 @@ import pytest
 
 from motord.hal.can.python_can import open_python_can
 from motord.hal.can.slcan_port import BulkPort, read_in_bulk
-from tests.contract.peers import can_config
-from tests.support.patience import until
+from tests.contract.peers import can_config, until
 
 LINE = b"b18081112131415161718\r"
 DATA = bytes.fromhex("1112131415161718")

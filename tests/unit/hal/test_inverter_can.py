@@ -21,8 +21,7 @@ from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec
 from tests.contract.benches import new_command, new_feedback
-from tests.contract.peers import SIGNALS, Drive, bench, can_config, encode_feedback
-from tests.support.patience import until
+from tests.contract.peers import SIGNALS, Drive, bench, can_config, encode_feedback, until
 
 NOW_NS = 1_800_000_000_000_000_000
 SILENT_AFTER_NS = 500_000_000

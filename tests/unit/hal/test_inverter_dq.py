@@ -14,8 +14,7 @@ from motord.hal.registry import make_rig
 from motord.hal.wire_rig import WireRig
 from motord.schema import InverterStatus
 from tests.contract.benches import dq_config, new_command, new_feedback
-from tests.contract.peers import Drive, bench
-from tests.support.patience import until
+from tests.contract.peers import Drive, bench, until
 
 AGE_S = 2e-4
 SPEED_RAD_S = 30.0

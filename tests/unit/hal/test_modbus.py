@@ -17,7 +17,8 @@ from motord.hal.base import DeviceError
 from motord.hal.modbus import devices
 from motord.hal.modbus.devices import ModbusDevice
 from motord.wire.modbus.registers import DeviceStatus
-from tests.support.patience import PATIENCE_S, until
+from tests.contract.peers import until
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 from tests.support.properties import examples
 

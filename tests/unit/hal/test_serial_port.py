@@ -12,7 +12,7 @@ from motord.hal.bridge.serial_port import SerialPort
 from motord.hal.channels.text import TextPort
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
-from tests.support.patience import until
+from tests.contract.peers import until
 
 Ends = tuple[SerialPort, int]
 

@@ -18,8 +18,7 @@ from tests.contract.benches import (
     serial,
     wires,
 )
-from tests.contract.peers import Board, Drive, never_ask
-from tests.support.patience import until
+from tests.contract.peers import Board, Drive, never_ask, until
 
 
 class Recorder:

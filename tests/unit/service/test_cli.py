@@ -18,7 +18,8 @@ from motord.cli.bench.status import sensor_text
 from motord.cli.plan.settings import parse_settings
 from motord.client import ClientError, Commander, Subscription, connect
 from motord.schema import State, Trip
-from tests.support.patience import PATIENCE_S, until
+from tests.contract.peers import until
+from tests.support.patience import PATIENCE_S
 from tests.support.ports import free_port
 from tests.unit.emulate.benches import write_bench
 from tests.unit.service.live_service import endpoint, live_service

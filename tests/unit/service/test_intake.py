@@ -42,8 +42,9 @@ from motord.service.rpc.outstanding import (
     ROOM_OF_STOP,
     OutstandingQueries,
 )
+from tests.contract.peers import until
 from tests.support.panic import PanicError, panic
-from tests.support.patience import PATIENCE_S, until
+from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration
 

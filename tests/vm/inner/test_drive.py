@@ -12,8 +12,7 @@ from motord.hal.can.base import REFUSED_MAX
 from motord.hal.inverter.can_drive import CanInverter
 from motord.schema import InverterStatus
 from tests.contract.benches import can_socketcan, new_command, new_feedback
-from tests.contract.peers import SOCKETCAN, Drive
-from tests.support.patience import until
+from tests.contract.peers import SOCKETCAN, Drive, until
 from tests.vm.inner import interface
 
 BUS_OFF = InverterStatus.BUS_OFF
