@@ -220,7 +220,7 @@ def test_a_rotor_that_stops_during_capture_fails_the_plan() -> None:
     ("settings", "expected"),
     [
         ({"torques_Nm": [9.0]}, "torque_Nm = 6"),
-        ({"speeds_Hz": [3.0]}, "over-speed"),
+        ({"speeds_Hz": [3.0]}, "trip_speed_rad_s"),
         ({"speeds_Hz": [0.01]}, "brake holds at most"),
         ({"turn": 3}, "setting turn"),
         ({"turns": 1}, "setting turns"),

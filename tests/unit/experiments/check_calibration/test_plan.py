@@ -56,7 +56,7 @@ def test_a_phase_scaled_less_leaves_the_rotor_faster() -> None:
     [
         ({"compensate": "off"}, "compensate is always calibration"),
         ({"torque_Nm": 9.0}, "limits. torque_Nm"),
-        ({"speed_Hz": 9.0}, "over-speed trip"),
+        ({"speed_Hz": 9.0}, "trip_speed_rad_s"),
         ({"turns": 2}, "turns"),
         ({"mesh": 2}, "settings are: .*torque_Nm.*compensate"),
     ],

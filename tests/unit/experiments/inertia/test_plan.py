@@ -176,7 +176,7 @@ def test_steps_of_torque_go_both_ways_from_rest() -> None:
     ("settings", "message"),
     [
         ({"torque_Nm": 7.0}, r"7 Nm is above \[limits\] torque_Nm = 6"),
-        ({"stop_speed_Hz": 5.0}, "over-speed trip"),
+        ({"stop_speed_Hz": 5.0}, "trip_speed_rad_s"),
         ({"compensate": "perhaps"}, "compensate = 'perhaps'"),
         ({"repeats": 0}, "inertia-acceleration: setting repeats"),
     ],
