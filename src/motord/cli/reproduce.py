@@ -33,13 +33,14 @@ def reproduce(
     as_json: ResultAsJson = False,
 ) -> None:
     """Run every experiment of Poels 2008 in virtual time; write one page next to its numbers."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        fail(f"{out}: is not empty; name another folder with --out, nothing is overwritten")
+    explain_first_run(silent=as_json)  # before the imports, which make the folder of the kernels
     from motord.reproduce.page import write_page
     from motord.reproduce.poels2008 import as_json as rows
     from motord.reproduce.run import STAGES
     from motord.reproduce.run import reproduce as run
 
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        fail(f"{out}: is not empty; name another folder with --out, nothing is overwritten")
     with stage_progress(STAGES, out, silent=as_json) as progress:
         found = run(out, seed, quick, keep_recordings, progress)
         page = write_page(out, found, keep_recordings)
@@ -52,7 +53,6 @@ def reproduce(
 @contextmanager
 def stage_progress(stages: Sequence[str], out: Path, silent: bool) -> "Iterator[StageProgress]":
     """Show a bar for each stage; what is yielded moves it. A file of `out` that fails ends it."""
-    explain_first_run(silent=silent)
     width = max(map(len, stages)) + 1
     columns = f"{{task.description:<{width}}}", "bar", "elapsed"
     try:
@@ -98,6 +98,7 @@ def demo(
 
     On a computer with a display the report is opened in the browser at the end.
     """
+    explain_first_run(silent=json)  # before the imports, which make the folder of the kernels
     from motord.reproduce.demo import STAGES, run_demo, write_report
 
     with stage_progress(STAGES, out, silent=json) as progress:
@@ -149,7 +150,7 @@ def _gain_table(found: "Demo") -> "TextTable":
         for phase in range(3)
     ]
     header = ("", "truth", "joint estimator", "residual estimator (2008)")
-    return TextTable("identified parameters, 95 %, compared with the truth", header, rows)
+    return TextTable("identified parameters, 95 % (Type A), compared with the truth", header, rows)
 
 
 def _figure(values: "np.ndarray", half_widths: "np.ndarray | None", phase: int) -> str:

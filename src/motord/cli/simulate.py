@@ -40,13 +40,13 @@ def simulate(
     which somebody moves the rotor by hand, inertia-oscillation, the rig has to say how: the
     packaged inertia.toml has a bar on springs.
     """
-    from motord.calibration import load
-    from motord.simulate import PlanSource, require_room
-
     path = output or Path(f"{name}.mcap")
     if path.exists():
         fail(f"{path}: exists; name another file with -o, nothing is overwritten")
-    explain_first_run(silent=as_json)
+    explain_first_run(silent=as_json)  # before the imports, which make the folder of the kernels
+    from motord.calibration import load
+    from motord.simulate import PlanSource, require_room
+
     try:
         source = PlanSource.of(config)
         plan = _plan(source, name, settings or [])

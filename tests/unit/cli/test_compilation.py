@@ -1,11 +1,15 @@
 """The first run says why it takes longer."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from motord.cli.console import explain_first_run
 from motord.kernel_cache import kernel_cache
+from tests.support.patience import PATIENCE_S
 
 
 def test_it_is_said_once(
@@ -19,3 +23,23 @@ def test_it_is_said_once(
     kernel_cache().mkdir(parents=True)
     explain_first_run()
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo", "--out", "file/out"],
+        ["reproduce", "--out", "file/out"],
+        ["simulate", "verify", "--set", "turns=x"],
+    ],
+)
+def test_it_is_said_before_kernels_are_imported(tmp_path: Path, arguments: list[str]) -> None:
+    (tmp_path / "file").write_text("")
+    done = subprocess.run(
+        [sys.executable, "-m", "motord", *arguments], cwd=tmp_path, check=False,
+        env={**os.environ, "MOTORD_CACHE_DIR": str(tmp_path)},
+        capture_output=True, text=True, timeout=PATIENCE_S,
+    )  # fmt: skip
+    first, wrong = done.stderr.splitlines()
+    assert first.startswith("first run: compiling the numerical kernels")
+    assert wrong.startswith("motord: ")
