@@ -26,10 +26,9 @@ def require_parquet() -> None:
 def duckdb() -> ModuleType:
     """Return duckdb. Raises ResultsError where it is not installed."""
     module = _loaded("duckdb")
+    # objects that refer to it would outlive it if they stayed frozen, which it prints at exit
     atexit.unregister(gc.unfreeze)
-    atexit.register(
-        gc.unfreeze
-    )  # else objects that refer to it outlive it, which it prints at exit
+    atexit.register(gc.unfreeze)
     return module
 
 

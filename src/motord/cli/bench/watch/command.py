@@ -134,8 +134,6 @@ async def _run(app: "WatchApp", session: "OperatorSession") -> None:
     """Run the screen until it ends, or until a signal ends it."""
     import asyncio
 
-    from motord.cli.bench.watch.command import ending_signals
-
     loop = asyncio.get_running_loop()
 
     def end() -> None:
