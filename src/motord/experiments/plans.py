@@ -32,9 +32,10 @@ def _check_i2t(config: Config, plan: Plan) -> None:
     """Refuse torques that are held until I2t trips for certain. Raises PlanError.
 
     By the mean square of each phase's current over a turn, while a point settles and is captured;
-    all other time is taken to be without current. A plan that may end early is not judged.
+    all other time is taken to be without current. A plan that may end early is not judged, nor
+    repetitions that wait until the bench is cool: the plan that they repeat was.
     """
-    if plan.targets:
+    if plan.targets or plan.settings.get("cool_below_C"):
         return
     limits = config.limits
     per_Nm2 = (currents_per_Nm(config.motor) ** 2).mean(axis=0)

@@ -49,3 +49,12 @@ def test_pauses_cool() -> None:
     build("soak", bench(10.0), {**soak, "pause_s": 30.0})
     with pytest.raises(PlanError, match="I2T"):
         build("verify", bench(10.0), {**HELD, "turns": 6, "torques_Nm": [5.5, 5.7, 5.9, 6.0]})
+
+
+def test_repetitions_that_wait_until_the_bench_is_cool_are_judged_one_by_one() -> None:
+    soak = {"plan": "verify", "inner": {**HELD, "turns": 9}, "repeats": 100, "pause_s": 0.0}
+    with pytest.raises(PlanError, match="I2T"):
+        build("soak", bench(10.0), soak)
+    build("soak", bench(10.0), {**soak, "cool_below_C": 40.0})
+    with pytest.raises(PlanError, match="I2T"):
+        build("soak", bench(10.0), {**soak, "inner": HELD, "cool_below_C": 40.0})
