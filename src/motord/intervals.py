@@ -39,9 +39,29 @@ class IntervalEstimate:
         return plus_minus(self.value, self.high - self.value)
 
 
-def coverage_factor(freedom: float | None = None) -> float:
-    """Return half of a 95 % interval in standard errors; freedom: degrees of, None for many."""
-    return t_quantile((1 + LEVEL) / 2, inf if freedom is None else freedom)
+def coverage_factor(freedom: float | None = None, figures: int = 1) -> float:
+    """Return half of a 95 % interval in standard errors; freedom: degrees of, None for many.
+
+    figures: so many intervals hold all together in 95 % of cases (Bonferroni).
+    """
+    outside = (1 - LEVEL) / figures
+    return t_quantile(1 - outside / 2, inf if freedom is None else freedom)
+
+
+def half_width_of_largest(
+    values: Sequence[float], half_widths: Sequence[float | None]
+) -> float | None:
+    """Return half of the 95 % interval of the largest true value; None if one is not known.
+
+    Of values that are alike the largest is too large by chance, and the largest true one may be
+    another's: all intervals hold together (`coverage_factor`), up to the highest end.
+    """
+    known = [half for half in half_widths if half is not None]
+    if len(known) < len(values):
+        return None
+    wider = coverage_factor(figures=len(values)) / coverage_factor()
+    ends = (value + wider * half for value, half in zip(values, known, strict=True))
+    return max(ends) - max(values)
 
 
 def expanded_uncertainty(type_a: float, freedom: float | None, type_b: float) -> float:

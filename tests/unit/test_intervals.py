@@ -5,10 +5,12 @@ import pytest
 
 from motord.identification.variance_components import VarianceComponents
 from motord.intervals import (
+    LEVEL,
     coverage_factor,
     f_quantile,
     f_tail,
     freedom_of,
+    half_width_of_largest,
     plus_minus,
     standard_uncertainty,
     t_quantile,
@@ -22,6 +24,20 @@ from motord.intervals import (
 )
 def test_coverage_factors_are_those_of_the_tables(freedom: float | None, factor: float) -> None:
     assert coverage_factor(freedom) == pytest.approx(factor, rel=1e-5)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 3.0])
+def test_the_interval_of_the_largest_holds_the_largest_truth(scatter: float) -> None:
+    rng, held, trials = np.random.default_rng(1), 0, 1000
+    for _ in range(trials):
+        truth = scatter * rng.standard_normal(60)
+        values = truth + rng.standard_normal(60)
+        half = half_width_of_largest(values.tolist(), [coverage_factor()] * 60)
+        assert half is not None
+        held += abs(values.max() - truth.max()) < half
+    assert held > LEVEL * trials
+    assert half_width_of_largest([1.0], [0.2]) == pytest.approx(0.2)
+    assert half_width_of_largest([1.0, 2.0], [0.2, None]) is None
 
 
 def test_quantiles_of_one_side() -> None:

@@ -84,6 +84,12 @@ class PointRipple:
         """Set-points as text."""
         return f"{self.torque_Nm:g} Nm, {self.speed_Hz:g} Hz"
 
+    @property
+    def half_width_percent(self) -> float | None:
+        """Half of the 95 % interval of the RMS error; None where it is not known."""
+        known = self.stderr_percent
+        return None if known is None else coverage_factor() * known
+
     def torque_over(self, angle_rad: np.ndarray) -> np.ndarray:
         """Return the repeating torque without its mean at the angles (Nm)."""
         waves = np.exp(1j * np.outer(angle_rad, self.order))
@@ -138,12 +144,7 @@ def rms_half_widths(ripples: Sequence[PointRipple]) -> RmsErrors:
 
     Of a mean it is that of errors which are the same in all: the widest it may be.
     """
-    return _by_set_point(ripples, _half_width)
-
-
-def _half_width(ripple: PointRipple) -> float | None:
-    known = ripple.stderr_percent
-    return None if known is None else coverage_factor() * known
+    return _by_set_point(ripples, lambda ripple: ripple.half_width_percent)
 
 
 def _by_set_point(

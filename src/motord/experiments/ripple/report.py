@@ -9,10 +9,11 @@ from motord.config import MotorConfig
 from motord.experiments.ripple.estimate import Explained, MeshRipple, middle_point
 from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import PointRipple, rms_errors
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import half_width_of_largest
 from motord.report.html import Page
 from motord.report.plots.mesh import in_percent, rms_error
 from motord.report.plots.torque import TorqueCurve, over_angle_and_order
+from motord.report.text import with_interval
 
 CURVE_ANGLES = 2048
 """Angles over one turn at which the torque is drawn."""
@@ -27,7 +28,8 @@ Errors = Mapping[TorqueSpeed, float]
 def report(found: MeshRipple, recordings: Recordings) -> Page:
     """Return the page of a verification."""
     page = Page("Verification of torque ripple", recordings.subject.lead)
-    fill_key_figures(page, *before_and_after(found.ripples), _worst(found.ripples))
+    worst = [worst_figure(found)] if found.ripples else []
+    fill_key_figures(page, *before_and_after(found.ripples), worst)
     fill(page, found.ripples, recordings.subject.motor)
     fill_shares(page, found.explained)
     page.heading("About these figures")
@@ -35,17 +37,15 @@ def report(found: MeshRipple, recordings: Recordings) -> Page:
     return page
 
 
-def _worst(ripples: Sequence[PointRipple]) -> list[tuple[str, str]]:
+def worst_figure(found: MeshRipple) -> tuple[str, str]:
     """Return the largest RMS error with its interval, of those with compensation if there are."""
-    known = [one for one in ripples if one.stderr_percent is not None]
-    ranked = sorted(known, key=lambda one: (one.compensate == 0, -one.rms_percent))
-    return [
-        (
-            f"{plus_minus(one.rms_percent, coverage_factor() * (one.stderr_percent or 0.0))} %",
-            f"the largest, at {one.label}, 95 %",
-        )
-        for one in ranked[:1]
-    ]
+    shown = [one for one in found.scaled if one.compensate] or found.scaled
+    most = max(shown, key=lambda one: one.rms_percent)
+    half_width = half_width_of_largest(
+        [one.rms_percent for one in shown], [one.half_width_percent for one in shown]
+    )
+    where = f"the largest, at {most.label}" + ("" if half_width is None else ", 95 %")
+    return f"{with_interval(most.rms_percent, half_width)} %", where
 
 
 def fill(page: Page, ripples: Sequence[PointRipple], motor: MotorConfig) -> None:

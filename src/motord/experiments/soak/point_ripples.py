@@ -16,7 +16,7 @@ from motord.identification import CaptureError, IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import Samples, prepare, split
 from motord.identification.point_ripple import PointRipple
-from motord.intervals import LEVEL, t_quantile
+from motord.intervals import coverage_factor
 from motord.recording.captures import COLUMNS
 from motord.recording.reader import Run, bounds_of
 
@@ -112,14 +112,14 @@ def changed_behind_noise(ripples: Sequence[tuple[str, int, PointRipple]]) -> Ite
 
     ripples: with the labels of their points in the inner plan, and repetitions. It changed where
     the interval of an RMS error is above those of all repetitions in which noise hides it; chance
-    makes that so in 1 - LEVEL of soaks at most, as intervals are of all ripples together
+    makes that so in 5 % of soaks at most, as intervals are of all ripples together
     (Bonferroni).
     """
     known: dict[str, list[tuple[int, PointRipple]]] = {}
     for label, number, one in ripples:
         if one.stderr_percent is not None:
             known.setdefault(label, []).append((number, one))
-    factor = t_quantile(1 - (1 - LEVEL) / 2 / max(sum(map(len, known.values())), 1), inf)
+    factor = coverage_factor(figures=max(sum(map(len, known.values())), 1))
     changed = []
     for label, series in known.items():
         hidden = [_interval(one, factor)[1] for _, one in series if is_hidden(one)]
