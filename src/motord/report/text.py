@@ -29,7 +29,7 @@ def error_table(errors: RmsErrors, half_widths: RmsErrors) -> Iterator[str | Tex
     measured = [name for name in WHEN if getattr(errors, name) is not None]
     pairs = list(zip(errors.points, half_widths.points, strict=True))
     yield TextTable(
-        "RMS error of the measured torque, % of rated, 95 %",
+        "RMS error of measured torque, % of rated, 95 %",
         ("torque (Nm)", "speed (Hz)", *(WHEN[name] for name in measured)),
         [
             (
