@@ -30,6 +30,11 @@ def _printable(text: str) -> str:
     return text
 
 
+def one_line(text: str) -> str:
+    """Return a text without what could pass for another line, or move a terminal's cursor."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
 NAME_MAX = 64
 """Characters of who asks for a stop."""
 
@@ -46,7 +51,7 @@ class LeaseAcquire(RpcRequest):
 class StopNow(RpcRequest):
     """`stop`: from anyone, no token."""
 
-    by: Annotated[str, AfterValidator(lambda name: name[:NAME_MAX])] = ""
+    by: Annotated[str, AfterValidator(lambda name: one_line(name[:NAME_MAX]))] = ""
     """Who asks, for the log; a longer name is cut off, as no stop is refused for it."""
 
 

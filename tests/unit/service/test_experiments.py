@@ -257,9 +257,9 @@ def test_stop_ends_a_plan_at_once(service):
     token = service.acquire()
     start(service, token)
     service.run_s(4.0, token)
-    assert service.ask("stop", by="ben") == {"state": "OFF"}
+    assert service.ask("stop", by="ben\x1b[2J") == {"state": "OFF"}
     view = service.bench.plans.view
-    assert (view.state, view.message) == ("aborted", "stopped by ben")
+    assert (view.state, view.message) == ("aborted", "stopped by ben?[2J")
     service.run_s(1.0, token)
     assert service.bench.state is State.OFF
 

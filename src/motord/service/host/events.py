@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from motord.api.messages import Event
+from motord.api.requests import one_line
 from motord.recording.event_log import event_level
 from motord.service.host.log import log_error
 
@@ -32,7 +33,7 @@ class EventLog:
         event = Event(
             t_ns=self._unix_ns() if t_ns is None else t_ns,
             kind=kind,
-            message=_one_line(message),
+            message=one_line(message),
             data=data,
         )
         self._kept.append(event)
@@ -49,8 +50,3 @@ class EventLog:
     def recent(self) -> list[Event]:
         """Return the kept events, the oldest first. May be called from any thread."""
         return list(self._kept)
-
-
-def _one_line(message: str) -> str:
-    """Return a message without what could pass for another line, or move a terminal's cursor."""
-    return "".join(c if c.isprintable() else "?" for c in message)
