@@ -154,6 +154,7 @@ def test_what_was_never_a_journal_gives_nothing(content):
      b'{"kind": "point", "point": 3}', b"7",
      b'{"kind": "point", "point": {"index": 1e999}}',
      b'{"kind": "point", "point": {"index": 0, "take": "nan"}}',
+     b'{"kind": "point", "point": {"index": 0, "take": "2.0"}}',
      b'{"kind": "point", "point": {"index": 0, "quality": 7}}'],
 )  # fmt: skip
 def test_a_line_that_makes_no_sense_ends_the_story(journal, line):

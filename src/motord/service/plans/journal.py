@@ -43,7 +43,7 @@ class PlanNote(BaseModel, extra="ignore", frozen=True):
     t_ns: int
 
 
-class JournalPoint(BaseModel, extra="ignore", frozen=True):
+class JournalPoint(BaseModel, extra="ignore", frozen=True, strict=True):
     """What is used of an operating point, as it was captured."""
 
     index: int
