@@ -47,6 +47,7 @@ class Session:
         self.error = ""
         self._task: RecordingTask | None = None
         self._before: Mark | None = None  # the tick before the recording's first
+        self._missing: Sequence[RunMessage] = ()  # messages of it that are not written yet
         self._newest: Mark | None = None  # the last tick that was given to a recording
         self._begun_s = self._retry_at_s = 0.0
         self._retry_s = RETRY_FIRST_S
@@ -80,8 +81,8 @@ class Session:
         With `first_tick`, begin with that one, if nothing is going on and it is not recorded yet.
         With `resume`, ticks go on after the last in the newest file of `stem`, or of the recording
         that ended where this one begins; if it goes on already, it does. Of its `last` messages
-        those that are in none of its files are written. Raises RecordError; it is then tried again
-        by `step`.
+        those that are in none of its files are written, after their ticks. Raises RecordError; it
+        is then tried again by `step`.
         """
         if resume and self._goes_on(stem):
             return
@@ -93,10 +94,10 @@ class Session:
         self.metadata = metadata
         if self._source is None or resume:
             self._source = self._source_for(self._task, resume=resume)
-        missing = messages_missing(stem, last)
+        self._missing = messages_missing(stem, last)
         self._begin(self._task, now_s)
-        for message in missing:
-            self.write(message.write)
+        if self._missing:
+            self.step(now_s)
 
     def _goes_on(self, stem: Path) -> bool:
         recording, task = self._recording, self._task
@@ -163,14 +164,17 @@ class Session:
                 self._retry(task, now_s)
             return False
         piece = None if self._source is None or self._disk.full else self._source.read()
-        if piece is not None and (len(piece.block) or piece.lost):
+        came = piece is not None and (len(piece.block) > 0 or piece.lost > 0)
+        if piece is not None and came:
             ended_by, self._ended_by = self._ended_by, ""
             self._remember(piece)
             self._disk.do(lambda: recording.take(piece, now_s, ended_by), piece.block.nbytes)
-            return True
-        if self._disk.idle:
+        missing, self._missing = self._missing, ()
+        for message in missing:
+            self.write(message.write)
+        if not came and self._disk.idle:
             self._disk.do(lambda: recording.step(now_s))
-        return False
+        return came
 
     def _remember(self, piece: RingPiece) -> None:
         """Note which ticks have been given to a recording."""
@@ -245,6 +249,7 @@ class Session:
         recording, self._task = self._recording, None
         if recording is not None and recording.open:
             self._close(recording, reason, now_s)
+        self._missing = ()
         if recording is not None and recording.closed and not recording.error:
             self._note_closed(recording.stem)
 

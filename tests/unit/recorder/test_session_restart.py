@@ -384,6 +384,9 @@ def test_a_ring_that_is_removed_with_its_folder_is_recorded_while_ticks_come(ben
     assert bench.recorded() == list(range(15))
 
 
+RESTARTED = "the recorder was started again: tick 100 follows tick 99"
+
+
 def test_messages_that_were_in_memory_only_are_written_by_the_next_recorder_once(bench):
     def message(what, number, **content):
         return {"do": what, "t_ns": START_NS + number, "content": content}
@@ -407,9 +410,28 @@ def test_messages_that_were_in_memory_only_are_written_by_the_next_recorder_once
     bench.loop(60)
     bench.start(resume=True, last=last)
     bench.start(resume=True, last=last)  # asked for once more: it goes on
+    bench.do(do="event", t_ns=START_NS + 6, content={"kind": "note", "message": "new"})
     bench.stop()
     runs = [open_run(file) for file in bench.files()]
-    assert [e["message"] for e in bench.events() if e["kind"] == "note"] == ["written", "in memory"]
+    found = [event["message"] for event in bench.events()]
+    assert found == ["written", RESTARTED, "in memory", "new"]  # after their ticks, in order
     assert [point["index"] for run in runs for point in run.operating_points()] == [0, 1]
     assert [plan["step"] for run in runs for plan in run.plan()] == ["1", "2"]
     assert bench.recorded() == list(range(160))
+
+
+def test_messages_are_written_though_the_next_recorder_could_not_begin_at_once(bench):
+    content = {"kind": "note", "message": "in memory", "data": {}}
+    last = [{"do": "event", "t_ns": START_NS, "content": content}]
+    bench.start()
+    bench.loop(50)
+    bench.step(1.1)
+    bench.session = bench.new_session()
+    FreeSpace.bytes = 0
+    bench.start(resume=True, last=last)
+    assert not bench.report()["recording"]
+    FreeSpace.bytes = PLENTY
+    for _ in range(3):
+        bench.step(1.1)
+    bench.stop()
+    assert [event["message"] for event in bench.events()].count("in memory") == 1
