@@ -8,17 +8,11 @@ from typing import Any
 import numpy as np
 
 from motord.recorder.protocol import MARK_FIELDS, Mark
-from motord.recorder.ring_source import (
-    NEIGHBOURS,
-    RingPiece,
-    after,
-    indexes_of,
-    last_mark,
-    mark_of,
-)
+from motord.recorder.ring_source import NEIGHBOURS, RingPiece, after, indexes_of, last_mark
+from motord.recording import topics
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, stem_of, whole_of
-from motord.recording.reader import open_run_unfinished_or_not
+from motord.recording.reader import Run, open_run_unfinished_or_not
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingReader
@@ -26,6 +20,11 @@ from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
 
 _KEYS = ("t_ns", "kind", "message", "state", "step", "index")
+_TOPICS = {
+    "event": topics.EVENTS,
+    "plan": topics.PLANS,
+    "operating_point": topics.OPERATING_POINTS,
+}
 
 
 @dataclass(frozen=True)
@@ -49,29 +48,28 @@ class RunMessage:
 
 
 def messages_missing(stem: Path, last: Sequence[RunMessage]) -> list[RunMessage]:
-    """Return those of the last messages of the recording `stem` that are in none of its files."""
-    since_ns = min((message.content["t_ns"] for message in last), default=0)
+    """Return those of the last messages of the recording `stem` that are in none of its files.
+
+    Of the files only what was written since the first of them is read: the ring goes on meanwhile.
+    """
+    since_ns = max(0, min((message.content["t_ns"] for message in last), default=0))
     written: set[tuple[object, ...]] = set()
     for number in reversed(numbers(stem) if last else ()):
-        path = file_name(stem, number)
-        written |= {message.key for message in _messages_in(path)}
-        mark = mark_of(path)
-        if mark is not None and mark.t_ns < since_ns:
+        try:
+            run = open_run_unfinished_or_not(file_name(stem, number))
+            written.update(message.key for message in _messages_since(run, since_ns))
+            block = run.tick_table.last(MARK_FIELDS)
+        except RecordError:
+            continue
+        if len(block) and block["t_ns"][0] < since_ns:
             break  # those before it ended even earlier
     return [message for message in last if message.key not in written]
 
 
-def _messages_in(path: Path) -> list[RunMessage]:
-    try:
-        run = open_run_unfinished_or_not(path)
-        found = {
-            "event": run.events(),
-            "plan": run.plan(),
-            "operating_point": run.operating_points(),
-        }
-    except RecordError:
-        return []
-    return [RunMessage(what, content) for what, contents in found.items() for content in contents]
+def _messages_since(run: Run, since_ns: int) -> Iterator[RunMessage]:
+    names = {topic.name: what for what, topic in _TOPICS.items()}
+    for topic, content in run.contents(_TOPICS.values(), since_ns):
+        yield RunMessage(names[topic.name], content)
 
 
 def missing_of(

@@ -1,6 +1,7 @@
 """Recordings read straight into arrays, in constant memory, whole or damaged."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -182,6 +183,28 @@ class Run:
         order = np.argsort(times_ns, kind="stable")
         return times_ns[order], values[order]
 
+    def contents(
+        self, wanted: Iterable[Topic], since_ns: int = 0
+    ) -> Iterator[tuple[Topic, dict[str, Any]]]:
+        """Yield the messages of topics in JSON, each with its topic, as they were written.
+
+        With `since_ns` (Unix ns) only of chunks that end then or later.
+        """
+        known = {self.source.number(topic.name): topic for topic in wanted}
+        chunks = [
+            chunk
+            for chunk in self.source.chunks()
+            if chunk.end_ns >= since_ns
+            and (chunk.channels is None or not chunk.channels.isdisjoint(known))
+        ]
+        counts = Counter[int]()
+        for chunk in self.source.read(chunks if known.keys() - {None} else ()):
+            for part in chunk.messages:
+                topic = known.get(part.channel)
+                if topic is not None and isinstance(part, SingleMessage):
+                    counts[part.channel] += 1
+                    yield topic, self._object(topic, counts[part.channel], bytes(part.payload))
+
     def _require_known_format(self) -> None:
         written = self.metadata.get("format", FORMAT)
         if written != FORMAT:
@@ -196,16 +219,7 @@ class Run:
         return Table(self.source, layout, record)
 
     def _objects(self, topic: Topic) -> list[dict[str, Any]]:
-        channel = self.source.number(topic.name)
-        if channel is None:
-            return []
-        payloads = (
-            bytes(part.payload)
-            for chunk in self.source.read(self.source.chunks(channel))
-            for part in chunk.messages
-            if isinstance(part, SingleMessage) and part.channel == channel
-        )
-        return [self._object(topic, n, payload) for n, payload in enumerate(payloads, 1)]
+        return [content for _, content in self.contents([topic])]
 
     def _object(self, topic: Topic, number: int, payload: bytes) -> dict[str, Any]:
         where = f"{self.path}: message {number} of {topic.name}"

@@ -5,7 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from motord.recording.file_names import file_name
+from motord.recorder.finishing import RunMessage, messages_missing
+from motord.recording.file_names import file_name, part_of
+from motord.recording.mcap import chunk_source
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.schema import State
@@ -120,6 +122,26 @@ def test_its_last_events_are_written_once(bench):
     bench.finish(last=events)
     written = [(e["t_ns"], e["message"], e["data"]) for e in bench.events() if e["kind"] != "gap"]
     assert written == [(START_NS, "before", {}), (START_NS + 1, "at the end", {"missed": 3})]
+
+
+def test_only_what_was_written_since_the_first_of_its_last_messages_is_read(tmp_path, monkeypatch):
+    read: list[object] = []
+    decode = chunk_source.decode
+    monkeypatch.setattr(chunk_source, "decode", lambda *a: read.append(a) or decode(*a))
+    ticks = tick_block(10_000)  # 40 chunks
+    since_ns = int(ticks["t_ns"][-300])
+    events = [
+        RunMessage("event", {"t_ns": since_ns + n, "kind": "note", "message": str(n), "data": {}})
+        for n in range(2)
+    ]
+    writer = RunWriter(file_name(tmp_path / "day", 0), METADATA)
+    writer.ticks(ticks[:-100])
+    events[0].write(writer)
+    writer.ticks(ticks[-100:])
+    writer.abandon()
+    assert part_of(writer.path).exists()
+    assert messages_missing(tmp_path / "day", events) == events[1:]
+    assert len(read) <= 4
 
 
 def test_last_events_are_not_written_again_however_many_files_have_begun_since(tmp_path):

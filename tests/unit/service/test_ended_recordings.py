@@ -294,3 +294,17 @@ def test_events_of_long_before_a_recording_are_not_part_of_it(bench):
     bench.power_on()
     events = [c["content"] for c in recorder.received() if c["do"] == "event"]
     assert [event["message"] for event in events if event["kind"] == "note"] == ["new"]
+
+
+def test_what_a_recorder_that_records_has_written_by_now_is_not_sent_to_the_next(bench):
+    recorder = bench.next_recorder()
+    bench.power_on()
+    session_, stem = bench.recording.recorder, bench.recording.recorder.task.stem.name
+    session_.record("operating_point", bench.now_ns, {"index": 1})
+    bench.now_ns += round(session.LAST_S * 1e9)
+    session_.record("operating_point", bench.now_ns, {"index": 2})
+    bench.now_ns += 1
+    recorder.say(recording=True, file=f"{stem}-000.mcap")
+    bench.recording.step(0)
+    [command] = bench.next_recorder().received()
+    assert [message["content"].get("index") for message in command["last"]] == [2]

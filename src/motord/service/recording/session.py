@@ -22,8 +22,10 @@ from motord.service.recording.ended import EndedRecordings
 RECORDER = "recorder"
 EVENTS_BEFORE_MAX, EVENTS_BEFORE_S = 1000, 10.0
 """Events before a recording that go into it: at most so many, of this time."""
-LAST_MAX = 300
-"""Messages of a recording that are kept for the successor of a recorder that dies."""
+LAST_MAX, LAST_S = 300, 90.0
+"""Messages of a recording that are kept for the successor of a recorder that dies: at most so many,
+and of one that records those of this time; it has written older ones, as `sync_s` is 60 s at most.
+The successor reads as much of the file, while the ring goes on."""
 CLOSE_S = 2.0
 """Time for a recorder to close its file before it is ended."""
 UP_S = 8.0
@@ -233,6 +235,7 @@ class RecorderSession:
         for report in link.reports(now_ns):
             self.report, self.reported_ns = report, now_ns
             self.ended.take(report)
+            self._forget_written()
             self.on_report(report)
             if report.error and report.error != self.error:
                 self._events.emit("recording", f"the recorder says: {report.error}")
@@ -241,6 +244,12 @@ class RecorderSession:
                 if self._leftovers.get(path) != outcome:
                     self._events.emit("recording", f"{path}: {outcome}", path=path)
             self._leftovers = dict(report.leftovers)
+
+    def _forget_written(self) -> None:
+        """Keep no messages that a recorder that records has written by now."""
+        since_ns = self._unix_ns() - round(LAST_S * 1e9)
+        while self.recording_task and self._last and self._last[0].t_ns < since_ns:
+            self._last.popleft()
 
     def _note_end(self, task: RecordingTask, why: str) -> None:
         last = tuple(self._last)
