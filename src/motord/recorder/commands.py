@@ -1,6 +1,7 @@
 """Commands of the supervisor to the recorder: JSON objects, one a line."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,12 @@ def _newest(command: Command) -> Mark | None:
 
 
 def _last(command: Command) -> list[RunMessage]:
-    return [_message(message) for message in command.get("last", ())]
+    """Return the last messages; without those that are none, for which no recording is given up."""
+    found = []
+    for message in command.get("last", ()):
+        with suppress(ValueError, KeyError, TypeError):  # reported when it came alone
+            found.append(_message(message))
+    return found
 
 
 def _message(command: Command) -> RunMessage:

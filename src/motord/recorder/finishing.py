@@ -35,9 +35,9 @@ class RunMessage:
     content: Mapping[str, Any]
 
     @property
-    def key(self) -> tuple[object, ...]:
-        """What tells it from the others."""
-        return self.what, *(self.content.get(key) for key in _KEYS)
+    def key(self) -> tuple[str, ...]:
+        """What tells it from the others, as text: a plan may put anything into its points."""
+        return self.what, *(str(self.content.get(key)) for key in _KEYS)
 
     def write(self, writer: RunWriter) -> None:
         """Write it. Raises RecordError."""
@@ -53,7 +53,7 @@ def messages_missing(stem: Path, last: Sequence[RunMessage]) -> list[RunMessage]
     Of the files only what was written since the first of them is read: the ring goes on meanwhile.
     """
     since_ns = max(0, min((message.content["t_ns"] for message in last), default=0))
-    written: set[tuple[object, ...]] = set()
+    written: set[tuple[str, ...]] = set()
     for number in reversed(numbers(stem) if last else ()):
         try:
             run = open_run_unfinished_or_not(file_name(stem, number))

@@ -435,3 +435,23 @@ def test_messages_are_written_though_the_next_recorder_could_not_begin_at_once(b
         bench.step(1.1)
     bench.stop()
     assert [event["message"] for event in bench.events()].count("in memory") == 1
+
+
+def test_no_recording_is_given_up_for_a_message_that_is_none(bench):
+    point = point_of(tick_block(10)) | {"state": {"of": "another package"}}
+    last = [
+        {"do": "event", "t_ns": 1 << 70, "content": {"kind": "note", "message": "when?"}},
+        {"do": "event", "t_ns": START_NS, "content": {"kind": "note"}},
+        {"do": "operating_point", "t_ns": START_NS, "content": point},
+    ]
+    bench.start()
+    bench.loop(50)
+    bench.step(1.1)
+    for _ in range(2):
+        bench.session = bench.new_session()
+        bench.start(resume=True, last=last)
+        assert bench.report()["recording"]
+        bench.step(1.1)
+    bench.stop()
+    points = [point for file in bench.files() for point in open_run(file).operating_points()]
+    assert [point["state"] for point in points] == [{"of": "another package"}]
