@@ -1,7 +1,8 @@
-"""What a child process reports to the supervisor: typed messages, bounded in size and in rate.
+"""What a child process reports to the supervisor, and what the recorder is asked for.
 
-Whatever else comes out of a child's pipe is counted and left out. Nothing here waits or raises, or
-loads what reads or writes recordings.
+Reports are typed messages, bounded in size and in rate; whatever else comes out of a child's pipe
+is counted and left out, without waiting or raising. Nothing here loads what reads or writes
+recordings.
 """
 
 from collections.abc import Mapping
@@ -73,7 +74,7 @@ M = TypeVar("M", bound=Message)
 
 
 class MessageReader(Generic[M]):
-    """Messages of type `model` out of a pipe, at most `lines.LINES_AT_ONCE` at a call.
+    """Messages of type `model` out of a pipe, at most `pipe_lines.LINES_AT_ONCE` at a call.
 
     `good`: messages so far, `bad`: lines that were none, `newest_bad` the last of them in short.
     `flooded` is True once more has come than `Allowance` lets pass: the process is not sound.
