@@ -20,8 +20,9 @@ from motord.recorder.protocol import (
 from motord.recording.json_encoding import to_line
 
 BACKLOG_MAX_BYTES = 4 << 20
-LAST_MAX_BYTES = BACKLOG_MAX_BYTES // 8
-"""Messages of a recording that its successor is sent: those of `ENDED_MAX` others fit with them."""
+LAST_MAX_BYTES = BACKLOG_MAX_BYTES // 32
+"""Messages of a recording that its successor is sent. With those of `ENDED_MAX` others they take
+the supervisor 0.1 s, at 0.15 us a byte: the loop does not miss it."""
 Resent = Literal["event", "plan", "operating_point"]
 Recorded = Resent | Literal["state", "blackbox_event"]
 
