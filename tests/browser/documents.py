@@ -110,7 +110,7 @@ def trip(t_ns: int) -> dict[str, Any]:
     """Return the report of a trip by over-current."""
     return {
         "t_ns": t_ns,
-        "reason": f"ENABLED -> TRIPPED: {OVER_CURRENT}; i_b 41.3 A (limit 40 A)",
+        "reason": f"ENABLED -> TRIPPED: {OVER_CURRENT}; largest phase current: 41.3 A, limit 40 A",
         "first": ["OVER_CURRENT"],
         "causes": ["OVER_CURRENT"],
         "values": {"largest phase current, A": {"value": 41.3, "limit": 40.0}},
