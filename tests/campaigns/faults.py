@@ -239,19 +239,22 @@ to `inverter.stale_after_s`. The time that a current is more than `current_error
 the time that it is not down, and `current_error_s` trips: an error that stays in this time, one
 that swings with the current and is beyond the limit for a part f of the time, more than half, in
 `current_error_s` / (2 f - 1) and an electrical turn. For a sine of amplitude A times the limit f is
-1 - 2/pi asin(1 / A): more than half for A above 1.41, 2/3 for 2. A is that of the currents for an
-open phase, 1.73 of it for two that are exchanged, half of it for a gain of 0.5 (in a star a third).
-An error that is beyond the limit for less is not found by this interlock. A wrong current that
-happens to fit one of several such commands, as it may while the rotor turns, is in doubt, and
-counts down by a quarter. An error of one phase by more than 3 times `current_error_A` and what the
-currents' sum changes by is never hidden so; a smaller one, or one in a star, is, in a part of the
-turn: a quarter at 1.8 times (in a star 2.4), an eighth in a star at 4.5 times, if a current settles
-within a tick; if it takes many, up to 0.53 (in a star 0.63), and 0.42. So it is found later, at
-0.63 after 4.7 times `current_error_s`. A right current may be as ambiguous, so disturbed readings
-trip where they are one in five: at 333 Hz and 18 rad/s, with 8 pole pairs and 19 A, three in a
-hundred that are wrong by 25 A do not. A drive whose `lag_s` is a radian, electrical, may trip where
-large steps of torque follow each other within 0.1 s: after each its currents are beyond the limit
-for a moment. The
+1 - 2/pi asin(1 / A): more than half for A above 1.41, 2/3 for 2. Of n readings in half an
+electrical turn one may be off, so f is less by 1 / n: at 333 Hz, 18 rad/s and 8 pole pairs n is 7.
+A is that of the currents for an open phase, 1.73 of it for two that are exchanged, half of it for a
+gain of 0.5 (in a star a third). An error that is beyond the limit for less is found only where it
+is for `current_error_s` at a time, as at low speed. A wrong current that happens to fit one of
+several such commands, as it may while the rotor turns, is in doubt, and counts down by a quarter.
+An error of one phase by more than 3 times `current_error_A` and what the currents' sum changes by
+is never hidden so; a smaller one, or one in a star, is, in a part of the turn: a quarter at 1.8
+times (in a star 2.4), an eighth in a star at 4.5 times, if a current settles within a tick; if it
+takes many, up to 0.53 (in a star 0.63), and 0.42. So it is found later, at 0.63 after 4.7 times
+`current_error_s`. A right current may be as ambiguous, so disturbed readings trip where one in five
+is, if only for a while: at 18 rad/s, with 8 pole pairs and 19 A, of readings that are wrong by 25 A
+at random one in a hundred does not trip at 100 Hz, but three do within minutes; at 333 Hz five do
+not. A drive whose `lag_s` is 0.45 rad, electrical, may trip where large torques are reversed every
+1.5 to 7 `lag_s`, one whose `lag_s` is a radian (or 15 ms and 0.7) after any large step: its
+currents are beyond the limit for a moment. The
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.

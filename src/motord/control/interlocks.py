@@ -155,8 +155,8 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
 def _count(p: np.record, m: np.record, index: int, seen: bool, now_ns: int) -> None:
     """Count the time since the evidence before this one for or against a condition.
 
-    The count is what has passed since `since_ns`, from 0 to the time that the condition may last,
-    and what one in doubt takes away. The time after evidence of it counts up, other time down,
+    The count is what has passed since `since_ns`, from 0 to the time that the condition may last
+    and that since the evidence before. The time after evidence of it counts up, other time down,
     while it is in doubt one part of DOUBT_SHARE. What is between evidence of it and of the opposite
     counts for neither: it may have begun or ended at any time.
     """

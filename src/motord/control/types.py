@@ -166,7 +166,7 @@ MEMORY = record_dtype(
         ("trip_bits", "u4"),
         ("first_trip", "u4"),
         ("request_seq", "u4"),
-        ("since_ns", "i8", (32,)),  # when each trip's condition began to hold
+        ("since_ns", "i8", (32,)),  # when each trip's condition began to hold, or its count
         ("evidence_ns", "i8", (32,)),  # of conditions that are counted: when the newest came
         ("conditions_held", "u4"),  # conditions that hold by the newest evidence of each
         ("causes", "u4"),  # those that have held for longer than they may

@@ -161,12 +161,35 @@ def test_an_error_that_swings_is_found(name, connection, rate_Hz, speed_rad_s, t
             bench.tick_once()
 
 
+@pytest.mark.parametrize("times_limit", [2.5, 3.5])
+@pytest.mark.parametrize(("rate_Hz", "readings"), [(100, 5), (200, 5), (333, 7), (333, 8)])
+def test_one_reading_of_half_a_turn_may_be_off(rate_Hz, readings, times_limit) -> None:
+    """The rotor turns half a turn in whole readings: always the same angles are seen."""
+    share = share_beyond(times_limit * ERROR_A) - 1.0 / readings
+    speed_rad_s = math.pi * rate_Hz / (make_config().motor.pole_pairs * readings)
+    bench = swinging(rate_Hz, speed_rad_s, "independent", times_limit)
+    lasts_s = INTERLOCK[CURRENTS].lasts_s(make_config())
+    stated_s = lasts_s / (2.0 * share - 1.0) + 4 * bench.quarter_turn_s + 2.5 / rate_Hz
+    for number in range(9):
+        wrong = opened(number % 3, False)
+        assert lasts_s <= bench.copied().time_to_trip_s(wrong, 1.0) <= stated_s
+        bench.speed_rad_s = speed_rad_s - 0.05  # other angles
+        bench.seconds(0.09)
+        bench.speed_rad_s = speed_rad_s
+
+
 @pytest.mark.parametrize("speed_rad_s", [9.0, 18.0])
 def test_one_that_is_beyond_for_less_than_half_of_the_time_is_not(speed_rad_s) -> None:
     """Of a gain of 0.5 in a star a third: at 3.5 times the limit for 0.34 of the time."""
     bench = swinging(1000, speed_rad_s, "star", 3.5)
     with pytest.raises(AssertionError, match="no trip"):
         bench.time_to_trip_s(scaled(0, 0.5), 1.0)
+
+
+def test_one_that_is_beyond_for_its_time_on_end_is_found_at_low_speed() -> None:
+    """The same at 2 rad/s: 67 ms at a time, once in half a turn."""
+    bench = swinging(1000, 2.0, "star", 3.5)
+    assert bench.time_to_trip_s(scaled(0, 0.5), 1.0) <= 0.02 + 2 * bench.quarter_turn_s + 2.5e-3
 
 
 @pytest.mark.parametrize("phase", range(3))
