@@ -162,7 +162,7 @@ class Operation:
         b, inverter, begun_ns = self.b, self.config.inverter, self.b.now_ns
         while b.state != State.TRIPPED:
             took_s = (b.now_ns - begun_ns) * 1e-9
-            gaps_s = cause.gaps * b.gap_s[cause.source] if cause.source else 0.0
+            gaps_s = cause.gaps * b.longest_gap_s(cause.source) if cause.source else 0.0
             most_s = cause.stated_s + gaps_s + 2 * b.gap_s[EvidenceSource.LOOP]
             if took_s > most_s:
                 if state == "off":

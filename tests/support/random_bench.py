@@ -247,6 +247,10 @@ class PlayedBench(Bench):
         self.gap_s[source] = max(self.gap_s[source], gap_s)
         self._arrived_ns[source] = self.now_ns
 
+    def longest_gap_s(self, source: EvidenceSource) -> float:
+        """Return the longest gap between new samples that was noted, or the one that goes on."""
+        return max(self.gap_s[source], (self.now_ns - self._arrived_ns[source]) * 1e-9)
+
     def _advance(self, to_ns: int) -> None:
         while self._commands and self._commands[0][0] <= to_ns:
             t_ns, i_A = self._commands.popleft()
