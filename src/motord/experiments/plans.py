@@ -12,6 +12,9 @@ from motord.section.complaints import suggestion
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.limits import check_torque_changes
 
+SENSED_PART = 0.95
+"""Sensed currents, in parts of the nominal ones: by gains of sensors and of a calibration."""
+
 
 def build(name: str, config: Config, settings: Mapping[str, Any] | None = None) -> Plan:
     """Return plan `name` with `settings` over the bench's own. Raises PlanError."""
@@ -31,22 +34,23 @@ def build(name: str, config: Config, settings: Mapping[str, Any] | None = None) 
 def _check_i2t(config: Config, plan: Plan) -> None:
     """Refuse torques that are held until I2t trips for certain. Raises PlanError.
 
-    By the mean square of each phase's current over a turn, while a point settles and is captured;
-    all other time is taken to be without current. A plan that may end early is not judged, nor
-    repetitions that wait until the bench is cool: the plan that they repeat was.
+    By the mean square of each phase's current over a turn, at `SENSED_PART`, while a point settles
+    and is captured; all other time is taken to be without current. A plan that may end early is not
+    judged, nor repetitions that wait until the bench is cool: the plan that they repeat was.
     """
     if plan.targets or plan.settings.get("cool_below_C"):
         return
     limits = config.limits
     per_Nm2 = (currents_per_Nm(config.motor) ** 2).mean(axis=0)
-    settle_s, heat_s = plan.settings.get("settle_s", 0.0), np.zeros(3)
+    settle_s, heat_s = plan.settings.get("settle_s") or 0.0, np.zeros(3)
+    least_A = limits.i2t_current_A / SENSED_PART
     for point in plan.points:
         torque_Nm = point.torque_Nm * min(point.induced.torque_part, 1.0)
         turning = point.turns > 0 and point.speed_Hz != 0.0
         held_s = settle_s + point.turns / abs(point.speed_Hz) if turning else 0.0
         squares_A2 = per_Nm2 * torque_Nm**2
         cooled_s = np.maximum(heat_s - max(plan.point_s(point) - held_s, 0.0), 0.0)
-        heat_s = np.maximum(cooled_s + (squares_A2 / limits.i2t_current_A**2 - 1.0) * held_s, 0.0)
+        heat_s = np.maximum(cooled_s + (squares_A2 / least_A**2 - 1.0) * held_s, 0.0)
         if heat_s.max() > limits.i2t_time_s:
             raise PlanError(
                 f"{point.torque_Nm:g} Nm at {point.speed_Hz:g} Hz would trip the bench by I2T: "

@@ -10,7 +10,7 @@ from motord.experiments.plans import build
 from motord.sequencing import PlanError
 from motord.virtual import PlanFailed, VirtualBench, run_plan
 
-HELD = {"torques_Nm": [6.0], "speeds_Hz": [1.0], "turns": 12, "settle_s": 2.0, "compensate": "off"}
+HELD = {"torques_Nm": [6.0], "speeds_Hz": [1.0], "turns": 20, "settle_s": 2.0, "compensate": "off"}
 RMS_A = 13.7
 """Of a phase of the packaged motor at 6 Nm."""
 
@@ -38,21 +38,21 @@ def test_what_is_refused_would_have_tripped(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_heat_that_is_just_allowed_is_not_refused() -> None:
-    heat_s = ((RMS_A / 10.0) ** 2 - 1.0) * (2.0 + 12 / 1.0)
+    heat_s = ((plans.SENSED_PART * RMS_A / 10.0) ** 2 - 1.0) * (2.0 + 20 / 1.0)
     build("verify", bench(10.0, 1.02 * heat_s), HELD)
     with pytest.raises(PlanError, match="I2T"):
         build("verify", bench(10.0, 0.98 * heat_s), HELD)
 
 
 def test_pauses_cool() -> None:
-    soak = {"plan": "verify", "inner": {**HELD, "turns": 6}, "repeats": 100}
+    soak = {"plan": "verify", "inner": {**HELD, "turns": 10}, "repeats": 100}
     build("soak", bench(10.0), {**soak, "pause_s": 30.0})
     with pytest.raises(PlanError, match="I2T"):
-        build("verify", bench(10.0), {**HELD, "turns": 6, "torques_Nm": [5.5, 5.7, 5.9, 6.0]})
+        build("verify", bench(10.0), {**HELD, "turns": 10, "torques_Nm": [5.5, 5.7, 5.9, 6.0]})
 
 
 def test_repetitions_that_wait_until_the_bench_is_cool_are_judged_one_by_one() -> None:
-    soak = {"plan": "verify", "inner": {**HELD, "turns": 9}, "repeats": 100, "pause_s": 0.0}
+    soak = {"plan": "verify", "inner": {**HELD, "turns": 12}, "repeats": 100, "pause_s": 0.0}
     with pytest.raises(PlanError, match="I2T"):
         build("soak", bench(10.0), soak)
     build("soak", bench(10.0), {**soak, "cool_below_C": 40.0})
