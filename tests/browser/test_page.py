@@ -337,7 +337,8 @@ def test_a_note_is_a_mark(server, visit: Watched):
     page.keyboard.press("Enter")
     shows(page, "#event-list", "bearing is warm, n")
     shows(page, "#messages", "Noted, in the recording")
-    assert server.stand_in.requests[-1][1]["text"] == "bearing is warm, n"
+    noted = [given["text"] for name, given in server.stand_in.requests if name == "note"]
+    assert noted == ["bearing is warm, n"]
 
 
 def test_a_trip_says_what_to_do(server, visit: Watched):
