@@ -1,6 +1,8 @@
 """The account of a trip: for every cause a value beyond its limit, and what to do."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,8 @@ from motord.service.host.events import EventLog
 from tests.campaigns.fault_bench import TORQUE_NM, Driver
 
 BLOCK = 10
+QUANTITY_TEXTS = Path(__file__).parents[2] / "support" / "quantity_texts.json"
+"""Cases that the page's tests read, too."""
 LINE_CLOSED = BridgeStatus.ENABLE_LINE
 STEP_RAD = 2 * np.pi / 4096
 
@@ -271,16 +275,6 @@ def test_a_further_cause_has_its_value_too():
     assert further.message.endswith("speed: 30 rad/s, limit 25 rad/s")
 
 
-@pytest.mark.parametrize(
-    ("quantity", "text"),
-    [
-        ("speed, rad/s", "speed: 26 rad/s, limit 25 rad/s"),
-        ("READY without power, as far as looked back, s",
-         "READY without power, as far as looked back: 26 s, limit 25 s"),
-        ("off the bus, for s", "off the bus for 26 s, limit 25 s"),
-        ("periods missed in a row", "periods missed in a row: 26, limit 25"),
-        ("channel a, s without a reading", "channel a: 26 s without a reading, limit 25 s"),
-    ],
-)  # fmt: skip
-def test_the_unit_of_a_quantity_is_after_its_numbers(quantity, text):
-    assert quantity_text(quantity, "26", "25") == text
+@pytest.mark.parametrize("case", json.loads(QUANTITY_TEXTS.read_text()))
+def test_the_unit_of_a_quantity_is_after_its_numbers(case):
+    assert quantity_text(case["quantity"], case["value"], case["limit"]) == case["text"]
