@@ -8,6 +8,7 @@ import pytest
 
 from motord.api.requests import NOTHING_DEPARTED
 from motord.client import ClientError
+from tests.support.calibrations import calibration
 from tests.support.patience import PATIENCE_S
 from tests.system.daemons import (
     daemon,
@@ -16,7 +17,6 @@ from tests.system.daemons import (
     wait_for,
     write_sim,
 )
-from tests.unit.service.test_installation import calibration
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -25,9 +25,9 @@ from motord.report.html import Page
 from motord.security import roles
 from motord.security.roles import Role, SecurityError
 from tests.campaigns.fuzzing.mutate import mutate_bytes, mutate_json, mutate_text, some_bytes
+from tests.support.calibrations import calibration
 from tests.unit.importing.tables import MAP
 from tests.unit.recording.runs import START_NS, point_of, tick_block, write_run
-from tests.unit.service.test_installation import calibration
 
 RECOVER_EVERY = 20
 

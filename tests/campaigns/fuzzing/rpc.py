@@ -29,7 +29,7 @@ from tests.campaigns.fuzzing.mutate import (
     odd_value,
     some_bytes,
 )
-from tests.unit.service.test_installation import calibration
+from tests.support.calibrations import calibration
 from tests.unit.service.virtual_service import VirtualService
 
 CODES = set(get_args(Code))

@@ -12,10 +12,10 @@ from motord.cli import app
 from motord.experiments.tracking.tracked import TrackedCalibration
 from motord.service.tracker.link import NOT_WRITTEN
 from motord.shm.run_directory import RunDir
+from tests.support.calibrations import calibration, put_in_force
 from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_adoption import FakeTracker, tracked
-from tests.unit.service.test_installation import calibration, put_in_force
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ from motord.cli import app
 from motord.cli.calibration.export import NAMES
 from motord.config import load, packaged
 from tests.contract.peers import until
+from tests.support.calibrations import put_in_force
 from tests.unit.calibration_export.cases import calibration
 from tests.unit.service.live_service import live_service
-from tests.unit.service.test_installation import put_in_force
 
 SIM = packaged("sim.toml")
 

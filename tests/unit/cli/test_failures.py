@@ -94,7 +94,7 @@ NOWHERE = [
 def files():
     """Return the text of each file that a command may be given, made once."""
     from motord.config import packaged
-    from tests.unit.service.test_installation import calibration
+    from tests.support.calibrations import calibration
 
     return {
         "good.json": json.dumps(calibration().to_json()),

@@ -19,9 +19,9 @@ from motord.cli.results.printing import aligned, as_csv, as_objects
 from motord.recording.writer import RunWriter
 from motord.results.store import ResultsStore
 from motord.untrusted import SIZE_MAX
+from tests.support.calibrations import calibration
 from tests.unit.results.buckets import SHOWN, URL, bucket, failing
 from tests.unit.results.made_up import figure, fill, result
-from tests.unit.service.test_installation import calibration
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -19,7 +19,7 @@ from motord.experiments.sensitivity.slope_fit import Branch
 from motord.identification.point_ripple import PointRipple
 from motord.intervals import IntervalEstimate, coverage_factor
 from motord.results.figures import ResultFigure, figures
-from tests.unit.service.test_installation import calibration
+from tests.support.calibrations import calibration
 
 T5 = coverage_factor(5)
 MANY = coverage_factor()

@@ -15,8 +15,9 @@ from motord.service.rpc.calibration_reader import read
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.tracker.protocol import AdoptedReport
 from motord.shm.run_directory import RunDir
+from tests.support.calibrations import calibration, put_in_force
 from tests.support.panic import PanicError
-from tests.unit.service.test_installation import Tables, calibration, finding, put_in_force
+from tests.unit.service.test_installation import Tables, finding
 from tests.unit.service.virtual_service import VirtualService
 
 

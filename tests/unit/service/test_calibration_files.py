@@ -19,8 +19,8 @@ from motord.service.rpc.calibration_reader import (
     read_files_elsewhere,
 )
 from motord.service.rpc.dispatcher import RpcContext
+from tests.support.calibrations import calibration, put_in_force
 from tests.unit.service.live_service import live_service
-from tests.unit.service.test_installation import calibration, put_in_force
 from tests.unit.service.virtual_service import VirtualService
 
 HARMONIC = Harmonic(order=48, amplitude_Nm=0.05, phase_rad=0.3, stderr_Nm=0.001)

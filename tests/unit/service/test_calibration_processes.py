@@ -6,8 +6,8 @@ import pytest
 
 from motord.sequencing.settings import COMPENSATE
 from tests.support import early_end
+from tests.support.calibrations import calibration, put_in_force
 from tests.unit.service.played_daemon import PlayedDaemon
-from tests.unit.service.test_installation import calibration, put_in_force
 
 
 def test_an_installed_calibration_is_in_force_from_the_start(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import typer
 from motord.api.replies import ConfigReply
 from motord.cli.plan.preflight import forecast_text, predict, warning
 from motord.config import load
-from tests.unit.service.test_installation import calibration
+from tests.support.calibrations import calibration
 
 SHORT = {"torques_Nm": [2.0], "speeds_Hz": [1.0], "turns": 2}
 NO_TIME_S = 1e-9

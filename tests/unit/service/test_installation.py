@@ -2,14 +2,12 @@
 
 import json
 import threading
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
-from motord import config
 from motord.api.errors import RpcError
-from motord.calibration import CalibratedMotor, Calibration, CalibrationError
+from motord.calibration import CalibrationError
 from motord.findings import Finding
 from motord.sequencing.settings import COMPENSATE
 from motord.service.bench import calibrations
@@ -21,31 +19,8 @@ from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_reader import read
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.shm.tables import TablesBusyError
+from tests.support.calibrations import calibration, put_in_force
 from tests.unit.service.virtual_service import VirtualService
-
-
-def calibration(**changes):
-    motor = config.load().motor
-    return Calibration(
-        **{
-            "created": datetime.now(UTC),
-            "motor": CalibratedMotor.of(motor),
-            "method": "joint",
-            "alpha": (0.8, 1.118, 1.118),
-            "alpha_stderr": (0.001, 0.001, 0.001),
-            "beta_A": (1.0, -0.5, -0.5),
-            "beta_stderr_A": (0.01, 0.01, 0.01),
-            "tau_cog_Nm": (0.01,) * motor.counts,
-            "condition_number": 10.0,
-            **changes,
-        }
-    )
-
-
-def put_in_force(store, made):
-    """Return the file of a calibration that is now in force and written, as by an installation."""
-    store.current = made
-    return store.save(made)
 
 
 def finding(name, severity="serious"):

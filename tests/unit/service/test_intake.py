@@ -43,10 +43,10 @@ from motord.service.rpc.outstanding import (
     OutstandingQueries,
 )
 from tests.contract.peers import until
+from tests.support.calibrations import calibration
 from tests.support.panic import PanicError, panic
 from tests.support.patience import PATIENCE_S
 from tests.unit.service.live_service import live_service
-from tests.unit.service.test_installation import calibration
 
 TOKEN = b"0123456789abcdef"
 LIMIT = 2 * MAX_REQUEST_BYTES

@@ -33,12 +33,12 @@ from motord.service.tracker.link import (
 )
 from motord.service.tracker.protocol import TrackerReport
 from motord.shm.ring import RingWriter
+from tests.support.calibrations import calibration, put_in_force
 from tests.support.counting_tracker import CountingTracker
 from tests.support.patience import PATIENCE_S
 from tests.support.played_process import PlayedProcess
 from tests.unit.service import linked_process
 from tests.unit.service.linked_process import LinkedProcess
-from tests.unit.service.test_installation import calibration, put_in_force
 
 COUNTING = "tests.support.counting_tracker:CountingTracker"
 
