@@ -16,6 +16,7 @@ from motord.hal.can.base import BusState, CanFrame
 from motord.hal.channels.can import CanChannel, ListeningPort
 from motord.wire.can.dbc import signal_codec
 from tests.support.properties import examples
+from tests.unit.hal.counted_clock import CountedClock
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000
@@ -73,7 +74,7 @@ def settled(errors: Iterator[float], skip: int = 3000) -> list[float]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_two_way_error_stays_below_the_latency(drift: float, seed: int) -> None:
     """Through every phase between board and loop; the reading alone would be late by up to 1 ms."""
-    clock = BoardClock()
+    clock = CountedClock()
     errors = settled(Wire(drift=drift, seed=seed).run(clock, 14.0))
     assert max(errors) < 60_000
     assert min(errors) > -HEARTBEAT_LATENCY_NS - 20_000
@@ -96,7 +97,7 @@ def test_one_way_is_late_by_no_more_than_a_period(drift: float) -> None:
 
 
 def test_the_counter_wraps_without_notice() -> None:
-    clock = BoardClock()
+    clock = CountedClock()
     errors = settled(Wire(drift=30e-6, offset_us=WRAP - 4_000_000).run(clock, 8.0))
     assert max(abs(error) for error in errors) < 120_000
     assert clock.resets == 0
@@ -137,7 +138,7 @@ def test_times_go_back_by_an_interval_or_not_at_all(
 
 def test_late_readings_do_not_move_it() -> None:
     """A host that is stopped for 0.4 s now and then reads old samples: they keep their times."""
-    clock, wire = BoardClock(), Wire(jitter_ns=10_000)
+    clock, wire = CountedClock(), Wire(jitter_ns=10_000)
     for second in range(2, 8):
         for _ in wire.run(clock, 0.5, from_s=second):
             pass
@@ -150,7 +151,7 @@ def test_late_readings_do_not_move_it() -> None:
 @pytest.mark.parametrize("uptime_us", [3_000_000_000, WRAP - 1_000_000])
 def test_a_board_that_was_reset_past_half_its_range_is_noticed(uptime_us: int) -> None:
     """Back to zero is a leap ahead then."""
-    clock = BoardClock()
+    clock = CountedClock()
     for _ in Wire(offset_us=uptime_us).run(clock, 2.0):
         pass
     assert clock.resets == 0
@@ -161,7 +162,7 @@ def test_a_board_that_was_reset_past_half_its_range_is_noticed(uptime_us: int) -
 
 def test_a_board_that_lost_time_is_noticed_after_a_second() -> None:
     """Its clock goes on forward, but ever so late: 0.3 s less than it should say."""
-    clock = BoardClock()
+    clock = CountedClock()
     for _ in Wire(offset_us=5_000_000).run(clock, 2.0):
         pass
     errors = settled(Wire(offset_us=4_700_000).run(clock, 5.0, from_s=2.5))
@@ -191,7 +192,7 @@ def test_stamps_too_early_cost_at_most_the_wait_for_the_loop(early_ns: int, seed
 
 def test_samples_that_lag_for_long_are_late_and_not_another_clock() -> None:
     """The board falls behind by 0.1 s for 3 s, but goes on hearing heartbeats at their times."""
-    clock = BoardClock()
+    clock = CountedClock()
     for _ in Wire().run(clock, 3.0):
         pass
     errors = list(Wire(lag_ns=100 * MS).run(clock, 3.0, from_s=3.0))
@@ -213,7 +214,7 @@ def test_half_of_the_counters_range_is_behind(newest_us: int) -> None:
 
 
 def test_a_reset() -> None:
-    clock = BoardClock()
+    clock = CountedClock()
     clock.received(500, START_NS)
     clock.reset()
     clock.heartbeat(5, START_NS)  # nothing to relate it to yet

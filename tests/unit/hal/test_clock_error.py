@@ -13,6 +13,7 @@ import pytest
 
 from motord.hal.bridge.clock import BoardClock
 from motord.hal.bridge.drift_estimator import HeartbeatLine
+from tests.unit.hal.counted_clock import CountedClock
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000
@@ -90,7 +91,7 @@ class Link:
 @pytest.mark.parametrize("drift_ppm", [-100.0, 0.0, 100.0])
 @pytest.mark.parametrize("batch_ns", [0, MS], ids=["serial", "usb"])
 def test_angle_error_at_1_Hz_is_below_a_quarter_point(drift_ppm: float, batch_ns: int) -> None:
-    clock = BoardClock()
+    clock = CountedClock()
     errors_ns = Link(drift_ppm, batch_ns=batch_ns).errors(clock, 30_000)
     assert np.abs(errors_ns).max() < QUARTER_POINT_NS
     assert np.ptp(errors_ns) < 0.6 * QUARTER_POINT_NS
@@ -119,7 +120,7 @@ def test_heartbeats_that_wait_for_a_frame_cannot_be_distinguished_from_a_clock_t
 
 @pytest.mark.parametrize("drift_ppm", [-80.0, 80.0])
 def test_after_a_reboot_it_is_right_again(drift_ppm: float) -> None:
-    clock = BoardClock()
+    clock = CountedClock()
     link = Link(drift_ppm, stalls=False, reboot_ms=4_000)
     errors_ns = link.errors(clock, 18_000)
     assert clock.resets == 1

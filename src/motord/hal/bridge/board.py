@@ -89,11 +89,6 @@ class Bridge:
         self._sample = frames.Sample(0, 0, 0, 0)
 
     @property
-    def hello(self) -> frames.Hello | None:
-        """What the board that was opened said of itself."""
-        return self._identity.opened
-
-    @property
     def refused(self) -> str:
         """Which other board alone has answered for some seconds, and what to do; "" if none."""
         wrong = self._identity.replaced(self._loop_clock.now_ns())

@@ -99,12 +99,11 @@ class BoardClock:
 
     Two-way: `received` for every reading of samples, `heartbeat` whenever the board reports when it
     received one. Without heartbeats a sample's time is late by the least delay until it is read. A
-    counter that leaps ahead, or stays behind, starts the filter anew and is counted in `resets`.
+    counter that leaps ahead, or stays behind, starts the filter anew.
     `jitter_ns` is the mean deviation of the samples' delay until they are read from its mean.
     """
 
     def __init__(self) -> None:
-        self.resets = 0
         self.jitter_ns = 0.0
         self._delay_ns = 0.0
         self._ticks: int | None = None
@@ -121,7 +120,6 @@ class BoardClock:
 
     def reset(self) -> None:
         """Forget the board's clock: the board says that it has started anew."""
-        self.resets += 1
         self._ticks = None
         self._board_ns = 0
         self._upper = self._lower = None
