@@ -138,6 +138,8 @@ class DaemonConnection:
             return ClientError("unreachable", f"{where} is gone")
         if waited_s >= timeout_s:  # Zenoh's own timeout is not always among the replies
             return no_reply_in_time(key(self.bench, name), timeout_s)
+        if name in RPCS:
+            return ClientError("unknown", f"no answer to {name}: this RPC is asked as rpc/{name}")
         if rpc in RPCS and self.identity is not None:
             who = self.identity
             return ClientError(

@@ -65,3 +65,10 @@ def test_a_trip_that_outlives_the_loop_is_shown_with_what_to_do():
     shown = dict(rows(**TRIP, fault=fault, tick=None))
     assert (shown["state"], shown["fault"]) == ("TRIPPED", fault)
     assert shown["suggested"].startswith("check that the brake answers")
+
+
+@pytest.mark.parametrize(("tau_s", "said"), [(0.0, False), (1.0, True)])
+def test_a_line_says_that_the_torque_is_without_its_mean(tau_s, said):
+    sensor = state().torque_sensor.model_copy(update={"highpass_time_constant_s": tau_s})
+    line = command.in_one_line(state().model_copy(update={"torque_sensor": sensor}))
+    assert ("without its mean" in line) == said

@@ -124,6 +124,12 @@ def test_no_answer_of_somebody_who_is_there_is_said(false_daemon, client):
     assert caught.value.code == "busy"
 
 
+def test_an_rpc_that_is_asked_for_without_its_prefix_is_named_with_it(false_daemon, client):
+    with pytest.raises(ClientError, match="this RPC is asked as rpc/lease/acquire") as caught:
+        client.ask("lease/acquire")
+    assert caught.value.code == "unknown"
+
+
 def test_what_is_too_long_is_not_sent(client):
     for name in sorted(set(RPCS) - {"calibration/install"}):
         with pytest.raises(ClientError, match="more than the 65536 allowed") as caught:

@@ -2,7 +2,7 @@
 
 from math import fmod, isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -22,13 +22,11 @@ if TYPE_CHECKING:
     from motord.calibration import Calibration
     from motord.calibration.export import TorqueConstant
 
-NAMES = ("moteus", "odrive", "csv", "c-header", "beckhoff-harmonics")
+Format = Literal["moteus", "odrive", "csv", "c-header", "beckhoff-harmonics"]
 
 
 def export(
-    format_: Annotated[
-        str, typer.Option("--format", metavar="NAME", help=f"One of {', '.join(NAMES)}.")
-    ],
+    format_: Annotated[Format, typer.Option("--format", help="Of the drive's table.")],
     file: CalibrationFile = None,
     output: Annotated[Path | None, output_file("Write it there; default: print it.")] = None,
     config: Annotated[
@@ -66,8 +64,6 @@ def export(
     from motord.atomic_write import write_whole
     from motord.calibration.export import FORMATS, DriveFrame, exported
 
-    if format_ not in FORMATS:
-        raise typer.BadParameter(f"unknown format {format_!r}; one of {', '.join(NAMES)}")
     if not isfinite(zero) or not isfinite(torque_constant or 0.0):
         raise typer.BadParameter("--zero and --torque-constant have to be finite")
     check_output_files({"--output": output}, [file, *bench_files(config)])

@@ -116,7 +116,8 @@ def in_one_line(state: "BenchState") -> str:
     tick, plan = state.tick, state.plan
     parts = [f"{wording.clock(state.t_ns)} {state.state}"]
     if tick is not None:
-        torque = f"torque {wording.number(tick.torque_Nm)} Nm"
+        mean = "" if state.torque_sensor.passes_mean else " without its mean"
+        torque = f"torque {wording.number(tick.torque_Nm)} Nm{mean}"
         parts.append(f"{torque} (set {wording.number(tick.torque_set_Nm)} Nm)")
         parts.append(f"speed {wording.number(tick.speed_Hz)} Hz")
     parts.append(f"lease {state.lease.holder or 'nobody'}")
