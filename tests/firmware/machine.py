@@ -5,7 +5,7 @@ import select
 import time
 from contextlib import contextmanager
 
-from motord.emulate.bridge.firmware import FeedDecoder, input_frame
+from motord.emulate.bridge.feed import FeedDecoder, input_frame
 from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder

@@ -10,7 +10,7 @@ from motord.config import Config, load
 from motord.control import parameters
 from motord.control.reference import currents_along_q, phase_currents
 from motord.section import LARGEST
-from motord.service.bench.calibrations import GAIN_MAX, check_rest_currents, rest_currents_A
+from motord.service.bench.rest_currents import GAIN_MAX, check_rest_currents, rest_currents_A
 from tests.unit.control.test_park import HARMONICS, star
 
 BENCH = load()

@@ -19,7 +19,8 @@ from motord.calibration import Calibration, CalibrationError
 from motord.control import parameters
 from motord.experiments.tracking.tracked import NOT_IN_FORCE, TRACKING_OFF, TrackedCalibration
 from motord.service.bench.bench import Bench
-from motord.service.bench.calibrations import CalibrationStore, announce, check_rest_currents
+from motord.service.bench.calibrations import CalibrationStore, announce
+from motord.service.bench.rest_currents import check_rest_currents
 from motord.service.rpc.calibration_reader import Read, read_elsewhere
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
 from motord.service.rpc.preconditions import no_plan, zero_torque

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.emulate.bridge.firmware import FeedDecoder, FirmwareReport, input_frame
+from motord.emulate.bridge.feed import FeedDecoder, FirmwareReport, input_frame
 
 CLOCKS = st.integers(0, 2**32 - 1)
 

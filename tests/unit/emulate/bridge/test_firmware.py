@@ -13,13 +13,13 @@ from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import SensorReading
+from motord.emulate.bridge.feed import input_frame
 from motord.emulate.bridge.firmware import (
     FEED_HZ,
     FirmwareBoard,
     FirmwareLink,
     check_fault,
     check_faults,
-    input_frame,
 )
 from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge import frames
