@@ -1,7 +1,6 @@
 """The end of a process: at once, whatever threads it left behind; by an error, in any of them."""
 
 import atexit
-import gc
 import os
 import sys
 import threading
@@ -13,18 +12,20 @@ LEFT: list[threading.Thread] = []
 
 
 def end_process(code: Any) -> NoReturn:
-    """End as `sys.exit` does, but at once while there is a thread that was left behind.
+    """End as `sys.exit` does, but without taking the interpreter apart, and at once while there is
+    a thread that was left behind.
 
-    It would abort the process if it came back while the interpreter ends: CPython ends it then,
-    which a library in Rust such as Zenoh does not survive ("FATAL: exception not rethrown").
+    That thread would abort the process if it came back while the interpreter ends: CPython ends it
+    then, which a library in Rust such as Zenoh does not survive ("FATAL: exception not rethrown").
 
-    The system takes back all memory at once: to look through modules for garbage first takes a
-    quarter of the processor time of a short command.
+    The system takes back all memory at once: to look through modules for garbage takes a quarter of
+    the processor time of a short command, and a library in C++ such as DuckDB lists what it misses.
     """
-    gc.freeze()
     if not any(thread.is_alive() for thread in LEFT):
-        sys.exit(code)
+        threading._shutdown()  # type: ignore[attr-defined]  # as the interpreter waits for threads
     atexit._run_exitfuncs()
+    if code is not None and not isinstance(code, int):
+        sys.stderr.write(f"{code}\n")
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # nobody reads it, or it is closed
             stream.flush()

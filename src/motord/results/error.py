@@ -1,7 +1,5 @@
 """What a results store cannot do, and the packages that it needs."""
 
-import atexit
-import gc
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -25,11 +23,7 @@ def require_parquet() -> None:
 
 def duckdb() -> ModuleType:
     """Return duckdb. Raises ResultsError where it is not installed."""
-    module = _loaded("duckdb")
-    # objects that refer to it would outlive it if they stayed frozen, which it prints at exit
-    atexit.unregister(gc.unfreeze)
-    atexit.register(gc.unfreeze)
-    return module
+    return _loaded("duckdb")
 
 
 def fsspec() -> ModuleType:

@@ -79,6 +79,7 @@ def leave_the_process_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the command line change nothing of the process that it runs in."""
     for name in ("shield_from_working_folder", "recover_lost_interrupts", "outlive_readers"):
         monkeypatch.setattr(motord.cli, name, lambda: None)
+    monkeypatch.setattr(motord.cli, "end_process", sys.exit)
 
 
 def test_the_command_line_recovers_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,13 +10,11 @@ from motord.process.module_command import module_command
 SOURCES = Path(shown.__file__).parents[1]
 WORKER = """
 import multiprocessing, sys
-from motord.cli import main
+from motord import cli
 if __name__ == "__main__":
     sys.argv[1:] = ["--version"]
-    try:
-        main()
-    except SystemExit:
-        pass
+    cli.end_process = print  # it goes on
+    cli.main()
     process = multiprocessing.get_context("spawn").Process(target=abs, args=(1,))
     process.start()
     process.join()
