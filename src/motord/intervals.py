@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 LEVEL = 0.95
 """Share of intervals that hold the truth."""
 
+NOT_KNOWN = "interval not known"
+"""After a figure without one."""
+
 SERIOUS_BIAS = 0.3
 """Share of half of an interval above which an error of one sign leaves a verdict in doubt: an
 interval that is widened by it holds the truth, but does not keep a risk above that of its end."""
@@ -30,13 +33,13 @@ class IntervalEstimate:
     low: float | None = None
     high: float | None = None
 
-    def text(self) -> str:
-        """Return value and half of the interval, as far as they are known."""
+    def text(self, unit: str = "") -> str:
+        """Return value and half of the interval, or that this is not known."""
         if self.value is None:
             return ""
         if self.high is None:
-            return f"{self.value:.4g}"
-        return plus_minus(self.value, self.high - self.value)
+            return f"{self.value:.4g}{unit} ({NOT_KNOWN})"
+        return f"{plus_minus(self.value, self.high - self.value)}{unit}"
 
 
 def coverage_factor(freedom: float | None = None, figures: int = 1) -> float:

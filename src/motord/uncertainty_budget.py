@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field
 
-from motord.intervals import coverage_factor
+from motord.intervals import NOT_KNOWN, coverage_factor, plus_minus
 
 Uncertainty = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Triple = tuple[Uncertainty, Uncertainty, Uncertainty]
@@ -70,6 +70,17 @@ def totals(budget: Sequence[Contribution]) -> tuple[Contribution, Contribution, 
     of_data = combined("Type A: data", "A", [one for one in budget if one.type == "A"])
     others = combined("Type B: all else", "B", [one for one in budget if one.type == "B"])
     return of_data, others, combined("combined", "B", [of_data, others])
+
+
+def delta_epsilon_text(value: float, source: str, budget: Sequence[Contribution]) -> str:
+    """Return the common gain with its interval of Type A, and what it is from, or `assumed`."""
+    if source == "assumed":
+        return f"{value:.4f} ({source})"
+    if not budget:
+        return f"{value:.4f} ({source}; {NOT_KNOWN})"
+    of_data, *_ = totals(budget)
+    half_width = of_data.coverage_factors[2] * of_data.delta_epsilon
+    return f"{plus_minus(value, half_width)} ({source})"
 
 
 def combined(source: str, type_: Literal["A", "B"], parts: Sequence[Contribution]) -> Contribution:

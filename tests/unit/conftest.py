@@ -1,15 +1,19 @@
 """What spares the time of several folders' tests: processes that are kept, pictures not drawn.
 
+And what looks at all pages that they make: numbers on cards have intervals.
+
 Processes that compute operating points take seconds to start. Tests that interrupt some have their
 own (`tests/unit/virtual/test_mesh.py`), and `tests/system/test_demo.py`.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import pytest
+
+from tests.support.key_figures import check_cards
 
 
 @pytest.fixture(scope="session")
@@ -40,6 +44,24 @@ def kept_processes(kept_pools: list[ProcessPoolExecutor]) -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(mesh, "_Processors", kept)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def checked_cards() -> Iterator[None]:
+    """Look at the key figures of every page that a test makes."""
+    html: Any = sys.modules.get("motord.report.html")
+    if html is None:
+        yield
+        return
+    cards = html.Page.cards
+
+    def checked(page: Any, figures: Sequence[tuple[str, str]]) -> None:
+        check_cards(figures)
+        cards(page, figures)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(html.Page, "cards", checked)
         yield
 
 

@@ -258,7 +258,7 @@ class CalibrationDetails(CalibrationEntry):
     learned: bool
     """It holds what was learned on top."""
     rms_error_percent: dict[str, Any]
-    """Torque error before and after, percent of rated torque."""
+    """Torque error before and after, percent of rated torque, with halves of its 95 % intervals."""
     tau_cog_harmonics: list[dict[str, Any]]
     """Orders of the cogging torque."""
     tau_cog_half_widths_Nm: list[Number | None] = []

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import pi
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, SerializerFunctionWrapHandler, model_serializer
 
 from motord.config import Finite, MotorConfig, NonNegative, Positive
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import coverage_factor, half_width_of_largest, plus_minus
 
 TorqueSpeed = tuple[float, float]
 """(torque_Nm, speed_Hz) of an operating point, by which errors over a mesh are listed and shown."""
@@ -205,20 +205,41 @@ class CramerRao(Part):
         )
 
 
-class RmsSummary(Part):
-    """RMS error over the operating points, percent of rated torque."""
+class _Figures(Part):
+    """Figures with half of their 95 % intervals, which JSON leaves out where one is not known."""
+
+    @model_serializer(mode="wrap")
+    def _known(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = serialize(self)
+        return {
+            key: value
+            for key, value in found.items()
+            if value is not None or not key.endswith("half_width")
+        }
+
+
+class RmsSummary(_Figures):
+    """RMS error over the operating points, percent of rated torque.
+
+    Half of the interval of a mean is the mean of them: errors may be the same in all. None where
+    one is not known, as in files from before.
+    """
 
     mean: NonNegative
     max: NonNegative
+    mean_half_width: NonNegative | None = None
+    max_half_width: NonNegative | None = None
 
 
-class RmsPoint(Part):
+class RmsPoint(_Figures):
     """RMS error of one operating point, Poels 2008, eq. (4.16); None where not measured."""
 
     torque_Nm: Finite
     speed_Hz: Finite
     before: NonNegative | None = None
     after: NonNegative | None = None
+    before_half_width: NonNegative | None = None
+    after_half_width: NonNegative | None = None
 
 
 class RmsErrors(Part):
@@ -231,13 +252,27 @@ class RmsErrors(Part):
     @classmethod
     def of(cls, points: tuple[RmsPoint, ...]) -> "RmsErrors":
         """Return the points with their summaries."""
-        before = [p.before for p in points if p.before is not None]
-        after = [p.after for p in points if p.after is not None]
+        before = [(p.before, p.before_half_width) for p in points if p.before is not None]
+        after = [(p.after, p.after_half_width) for p in points if p.after is not None]
         return cls(before=_summary(before), after=_summary(after), points=points)
 
 
-def _summary(values: list[float]) -> RmsSummary | None:
-    return RmsSummary(mean=sum(values) / len(values), max=max(values)) if values else None
+def _summary(figures: Sequence[tuple[float, float | None]]) -> RmsSummary | None:
+    if not figures:
+        return None
+    values, half_widths = zip(*figures, strict=True)
+    return RmsSummary(
+        mean=sum(values) / len(values),
+        max=max(values),
+        mean_half_width=mean_of_known(half_widths),
+        max_half_width=half_width_of_largest(values, half_widths),
+    )
+
+
+def mean_of_known(values: Sequence[float | None]) -> float | None:
+    """Return the mean; None if there are no values, or one is not known."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
 def by_magnitude(points: Mapping[TorqueSpeed, Value]) -> Mapping[TorqueSpeed, Value]:

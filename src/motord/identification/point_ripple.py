@@ -5,7 +5,7 @@ is not the same in both, so the products of their spectra have no share of it on
 sensor's frequency response is divided out order by order.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import ClassVar
@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.calibration import RmsErrors, RmsPoint, TorqueSpeed
+from motord.calibration.parts import mean_of_known
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.basis import cell_gain
 from motord.identification.harmonics import lines_of_sums, transforms
@@ -134,40 +135,26 @@ def rms_error_percent(
 def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
     """Return RMS errors per set-point: `before` without compensation, `after` with it.
 
-    Of several takes of a set-point the mean counts.
+    Of several takes of a set-point the mean counts. Half of its interval is that of errors which
+    are the same in all: the widest it may be.
     """
-    return _by_set_point(ripples, lambda ripple: ripple.rms_percent)
-
-
-def rms_half_widths(ripples: Sequence[PointRipple]) -> RmsErrors:
-    """Return half of the 95 % interval of each of `rms_errors`, None where one is not known.
-
-    Of a mean it is that of errors which are the same in all: the widest it may be.
-    """
-    return _by_set_point(ripples, lambda ripple: ripple.half_width_percent)
-
-
-def _by_set_point(
-    ripples: Sequence[PointRipple], value: Callable[[PointRipple], float | None]
-) -> RmsErrors:
-    found: dict[TorqueSpeed, tuple[list[float | None], list[float | None]]] = {}
+    found: dict[TorqueSpeed, tuple[list[PointRipple], list[PointRipple]]] = {}
     for ripple in ripples:
-        lists = found.setdefault((ripple.torque_Nm, ripple.speed_Hz), ([], []))
-        lists[ripple.compensate != 0].append(value(ripple))
+        takes = found.setdefault((ripple.torque_Nm, ripple.speed_Hz), ([], []))
+        takes[ripple.compensate != 0].append(ripple)
     return RmsErrors.of(
         tuple(
             RmsPoint(
-                torque_Nm=torque_Nm, speed_Hz=speed_Hz, before=_mean(before), after=_mean(after)
+                torque_Nm=torque_Nm,
+                speed_Hz=speed_Hz,
+                before=mean_of_known([one.rms_percent for one in before]),
+                after=mean_of_known([one.rms_percent for one in after]),
+                before_half_width=mean_of_known([one.half_width_percent for one in before]),
+                after_half_width=mean_of_known([one.half_width_percent for one in after]),
             )
             for (torque_Nm, speed_Hz), (before, after) in sorted(found.items())
         )
     )
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean; None if there are no values, or one is not known."""
-    known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:

@@ -22,6 +22,7 @@ from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.ripple import report as ripple
 from motord.identification.point_ripple import rms_errors
 from motord.report.html import Page
+from motord.report.plots.mesh import in_percent
 from motord.report.plots.torque import TorqueCurve
 from motord.reproduce.bench import Calibrated, SimulatedBench, StageProgress, true_estimate
 from motord.reproduce.evaluate import CELLS, Errors, Ripple, evaluate
@@ -96,8 +97,9 @@ def run_demo(folder: Path, seed: int, quick: bool, progress: StageProgress) -> D
         bench.record("verify", on, files["after"], after_progress, found.calibration)
         after = evaluate(config, files["after"])
         before = evaluating.result()
-    errors = rms_errors([*before.ripples, *after.ripples])
-    calibration = found.calibration.with_rms_error(errors)
+    scale = config.accuracy.torque_scale
+    ripples = [one.with_scale_error(scale) for one in (*before.ripples, *after.ripples)]
+    calibration = found.calibration.with_rms_error(rms_errors(ripples))
     calibration.save(files["calibration"])
     summary = _summary(bench.truth, files, before.true_percent, after.true_percent)
     summary |= {"joint": _gains(found.joint), "residual": _gains(found.residual)}
@@ -150,7 +152,7 @@ def write_report(demo: Demo) -> None:
     """Write the page of a demo. Raises OSError."""
     before, after = demo.before, demo.after
     page = Page("motord demo: torque ripple before and after calibration", LEAD)
-    ripple.fill_key_figures(page, before.true_percent, after.true_percent)
+    page.cards(_key_figures(demo.summary["before"], demo.summary["after"]))
     ripple.fill_mesh(page, before.true_percent, after.true_percent, "true torque")
     torque_Nm, speed_Hz = before.shown
     pole_pairs = demo.config.motor.pole_pairs
@@ -167,6 +169,15 @@ def write_report(demo: Demo) -> None:
     page.points(demo.calibration.observable)
     page.facts(_facts(demo))
     page.write(demo.files["report"])
+
+
+def _key_figures(before: dict[str, float], after: dict[str, float]) -> list[tuple[str, str]]:
+    return [
+        (f"{in_percent(before['mean'])} %", "mean RMS error of the true torque, before"),
+        (f"{in_percent(after['mean'])} %", "mean RMS error of the true torque, after"),
+        (f"{in_percent(after['max'])} %", "of the true torque at the worst operating point, after"),
+        (f"{before['mean'] / after['mean']:.0f} \u00d7", "smoother on average, by the true torque"),
+    ]
 
 
 def _facts(demo: Demo) -> tuple[tuple[str, str], ...]:

@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 from functools import partial
@@ -124,8 +125,10 @@ def test_show_a_calibration(recorded: Recorded, tmp_path: Path) -> None:
     assert code == 0
     for part in (" old (", "axial-flux 48/16", "alpha 0.", "order   48", "RMS before"):
         assert part in out
+    assert re.search(r"RMS before\s+mean [\d.]+ \+- [\d.]+ %, worst [\d.]+ \+- [\d.]+ %", out)
     content = json.loads(run(calibration, "show", recorded.calibration, "--json")[1])
     assert content["schema"] == "motord.calibration/1"
+    assert content["rms_error_percent"]["before"]["mean_half_width"] > 0
     code, _, error = run(calibration, "show", tmp_path / "none.json")
     assert code == 1
     assert "cannot read it" in error

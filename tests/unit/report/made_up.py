@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motord.calibration import Harmonic, TorqueSpeed
+from motord.calibration import Harmonic, RmsErrors, RmsPoint, TorqueSpeed
 from motord.experiments.calibration import report as calibration
 from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.calibration.report import Labelled
@@ -58,7 +58,12 @@ def page(
 ) -> Page:
     """Return a page of the parts that pages of calibrations and verifications are made of."""
     made = Page("Calibration <of> a motor & more", "axial-flux on bench sim")
-    ripple.fill_key_figures(made, before, after)
+    places = sorted(before.keys() | after.keys())
+    points = (
+        RmsPoint(torque_Nm=t, speed_Hz=s, before=before.get((t, s)), after=after.get((t, s)))
+        for t, s in places
+    )
+    ripple.fill_key_figures(made, RmsErrors.of(tuple(points)))
     ripple.fill_mesh(made, before, after, "true torque")
     if curves is not None:
         ripple.fill_torque(made, "3 Nm, 0.5 turns/s", *curves, (8, 16, 24, 48, 96))

@@ -1,18 +1,20 @@
 """The table of RMS errors: each figure with its 95 % interval, as far as it is known."""
 
+import re
 from dataclasses import replace
 
 import pytest
 
+from motord.calibration import RmsErrors
 from motord.experiments.ripple.estimate import MeshRipple
-from motord.experiments.ripple.report import worst_figure
+from motord.experiments.ripple.report import fill_key_figures
 from motord.identification.operating_points import prepare
 from motord.identification.point_ripple import (
     PointRipple,
     point_ripple,
     rms_errors,
-    rms_half_widths,
 )
+from motord.report.html import Page
 from motord.report.text import TextTable, error_table
 from tests.unit.identification.synthetic_bench import Bench
 
@@ -26,7 +28,7 @@ def ripple() -> PointRipple:
 
 
 def shown(*ripples: PointRipple) -> tuple[list[tuple[str, ...]], list[str]]:
-    table, *lines = error_table(rms_errors(ripples), rms_half_widths(ripples))
+    table, *lines = error_table(rms_errors(ripples))
     assert isinstance(table, TextTable)
     return [tuple(row) for row in table.rows], [str(line) for line in lines]
 
@@ -49,10 +51,10 @@ def test_what_is_not_known_is_not_stated(ripple: PointRipple) -> None:
     rows, lines = shown(ripple, single_turn, after)
     assert rows == [
         ("2", "0.6", "6.00 +- 0.20", "0.200 +- 0.020"),
-        ("4", "0.6", "5.00", ""),
+        ("4", "0.6", "5.00 (interval not known)", ""),
     ]
     assert lines == [
-        "before: mean 5.50 %, worst 6.00 %",
+        "before: mean 5.50 % (interval not known), worst 6.00 % (interval not known)",
         "after: mean 0.200 +- 0.020 %, worst 0.200 +- 0.020 %",
     ]
 
@@ -64,16 +66,34 @@ def test_the_worst_may_be_another_point_than_the_one_that_shows_most(ripple: Poi
     assert line == "before: mean 5.95 +- 0.59 %, worst 6.0 +- 1.0 %"
 
 
-def test_a_page_states_the_interval_of_the_worst_that_the_table_states(ripple: PointRipple) -> None:
+def cards(found: MeshRipple) -> list[tuple[str, str]]:
+    page = Page("")
+    fill_key_figures(page, found.errors)
+    return re.findall(r"<b>([^<]*)</b><span>([^<]*)<", page.html())
+
+
+def test_a_page_states_the_intervals_that_the_table_states(ripple: PointRipple) -> None:
     other = replace(ripple, torque_Nm=4.0, rms_percent=8.0, stderr_percent=0.3)
     found = MeshRipple((ripple, other), scale=0.01)
-    _, line = error_table(found.errors, found.half_widths)
-    assert str(line).endswith("worst 8.00 +- 0.70 %")
-    assert worst_figure(found) == ("8.00 +- 0.70 %", "the largest, at 4 Nm, 0.6 Hz, 95 %")
+    _, line = error_table(found.errors)
+    assert line == "before: mean 7.00 +- 0.42 %, worst 8.00 +- 0.70 %"
+    assert cards(found) == [
+        ("7.00\u00a0\u00b1\u00a00.42 %", "mean RMS error without compensation, 95 %"),
+        ("8.00\u00a0\u00b1\u00a00.70 %", "the largest without compensation, at 4 Nm, 0.6 Hz, 95 %"),
+    ]
     single_turn = replace(other, stderr_percent=None)
-    assert worst_figure(MeshRipple((ripple, single_turn))) == (
-        "8.00 %", "the largest, at 4 Nm, 0.6 Hz",
-    )  # fmt: skip
+    unknown = [figure for figure, _ in cards(MeshRipple((ripple, single_turn)))]
+    assert unknown == ["7.00 % (interval not known)", "8.00 % (interval not known)"]
+
+
+def test_a_file_of_rms_errors_keeps_the_intervals_and_is_as_before_without(
+    ripple: PointRipple,
+) -> None:
+    errors = rms_errors([ripple])
+    assert RmsErrors.model_validate_json(errors.model_dump_json()) == errors
+    content = rms_errors([replace(ripple, stderr_percent=None)]).model_dump(mode="json")
+    assert content["before"] == {"mean": 6.0, "max": 6.0}
+    assert list(content["points"][0]) == ["torque_Nm", "speed_Hz", "before", "after"]
 
 
 def test_the_scale_of_the_torque_widens_the_interval(ripple: PointRipple) -> None:

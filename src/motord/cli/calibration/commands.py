@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,9 @@ from motord.cli.calibration.in_force import CalibrationFile, load_in_force
 from motord.cli.common_options import AsJson, check_output_files, output_file
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result, remark
+
+if TYPE_CHECKING:
+    from motord.uncertainty_budget import Contribution
 
 app = group("Calibration files: show, list, install, export for a drive, adopt what is tracked.")
 app.command()(export)
@@ -144,12 +147,12 @@ def install(
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 
-def _uncertainty_lines(budget: list[dict[str, Any]]) -> list[str]:
+def _uncertainty_lines(budget: "list[Contribution]") -> list[str]:
     """Return the combined standard uncertainties as text."""
     from motord.intervals import two_digits
-    from motord.uncertainty_budget import QUANTITIES, Contribution, totals
+    from motord.uncertainty_budget import QUANTITIES, totals
 
-    both = totals([Contribution.model_validate(one) for one in budget])[2]
+    both = totals(budget)[2]
     sizes = [f"{name} {two_digits(value(both))} {unit}" for name, unit, value in QUANTITIES]
     return [
         f"uncertainty  {', '.join(sizes)}",
@@ -160,8 +163,11 @@ def _uncertainty_lines(budget: list[dict[str, Any]]) -> list[str]:
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, as text."""
     from motord.calibration import CramerRao, Harmonic, half_widths
+    from motord.calibration.parts import RmsSummary
     from motord.findings import Finding
     from motord.intervals import plus_minus
+    from motord.report.text import mean_and_worst
+    from motord.uncertainty_budget import Contribution, delta_epsilon_text
 
     motor = c["motor"]
     lines = [
@@ -181,9 +187,11 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
         f"beta {plus_minus(c['beta_A'][phase], beta_A[phase])} A"
         for phase in range(3)
     ]
-    if c.get("budget"):
-        lines += _uncertainty_lines(c["budget"])
-    lines.append(f"delta eps    {c['delta_epsilon']:.4f} ({c['delta_epsilon_source']})")
+    budget = [Contribution.model_validate(one) for one in c.get("budget") or ()]
+    common = delta_epsilon_text(c["delta_epsilon"], c["delta_epsilon_source"], budget)
+    lines.append(f"delta eps    {common}")
+    if budget:
+        lines += _uncertainty_lines(budget)
     lines += [
         f"order {h.order:4d}   {h.in_mNm()} mNm"
         + (f", phase {h.phase_text} rad" if h.phase_text else "")
@@ -191,8 +199,8 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
     ]
     for name in ("before", "after"):
         if summary := c["rms_error_percent"][name]:
-            mean, worst = summary["mean"], summary["max"]
-            lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
+            text = mean_and_worst(RmsSummary.model_validate(summary))
+            lines.append(f"RMS {name:<8} {text}")
     lines += [f"- {text}" for text in c["observable"]]
     if c.get("cramer_rao"):
         lines += [f"- {text}" for text in CramerRao.model_validate(c["cramer_rao"]).to_text()]

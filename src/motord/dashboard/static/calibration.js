@@ -1,7 +1,7 @@
 /** The calibration in force and earlier ones: gains and offsets with intervals, cogging torque, what it brought. */
 
 import { byId, element, setText } from "./dom.js";
-import { number, significant } from "./format.js";
+import { number, plusMinus, significant } from "./format.js";
 import { intervalPlot, turnCurve } from "./intervals.js";
 
 const PHASES = ["a", "b", "c"];
@@ -85,15 +85,18 @@ function findings(found) {
     element("span", {}, `${sentence(one.meaning)} ${sentence(one.action)}`))));
 }
 
+/** @param {number} value @param {number} [half] of its 95 % interval, if that is known */
+const withInterval = (value, half) => (half === undefined ? `${number(value, 2)} %, interval not known` : `${plusMinus(value, half)} %`);
+
 /** @param {any} found the reply of `calibration/show` */
 function content(found) {
   const estimates = (/** @type {number[]} */ values, /** @type {number[][]} */ intervals) =>
     values.map((value, i) => ({ name: PHASES[i], value, low: intervals[i][0], high: intervals[i][1] }));
   const rms = found.rms_error_percent ?? {};
-  const gained = [
-    rms.before && `before ${number(rms.before.mean, 2)} % (worst ${number(rms.before.max, 2)} %)`,
-    rms.after && `after ${number(rms.after.mean, 2)} % (worst ${number(rms.after.max, 2)} %)`,
-  ].filter(Boolean).join(", ");
+  const gained = ["before", "after"].filter((when) => rms[when]).map((when) => {
+    const { mean, max, mean_half_width, max_half_width } = rms[when];
+    return `${when} ${withInterval(mean, mean_half_width)} (worst ${withInterval(max, max_half_width)})`;
+  }).join(", ");
   return [
     element("p", { class: "about" }, `${found.in_force ? "In force. " : "Earlier, not in force. "}${found.method}, ${found.runs?.length ?? 0} recording${found.runs?.length === 1 ? "" : "s"}${found.learned ? ", with learned corrections" : ""}`),
     findings(found.findings ?? []),

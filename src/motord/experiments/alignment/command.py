@@ -25,6 +25,7 @@ from motord.experiments.subject import (
 )
 from motord.identification.encoder_ticks import countable_ticks
 from motord.identification.signal_condition import require_change
+from motord.intervals import NOT_KNOWN
 from motord.recording.reader import Run
 
 PLAN = "align"
@@ -88,10 +89,13 @@ def _text(result: Alignment, _: Recordings) -> Iterator[str]:
         f"encoder_zero_rad = {result.accuracy_fields['encoder_zero_rad']}  # limit +-a, "
         "a / sqrt(3) is the zero's combined standard uncertainty"
     )
-    yield f"- the rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn"
     yield (
-        f"- friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest: a single stop is "
-        f"{result.friction_points:.2f} encoder points off"
+        f"- the rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn "
+        f"({NOT_KNOWN})"
+    )
+    yield (
+        f"- friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest ({NOT_KNOWN}): "
+        f"a single stop is {result.friction_points:.2f} encoder points off"
     )
     yield f"- {result.agreement}"
     if result.bench_file:

@@ -12,7 +12,6 @@ from motord.experiments.analysis import Analysis
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.comparison import CalibratedRuns
 from motord.experiments.subject import Recordings
-from motord.identification.point_ripple import rms_half_widths
 from motord.intervals import coverage_factor, plus_minus, two_digits
 from motord.report.text import TextTable, error_table
 from motord.uncertainty_budget import QUANTITIES, Contribution, totals
@@ -36,7 +35,7 @@ def estimate(
     return CalibratedRuns(calibrator, result, made, other)
 
 
-def _text(found: CalibratedRuns, recordings: Recordings) -> Iterator[str | TextTable]:
+def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
     c = found.calibration
     alpha, beta_A = c.alpha_half_width, c.beta_half_width_A
     yield TextTable(
@@ -63,9 +62,7 @@ def _text(found: CalibratedRuns, recordings: Recordings) -> Iterator[str | TextT
     if (age := found.result.current_delay_s) is not None:
         age_us = plus_minus(1e6 * age[0], 1e6 * coverage_factor(age[2]) * age[1])
         yield f"- currents: {age_us} us older than the recording says (accounted for)"
-    scale = recordings.subject.accuracy.torque_scale
-    ripples = [one.with_scale_error(scale) for one in found.result.ripples]
-    yield from error_table(c.rms_error_percent, rms_half_widths(ripples))
+    yield from error_table(c.rms_error_percent)
     if c.serious_findings:
         yield f"to apply it all the same: motord calibration install FILE {c.accept_options}"
 

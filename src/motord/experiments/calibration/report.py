@@ -19,7 +19,7 @@ from motord.intervals import plus_minus, two_digits
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
 from motord.report.style import AFTER, INK, OTHER, REFERENCE, figure
-from motord.uncertainty_budget import QUANTITIES, Contribution, totals
+from motord.uncertainty_budget import QUANTITIES, Contribution, delta_epsilon_text, totals
 
 Labelled = tuple[str, Estimate]
 
@@ -37,8 +37,7 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     """
     c = found.calibration
     page = Page("Calibration of torque ripple", recordings.subject.lead)
-    errors = ripple.before_and_after(found.result.ripples)
-    ripple.fill_key_figures(page, *errors, _predicted(c.cramer_rao))
+    ripple.fill_key_figures(page, c.rms_error_percent, _predicted(c.cramer_rao))
     ripple.fill(page, found.result.ripples, recordings.subject.motor)
     estimates = [(f"{each.method} estimator", each) for each in found.both()]
     more = [added.order for added in c.added_orders]
@@ -54,7 +53,7 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     rows = [
         ("calibration", f"{c.id}, made {c.created:%Y-%m-%d %H:%M} UTC"),
         ("method", f"{c.method}, condition number {c.condition_number:.3g}"),
-        ("delta epsilon", f"{c.delta_epsilon:.4f} ({c.delta_epsilon_source})"),
+        ("delta epsilon", delta_epsilon_text(c.delta_epsilon, c.delta_epsilon_source, c.budget)),
     ]
     page.facts([*recordings.facts, *rows])
     return page

@@ -47,12 +47,12 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
         motion = ", jerky: counted angles" if speed.jerky else ""
         yield (
             f"- {speed.direction * speed.speed_Hz:+.4g} turns/s: {speed.turns} turns{motion}, "
-            f"within {result.worst_error_percent:.2f} % of the average"
+            f"within {result.worst_error_percent:.2f} % of the average, noise included"
         )
     if other := measured.comparison:
         yield (
             f"- calibration {other.calibration}: within {other.worst_percent:.2f} % "
-            "of the measured peak"
+            "of the measured peak, noise included"
         )
     for line in left_out_lines(measured.left_out):
         yield f"- {line}"

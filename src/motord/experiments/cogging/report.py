@@ -11,6 +11,7 @@ from motord.experiments.cogging.at_speed import SpeedCogging
 from motord.experiments.cogging.result import Comparison, MeanHarmonic, MeasuredCogging, SpeedResult
 from motord.experiments.driven_rotor import left_out_lines
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, GRID, REFERENCE, figure, steps
 
@@ -29,8 +30,9 @@ def report(measured: MeasuredCogging, recordings: Recordings) -> Page:
         for one in measured.harmonics
         if one.order == measured.main_order
     ]
-    peak_to_peak_mNm = 1e3 * np.ptp(measured.tau_cog_Nm)
-    page.cards([*figures, (f"{peak_to_peak_mNm:.4g} mNm", "peak to peak over a turn")])
+    whole_Nm, half_Nm = measured.peak_to_peak_Nm
+    whole = plus_minus(1e3 * whole_Nm, 1e3 * half_Nm)
+    page.cards([*figures, (f"{whole} mNm", "peak to peak over a turn, 95 %")])
     page.facts(recordings.facts)
     fill(page, measured)
     return page

@@ -203,6 +203,15 @@ class MeasuredCogging:
         """Largest cogging torque within the turn."""
         return float(np.abs(self.tau_cog_Nm).max())
 
+    @property
+    def peak_to_peak_Nm(self) -> tuple[float, float]:
+        """Largest less smallest cogging torque within the turn, and half of its 95 % interval."""
+        torque_Nm, order = self.tau_cog_Nm, self.order[self.allowed]
+        ends = np.array([[torque_Nm.argmax()], [torque_Nm.argmin()]]) / self.motor.counts
+        high, low = np.exp(2j * np.pi * ends * order)
+        stderr_Nm = float(np.linalg.norm(np.abs(high - low) * self.stderr_Nm[self.allowed]))
+        return float(np.ptp(torque_Nm)), coverage_factor(self.degrees_of_freedom) * stderr_Nm
+
     def error_percent(self, speed: SpeedCogging) -> np.ndarray:
         """Return the cogging torque at a speed less the average (counts,), % of the peak.
 

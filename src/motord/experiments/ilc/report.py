@@ -13,11 +13,12 @@ from motord.experiments.ilc.analysis import LearnPass
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import PointRipple
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import coverage_factor
 from motord.learned import LearnedPoint
 from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
 from motord.report.style import INK, SOFT, figure, steps
+from motord.report.text import with_interval
 
 PASS_NUMBERS = 15
 """So many numbers of passes have room below a picture."""
@@ -38,17 +39,17 @@ def report(done: LearnPass, _: Recordings | None = None) -> Page:
 
 def _key_figures(ripples: Sequence[PointRipple]) -> list[tuple[str, str]]:
     """Return mean and largest RMS error of the pass, with the intervals that noise makes."""
-    figures = []
-    if ripples:
-        stderr = [one.stderr_percent or 0.0 for one in ripples]
-        mean = sum(one.rms_percent for one in ripples) / len(ripples)
-        half_width = coverage_factor() * hypot(*stderr) / len(ripples)
-        figures.append((mean, half_width, "mean RMS error of this pass"))
-        worst = max(ripples, key=lambda one: one.rms_percent)
-        half_width = coverage_factor() * (worst.stderr_percent or 0.0)
-        figures.append((worst.rms_percent, half_width, f"the largest, at {worst.label}"))
+    if not ripples:
+        return []
+    stderr = [one.stderr_percent for one in ripples if one.stderr_percent is not None]
+    known = len(stderr) == len(ripples)
+    half_width = coverage_factor() * hypot(*stderr) / len(ripples) if known else None
+    mean = sum(one.rms_percent for one in ripples) / len(ripples)
+    worst = max(ripples, key=lambda one: one.rms_percent)
+    largest = with_interval(worst.rms_percent, worst.half_width_percent, " %")
     return [
-        (f"{plus_minus(value, half)} %", f"{what}, 95 % by noise") for value, half, what in figures
+        (with_interval(mean, half_width, " %"), "mean RMS error of this pass, 95 % by noise"),
+        (largest, f"the largest, at {worst.label}, 95 % by noise"),
     ]
 
 

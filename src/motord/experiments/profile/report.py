@@ -24,9 +24,9 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
     page = Page("Profile of torque and speed", recordings.subject.lead)
     page.cards(
         [
-            (f"{found.speed_rms_Hz.text()} turns/s", "speed error, RMS"),
-            (f"{found.torque_rms_Nm.text()} Nm", "torque error, RMS"),
-            (f"{found.energy_J.text()} J", "mechanical energy of a cycle"),
+            (found.speed_rms_Hz.text(" turns/s"), "speed error, RMS"),
+            (found.torque_rms_Nm.text(" Nm"), "torque error, RMS"),
+            (found.energy_J.text(" J"), "mechanical energy of a cycle"),
         ]
     )
     page.heading("Torque and speed over time")

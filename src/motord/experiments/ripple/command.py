@@ -42,14 +42,15 @@ def estimate(
 
 
 def _text(found: MeshRipple, _: Recordings) -> Iterator[str | TextTable]:
-    yield from error_table(found.errors, found.half_widths)
+    yield from error_table(found.errors)
     if shares := found.explained:
         measured = sum(s.sampled_percent for s in shares) / len(shares)
         currents = sum(s.reconstructed_percent for s in shares) / len(shares)
         residual = sum(s.rest_percent for s in shares) / len(shares)
         yield (
             f"mean over the points, as sampled: measured {measured:.2f} %, from the sensed "
-            f"currents {currents:.2f} %, not explained by them {residual:.2f} %"
+            f"currents {currents:.2f} %, not explained by them {residual:.2f} % "
+            "(intervals not known)"
         )
 
 

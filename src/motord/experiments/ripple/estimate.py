@@ -35,7 +35,6 @@ from motord.identification.point_ripple import (
     repeating_rms,
     ripple_of,
     rms_errors,
-    rms_half_widths,
 )
 from motord.identification.zero_sequence import is_missing, restored
 from motord.recording.captures import captures
@@ -89,13 +88,8 @@ class MeshRipple:
 
     @property
     def errors(self) -> RmsErrors:
-        """RMS errors by set-point, before and after."""
-        return rms_errors(self.ripples)
-
-    @property
-    def half_widths(self) -> RmsErrors:
-        """Half of the 95 % interval of each of `errors`."""
-        return rms_half_widths(self.scaled)
+        """RMS errors by set-point, before and after, with their intervals."""
+        return rms_errors(self.scaled)
 
     @property
     def scaled(self) -> list[PointRipple]:

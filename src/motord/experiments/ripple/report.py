@@ -4,16 +4,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from motord.calibration import TorqueSpeed, by_magnitude
+from motord.calibration import RmsErrors, TorqueSpeed, by_magnitude
 from motord.config import MotorConfig
 from motord.experiments.ripple.estimate import Explained, MeshRipple, middle_point
 from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import PointRipple, rms_errors
-from motord.intervals import half_width_of_largest
 from motord.report.html import Page
-from motord.report.plots.mesh import in_percent, rms_error
+from motord.report.plots.mesh import rms_error
 from motord.report.plots.torque import TorqueCurve, over_angle_and_order
-from motord.report.text import with_interval
+from motord.report.text import WHEN, with_interval
 
 CURVE_ANGLES = 2048
 """Angles over one turn at which the torque is drawn."""
@@ -28,24 +27,12 @@ Errors = Mapping[TorqueSpeed, float]
 def report(found: MeshRipple, recordings: Recordings) -> Page:
     """Return the page of a verification."""
     page = Page("Verification of torque ripple", recordings.subject.lead)
-    worst = [worst_figure(found)] if found.ripples else []
-    fill_key_figures(page, *before_and_after(found.ripples), worst)
+    fill_key_figures(page, found.errors)
     fill(page, found.ripples, recordings.subject.motor)
     fill_shares(page, found.explained)
     page.heading("About these figures")
     page.facts(recordings.facts)
     return page
-
-
-def worst_figure(found: MeshRipple) -> tuple[str, str]:
-    """Return the largest RMS error with its interval, of those with compensation if there are."""
-    shown = [one for one in found.scaled if one.compensate] or found.scaled
-    most = max(shown, key=lambda one: one.rms_percent)
-    half_width = half_width_of_largest(
-        [one.rms_percent for one in shown], [one.half_width_percent for one in shown]
-    )
-    where = f"the largest, at {most.label}" + ("" if half_width is None else ", 95 %")
-    return f"{with_interval(most.rms_percent, half_width)} %", where
 
 
 def fill(page: Page, ripples: Sequence[PointRipple], motor: MotorConfig) -> None:
@@ -85,23 +72,19 @@ def _curve(ripple: PointRipple) -> TorqueCurve:
     )
 
 
-def fill_key_figures(
-    page: Page, before: Errors, after: Errors, more: Sequence[tuple[str, str]] = ()
-) -> None:
-    """Add mean errors, the worst one and their ratio as key figures, and `more`."""
-    figures = []
-    for values, when in ((before, "before"), (after, "after")):
-        if values:
-            mean = sum(values.values()) / len(values)
-            figures.append((f"{in_percent(mean)} %", f"mean RMS error {when} compensation"))
-    if after:
-        worst = max(after.values())
-        figures.append((f"{in_percent(worst)} %", "at the worst operating point after"))
-    if before and after:
-        ratio = np.mean(list(before.values())) / np.mean(list(after.values()))
-        figures.append((f"{ratio:.0f} \u00d7", "smoother on average"))
+def fill_key_figures(page: Page, errors: RmsErrors, more: Sequence[tuple[str, str]] = ()) -> None:
+    """Add mean errors and the largest, with compensation if there are, as key figures; `more`."""
+    figures, largest = [], []
+    for name, when in WHEN.items():
+        if (found := getattr(errors, name)) is None:
+            continue
+        mean = with_interval(found.mean, found.mean_half_width, " %")
+        figures.append((mean, f"mean RMS error {when}, 95 %"))
+        worst = next(one for one in errors.points if getattr(one, name) == found.max)
+        where = f"the largest {when}, at {worst.torque_Nm:g} Nm, {worst.speed_Hz:g} Hz, 95 %"
+        largest = [(with_interval(found.max, found.max_half_width, " %"), where)]
     if figures or more:
-        page.cards([*figures, *more])
+        page.cards([*figures, *largest, *more])
 
 
 def fill_mesh(page: Page, before: Errors, after: Errors, torque_meaning: str = MEASURED) -> None:

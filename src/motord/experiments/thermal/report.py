@@ -35,9 +35,9 @@ def report(found: ThermalConstants, recordings: Recordings) -> Page:
     """Return a page of its own."""
     page = Page("Thermal constants", recordings.subject.lead)
     slowest = found.time_constants[0]
-    cards = [(f"{slowest.time_constant_s.text()} s", "slowest time constant, cooling")]
-    if ambient_K_per_W := found.resistance_K_per_W.text():
-        cards.append((f"{ambient_K_per_W} K/W", f"{found.nodes[0]} to ambient"))
+    cards = [(slowest.time_constant_s.text(" s"), "slowest time constant, cooling")]
+    if ambient := found.resistance_K_per_W.text(" K/W"):
+        cards.append((ambient, f"{found.nodes[0]} to ambient"))
     page.cards(cards)
     page.facts([*recordings.facts, *_facts(found)])
     page.heading("Heat-up and cooling")

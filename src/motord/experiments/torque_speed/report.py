@@ -36,11 +36,11 @@ def report(found: EfficiencyMap, recordings: Recordings) -> Page:
     page = Page("Efficiency map", recordings.subject.lead)
     shown = found.best or found.points[0]
     figures = [
-        (f"{shown.loss.text()} W", f"losses at {shown.label}, 95 %"),
+        (shown.loss.text(" W"), f"losses at {shown.label}, 95 %"),
         (f"{len(found.points)}", "operating points"),
     ]
     if found.best:
-        highest = f"{shown.efficiency.text()} %"
+        highest = shown.efficiency.text(" %")
         figures.insert(0, (highest, f"highest efficiency, at {shown.label}, 95 %"))
     page.cards(figures)
     page.facts(recordings.facts)

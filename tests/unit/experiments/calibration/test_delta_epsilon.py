@@ -1,12 +1,14 @@
 """The common gain: measured by scaling one phase's current, else assumed and said so."""
 
 import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from motord.cli.analysis_command import app as analyse
+from motord.cli.calibration.commands import app as calibration
 from motord.config import load, packaged
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.plans import build
@@ -51,6 +53,10 @@ def test_it_is_measured_and_the_file_names_the_run(recording: Path, tmp_path: Pa
     assert content["alpha"] == pytest.approx([0.8, 1.118, 1.118], rel=5e-3)
     assert content["tau_cog_harmonics"]
     assert all(0 < h["phase_stderr_rad"] < 3.2 for h in content["tau_cog_harmonics"])
+    _, shown, _ = run(calibration, "show", output)
+    interval = re.search(r"delta eps    ([\d.]+) \+- ([\d.]+) \(gain\.mcap\)", shown)
+    assert interval is not None
+    assert abs(float(interval[1]) - DELTA * EPSILON) < 2 * float(interval[2])
 
 
 @pytest.mark.parametrize(
@@ -91,6 +97,6 @@ def test_without_such_points_it_is_assumed(recorded) -> None:
     runs = [open_run(recorded.off)]
     subject = Subject.of_runs(runs)
     result = Calibrator.of_runs(runs, subject).joint()
-    calibration = result.to_calibration(subject.motor, datetime.now(UTC), ["off.mcap"])
-    assert (calibration.delta_epsilon, calibration.delta_epsilon_source) == (1.0, "assumed")
-    assert "not seen" in calibration.observable[0]
+    made = result.to_calibration(subject.motor, datetime.now(UTC), ["off.mcap"])
+    assert (made.delta_epsilon, made.delta_epsilon_source) == (1.0, "assumed")
+    assert "not seen" in made.observable[0]

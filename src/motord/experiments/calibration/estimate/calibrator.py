@@ -156,7 +156,8 @@ class Calibrator:
         if induced:
             return
         self._residual.add(samples)
-        self._ripples.append(shaft_ripple(samples, self._motor, self._sensor, hold))
+        ripple = shaft_ripple(samples, self._motor, self._sensor, hold)
+        self._ripples.append(ripple.with_scale_error(self._bench.accuracy.torque_scale))
 
     def result(self, method: Method) -> CalibrationResult:
         """Return what all points together give. Raises IdentifyError."""
