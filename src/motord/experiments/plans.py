@@ -10,7 +10,7 @@ from motord.config.experiments import broken_experiments, plan_kinds
 from motord.identification.least_loss import currents_per_Nm
 from motord.section.complaints import suggestion
 from motord.sequencing import Plan, PlanError
-from motord.sequencing.limits import check_torque_changes
+from motord.sequencing.limits import check_torque_changes, i2t_heat_s
 
 SENSED_PART = 0.95
 """Sensed currents, in parts of the nominal ones: by gains of sensors and of a calibration."""
@@ -42,19 +42,22 @@ def _check_i2t(config: Config, plan: Plan) -> None:
         return
     limits = config.limits
     per_Nm2 = (currents_per_Nm(config.motor) ** 2).mean(axis=0)
-    settle_s, heat_s = plan.settings.get("settle_s") or 0.0, np.zeros(3)
+    settle_s, added_s = plan.settings.get("settle_s") or 0.0, []
     least_A = limits.i2t_current_A / SENSED_PART
     for point in plan.points:
         torque_Nm = point.torque_Nm * min(point.induced.torque_part, 1.0)
         turning = point.turns > 0 and point.speed_Hz != 0.0
         held_s = settle_s + point.turns / abs(point.speed_Hz) if turning else 0.0
-        squares_A2 = per_Nm2 * torque_Nm**2
-        cooled_s = np.maximum(heat_s - max(plan.point_s(point) - held_s, 0.0), 0.0)
-        heat_s = np.maximum(cooled_s + (squares_A2 / least_A**2 - 1.0) * held_s, 0.0)
-        if heat_s.max() > limits.i2t_time_s:
-            raise PlanError(
-                f"{point.torque_Nm:g} Nm at {point.speed_Hz:g} Hz would trip the bench by I2T: "
-                f"{np.sqrt(squares_A2.max()):.3g} A RMS in a phase, [limits] i2t_current_A = "
-                f"{limits.i2t_current_A:g}, i2t_time_s = {limits.i2t_time_s:g}; lower the torque, "
-                "or take fewer turns"
-            )
+        cooling_s = max(plan.point_s(point) - held_s, 0.0)
+        heating_s = (per_Nm2 * torque_Nm**2 / least_A**2 - 1.0) * held_s
+        added_s += [np.full(3, -cooling_s), heating_s]
+    over = i2t_heat_s(np.reshape(added_s, (-1, 3)), np.zeros(3)).max(axis=1) > limits.i2t_time_s
+    if not over.any():
+        return
+    point = plan.points[int(np.argmax(over)) // 2]
+    rms_A = abs(point.torque_Nm) * min(point.induced.torque_part, 1.0) * np.sqrt(per_Nm2.max())
+    raise PlanError(
+        f"{point.torque_Nm:g} Nm at {point.speed_Hz:g} Hz would trip the bench by I2T: {rms_A:.3g} "
+        f"A RMS in a phase, [limits] i2t_current_A = {limits.i2t_current_A:g}, i2t_time_s = "
+        f"{limits.i2t_time_s:g}; lower the torque, or take fewer turns"
+    )

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable
 from itertools import pairwise
 
+import numpy as np
+
 from motord.config import Config
 from motord.sequencing.brake_servo import SLOPE_MIN, brake_torque_Nm, slope
 from motord.sequencing.settings import PlanError
@@ -41,6 +43,27 @@ def check_current(config: Config, current_A: float) -> None:
         raise PlanError(
             f"{current_A:g} A is above [limits] current_A = {config.limits.current_A:g}"
         )
+
+
+def check_lasting_current(config: Config, peak_A: float) -> None:
+    """Refuse a current, held at any angle, that I2t or the loop would end. Raises PlanError."""
+    limits = config.limits
+    name = min(("i2t_current_A", "current_A"), key=lambda one: float(getattr(limits, one)))
+    most_A = float(getattr(limits, name))
+    if peak_A > most_A:
+        raise PlanError(
+            f"{peak_A:.3g} A is more than may flow for long, [limits] {name} = {most_A:g}"
+        )
+
+
+def i2t_heat_s(added_s: np.ndarray, before_s: np.ndarray) -> np.ndarray:
+    """Return the I2t accumulators (n, ...) after each of n steps.
+
+    The kernel's, h <- max(h + added, 0) with (r^2 - 1) dt added at r times i2t_current_A, in closed
+    form: with S the sums of what is added, h = S - min(0, min S so far). before_s (...): h before.
+    """
+    sums_s = np.cumsum(added_s, axis=0) + before_s
+    return np.asarray(sums_s - np.minimum(np.minimum.accumulate(sums_s, axis=0), 0.0))
 
 
 def check_torque_changes(config: Config, torques_Nm: Iterable[float]) -> None:

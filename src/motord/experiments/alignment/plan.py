@@ -17,6 +17,7 @@ from motord.config.motor.back_emf import BackEmfTable
 from motord.config.plans import AlignConfig
 from motord.sequencing import Induced, OperatingPoint, Plan, PlanError
 from motord.sequencing.capture import account, take_points
+from motord.sequencing.limits import check_lasting_current
 from motord.sequencing.motions import Capture, Motion, MotionFailed, restartable
 from motord.sequencing.quality import GOOD
 from motord.sequencing.settings import chosen
@@ -59,7 +60,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
             "there is nothing to align; name harmonics to align anew"
         )
     own = own.model_copy(update={"currents_A": _currents_A(config, own)})
-    _check_currents(config, own)
+    check_lasting_current(config, max(own.currents_A))
     sweeps = tuple(
         Sweep(amplitude_A, direction, own, config.motor.pole_pairs)
         for amplitude_A in own.currents_A
@@ -85,14 +86,6 @@ def _currents_A(config: Config, own: AlignConfig) -> tuple[float, ...]:
     rms_V_s_per_rad = math.sqrt(float((table**2).mean()))
     rated_A = math.sqrt(2) / 3 * config.motor.rated_torque_Nm / rms_V_s_per_rad
     return tuple(float(np.round(part * rated_A, 2)) for part in RATED_PARTS)
-
-
-def _check_currents(config: Config, own: AlignConfig) -> None:
-    largest_A = max(own.currents_A)
-    for name in ("current_A", "i2t_current_A"):
-        limit_A = getattr(config.limits, name)
-        if largest_A > limit_A:
-            raise PlanError(f"{NAME}: {largest_A:g} A is above [limits] {name} = {limit_A:g}")
 
 
 @dataclass(frozen=True)

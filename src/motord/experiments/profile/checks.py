@@ -18,7 +18,7 @@ from motord.experiments.profile.trace import Trace
 from motord.schema import TICK_DTYPE
 from motord.sequencing import PlanError
 from motord.sequencing.continuous import fastest_Hz
-from motord.sequencing.limits import SPEED_MARGIN, TORQUE_MARGIN
+from motord.sequencing.limits import SPEED_MARGIN, TORQUE_MARGIN, i2t_heat_s
 
 SLACK = 0.02
 """Torque that the brake or the acceleration may lack, in parts of the largest torque: the error in
@@ -232,13 +232,9 @@ def heated(
 ) -> tuple[int | None, np.ndarray]:
     """Return the first step (of n) at which an i2t accumulator is above its limit, and its end.
 
-    The kernel's accumulators, h <- max(h + (r^2 - 1) dt, 0), in closed form: with S the sums of
-    what is added, h = S - min(0, min S so far). ratios (n, ...): r; before_s (...): h before.
+    ratios (n, ...): currents over i2t_current_A; before_s (...): heat before.
     """
-    added_s = (ratios**2 - 1.0) * HEAT_STEP_S
-    added_s[0] += before_s
-    sums_s = np.cumsum(added_s, axis=0)
-    heat_s = sums_s - np.minimum(np.minimum.accumulate(sums_s, axis=0), 0.0)
+    heat_s = i2t_heat_s((ratios**2 - 1.0) * HEAT_STEP_S, before_s)
     over = (heat_s > limit_s).reshape(len(heat_s), -1).any(axis=1)
     return (int(np.argmax(over)) if over.any() else None), heat_s[-1]
 

@@ -17,7 +17,7 @@ from motord.schema import TICK_DTYPE
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import BrakeServo
 from motord.sequencing.capture import account, retaken_if_poor
-from motord.sequencing.limits import check_brake, check_speed, check_torque
+from motord.sequencing.limits import check_brake, check_lasting_current, check_speed, check_torque
 from motord.sequencing.motions import Capture, Motion, MotionFailed, enable, ramp_down, restartable
 from motord.sequencing.operating_point import lead_torque
 from motord.sequencing.quality import GOOD
@@ -118,13 +118,12 @@ def _check_torque(config: Config, own: ThermalConfig, torque_Nm: float) -> None:
     check_speed(config, own.speed_Hz)
     if own.speed_Hz:
         check_brake(config, torque_Nm, own.speed_Hz)
-    limits, peak_A = config.limits, float(np.abs(currents_per_Nm(config.motor)).max()) * torque_Nm
-    most_A = min(limits.current_A, limits.i2t_current_A)
-    if peak_A > most_A:
-        raise PlanError(
-            f"{NAME}: {torque_Nm:.3g} Nm takes {peak_A:.3g} A, more than may flow for long, "
-            f"[limits] current_A and i2t_current_A: {most_A:g}; lower torque_Nm or current_A"
-        )
+    peak_A = float(np.abs(currents_per_Nm(config.motor)).max()) * torque_Nm
+    try:
+        check_lasting_current(config, peak_A)
+    except PlanError as error:
+        lower = "lower torque_Nm or current_A"
+        raise PlanError(f"{NAME}: {torque_Nm:.3g} Nm takes too much: {error}; {lower}") from error
 
 
 def _outlook(config: Config, own: ThermalConfig, torque_Nm: float) -> str:

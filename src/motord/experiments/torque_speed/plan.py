@@ -19,7 +19,13 @@ from motord.identification.least_loss import currents_per_Nm
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import BrakeServo, release_s
 from motord.sequencing.capture import account, capture, take_points
-from motord.sequencing.limits import check_brake, check_drive, check_speed, check_torque
+from motord.sequencing.limits import (
+    check_brake,
+    check_drive,
+    check_lasting_current,
+    check_speed,
+    check_torque,
+)
 from motord.sequencing.mesh import serpentine
 from motord.sequencing.motions import (
     Capture,
@@ -58,6 +64,7 @@ class Envelope:
 
     def obstacle(self, torque_Nm: float, speed_Hz: float) -> str:
         """Return why the bench cannot hold a torque at a speed, "" if it can."""
+        peak_A = float(np.abs(self._per_Nm).max()) * abs(torque_Nm)
         try:
             check_torque(self.config, torque_Nm)
             check_speed(self.config, speed_Hz)
@@ -65,6 +72,7 @@ class Envelope:
                 check_brake(self.config, torque_Nm, speed_Hz)
             else:
                 check_drive(self.config, speed_Hz)
+            check_lasting_current(self.config, peak_A)
         except PlanError as error:
             return str(error)
         return self._beyond_power(torque_Nm, speed_Hz) or self._beyond_supply(torque_Nm, speed_Hz)
@@ -95,13 +103,6 @@ class Envelope:
         return ""
 
     def _beyond_supply(self, torque_Nm: float, speed_Hz: float) -> str:
-        limits, peak_A = self.config.limits, float(np.abs(self._per_Nm).max()) * abs(torque_Nm)
-        most_A = min(limits.current_A, limits.i2t_current_A)
-        if peak_A > most_A:
-            return (
-                f"{peak_A:.3g} A for {torque_Nm:g} Nm is more than may flow for long, [limits] "
-                f"current_A and i2t_current_A: {most_A:g}"
-            )
         voltage_V = self._voltage_V(torque_Nm, speed_Hz) if self.own.bus_V else 0.0
         if voltage_V > self.own.bus_V:
             return f"{voltage_V:.3g} V needed, bus_V = {self.own.bus_V:g}"

@@ -76,8 +76,11 @@ def test_the_usual_currents_are_parts_of_the_rated_one() -> None:
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        ({"currents_A": [31.0]}, r"31 A is above \[limits\] current_A = 30"),
-        ({"currents_A": [3.0, 23.0]}, r"23 A is above \[limits\] i2t_current_A = 22"),
+        (
+            {"currents_A": [31.0]},
+            r"31 A is more than may flow for long, \[limits\] i2t_current_A = 22",
+        ),
+        ({"currents_A": [3.0, 22.1]}, r"22.1 A is more than may flow for long"),
         ({"rests": 4}, "setting rests"),
         ({"current_A": 4}, "setting current_A.*settings are: currents_A, turns"),
     ],

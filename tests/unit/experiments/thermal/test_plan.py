@@ -57,7 +57,9 @@ def test_what_is_refused_names_its_setting(
 
 def test_more_current_than_may_flow_for_long_is_refused(config: Config) -> None:
     limits = config.limits.model_copy(update={"i2t_current_A": 15.0})
-    with pytest.raises(PlanError, match=r"16.2 A, more than may flow for long.*: 15; lower"):
+    with pytest.raises(
+        PlanError, match=r"16.2 A is more than may flow for long.*i2t_current_A = 15; lower"
+    ):
         build("thermal", config.model_copy(update={"limits": limits}))
 
 
