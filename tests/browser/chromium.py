@@ -1,7 +1,8 @@
 """The system's Chromium, and what a person does with the page."""
 
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,6 +18,7 @@ NARROW = {"width": 1100, "height": 880}
 PHONE = {"width": 390, "height": 844}
 PATIENCE_MS = 60_000
 """What waits longer waits for ever."""
+POLLING_MS = 100
 expect.set_options(timeout=PATIENCE_MS)
 
 
@@ -115,3 +117,16 @@ def start_plan(page: Page, name: str = "calibrate", **settings: str) -> None:
     shows(page, "#plan-outline", "within the limits")
     press(page, "#plan-start")
     shows(page, "#plan-state", "running")
+
+
+def waits(page: Page, condition: str, argument: Any = None) -> None:
+    """Wait until a condition in JavaScript holds, without a frame for each look."""
+    page.wait_for_function(condition, arg=argument, polling=POLLING_MS, timeout=PATIENCE_MS)
+
+
+def until(page: Page, condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds, while the page goes on."""
+    end_s = time.monotonic() + PATIENCE_MS / 1000
+    while not condition():
+        assert time.monotonic() < end_s
+        page.wait_for_timeout(20)

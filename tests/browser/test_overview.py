@@ -11,10 +11,10 @@ from motord.dashboard.overview.bench_list import BenchList
 from motord.dashboard.overview.overview_pages import BenchesLink, OverviewPages, command_for
 from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
+from tests.browser.axe import AXE, findings
 from tests.browser.chromium import DESKTOP, PATH, PHONE
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import AppServer
-from tests.browser.test_page import AXE, findings
 from tests.support.played_benches import played, publishing
 
 pytestmark = [

@@ -1,17 +1,14 @@
 """CSV in the ways it is written, and what becomes of rows that lack something."""
 
-from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motord.config import ConfigError
-from motord.config.reading import load_motor
-from motord.importing.point_builder import TorqueOfCurrents, remarks
 from motord.recording.errors import RecordError
 from motord.schema import Flag
-from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv, write_motor
+from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv
 
 
 @pytest.mark.parametrize(
@@ -105,58 +102,6 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         (tmp_path / name).unlink()
 
 
-def test_set_points_hold_and_split(tmp_path: Path) -> None:
-    columns = turning(9000)
-    torque = np.repeat([1.0, 2.0, 1.0], 3000)
-    columns |= {"M": torque, "n": np.full(9000, 1.0), "flags": np.repeat([0, 48, 0], 3000)}
-    columns["M"] = torque
-    text = MAP + 'torque_set_Nm = "M"\nspeed_set_Hz = "n"\nflags = "flags"\n'
-    text += '[split]\nby = ["torque_set_Nm", "speed_set_Hz"]\n'
-    row = 3500
-    edit = {row: f"{row / 1000},{2 * np.pi * row / 1000 + 0.4:.6f},75,,1,48"}
-    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns, edit=edit), text)
-    assert done.problems == (f"line {row + 2}: no torque_set_Nm: the value before holds",)
-    points = run.operating_points()
-    assert [p["torque_Nm"] for p in points] == [1.0, 2.0, 1.0]
-    assert [p["speed_Hz"] for p in points] == [1.0] * 3
-    assert [p["compensate"] for p in points] == [0, 3, 0]
-    assert [(p["tick_start"], p["tick_end"]) for p in points] == [
-        (0, 2999), (3000, 5999), (6000, 8999),
-    ]  # fmt: skip
-    ticks = run.ticks()
-    np.testing.assert_array_equal(ticks["plan_point"], np.repeat([0, 1, 2], 3000))
-    np.testing.assert_array_equal(ticks["torque_set_Nm"], torque)
-
-
-@pytest.mark.parametrize("same_time", [False, True], ids=["own time", "time of a row"])
-def test_a_set_point_in_a_row_without_a_position_holds_from_there(
-    tmp_path: Path, same_time: bool
-) -> None:
-    """A log of commands joined to one of samples has them in rows of their own."""
-    columns = turning(9000) | {"M": np.full(9000, 7.0)}
-    t, angle = columns["Time"], columns["Position[rad]"]
-    edit = {row: f"{t[row]},{angle[row]:.6f},75," for row in range(9000)}
-    for row, torque_Nm in ((1, 1.0), (3000, 2.0), (6000, 1.0)):
-        edit[row] = f"{t[row - same_time]},,,{torque_Nm}"
-    text = MAP + 'torque_set_Nm = "M"\n[split]\nby = ["torque_set_Nm"]\n'
-    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns, edit=edit), text)
-    assert done.problems[0] == "lines 3, 3002, 6002: no angle_rad: left out"
-    assert [p["torque_Nm"] for p in run.operating_points()] == [1.0, 2.0, 1.0]
-    ticks = run.ticks()
-    assert np.isnan(ticks["torque_set_Nm"]).sum() == 1  # before the first
-    assert (np.diff(ticks["torque_set_Nm"][1:]) != 0).sum() == 2
-
-
-def test_samples_that_are_held_for_several_rows_are_no_rounded_times(tmp_path: Path) -> None:
-    """With period_s instead the rotor would stand still, and go on by jumps."""
-    held = {name: np.repeat(values[::2], 2) for name, values in turning(4000).items()}
-    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", held))
-    assert any("each sample is held for several rows" in note for note in done.notes)
-    assert not any("period_s" in note for note in done.notes)
-    [problem] = done.problems
-    assert problem.endswith("1995 more: same time and position as the row before: left out")
-
-
 @pytest.mark.parametrize("same_time", [False, True])
 def test_channels_in_rows_of_their_own_are_to_be_joined(tmp_path: Path, same_time: bool) -> None:
     columns = turning(4000)
@@ -166,179 +111,6 @@ def test_channels_in_rows_of_their_own_are_to_be_joined(tmp_path: Path, same_tim
     done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns, edit=edit))
     assert any("join them to one row for each time" in note for note in done.notes)
     assert not any("period_s" in note for note in done.notes)
-
-
-def test_short_stretches_are_no_good_points(tmp_path: Path) -> None:
-    columns = turning(7500)
-    columns["M"] = np.concatenate([np.full(2700, 1.0), np.linspace(1, 2, 300), np.full(4500, 2.0)])
-    text = MAP + '[split]\nby = ["M"]\nmin_turns = 3\nsettle_s = 0.1\n'
-    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
-    first, second = run.operating_points()
-    assert first["quality"] == "1 whole turns from zero point to zero point, 3 are needed"
-    assert second["quality"] == "ok"
-    assert second["tick_start"] == 3099
-    assert second["torque_source"] == "mean of the measured torque"
-    assert second["torque_Nm"] == pytest.approx(1.5, abs=0.02)
-
-
-def test_a_tolerance_spares_noise_of_the_set_point(tmp_path: Path) -> None:
-    columns = turning(6000)
-    noise = 0.01 * np.sin(np.arange(6000))
-    columns["M"] = np.repeat([1.0, 2.0], 3000) + noise
-    text = MAP + 'torque_set_Nm = "M"\n[split]\nby = ["torque_set_Nm"]\ntolerance = 0.05\n'
-    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
-    assert [(p["tick_start"], p["tick_end"]) for p in run.operating_points()] == [
-        (0, 2999), (3000, 5999),
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize("turn", [1, -1])
-@pytest.mark.parametrize("wrapping", ["none", "zero", "middle"])
-def test_angles_in_any_range(tmp_path: Path, turn: int, wrapping: str) -> None:
-    columns = turning()
-    angle = turn * columns["Position[rad]"] - 7.0
-    shift = {"none": 0.0, "zero": 0.0, "middle": np.pi}[wrapping]
-    columns["Position[rad]"] = (
-        angle if wrapping == "none" else (angle + shift) % (2 * np.pi) - shift
-    )
-    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
-    ticks = run.ticks()
-    expected = angle % (2 * np.pi)
-    difference = (ticks["angle_rad"] - expected + np.pi) % (2 * np.pi) - np.pi
-    assert np.abs(difference).max() < 1e-4
-    assert (ticks["angle_rad"] >= 0).all()
-    assert (ticks["angle_rad"] < 2 * np.pi).all()
-    assert ticks["speed_rad_s"] == pytest.approx(turn * 2 * np.pi, rel=2e-3)
-    assert run.operating_points()[0]["turns"] == pytest.approx(3.999, abs=1e-3)
-    assert done.notes[0].startswith("utf-8, delimiter ','")
-
-
-def test_counts_of_an_incremental_encoder(tmp_path: Path) -> None:
-    write_motor(tmp_path, counts=2001)
-    columns = turning()
-    angle = columns.pop("Position[rad]")
-    columns["n"] = np.rint(-angle / (2 * np.pi) * 2001)
-    text = MAP.replace('angle_rad = "Position[rad]"', 'encoder_count = "n"')
-    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
-    ticks = run.ticks()
-    np.testing.assert_array_equal(ticks["encoder_count"], columns["n"] % 2001)
-    assert ticks["speed_rad_s"][50:] == pytest.approx(-2 * np.pi, rel=0.05)
-
-
-@pytest.mark.parametrize("of_a_turn", [360.0, 1.0])
-def test_positions_of_another_range_are_refused_of_a_rotor_that_turns_both_ways(
-    tmp_path: Path, of_a_turn: float
-) -> None:
-    columns = turning(3000, speed_Hz=4.0)
-    forwards = columns["Position[rad]"] / (2 * np.pi)
-    turns = np.minimum(forwards, forwards[::-1])
-    columns["Position[rad]"] = turns % 1.0 * of_a_turn
-    source = write_csv(tmp_path / "a.csv", columns)
-    with pytest.raises(RecordError, match=r"starts again, but a turn has 6\.2832 rad"):
-        imported(tmp_path, source)
-
-
-@pytest.mark.parametrize(("values", "noise"), [(3, 0.0), (2, 1e-5)])
-def test_a_rotor_that_stands_on_the_edge_of_a_count_is_no_other_range(
-    tmp_path: Path, values: int, noise: float
-) -> None:
-    columns, random = turning(6000), np.random.default_rng(1)
-    counts = random.integers(0, values, 6000) * (2 * np.pi / 4096)
-    columns["Position[rad]"] = counts + noise * random.standard_normal(6000)
-    imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
-
-
-def test_times_of_another_unit_are_pointed_out(tmp_path: Path) -> None:
-    columns = turning(4000)
-    text = MAP + "speed_set_Hz = {column = 'n'}\n"
-    columns["n"] = np.full(4000, 1.0)
-    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
-    assert not any("set-point" in note for note in done.notes)
-    columns["Time"] = columns["Time"] * 1000
-    (tmp_path / "run.mcap").unlink()
-    done, _ = imported(tmp_path, write_csv(tmp_path / "b.csv", columns), text)
-    assert any("turns at 0.001 turns/s, its set-point is 1" in note for note in done.notes)
-
-
-def test_a_file_that_is_one_point_and_turns_back_says_that_it_needs_a_split(tmp_path: Path) -> None:
-    columns = turning(4000)
-    angle = columns["Position[rad]"]
-    columns["Position[rad]"] = np.minimum(angle, angle[::-1])
-    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
-    assert any("cut it by [split]" in note for note in done.notes)
-
-
-def test_times_that_are_no_dates_in_iso_form_are_named_with_their_lines(tmp_path: Path) -> None:
-    rows = "".join(f"01.05.2007 12:00:{n:02}.0;{n / 10};1.0\n" for n in range(30))
-    source = tmp_path / "a.csv"
-    source.write_text("Time;Position[rad];Iq\n" + rows)
-    with pytest.raises(RecordError, match=r"date in ISO form.*lines 2, 3, .*: no time"):
-        imported(tmp_path, source)
-
-
-def test_positions_of_another_range_are_refused(tmp_path: Path) -> None:
-    columns = turning(6000)
-    columns["Position[rad]"] = np.degrees(columns["Position[rad]"]) % 360
-    source = write_csv(tmp_path / "a.csv", columns)
-    with pytest.raises(RecordError, match=r"starts again, but a turn has 6\.2832 rad"):
-        imported(tmp_path, source)
-    columns["Position[rad]"] = np.floor(columns["Position[rad]"] / 360 * 2000)
-    text = MAP.replace("angle_rad", "encoder_count")
-    with pytest.raises(RecordError, match="says that a turn has 4096 counts"):
-        imported(tmp_path, write_csv(source, columns), text)
-
-
-def test_unix_times_are_exact(tmp_path: Path) -> None:
-    t_ns = 1_700_000_000_123_456_789 + np.arange(3000) * 1_000_001
-    rows = "\n".join(f"{t},{2 * np.pi * n / 1000:.6f}" for n, t in enumerate(t_ns))
-    (tmp_path / "a.csv").write_text(f"stamp,angle\n{rows}\n")
-    text = 'motor = "motor.toml"\n[columns]\nt_ns = "stamp"\nangle_rad = "angle"\n'
-    _, run = imported(tmp_path, tmp_path / "a.csv", text)
-    np.testing.assert_array_equal(run.ticks()["t_ns"], t_ns)
-
-
-def test_dates_are_times(tmp_path: Path) -> None:
-    stamps = np.datetime64("2007-05-01T12:00:00.000", "ns") + np.arange(3000) * np.timedelta64(
-        1_000_000, "ns"
-    )
-    rows = [f"{str(t)[:26]};{2 * np.pi * n / 1000:.6f}" for n, t in enumerate(stamps)]
-    rows[5] = "yesterday;0.03"
-    rows[7] = rows[7].replace("T", " ").replace(";", "Z;")
-    (tmp_path / "a.csv").write_text("stamp;angle\n" + "\n".join(rows) + "\n")
-    text = 'motor = "motor.toml"\n[columns]\nt_s = "stamp"\nangle_rad = "angle"\n'
-    done, run = imported(tmp_path, tmp_path / "a.csv", text)
-    assert done.problems == ("line 7: no time: left out",)
-    expected = START_NS + np.delete(np.arange(3000), 5) * 1_000_000
-    np.testing.assert_array_equal(run.ticks()["t_ns"], expected)
-
-
-@pytest.mark.parametrize(
-    ("date_format", "start"),
-    [
-        ("%d.%m.%Y %H:%M:%S,%f", ""),
-        ("%m/%d/%Y %I:%M:%S.%f %p", ""),
-        ("%H:%M:%S.%f", "start = 2007-05-01T00:00:00Z\n"),
-        ("%Y%m%d%H%M%S.%f", ""),
-    ],
-)
-def test_dates_may_be_written_in_another_form(tmp_path: Path, date_format: str, start: str) -> None:
-    base = datetime(2007, 5, 1, 12, 0)
-    stamps = [(base + n * timedelta(milliseconds=1)).strftime(date_format) for n in range(3000)]
-    decimal = "," if "," in date_format else "."
-    angles = [f"{2 * np.pi * n / 1000:.6f}".replace(".", decimal) for n in range(3000)]
-    rows = [f"{stamp};{angle}\n" for stamp, angle in zip(stamps, angles, strict=True)]
-    (tmp_path / "a.csv").write_text("stamp;angle\n" + "".join(rows))
-    text = f'motor = "motor.toml"\n{start}[columns]\nt_s = "stamp"\nangle_rad = "angle"\n'
-    _, run = imported(tmp_path, tmp_path / "a.csv", f'{text}[csv]\ndate_format = "{date_format}"\n')
-    np.testing.assert_array_equal(run.ticks()["t_ns"], START_NS + np.arange(3000) * 1_000_000)
-
-
-def test_rows_without_time_have_a_period(tmp_path: Path) -> None:
-    columns = turning()
-    del columns["Time"]
-    text = MAP.replace('t_s = "Time"\n', "").replace("[columns]", "period_s = 0.001\n[columns]")
-    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
-    np.testing.assert_array_equal(run.ticks()["t_ns"], START_NS + np.arange(4000) * 1_000_000)
 
 
 def test_a_table_without_names(tmp_path: Path) -> None:
@@ -403,24 +175,6 @@ def test_numbers_with_thousands_separators_are_refused(
     assert not list(tmp_path.glob("*.mcap*"))
 
 
-def test_gaps_end_operating_points(tmp_path: Path) -> None:
-    columns = turning(8000)
-    columns["Time"] = columns["Time"] + np.repeat([0.0, 20.0], 4000)
-    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
-    assert len(run.operating_points()) == 2
-    assert done.missed == 20_000
-    assert (tmp_path / "run.mcap").exists()
-
-
-def test_irregular_rows_miss_nothing(tmp_path: Path) -> None:
-    columns = turning()
-    pace = np.random.default_rng(1).exponential(0.001, 4000) + 1e-5
-    columns["Time"] = np.cumsum(pace)
-    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
-    assert done.missed == 0
-    assert any("not evenly spaced" in note for note in done.notes)
-
-
 @pytest.mark.parametrize(
     ("edit", "expected"),
     [
@@ -463,13 +217,6 @@ def test_what_it_is_of_travels_with_it(tmp_path: Path) -> None:
     assert len(run.metadata["source"]["sha256"]) == 64
     assert run.metadata["map"].endswith(MAP)
     assert run.metadata["motor"]["slots"] == 48
-
-
-def test_times_without_a_date_end_with_the_file(tmp_path: Path) -> None:
-    source = write_csv(tmp_path / "a.csv", turning())
-    done, run = imported(tmp_path, source, MAP.replace("start = 2007-05-01T12:00:00Z\n", ""))
-    assert run.ticks()["t_ns"][-1] == source.stat().st_mtime_ns
-    assert any("as old as the file" in note for note in done.notes)
 
 
 def test_probable_mistakes_are_pointed_out(tmp_path: Path) -> None:
@@ -525,64 +272,6 @@ def test_channels_of_a_table_may_be_in_other_units(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("turned", "scale", "makes"),
-    [
-        (0.0, 1.0, None), (0.0, 1.3, None), (0.0, 1e3, "1.5e+03 Nm"), (np.pi, 1.0, "-1.5 Nm"),
-        (np.pi / 2, 1.0, "e-"), (0.0, 0.0, None),
-    ],
-)  # fmt: skip
-def test_currents_that_do_not_make_the_torque_are_pointed_out(
-    tmp_path: Path, turned: float, scale: float, makes: str | None
-) -> None:
-    """Without a current the rotor is driven from outside: nothing is to be made."""
-    write_motor(tmp_path)
-    motor = tmp_path / "motor.toml"
-    motor.write_text(f"{motor.read_text()}[torque_sensor]\nhighpass_time_constant_s = 0.0\n")
-    columns = turning(4000)
-    k = load_motor(motor).motor.back_emf_table()
-    count = np.rint(columns["Position[rad]"] * 4096 / (2 * np.pi) + turned * 512 / (2 * np.pi))
-    back_emf = k[count.astype(int) % 4096]
-    text = MAP
-    for number, phase in enumerate("abc"):
-        columns[f"I{phase}"] = scale * 1.5 * back_emf[:, number] / (back_emf**2).sum(axis=1)
-        text += f'i_{phase}_A = "I{phase}"\n'
-    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
-    said = [note for note in done.notes if "by position, currents and back-EMF" in note]
-    assert len(said) == (makes is not None)
-    assert makes is None or f"{makes}" in said[0].partition("its torque")[0]
-
-
-@pytest.mark.parametrize(
-    ("turned_deg", "zero_Nm", "said"),
-    [
-        (0.0, 0.0, None),
-        (0.0, 3.0, None),  # of the sensor, as far as the first torque
-        (75.0, 0.0, "that of the currents changes from operating point to operating point by 0.2"),
-        (180.0, 0.0, "by -1 times"),
-    ],
-)
-def test_currents_of_several_torques_are_judged_as_a_calibration_does(
-    turned_deg: float, zero_Nm: float, said: str | None
-) -> None:
-    ratio = np.cos(np.radians(turned_deg))
-    points = [
-        TorqueOfCurrents(n, torque_Nm + zero_Nm, ratio * torque_Nm, 6.0)
-        for n, torque_Nm in enumerate((1.0, 3.0, 5.0))
-    ]
-    notes = list(remarks(points, 6.0))
-    assert len(notes) == (said is not None)
-    assert said is None or said in notes[0]
-
-
-@pytest.mark.parametrize(("ratio", "said"), [(1.0, False), (0.4, True)])
-def test_a_speed_that_is_not_known_takes_no_friction_out(ratio: float, said: bool) -> None:
-    """A column of speeds may be empty, or of a channel that was not connected."""
-    torques_Nm = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    points = [TorqueOfCurrents(n, one, ratio * one, 0.0) for n, one in enumerate(torques_Nm)]
-    assert bool(list(remarks(points, 6.0))) is said
-
-
-@pytest.mark.parametrize(
     ("content", "said"),
     [
         (b"PAR1\0", "read_parquet"), (b"MATLAB 5.0 MAT-file", "loadmat"), (b"\x89HDF", "h5py"),
@@ -603,36 +292,3 @@ def test_a_key_of_a_column_that_is_not_known_has_a_suggestion(tmp_path: Path) ->
     text = MAP.replace("scale", "skale")
     with pytest.raises(ConfigError, match=r"columns.torque_Nm.skale: unknown key; did .* scale\?"):
         imported(tmp_path, write_csv(tmp_path / "a.csv", turning()), text)
-
-
-def shuffled(rows: int, share: float) -> dict[str, np.ndarray]:
-    """Return a table of which that share of the rows, the last, is in any order."""
-    columns = turning(rows)
-    order = np.arange(rows)
-    np.random.default_rng(5).shuffle(order[round(rows * (1 - share)) :])
-    return {name: values[order] for name, values in columns.items()}
-
-
-def test_a_file_of_which_most_rows_are_left_out_is_refused_unless_that_is_meant(
-    tmp_path: Path,
-) -> None:
-    source = write_csv(tmp_path / "a.csv", shuffled(4000, 1.0))
-    with pytest.raises(RecordError, match=r"of 4000 rows would be left out: .*cut apart; .*order"):
-        imported(tmp_path, source)
-    assert not list(tmp_path.glob("run.mcap*"))
-    done, _ = imported(tmp_path, source, few_rows=True)
-    assert done.ticks < 100
-
-
-@pytest.mark.parametrize(("repeated", "refused"), [(1990, False), (2010, True)])
-def test_half_of_the_rows_may_be_left_out(tmp_path: Path, repeated: int, refused: bool) -> None:
-    columns = turning(4000)
-    columns["Time"][-repeated:] = columns["Time"][-repeated]
-    source = write_csv(tmp_path / "a.csv", columns)
-    if refused:
-        with pytest.raises(
-            RecordError, match=r"2009 of 4000 rows would be .*give period_s instead"
-        ):
-            imported(tmp_path, source)
-    else:
-        assert imported(tmp_path, source)[0].ticks == 4000 - repeated + 1

@@ -5,11 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from motord.recording.reader import Run, open_run
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 1_000_000
+COUNT = 700
+CHUNK_S = 0.1
+ROWS = 100  # ticks a chunk
 METADATA = {"bench": "sim", "motor": "AFPM-6", "versions": {"motord": "0"}, "notes": "[1, 2]"}
 
 
@@ -66,3 +70,10 @@ def write_everything(writer: RunWriter, ticks: np.ndarray) -> None:
             writer.plan(t_ns, {"plan": "calibrate", "step": 3})
         if start == 500:
             writer.operating_point(t_ns, point_of(ticks[400 : start + 1]))
+
+
+def changed(path: Path, old: bytes, new: bytes) -> Run:
+    """Return a run of 100 ticks in whose file the first `old` became `new`."""
+    write_run(path, 100)
+    path.write_bytes(path.read_bytes().replace(old, new, 1))
+    return open_run(path)
