@@ -7,10 +7,10 @@ from unittest import mock
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, Playwright, sync_playwright
 
 from motord.dashboard.app import HEADERS
-from tests.browser.chromium import DESKTOP, chromium, leave, new_page, shows
+from tests.browser.chromium import DESKTOP, launch, leave, new_page, shows
 from tests.browser.stand_in import Server, StandIn
 from tests.support.ports import free_port
 
@@ -18,10 +18,35 @@ Serve = Callable[[StandIn], Server]
 
 
 @pytest.fixture(scope="package")
-def browser() -> Iterator[Browser]:
-    """Run one browser; Playwright's event loop would be in the way of other folders."""
-    with chromium() as started:
-        yield started
+def playwright() -> Iterator[Playwright]:
+    """Run Playwright, whose event loop would be in the way of other folders."""
+    with sync_playwright() as running:
+        yield running
+
+
+class LiveBrowser:
+    """One browser, started anew if it has died: that fails one test, not all after it."""
+
+    def __init__(self, playwright: Playwright) -> None:
+        self._playwright = playwright
+        self._started: Browser | None = None
+
+    def __call__(self) -> Browser:
+        if self._started is None or not self._started.is_connected():
+            self._started = launch(self._playwright)
+        return self._started
+
+
+@pytest.fixture(scope="package")
+def live_browser(playwright: Playwright) -> LiveBrowser:
+    """Return what gives the browser of all tests here."""
+    return LiveBrowser(playwright)
+
+
+@pytest.fixture
+def browser(live_browser: LiveBrowser) -> Browser:
+    """Return the browser."""
+    return live_browser()
 
 
 class Watched:
@@ -30,18 +55,20 @@ class Watched:
     Each has a context of its own. They are left at the end of a test, and open again in the next.
     """
 
-    def __init__(self, browser: Browser) -> None:
+    def __init__(self, browser: LiveBrowser) -> None:
         self.complaints: list[str] = []
         self.expected = ""
         """What a complaint may have in it."""
         self._browser = browser
-        self._left = [self._new_page()]
+        self._left: list[Page] = []
         self._pages: list[Page] = []
 
     def __call__(
         self, url: str, size: Any = DESKTOP, *, live: bool = True, color_scheme: Any = "light"
     ) -> Page:
         """Open a page and wait until it is live, unless it will not be."""
+        browser = self._browser()
+        self._left = [page for page in self._left if page.context.browser is browser]
         page = self._left.pop() if self._left else self._new_page()
         self._pages.append(page)
         page.set_viewport_size(size)
@@ -52,7 +79,7 @@ class Watched:
         return page
 
     def _new_page(self) -> Page:
-        page = new_page(self._browser)
+        page = new_page(self._browser())
         self._watch(page)
         return page
 
@@ -72,11 +99,13 @@ class Watched:
 
     def close(self) -> None:
         """Leave the pages; none may have complained."""
-        while self._pages:
-            page = self._pages.pop()
-            leave(page)  # one that cannot be left is not opened again
-            self._left.append(page)
-        complaints, self.complaints, self.expected = self.complaints, [], ""
+        pages, self._pages = self._pages, []
+        try:
+            for page in pages:
+                leave(page)  # one that cannot be left is not opened again
+                self._left.append(page)
+        finally:
+            complaints, self.complaints, self.expected = self.complaints, [], ""
         assert complaints == []
 
 
@@ -104,9 +133,9 @@ def server(serve: Serve) -> Server:
 
 
 @pytest.fixture(scope="package")
-def watched(browser: Browser) -> Watched:
+def watched(live_browser: LiveBrowser) -> Watched:
     """Return what opens the pages."""
-    return Watched(browser)
+    return Watched(live_browser)
 
 
 @pytest.fixture

@@ -175,7 +175,7 @@ def test_a_page_of_a_bench_at_rest_costs_little_and_reports_lost_ticks_alone(
     press(page, "#tab-health")
     shows(page, "#health-figures", "Link errors")
     expect(page.locator("#gone")).to_be_hidden()
-    assert page.locator("#messages").inner_text() == ""
+    expect(page.locator("#messages .error")).to_have_count(0)
     press(page, "#tab-page")  # the chart of health has frames of its own
     page.evaluate("() => { window.before = document.querySelector('canvas.traces'); }")
     page.evaluate("() => { document.querySelector('#plots').style.paddingBottom = '40px'; }")
