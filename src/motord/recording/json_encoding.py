@@ -8,6 +8,7 @@ of JSON Schema that the topics use; everything behind that may rely on types and
 import json
 import math
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,10 @@ JSON_KEYS = "json_keys"
 
 
 def plain(value: object) -> Any:
-    """Return `value` made of dict, list, str, int, finite float, bool and None (for nan, inf)."""
+    """Return `value` made of dict, list, str, int, finite float, bool and None (for nan, inf).
+
+    Times as ISO 8601, those without a zone as UTC.
+    """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -28,6 +32,8 @@ def plain(value: object) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
+    if isinstance(value, datetime):
+        return value.isoformat() + ("" if value.tzinfo else "Z")
     if value is None or isinstance(value, bool | int | str):
         return value
     return str(value)

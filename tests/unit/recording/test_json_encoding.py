@@ -1,6 +1,7 @@
 """JSON and metadata strings."""
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +37,11 @@ def test_numpy_paths_and_infinities_become_plain():
     value = {
         "a": np.float32(0.5), "b": np.arange(2), "c": Path("x"), "d": [np.nan, -np.inf],
         "e": (np.int64(3), np.bool_(True)), 5: {None}, "f": np.array(["t"]),
+        "g": [datetime(2026, 3, 2, 8), datetime(2026, 3, 2, 8, tzinfo=UTC)],
     }  # fmt: skip
     assert plain(value) == {
         "a": 0.5, "b": [0, 1], "c": "x", "d": [None, None], "e": [3, True], "5": [None],
-        "f": ["t"],
+        "f": ["t"], "g": ["2026-03-02T08:00:00Z", "2026-03-02T08:00:00+00:00"],
     }  # fmt: skip
     assert json.loads(to_json(value)) == plain(value)
     assert to_json({"a": "ü"}) == '{"a":"ü"}'

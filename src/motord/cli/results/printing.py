@@ -2,8 +2,6 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from datetime import datetime
-from math import isfinite
 from typing import Any
 
 DIGITS = 6
@@ -26,6 +24,7 @@ def aligned(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Iterator[s
 def as_csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return the rows as CSV with a heading, without the last line's end."""
     from motord.recording.export.csv_text import csv_lines
+    from motord.recording.json_encoding import plain
 
     cells = ([v if isinstance(v, float) else _flat(plain(v)) for v in row] for row in rows)
     return csv_lines([columns, *cells]).removesuffix("\n")
@@ -33,23 +32,14 @@ def as_csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 
 def as_objects(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[dict[str, Any]]:
     """Return the rows for JSON, one object each; of columns of one name the last counts."""
+    from motord.recording.json_encoding import plain
+
     return [dict(zip(columns, map(plain, row), strict=True)) for row in rows]
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON has it: times as ISO 8601, UTC; no number for nan and infinity."""
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    if isinstance(value, datetime):
-        return value.isoformat() + ("" if value.tzinfo else "Z")
-    if isinstance(value, dict):
-        return {str(key): plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(part) for part in value]
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
 def _text(value: Any) -> str:
+    from motord.recording.json_encoding import plain
+
     if value is None:
         return ""
     if isinstance(value, float):

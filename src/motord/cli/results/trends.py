@@ -11,7 +11,7 @@ import typer
 from motord.atomic_write import write_whole
 from motord.cli.common_options import AsJson, output_file
 from motord.cli.console import fail, print_json, print_line
-from motord.cli.results.printing import aligned, plain
+from motord.cli.results.printing import aligned
 from motord.cli.results.store_options import StoreReading, StoreToRead
 
 if TYPE_CHECKING:
@@ -106,6 +106,8 @@ def _print(by: str, one: "Trend") -> None:
 
 
 def _as_json(by: str, one: "Trend") -> dict[str, Any]:
+    from motord.recording.json_encoding import plain
+
     chart = one.chart
     points = zip(one.rows, one.values.tolist(), one.violated, strict=True)
     return {
@@ -243,5 +245,7 @@ def _rounded(one: "Difference") -> tuple[float | None, ...]:
 
 
 def _as_dict(one: "Difference") -> dict[str, object]:
+    from motord.recording.json_encoding import plain
+
     found: dict[str, object] = plain({**vars(one), "a": vars(one.a), "b": vars(one.b)})
     return found
