@@ -35,8 +35,23 @@ def outlive_readers() -> None:
 
     Nor a locale that lacks a character, such as of a motor's name: it is written as an escape.
     """
+    open_closed_descriptors()
+    sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
     sys.stdout = _lasting(sys.stdout)
     sys.stderr = _lasting(sys.stderr)
+
+
+def open_closed_descriptors() -> None:
+    """Let standard streams that were closed before the start lead to /dev/null, for children, too.
+
+    Else the next file that is opened gets the number of one: what a library writes on standard
+    error would stand in a recording, and a child could not say why it ends.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
 
 def lost_output() -> str:
