@@ -1,5 +1,8 @@
+import errno
 import os
+import stat
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -53,6 +56,20 @@ def test_an_error_names_the_file_that_was_asked_for(
         write(tmp_path / place, "new")
     assert raised.value.filename == str(tmp_path / place)
     assert raised.value.strerror.startswith(why.format(folder=tmp_path))
+
+
+@pytest.mark.parametrize(("number", "fails"), [(errno.EINVAL, False), (errno.EIO, True)])
+def test_a_folder_that_cannot_be_synced_is_none_of_those_that_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, fails: bool
+) -> None:
+    def of_folders(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", of_folders)
+    with pytest.raises(OSError, match="Input") if fails else nullcontext():
+        write_whole(tmp_path / "a.json", "new")
+    assert (tmp_path / "a.json").read_text() == "new"
 
 
 def test_links_and_pipes_stay_what_they_are(tmp_path: Path) -> None:
