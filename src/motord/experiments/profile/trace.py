@@ -113,7 +113,7 @@ def read(file: str, sha256: str = "") -> Trace:
 def _content(file: str) -> bytes:
     """Return what is in a file. Raises PlanError."""
     packed = file.startswith("package:")
-    path = packaged(file.removeprefix("package:")) if packed else Path(file).expanduser()
+    path = packaged(file.removeprefix("package:")) if packed else _with_home(file)
     if path.suffix.lower() != ".csv" or not file.isprintable():
         raise PlanError(
             f"profile: file = {file[:SHOWN]!r}: the name of a CSV file ends in .csv; "
@@ -135,6 +135,14 @@ def _content(file: str) -> bytes:
             f"profile: {file}: larger than {MAX_BYTES >> 20} MiB: take fewer rows, {BETWEEN}"
         )
     return content
+
+
+def _with_home(file: str) -> Path:
+    """Return a path with the home that it begins with, if there is that user."""
+    try:
+        return Path(file).expanduser()
+    except RuntimeError:  # else "~anna" is a name like others
+        return Path(file)
 
 
 class _Table:

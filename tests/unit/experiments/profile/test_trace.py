@@ -160,6 +160,7 @@ def test_only_a_csv_file_is_read(tmp_path: Path) -> None:
         ("a\0b.csv", "the name of a CSV file ends in .csv"),
         ("x" * 4000 + ".csv", "cannot read it: File name too long"),
         ("package:none.csv", "cannot read it"),
+        ("~nobody here/a.csv", "cannot read it"),
     ):
         with pytest.raises(PlanError, match=r"^profile: ") as error:
             read(name)
