@@ -1,7 +1,6 @@
 """What a service consists of: its files, and the commands that put them in force."""
 
 import ipaddress
-import os
 import re
 import sys
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 from motord.config import Config, load, packaged
 from motord.config.named_files import named_files
 from motord.deployment.files import DeployedFile, DeploymentError
+from motord.process.home_folder import in_home
 from motord.process.module_command import module_command
 from motord.untrusted import parse_toml, read_text
 
@@ -87,13 +87,14 @@ def after_removal(*, user: bool) -> Commands:
 
 def manifest(*, user: bool) -> Path:
     """Return where it is remembered what was written."""
-    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(state, "motord", "service.json") if user else ETC / ".service.json"
+    if user:
+        return in_home("XDG_STATE_HOME", ".local", "state") / "motord" / "service.json"
+    return ETC / ".service.json"
 
 
 def user_units() -> Path:
     """Return the folder of a user's own units (systemd.unit(5))."""
-    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config", "systemd", "user")
+    return in_home("XDG_CONFIG_HOME", ".config") / "systemd" / "user"
 
 
 def this_program() -> tuple[str, ...]:

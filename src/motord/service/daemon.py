@@ -85,6 +85,10 @@ def run(
     """
     config_path = config_path.resolve()
     config, toml = config_file.load_started(config_path, kept=config_path)
+    state_dir = state_dir or state_directory()
+    check_names(
+        *(config_path, state_dir, config.recording.directory, config.recording.blackbox_directory)
+    )
     if config.zenoh.tls is not None:
         process.check(config.zenoh.tls)
     descriptors.raise_limit()
@@ -97,11 +101,22 @@ def run(
     ):
         config_file.keep(config_path, toml, run_dir.bench_file)
         daemon = build(
-            config, toml, config_path, run_dir, state_dir or state_directory(),
-            Clock.measure(), notifier,
+            config, toml, config_path, run_dir, state_dir, Clock.measure(), notifier,
         )  # fmt: skip
         with started(daemon):
             supervise(daemon.supervisor, stopping, lambda: on_ready(config))
+
+
+def check_names(*paths: Path) -> None:
+    """Raise ConfigError for a path whose bytes are no text: messages and recordings are UTF-8."""
+    for path in paths:
+        try:
+            str(path.absolute()).encode()
+        except UnicodeEncodeError:
+            raise ConfigError(
+                f"{path.absolute()}: the name is not UTF-8; rename the folder or file, or set a "
+                "locale of UTF-8 if it is (LC_ALL=C.UTF-8)"
+            ) from None
 
 
 @contextmanager

@@ -1,18 +1,22 @@
 """Calibrations: checked, put in force at zero torque only, kept over a restart."""
 
 import json
+import os
 import threading
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 from motord.api.errors import RpcError
 from motord.calibration import CalibrationError
+from motord.config import ConfigError
 from motord.findings import Finding
 from motord.sequencing.settings import COMPENSATE
 from motord.service.bench import calibrations
 from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory
 from motord.service.build import installed_calibration
+from motord.service.daemon import check_names
 from motord.service.host.events import EventLog
 from motord.service.recording.control import RecordingControl
 from motord.service.rpc.calibration import Installation
@@ -331,3 +335,14 @@ def test_the_state_folder_follows_systemd_then_xdg(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", "/home/anna")
     assert str(state_directory()) == "/home/anna/.local/state/motord"
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("os.getuid", lambda: 2**31 - 2)
+    with pytest.raises(OSError, match="this user has no home; let XDG_STATE_HOME name a folder"):
+        state_directory()
+
+
+@pytest.mark.parametrize("name", [b"b\xff", b"b\xc3\xa4"])
+def test_a_daemon_runs_nowhere_that_messages_cannot_name(tmp_path, name):
+    path = tmp_path / os.fsdecode(name)
+    with nullcontext() if name.endswith(b"\xa4") else pytest.raises(ConfigError, match="not UTF-8"):
+        check_names(tmp_path, path)

@@ -16,6 +16,7 @@ from motord.api.requests import max_calibration_bytes
 from motord.atomic_write import write_whole
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config, MotorConfig
+from motord.process.home_folder import in_home
 from motord.service.bench.rest_currents import check_rest_currents
 from motord.service.host.events import EventLog
 from motord.untrusted import read_text
@@ -27,12 +28,12 @@ def state_directory() -> Path:
     """Return the folder of the daemon's persistent state.
 
     `$STATE_DIRECTORY` under systemd, else `$XDG_STATE_HOME/motord` or `~/.local/state/motord`.
+    Raises OSError for a user without a home.
     """
     given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
     if given:
         return Path(given)
-    home = os.environ.get("XDG_STATE_HOME", "")
-    return (Path(home) if home else Path.home() / ".local" / "state") / "motord"
+    return in_home("XDG_STATE_HOME", ".local", "state") / "motord"
 
 
 def check_given(
