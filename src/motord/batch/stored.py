@@ -50,7 +50,7 @@ def stored_result(
         motor=subject.motor.name,
         serial=subject.motor.serial or serial,
         bench=subject.bench,
-        run=", ".join(sorted(recordings.names)),
+        run=", ".join(sorted(recordings.names)).encode(errors="backslashreplace").decode(),
         time=_recorded_since(runs),
         version=version("motord"),
         settings=with_back_emf(settings, subject),

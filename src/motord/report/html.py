@@ -276,5 +276,5 @@ class Page:
         )
 
     def write(self, path: Path) -> None:
-        """Write the page. Raises OSError."""
-        write_whole(path, self.html())
+        """Write the page; bytes of a file's name that are no text as escapes. Raises OSError."""
+        write_whole(path, self.html().encode(errors="backslashreplace"))

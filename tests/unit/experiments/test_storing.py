@@ -1,6 +1,7 @@
 """`motord analyse --store`: every analysis once, with what it was made of."""
 
 import json
+import os
 import shutil
 from importlib.metadata import version
 from pathlib import Path
@@ -50,6 +51,17 @@ def test_an_analysis_is_stored_once_with_what_it_is_of(recorded: Recorded, tmp_p
     assert code == 0
     assert said.startswith("duplicate result, nothing stored")
     assert stored(store) == rows
+
+
+def test_a_name_that_is_no_text_is_stored_and_shown_as_the_terminal_does(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    path, page = tmp_path / os.fsdecode(b"off\xff.mcap"), tmp_path / "page.html"
+    path.hardlink_to(recorded.off)
+    code, _, _ = run(analyse, "verify", path, "--report", page, "--store", tmp_path / "store")
+    assert code == 0
+    assert "off\\udcff.mcap" in page.read_text()
+    assert {row["run"] for row in stored(tmp_path / "store")} == {"off\\udcff.mcap"}
 
 
 @pytest.mark.parametrize("words", ["verify", "calibrate"])

@@ -32,7 +32,10 @@ def write_parquet(path: Path, table: ExportedTable) -> int:
     fields += [pa.field(name, pa.scalar(value).type) for name, value in table.plan.items()]
     schema = pa.schema(fields, metadata={"motord": to_json(table.metadata)})
     count = 0
-    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+    with (
+        path.open("wb") as file,  # pyarrow opens no path that is not UTF-8
+        parquet.ParquetWriter(file, schema, compression="zstd") as writer,
+    ):
         for group in table.gathered(ROW_GROUP_ROWS):
             columns = [np.ascontiguousarray(group[name]) for name in table.names]
             columns += [pa.repeat(value, len(group)) for value in table.plan.values()]
