@@ -29,4 +29,7 @@ def make_private(folder: Path) -> None:
         if stat.S_IMODE(status.st_mode) != 0o700:
             folder.chmod(0o700)
     except OSError as error:
-        raise PrivateFolderError(f"{folder}: cannot make it: {error.strerror}") from error
+        raise PrivateFolderError(
+            f"{folder}: cannot make it: {error.strerror}; let XDG_RUNTIME_DIR name a folder in "
+            "memory that this user may write to"
+        ) from error

@@ -162,9 +162,16 @@ def _interruptible(function: Callable[..., _Result], /, *arguments: Any, **named
 
 
 def processors() -> ProcessPoolExecutor:
-    """Return a pool of one process a processor; use it as a context manager."""
+    """Return a pool of one process a processor; use it as a context manager.
+
+    Raises OSError, which says what to do, where processes cannot have semaphores in common.
+    """
     spawn = multiprocessing.get_context("spawn")
-    return _Processors(os.cpu_count(), spawn, _end_with_parent)
+    try:
+        return _Processors(os.cpu_count(), spawn, _end_with_parent)
+    except OSError as error:
+        why = f"processes need it to work together: {error.strerror}; let this user write there"
+        raise OSError(error.errno, why, str(MEMORY)) from error
 
 
 def _end_with_parent() -> None:

@@ -74,7 +74,7 @@ def test_folder_of_another_user_or_kind_is_refused(
     with pytest.raises(RunDirError, match="no folder"):
         RunDir("link", tmp_path).create()
     (tmp_path / "file").touch()
-    with pytest.raises(RunDirError, match="cannot make it"):
+    with pytest.raises(RunDirError, match=r"cannot make it: .*; let XDG_RUNTIME_DIR name"):
         RunDir("file", tmp_path).create()
     monkeypatch.setattr(run_directory.os, "getuid", lambda: 12345)
     with pytest.raises(RunDirError, match="another user"):

@@ -1,5 +1,6 @@
 """Operating points on benches of their own: the same bits however many processes compute them."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -46,6 +47,18 @@ def test_many_processes_give_the_bits_of_one() -> None:
             mine, theirs = getattr(one, block), getattr(other, block)
             for name in mine.dtype.names:
                 assert mine[name].tobytes() == theirs[name].tobytes(), name
+
+
+def test_where_processes_have_no_semaphores_it_is_said_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(mesh, "_Processors", refused)
+    with pytest.raises(OSError, match="/dev/shm") as raised:
+        processors()
+    assert "Read-only file system; let this user write there" in raised.value.strerror
 
 
 def test_pieces_run_on_in_time_and_number() -> None:
