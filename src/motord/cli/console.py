@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -148,10 +149,20 @@ def explanation(error: Exception) -> str | None:
     Errors with a class in motord say what is wrong, where and what to do.
     """
     if isinstance(error, OSError):
+        if isinstance(error, FileNotFoundError) and not error.filename and _working_folder_gone():
+            return "the working folder was removed; change to another one"
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
     own = any(one.__module__.startswith("motord.") for one in type(error).__mro__)
     return str(error) or None if own else None
+
+
+def _working_folder_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def group(summary: str, kind: type[CommandGroup] = CommandGroup) -> typer.Typer:

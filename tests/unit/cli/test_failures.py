@@ -272,6 +272,13 @@ def test_an_error_says_what_is_wrong_unless_it_may_be_one_of_the_program(error, 
     assert explanation(error) == said
 
 
+def test_a_working_folder_that_was_removed_is_named(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert "the working folder was removed" in failed(["run", "-c", "good.toml"])
+
+
 def test_an_analysis_may_keep_as_many_recordings_open_as_the_system_allows(tmp_path):
     soft, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (512, most))
