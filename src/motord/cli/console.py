@@ -153,6 +153,11 @@ def explanation(error: Exception) -> str | None:
             return "the working folder was removed; change to another one"
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
+    if str(error) == "can't start new thread":  # of CPython
+        return (
+            "the system allows no further thread: raise its limits of processes (ulimit -u, "
+            "TasksMax) or of memory (ulimit -v, MemoryMax)"
+        )
     own = any(one.__module__.startswith("motord.") for one in type(error).__mro__)
     return str(error) or None if own else None
 

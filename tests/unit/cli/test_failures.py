@@ -253,6 +253,12 @@ def test_wrong_usage_names_what_was_typed_and_what_may_be_meant(words, said):
     assert said in " ".join(invoke(shlex.split(words)).stderr.split())
 
 
+NO_THREAD = (
+    "the system allows no further thread: raise its limits of processes (ulimit -u, TasksMax) or "
+    "of memory (ulimit -v, MemoryMax)"
+)
+
+
 class ErrorOfAPlugin(AnalysisError):
     """What an experiment of another package may raise."""
 
@@ -265,6 +271,8 @@ class ErrorOfAPlugin(AnalysisError):
         (PermissionError(13, "Permission denied", "a.mcap"), "a.mcap: Permission denied"),
         (WorkerDiedError(), None),
         (ValueError("of the program"), None),
+        (RuntimeError("can't start new thread"), NO_THREAD),
+        (RuntimeError("of the program"), None),
     ],
     ids=lambda one: type(one).__name__,
 )
