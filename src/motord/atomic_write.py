@@ -2,16 +2,17 @@
 
 import errno
 import os
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
     """Write `path` in one step: a temporary file next to it, synced, then renamed. Raises OSError.
 
-    Until then `path` holds what it held before. A link stays a link; a pipe or a device is
-    written to as it is. Text is written as UTF-8.
+    Until then `path` holds what it held before. Who may read and write it stays; a link stays a
+    link; a pipe or a device is written to as it is. Text is written as UTF-8.
     """
     if path.exists() and not path.is_file():
         path.write_bytes(_encoded(content))
@@ -68,12 +69,25 @@ def _replace(path: Path, content: str | bytes, *, synced: bool) -> None:
         with temporary.open("wb") as file:
             file.write(_encoded(content))
             if synced:
+                _keep_access(file.fileno(), path)
                 file.flush()
                 os.fsync(file.fileno())
         temporary.replace(path)
     except BaseException:  # an interrupt, too
         temporary.unlink(missing_ok=True)
         raise
+
+
+def _keep_access(descriptor: int, path: Path) -> None:
+    """Give a new file group, mode and owner of the one whose place it takes, as far as allowed.
+
+    Else a daemon could not read its bench file any more after somebody else edited it by a command.
+    """
+    with suppress(OSError):  # there is none, or this user may not
+        before = path.stat()
+        os.fchown(descriptor, -1, before.st_gid)
+        os.fchmod(descriptor, stat.S_IMODE(before.st_mode))
+        os.fchown(descriptor, before.st_uid, -1)
 
 
 def _encoded(content: str | bytes) -> bytes:

@@ -72,6 +72,20 @@ def test_a_folder_that_cannot_be_synced_is_none_of_those_that_failed(
     assert (tmp_path / "a.json").read_text() == "new"
 
 
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664])
+def test_who_may_read_and_write_a_file_stays(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "bench.toml"
+    path.touch()
+    path.chmod(mode)
+    before, umask = path.stat(), os.umask(0o037)
+    try:
+        write_whole(path, "new")
+    finally:
+        os.umask(umask)
+    for name in ("st_mode", "st_uid", "st_gid"):
+        assert getattr(path.stat(), name) == getattr(before, name)
+
+
 def test_links_and_pipes_stay_what_they_are(tmp_path: Path) -> None:
     target, link, pipe = tmp_path / "target", tmp_path / "link", tmp_path / "pipe"
     target.write_text("old")
