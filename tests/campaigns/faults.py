@@ -258,6 +258,8 @@ currents are beyond the limit for a moment. The
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point and the torque that limited currents, or a position too old to commutate by, have
 lacked lately (the most of it, forgotten within about a second); this only where torque is applied.
+While the loop stalls, the currents stand still and the rotor turns on: the torque that they may
+have lacked, up to twice the set-point, is allowed for as long as the high-pass remembers it.
 A bench file is refused whose `limits.torque_error_s` a step of the set-point would outlast until
 it shows, with one sample lost, or a ramp at `torque_rate_Nm_per_s` in which the torque falls behind
 by more than is allowed: by delay of the drive, a tick and a sample.

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from motord.config.timing import TORQUE_SHARE
+from motord.config.timing import POSITION_AGE_MAX_S, TORQUE_SHARE
 from motord.control.park import turned
 from motord.jit import jit
 
@@ -118,14 +118,30 @@ def remember_command(p: np.record, m: np.record, s: np.record, i_A: np.ndarray) 
 
 
 @jit
+def _lacked_standing_Nm(p: np.record, m: np.record, missed: int) -> float:
+    """Return the most torque that the currents lacked, which stood still in `missed` ticks.
+
+    Where the rotor has turned by an electrical angle d, T cos(d) is left of the torque T. Of d
+    nothing is known after POSITION_AGE_MAX_S.
+    """
+    stood_s = missed * p.period_s
+    turned_rad = p.pole_pairs * abs(m.speed_rad_s) * stood_s
+    if stood_s > POSITION_AGE_MAX_S or turned_rad > math.pi:
+        turned_rad = math.pi
+    return float((1.0 - math.cos(turned_rad)) * abs(m.torque_asked_Nm))
+
+
+@jit
 def torque_error(p: np.record, m: np.record, torque_Nm: float, missed: int) -> float:
     """Return by how much (Nm) the measured torque is further from the set-point than it may be.
 
     That is its share, and what induced offsets add and limited currents take away at most. Both of
     the tick before go through the sensor's high-pass: what |x| <= A leaves is within A plus the
     mean that was taken for A. Call once a tick; missed: ticks that the loop has missed since the
-    tick before.
+    tick before, while the currents stood still and the rotor turned on.
     """
+    if missed > 0:
+        m.deviation_Nm = max(m.deviation_Nm, _lacked_standing_Nm(p, m, missed))
     decay = p.torque_decay if missed == 0 else p.torque_decay ** (1 + missed)
     m.torque_expected_Nm = decay * (m.torque_expected_Nm + m.torque_asked_Nm - m.torque_before_Nm)
     m.torque_before_Nm = m.torque_asked_Nm

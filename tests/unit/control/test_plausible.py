@@ -185,6 +185,31 @@ def test_ticks_that_the_loop_missed_are_time_for_the_sensor_too(missed: int) -> 
     assert bench.tick["state"][0] == State.ENABLED
 
 
+@pytest.mark.parametrize(
+    ("missed", "speed_rad_s", "left", "error_Nm", "trips"),
+    [(300, 0.0, -1.0, 0.0, False), (20, 18.0, -1.0, 0.0, False), (10, 0.0, 1.0, 2.55, True)],
+)
+def test_currents_that_stand_still_while_the_loop_stalls_make_another_torque(
+    missed: int, speed_rad_s: float, left: float, error_Nm: float, trips: bool
+) -> None:
+    """A sensor with a high-pass takes that for the mean, and shows it afterwards."""
+    tau_s = 0.3 if missed > 100 else 0.03
+    bench = at_torque(
+        5.0, torque_sensor={"highpass_time_constant_s": tau_s}, loop={"overrun_ticks": 500},
+        inverter={"stale_after_s": 1.0, "timeout_s": 1.0}, bridge={"stale_after_s": 1.0},
+        limits={"torque_error_s": 0.01},
+    )  # fmt: skip
+    lacks_Nm = (1.0 - left) * 5.0
+    bench.speed_rad_s, stood_s = speed_rad_s, missed * bench.period_ns * 1e-9
+    bench.ticks(100)
+    bench.shown_Nm = math.exp(-stood_s / tau_s) * (bench.shown_Nm - lacks_Nm) + lacks_Nm
+    bench.now_ns += missed * bench.period_ns
+    bench.angle_rad += speed_rad_s * stood_s
+    bench.tick["missed"] += missed
+    bench.error_Nm = error_Nm
+    assert bool(until_trip(bench, 150)[0]) == trips
+
+
 def test_torque_means_nothing_while_none_is_applied() -> None:
     bench = Answering()
     bench.error_Nm = 8.0
