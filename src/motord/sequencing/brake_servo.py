@@ -164,13 +164,18 @@ class BrakeServo:
     def _estimate_inertia(
         self, dt_s: float, torque_Nm: float, speed_Hz: float, wanted_Hz: float
     ) -> None:
-        """Take the inertia from the first good part of an approach, without a stop in between."""
+        """Take the inertia from the first good part of an approach, without a stop in between.
+
+        A rotor that still turns the other way is no such part: the brake that slows it, which the
+        torque there hardly does, lags behind its excitation.
+        """
         if self._inertia_estimated:
             return
         speed_rad_s, wanted_rad_s = 2 * math.pi * speed_Hz, 2 * math.pi * wanted_Hz
-        gained_rad_s = speed_rad_s - self._before_rad_s
-        self._before_rad_s = speed_rad_s
-        if dt_s == 0.0 or gained_rad_s / wanted_rad_s <= STANDS_PER_S * dt_s:
+        before_rad_s, self._before_rad_s = self._before_rad_s, speed_rad_s
+        gained_rad_s = speed_rad_s - before_rad_s
+        turns_back = before_rad_s * wanted_rad_s < 0.0
+        if dt_s == 0.0 or turns_back or gained_rad_s / wanted_rad_s <= STANDS_PER_S * dt_s:
             self._gained_rad_s = self._impulse_Nm_s = 0.0
             return
         configured_Nm = brake_torque_Nm(self.brake, self._excitation, speed_rad_s)
