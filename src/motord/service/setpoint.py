@@ -32,6 +32,8 @@ class Setpoint:
         self._fields: np.void = self._record.view(_WITHOUT_ATTRIBUTES)[0]
         self._requests: deque[Request] = deque()
         self.newest_request = Request.NONE
+        self.requested = 0
+        """How many requests there were so far: tells who waits whether another came after."""
         self._requested_ns = 0
         self._request_seq_at = 0  # number of the set-point that brought the newest request
         self.torque_Nm = 0.0
@@ -45,13 +47,15 @@ class Setpoint:
         self.plan_point = -1
         self.induced = self._written_induced = NOTHING_INDUCED  # all zero, as the record begins
 
-    def request(self, request: Request) -> None:
-        """Queue `request`. A stop replaces all others."""
+    def request(self, request: Request) -> int:
+        """Queue `request`, and return its number. A stop replaces all others."""
         if request is Request.STOP:
             self._requests.clear()
             self._request_seq_at = 0
         self._requests.append(request)
         self.newest_request = request
+        self.requested += 1
+        return self.requested
 
     def rest(self) -> None:
         """No torque, an open brake and a standing drive."""

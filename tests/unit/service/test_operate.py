@@ -187,6 +187,25 @@ def test_what_was_to_be_set_once_enabled_is_forgotten_if_something_comes_between
     assert waiting.outcome.code == "refused"
 
 
+@pytest.mark.parametrize(("waits", "for_s"), [("set", 0.5), ("enable", 1.8)])
+def test_a_request_that_waits_does_not_withdraw_the_next_one(service, waits, for_s):
+    """Anna's bench is not enabled yet when Ben takes over and enables it for himself."""
+    service.loop.virtual.inject(Fault(kind="inverter_off", for_s=for_s + 0.3))
+    asked = {"enable": True, "torque_Nm": 2.0} if waits == "set" else {}
+    waiting = service.begin(waits, token=service.acquire(), **asked)
+    token = service.acquire("ben", force=True)
+    if waits == "enable":
+        service.begin("disable", token=token)
+    service.run_s(for_s, token)
+    bens = service.begin("enable", token=token)
+    service.run_s(0.5, token)
+    assert waiting.outcome.code == {"set": "refused", "enable": "timeout"}[waits]
+    assert bens.outcome == {"state": "ENABLED"}
+    service.run_s(0.5, token)
+    assert service.bench.state is State.ENABLED
+    assert service.bench.monitor.torque_set_Nm == 0.0
+
+
 def test_a_set_that_cannot_enable_in_time_leaves_nothing_behind(service):
     token = service.acquire()
     service.loop.running = False

@@ -103,13 +103,13 @@ class ManualOperation:
         bench = self.bench
         bench.events.emit("request", f"enable, from {context.holder}")
         bench.manual.drop_torque()
-        bench.setpoint.request(Request.ENABLE)
+        own = bench.setpoint.request(Request.ENABLE)
 
         def enabled() -> StateReply | None:
-            self._can_still_be_enabled()
+            self._can_still_be_enabled(own)
             return self._state() if bench.state is State.ENABLED else None
 
-        return Wait(enabled, self._enable_s, self._not_enabled)
+        return Wait(enabled, self._enable_s, lambda: self._not_enabled(own))
 
     @handles(rpc.DISABLE)
     def disable(self, request: rpc.WithToken, context: RpcContext) -> Wait[StateReply]:
@@ -169,28 +169,34 @@ class ManualOperation:
         if not request.enable:
             return self._setpoint()
         bench.events.emit("request", f"enable, from {context.holder}")
-        bench.setpoint.request(Request.ENABLE)
-        return Wait(self._enabled_and_set, self._enable_s, self._not_enabled)
+        own = bench.setpoint.request(Request.ENABLE)
 
-    def _enabled_and_set(self) -> SetpointReply | None:
-        bench = self.bench
-        self._can_still_be_enabled()
-        if bench.manual.waits_for_enabled:
-            return None
-        if bench.state is not State.ENABLED:
-            bench.disable()
-            raise RpcError("refused", "not enabled: something came between, see `motord events`")
-        return self._setpoint()
+        def enabled_and_set() -> SetpointReply | None:
+            self._can_still_be_enabled(own)
+            if bench.manual.waits_for_enabled:
+                return None
+            if bench.state is not State.ENABLED:
+                self._withdraw(own)
+                why = "not enabled: something came between, see `motord events`"
+                raise RpcError("refused", why)
+            return self._setpoint()
 
-    def _can_still_be_enabled(self) -> None:
-        """Raise RpcError, with nothing left of what was asked, if the loop is gone or tripped."""
+        return Wait(enabled_and_set, self._enable_s, lambda: self._not_enabled(own))
+
+    def _can_still_be_enabled(self, own: int) -> None:
+        """Raise RpcError, with nothing left of request `own`, if the loop is gone or tripped."""
         try:
             loop_up(self.bench)
             no_trip(self.bench)
         except RpcError:
             self.bench.manual.rest()
-            self.bench.disable()  # a loop that goes on would carry out what it was asked before
+            self._withdraw(own)
             raise
+
+    def _withdraw(self, own: int) -> None:
+        """Let a loop that goes on not carry out request `own`; not if another came after it."""
+        if self.bench.setpoint.requested == own:
+            self.bench.disable()
 
     def _new_loop(self) -> Callable[[], StateReply | None]:
         """Return what starts a loop once there is none, unless one starts, and waits for it."""
@@ -215,8 +221,8 @@ class ManualOperation:
         bench = self.bench
         return f"{LOOP_STARTS}: {STILL_STARTING}" if bench.loop.starting else bench.fault
 
-    def _not_enabled(self) -> str:
-        self.bench.disable()
+    def _not_enabled(self, own: int) -> str:
+        self._withdraw(own)
         return f"not enabled, still {self.bench.state.name}"
 
     @property
