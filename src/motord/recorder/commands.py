@@ -67,7 +67,7 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
             message = _message(command)
             if what == "operating_point":
                 session.step(now_s)  # its ticks first: a file that holds it holds them, too
-            session.write(message.write)
+            session.message(message)
         case "blackbox":
             session.boxes.request(BlackBoxRequest.from_command(command), now_s)
         case "blackbox_event":

@@ -27,6 +27,7 @@ from motord.recorder.crash_recovery import CrashRecovery
 from motord.recorder.launch import BACKLOG_MAX_BYTES
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineReader, LineWriter
 from motord.recorder.protocol import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
+from motord.recorder.rolling_file import ASKED_TO_STOP
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.recording.json_encoding import to_line
@@ -139,7 +140,8 @@ def run(
         if end_s is not None and (session.over or now_s >= end_s):
             break
         wait(DRAIN_S)
-    session.close("asked to stop" if stopping() else "the supervisor ended", clock_s())
+    reason = ASKED_TO_STOP if stopping() else "the supervisor ended"
+    session.close(reason, clock_s(), over=False)
     session.boxes.finish()
     reporter.write(session.report(), clock_s())
 

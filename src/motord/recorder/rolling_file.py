@@ -17,6 +17,8 @@ GOES_ON = "goes on in the next file"
 """How the reason begins for which a file was closed that is not the last of its recording."""
 FOR_SPACE = "the recording was ended"
 """How the reason ends for which a file was closed before its recording was to end."""
+ASKED_TO_STOP = "asked to stop"
+"""The reason for which a process that a signal ends closes a file: its recording may go on."""
 
 
 def closed_in_order(stem: Path) -> bool:
@@ -27,7 +29,8 @@ def closed_in_order(stem: Path) -> bool:
         reason = str(open_run(path).end.get("reason", GOES_ON))
     except RecordError:
         return False
-    return not reason.startswith(GOES_ON) and not reason.endswith(FOR_SPACE)
+    may_go_on = reason == ASKED_TO_STOP or reason.startswith(GOES_ON)
+    return not may_go_on and not reason.endswith(FOR_SPACE)
 
 
 @dataclass

@@ -1,5 +1,6 @@
 """The recording that goes on: ticks from the ring into files, whatever becomes of the disk."""
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -19,8 +20,8 @@ BACKLOG_BYTES = 64 << 20
 RETRY_FIRST_S, RETRY_LAST_S = 1.0, 30.0
 """A recording that ended by itself is begun again after pauses that grow, for as long as it is
 wanted; the ring holds what has come meanwhile, as far as it reaches."""
-RETRY_MIN_BYTES = 16e6
-"""Free space below which it is not begun again, so that a full disk is not filled with scraps."""
+GIVEN_MAX = 1024
+"""Messages that are remembered as given to a recording; no sender has as many that may be lost."""
 PROBE_S = 2.0
 """Time between two looks, while nothing is recorded, whether something could be."""
 
@@ -48,6 +49,7 @@ class Session:
         self._task: RecordingTask | None = None
         self._before: Mark | None = None  # the tick before the recording's first
         self._missing: Sequence[RunMessage] = ()  # messages of it that are not written yet
+        self._given: deque[tuple[str, ...]] = deque(maxlen=GIVEN_MAX)  # keys of those that it has
         self._newest: Mark | None = None  # the last tick that was given to a recording
         self._begun_s = self._retry_at_s = 0.0
         self._retry_s = RETRY_FIRST_S
@@ -81,10 +83,13 @@ class Session:
         With `first_tick`, begin with that one, if nothing is going on and it is not recorded yet.
         With `resume`, ticks go on after the last in the newest file of `stem`, or of the recording
         that ended where this one begins; if it goes on already, it does. Of its `last` messages
-        those that are in none of its files are written, after their ticks. Raises RecordError; it
-        is then tried again by `step`.
+        those that it has not been given, or are in none of its files, are written, after their
+        ticks. Raises RecordError; it is then tried again by `step`.
         """
         if resume and self._goes_on(stem):
+            for message in last:
+                if message.key not in self._given:
+                    self.message(message)
             return
         self.close(f"the recording {stem.name} began", now_s)
         self.closed = [closed for closed in self.closed if closed != str(stem)]
@@ -95,6 +100,8 @@ class Session:
         if self._source is None or resume:
             self._source = self._source_for(self._task, resume=resume)
         self._missing = messages_missing(stem, last)
+        self._given.clear()
+        self._given.extend(message.key for message in last)
         self._begin(self._task, now_s)
         if self._missing:
             self.step(now_s)
@@ -130,7 +137,7 @@ class Session:
         if self._recording is not None:
             self.error = self._recording.error
         self._ended_by = self._ended_by or self.error
-        if self._nearly_full(task.stem.parent):
+        if storage.nearly_full(task.stem.parent):
             self._retry_at_s = now_s + self._retry_s
             return
         try:
@@ -142,12 +149,6 @@ class Session:
             self.error = str(error)
         except OSError as error:
             self.error = f"{error.filename or task.stem}: {error.strerror or error}"
-
-    def _nearly_full(self, folder: Path) -> bool:
-        try:
-            return storage.free_bytes(folder) < RETRY_MIN_BYTES
-        except OSError:  # not known, as when the folder is gone
-            return False
 
     def stop_following(self) -> None:
         """Record the present loop to its end, and no other after it."""
@@ -193,6 +194,11 @@ class Session:
 
     def _probe(self) -> None:
         self._obstacle = storage.obstacle(self._settings)
+
+    def message(self, message: RunMessage) -> None:
+        """Have a message written on the recording's file, and remember that it was given."""
+        self._given.append(message.key)
+        self.write(message.write)
 
     def write(self, action: Callable[[RunWriter], None]) -> None:
         """Have `action` done on the recording's file, after all it has been given before."""
@@ -244,13 +250,16 @@ class Session:
         self.close(reason, now_s)
         self._source = None
 
-    def close(self, reason: str, now_s: float) -> None:
-        """End the recording, if there is one, with all ticks that have come."""
+    def close(self, reason: str, now_s: float, *, over: bool = True) -> None:
+        """End the recording, if there is one, with all ticks that have come.
+
+        over: False where the process ends, while the recording may go on.
+        """
         recording, self._task = self._recording, None
         if recording is not None and recording.open:
             self._close(recording, reason, now_s)
         self._missing = ()
-        if recording is not None and recording.closed and not recording.error:
+        if over and recording is not None and recording.closed and not recording.error:
             self._note_closed(recording.stem)
 
     def _note_closed(self, stem: Path) -> None:

@@ -8,6 +8,8 @@ from motord.config import RecordingConfig
 from motord.recording.errors import RecordError
 
 MB = 1e6
+SCRAPS_BYTES = 16e6
+"""Free space below which no recording is begun again: a full disk is not filled with scraps."""
 
 
 def free_bytes(folder: Path) -> int:
@@ -32,6 +34,14 @@ def too_little_space(folder: Path, settings: RecordingConfig) -> str:
     if not short:
         return ""
     return f"less than recording.free_min_MB = {settings.free_min_MB:g} is free"
+
+
+def nearly_full(folder: Path) -> bool:
+    """Return whether less than `SCRAPS_BYTES` is free; False where it is not known."""
+    try:
+        return free_bytes(folder) < SCRAPS_BYTES
+    except OSError:  # as when the folder is gone
+        return False
 
 
 def obstacle(settings: RecordingConfig) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motord.recorder.finishing import RunMessage, messages_missing
+from motord.recorder.rolling_file import ASKED_TO_STOP
 from motord.recording.file_names import file_name, part_of
 from motord.recording.mcap import chunk_source
 from motord.recording.reader import open_run
@@ -171,6 +172,22 @@ def test_a_file_closed_for_want_of_space_is_not_the_end_of_its_recording(bench):
     bench.session = bench.new_session()
     bench.finish()
     assert bench.recorded() == list(range(150))
+
+
+def test_a_file_closed_by_a_process_that_was_ended_is_not_the_end_of_its_recording(bench):
+    """It went on for a while, and so did its events, before the next recorder was up."""
+    bench.start()
+    bench.loop(100)
+    bench.step()
+    bench.session.close(ASKED_TO_STOP, bench.now_s, over=False)
+    assert "closed" not in bench.report()
+    bench.loop(50)
+    bench.session = bench.new_session()
+    content = {"kind": "note", "message": "meanwhile", "data": {}}
+    bench.finish(last=[{"do": "event", "t_ns": START_NS + 200, "content": content}])
+    assert bench.recorded() == list(range(150))
+    assert [e["message"] for e in bench.events() if e["kind"] == "note"] == ["meanwhile"]
+    assert bench.report()["closed"] == [str(bench.stem)]
 
 
 def test_one_that_goes_on_again_is_not_reported_as_closed(bench):

@@ -49,6 +49,23 @@ def test_a_recorder_that_was_killed_goes_on_where_its_file_ends(bench):
     assert bench.report()["lost"] == 0
 
 
+def test_messages_that_were_dropped_on_their_way_are_written_though_the_recording_goes_on(bench):
+    """Each once: the sender does not know which of them came."""
+    came, dropped = (
+        {"do": "event", "t_ns": START_NS + n, "content": {"kind": "note", "message": m, "data": {}}}
+        for n, m in enumerate(("came", "dropped"))
+    )
+    bench.start(last=[])
+    bench.loop(100)
+    bench.do(**came)
+    for _ in range(2):
+        bench.start(resume=True, last=[came, dropped])
+    bench.step()
+    bench.stop()
+    assert len(bench.files()) == 1
+    assert [event["message"] for event in bench.events()] == ["came", "dropped"]
+
+
 def test_what_the_ring_no_longer_holds_after_a_restart_is_reported(bench):
     bench.start()
     bench.loop(100)
