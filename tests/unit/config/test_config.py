@@ -229,10 +229,14 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
         ("limits", "current_error_A = 17.33", "a drive without any current"),
         ("limits", "torque_error_Nm = 4.8", "make it less than 4.8"),
         ("bridge", "adc_V_per_count = 1.81", "one count would be a torque error (torque_error_Nm)"),
-        ("bridge", "adc_V_per_count = 1.81", "make it at most 1.8, or lower the gain"),
+        ("bridge", "adc_V_per_count = 1.81", "at most 1.8, or lower [torque_sensor] gain_Nm_per_V"),
         ("bridge", "adc_V_per_count = 5.58e-9", "no number of counts would reach trip_torque_Nm"),
-        ("bridge", "adc_V_per_count = 5.58e-9", "make it at least 5.59e-09, or raise the gain"),
-        ("torque_sensor", "gain_Nm_per_V = 1e12", "gain_Nm_per_V = 1e+12 one count would be"),
+        ("bridge", "adc_V_per_count = 5.58e-9", "at least 5.59e-09, or raise [torque_sensor] gain"),
+        ("torque_sensor", "gain_Nm_per_V = 5900.0", "[torque_sensor] gain_Nm_per_V = 5900 is too"),
+        ("torque_sensor", "gain_Nm_per_V = 5900.0", "make it at most 5890, or lower [bridge] adc"),
+        ("limits", "torque_Nm = 0.001", "[limits] torque_Nm = 0.001 is too small: one count would"),
+        ("limits", "torque_Nm = 0.001", "make it at least 0.00102, or measure finer"),
+        ("limits", "torque_error_Nm = 1e-4\ntorque_error_s = 1.0", "[limits] torque_error_Nm = "),
     ],
 )
 def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, line, says) -> None:
@@ -251,6 +255,8 @@ def test_what_would_take_an_interlock_its_time_is_refused(tmp_path, section, lin
         ("limits", "current_error_A = 17.32\ntorque_error_Nm = 4.79"),
         ("bridge", "adc_V_per_count = 1.8"),
         ("bridge", "adc_V_per_count = 5.59e-9"),
+        ("torque_sensor", "gain_Nm_per_V = 5890.0"),
+        ("limits", "torque_Nm = 0.00102"),
     ],
 )
 def test_the_bound_that_is_named_is_accepted(tmp_path: Path, section: str, lines: str) -> None:

@@ -206,6 +206,22 @@ def test_a_reversal_that_trips_is_named(trip_torque_Nm: float, named: bool) -> N
     assert not named or "shows up to 9.02 Nm of it" in notes[0]
 
 
+@pytest.mark.parametrize(
+    ("tau_s", "error_Nm", "named"),
+    [(2.0, 0.0183, True), (2.0, 0.0184, False), (0.0, 0.0283, True), (0.0, 0.0284, False)],
+)
+def test_a_torque_error_smaller_than_the_sensors_own_is_named(
+    tau_s: float, error_Nm: float, named: bool
+) -> None:
+    """Friction changes by 0.3 % of 6 Nm, a count is 0.3 mNm; where it shows the mean its zero is
+    10 mNm off."""
+    limits = {"torque_error_Nm": error_Nm, "torque_rate_Nm_per_s": 1.0}
+    notes = list(false_trips(config_of(1000, 1000, 0.0, tau_s, **limits)))
+    assert bool(notes) == named
+    assert not named or ("torque_zero_Nm" in notes[0]) == (tau_s == 0.0)
+    assert not named or f"[limits] torque_error_Nm is {error_Nm:g}" in notes[0]
+
+
 def commutation_notes(config: Config) -> list[str]:
     return [note for note in false_trips(config) if IMPLAUSIBLE.name in note]
 

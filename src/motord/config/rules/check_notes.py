@@ -127,7 +127,28 @@ def false_trips(bench: Sections) -> Iterator[str]:
             f"at [limits] torque_rate_Nm_per_s = {limits.torque_rate_Nm_per_s:g}, and "
             f"trip_torque_Nm is {limits.trip_torque_Nm:g}; lower that rate or torque_Nm"
         )
+    yield from _inaccurate_torque(bench)
     yield from _coarse_commutation(bench)
+
+
+def _inaccurate_torque(bench: Sections) -> Iterator[str]:
+    """At no torque nothing but torque_error_Nm is allowed for what the sensor shows nevertheless.
+
+    Of that the file states a count, zero and friction; cogging torque and noise it does not.
+    """
+    accuracy, sensor, error_Nm = bench.accuracy, bench.torque_sensor, bench.limits.torque_error_Nm
+    zero_Nm = accuracy.torque_zero_Nm if sensor.passes_mean else 0.0
+    ripple_Nm = accuracy.friction_ripple_percent / 100 * bench.motor.rated_torque_Nm
+    shown_Nm = zero_Nm + ripple_Nm + bench.torque_Nm_per_count
+    if error_Nm is None or error_Nm > shown_Nm:
+        return
+    zero = f"torque_zero_Nm = {accuracy.torque_zero_Nm:g} and " if zero_Nm else ""
+    yield (
+        f"a bench at rest, or whose rotor turns without torque, may trip TORQUE_IMPLAUSIBLE: its "
+        f"sensor may show {shown_Nm:.3g} Nm by [accuracy] {zero}friction_ripple_percent = "
+        f"{accuracy.friction_ripple_percent:g} alone, cogging torque and noise besides, and "
+        f"[limits] torque_error_Nm is {error_Nm:g}; raise it, or state smaller errors if they are"
+    )
 
 
 def _coarse_commutation(bench: Sections) -> Iterator[str]:

@@ -5,7 +5,13 @@ from collections.abc import Iterator
 
 from motord.config.bounds import SettingBound
 from motord.config.sections import LimitsConfig, Sections
-from motord.config.timing import INTERVALS_MIN, RAMP_DOWN_MAX_S, SETTLING_LAGS, TORQUE_SHARE
+from motord.config.timing import (
+    INTERVALS_MIN,
+    RAMP_DOWN_MAX_S,
+    SETTLING_LAGS,
+    TORQUE_ERROR,
+    TORQUE_SHARE,
+)
 
 SAMPLE_COUNTS_MAX = 2**31 - 1
 """Torque counts that a Sample of the bridge carries at most."""
@@ -63,20 +69,51 @@ def least_error_s(config: Sections) -> float:
 def counts_resolve_the_limits(config: Sections) -> Iterator[str]:
     """A count of the torque is no error by itself, and a Sample can carry the torque that trips.
 
-    More would be to know the converter's bits, which the board does not state: torque beyond its
-    end is not valid (`TORQUE_STALE`), too little of it is not that of the set-point.
+    Named is what the file says of the count, or the limit if it says nothing. More would be to know
+    the converter's bits, which the board does not state: torque beyond its end is not valid
+    (`TORQUE_STALE`), too little of it is not that of the set-point.
     """
-    gain_Nm_per_V, limits = config.torque_sensor.gain_Nm_per_V, config.limits
-    name, given_V = "[bridge] adc_V_per_count", config.bridge.adc_V_per_count
-    at = f"with [torque_sensor] gain_Nm_per_V = {gain_Nm_per_V:g}"
+    limits, part = config.limits, _written_part_of_count(config)
+    is_error = "one count would be a torque error (torque_error_Nm)"
+    reaches_none = "no number of counts would reach trip_torque_Nm"
+    if part is None:
+        yield from _limits_fit_the_count(config, is_error, reaches_none)
+        return
+    name, given, other, times = part
+    at, most = f"with {other} = {times:g}", limits.greatest_torque_error_Nm / times
+    least = limits.trip_torque_Nm / (SAMPLE_COUNTS_MAX * times)
     yield from SettingBound(
-        name, given_V, "at most", limits.greatest_torque_error_Nm / gain_Nm_per_V, "too large",
-        f"{at} one count would be a torque error (torque_error_Nm)", "lower the gain",
+        name, given, "at most", most, "too large", f"{at} {is_error}", f"lower {other}"
+    ).refusal()
+    yield from SettingBound(
+        name, given, "at least", least, "too small", f"{at} {reaches_none}", f"raise {other}"
+    ).refusal()
+
+
+def _limits_fit_the_count(config: Sections, is_error: str, reaches_none: str) -> Iterator[str]:
+    limits, count_Nm = config.limits, config.torque_Nm_per_count
+    of = f"of {count_Nm:.3g} Nm ([bridge] adc_V_per_count, [torque_sensor] gain_Nm_per_V)"
+    name, given_Nm, share = "torque_error_Nm", limits.greatest_torque_error_Nm, 1.0
+    if limits.torque_error_Nm is None:
+        name, given_Nm, share = "torque_Nm", limits.torque_Nm, TORQUE_ERROR
+    yield from SettingBound(
+        f"[limits] {name}", given_Nm, "at least", count_Nm / share, "too small",
+        f"{is_error}: {of}", "measure finer",
     ).refusal()  # fmt: skip
     yield from SettingBound(
-        name, given_V, "at least", limits.trip_torque_Nm / (SAMPLE_COUNTS_MAX * gain_Nm_per_V),
-        "too small", f"{at} no number of counts would reach trip_torque_Nm", "raise the gain",
+        "[limits] trip_torque_Nm", limits.trip_torque_Nm, "at most", SAMPLE_COUNTS_MAX * count_Nm,
+        "too large", f"{reaches_none}: {of}",
     ).refusal()  # fmt: skip
+
+
+def _written_part_of_count(config: Sections) -> tuple[str, float, str, float] | None:
+    """Return what the bench file says of the torque of a count, and what it is multiplied by."""
+    bridge, sensor = config.bridge, config.torque_sensor
+    volts = "[bridge] adc_V_per_count", bridge.adc_V_per_count
+    gain = "[torque_sensor] gain_Nm_per_V", sensor.gain_Nm_per_V
+    if "adc_V_per_count" in bridge.model_fields_set:
+        return *volts, *gain
+    return (*gain, *volts) if "gain_Nm_per_V" in sensor.model_fields_set else None
 
 
 def no_set_point_is_an_error(config: Sections) -> Iterator[str]:
