@@ -136,7 +136,7 @@ def limits_of(schema: dict[str, Any]) -> Iterator[str]:
     """Yield the limits of a field, then those of its elements."""
     for key, text in (BOUNDS | COUNTS).items():
         if key in schema and not ("prefixItems" in schema and key.endswith("Items")):
-            yield text.format(f"{schema[key]:.6g}" if schema[key] < 1e6 else schema[key])
+            yield text.format(f"{schema[key]:.6g}" if abs(schema[key]) < 1e6 else schema[key])
     items = schema.get("prefixItems") or [schema.get("items") or schema.get("additionalProperties")]
     for one in items:
         if isinstance(one, dict):

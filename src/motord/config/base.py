@@ -8,8 +8,8 @@ from motord.section import Finite as Finite
 from motord.section import NonNegative as NonNegative
 from motord.section import Positive as Positive
 from motord.section import Section as Section
-from motord.section import ZeroOrPositive as ZeroOrPositive
 from motord.section import matching as matching
+from motord.section.quantities import Temperature, Torque, TurnsPerSecond
 
 CPUS_MAX = 8192
 """The kernel knows no more."""
@@ -34,13 +34,14 @@ def _ordered(band: tuple[float, float]) -> tuple[float, float]:
     return band
 
 
-TemperatureBand = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
+TemperatureBand = Annotated[tuple[Temperature, Temperature], AfterValidator(_ordered)]
 """From, to (degC)."""
 
 MAX_VALUES = 64
 """Values of a list in a plan: anybody may ask for a plan, and the supervisor builds it."""
 
-PositiveValues = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)]
+Torques = Annotated[tuple[Torque, ...], Field(min_length=1, max_length=MAX_VALUES)]
+Speeds = Annotated[tuple[TurnsPerSecond, ...], Field(min_length=1, max_length=MAX_VALUES)]
 
 
 class ConfigError(Exception):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from motord.config.base import Finite, Positive, Section, matching
+from motord.config.base import Finite, Section, matching
 from motord.config.bounds import SettingBound, is_below, rounded_up
 from motord.config.channel_sources import ChannelSource, ModbusSource, SerialSource
 from motord.config.devices.slow_devices import register_counts
@@ -65,7 +65,7 @@ class ChannelConfig(Section):
     """A value below it trips, and so does a broken sensor."""
     trip_above: Finite | None = None
     """A value above it trips, and so does a broken sensor."""
-    frozen_after_s: Positive | None = None
+    frozen_after_s: Annotated[float, Field(gt=0, le=604_800)] | None = None
     """A source that gives the very same number for so long is shown as frozen; it does not trip."""
 
     @property

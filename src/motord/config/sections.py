@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import CPUS_MAX, Finite, NonNegative, PlainName, Positive, Section
+from motord.config.base import CPUS_MAX, PlainName, Section
 from motord.config.channels import Channels
 from motord.config.devices import BridgeConfig, InverterConfig
 from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
@@ -17,6 +17,7 @@ from motord.config.timing import (
     INTERVALS_MIN,
     JUMP_MAX_RAD,
     ORDER_S,
+    OVERRUN_TICKS_MAX,
     RAMP_DOWN_MAX_S,
     RATE_MAX_HZ,
     RATE_MIN_HZ,
@@ -26,6 +27,15 @@ from motord.config.timing import (
     TORQUE_ERROR,
 )
 from motord.config.zenoh import ZenohConfig
+from motord.section.quantities import (
+    AngularSpeed,
+    Current,
+    Temperature,
+    Torque,
+    Voltage,
+    VoltageFromZero,
+    Wait,
+)
 
 
 class BenchConfig(Section):
@@ -37,7 +47,7 @@ class BenchConfig(Section):
     """Truth of a simulated or emulated bench; next to the bench file, or `package:NAME`."""
     faults: Path | None = None
     """A timeline of faults to inject into a simulated or an emulated bench."""
-    rig_patience_s: Positive | None = None
+    rig_patience_s: Wait | None = None
     """For an emulator on a computer that stalls: of a time in which it did not run the rig plays so
     much, the last part; and with the power stage on its time stands still when no current
     command has come for so long, until one comes or the inverter's timeout is over. Without it
@@ -70,7 +80,7 @@ class LoopConfig(Section):
     enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
     """Inverter and enable line have to be ready within this time of being enabled, and say so. A
     status of before they can have been off, if they were disabled just before, does not count."""
-    overrun_ticks: Annotated[int, Field(ge=INTERVALS_MIN)] = 50
+    overrun_ticks: Annotated[int, Field(ge=INTERVALS_MIN, le=OVERRUN_TICKS_MAX)] = 50
     """Missed periods in a row that trip; a single one is no fault."""
     ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
     """Ticks that the shared memory keeps for the recorder."""
@@ -79,44 +89,44 @@ class LoopConfig(Section):
 class LimitsConfig(Section):
     """`[limits]`: what the loop never exceeds (references) and what it trips at."""
 
-    torque_Nm: Positive = 6.0
+    torque_Nm: Torque = 6.0
     """Largest torque set-point, of either sign."""
-    torque_rate_Nm_per_s: Positive = 10.0
+    torque_rate_Nm_per_s: Annotated[float, Field(gt=0, le=1_000_000_000)] = 10.0
     """Rate of the ramp to a new set-point; down to zero, on disable, it takes a second at most."""
-    current_A: Positive = 25.0
+    current_A: Current = 25.0
     """Largest commanded phase current."""
-    trip_current_A: Positive = 35.0
+    trip_current_A: Current = 35.0
     """A sensed phase current above it trips."""
-    i2t_current_A: Positive = 20.0
+    i2t_current_A: Current = 20.0
     """Phase current that may flow for ever."""
-    i2t_time_s: Positive = 10.0
+    i2t_time_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
     """1.41 times i2t_current_A may flow for so long, 2 times for a third of it."""
-    i2t_derating_from_C: Annotated[float, Field(ge=-273, le=1000)] | None = None
+    i2t_derating_from_C: Temperature | None = None
     """Above this temperature of the winding, the hottest channel with role = "winding", only a part
     of i2t_time_s is allowed; left out: the temperature makes no difference."""
-    i2t_derating_to_C: Annotated[float, Field(ge=-273, le=1000)] | None = None
+    i2t_derating_to_C: Temperature | None = None
     """Down to nothing from this temperature on: then no more than i2t_current_A may flow."""
-    trip_speed_rad_s: Positive = 20.0
+    trip_speed_rad_s: AngularSpeed = 20.0
     """A speed above it trips, of either sign; set-points end at 80 % of it."""
-    trip_torque_Nm: Positive = 12.0
+    trip_torque_Nm: Torque = 12.0
     """A measured torque above it trips, of either sign."""
-    trip_temperature_C: Finite = 100.0
+    trip_temperature_C: Temperature = 100.0
     """An inverter that is hotter trips."""
-    bus_V_min: NonNegative = 18.0
+    bus_V_min: VoltageFromZero = 18.0
     """A DC bus below it trips."""
-    bus_V_max: Positive = 32.0
+    bus_V_max: Voltage = 32.0
     """A DC bus above it trips."""
     link_errors_per_s: Annotated[float, Field(ge=1, le=2 * RATE_MAX_HZ)] = 50.0
     """Frames lost or corrupt, both links, that trip; one now and then may be lost."""
     encoder_jump_rad: Annotated[float, Field(gt=0, le=JUMP_MAX_RAD)] = 0.15
     """How far an encoder sample may be from where the speed would have taken the rotor in 5 ms. At
     least as far as a sound one is, by its counts and the observer's lag, at 100 rad/s^2."""
-    current_error_A: Positive | None = None
+    current_error_A: Current | None = None
     """How far a sensed current may be from its command; left out: a quarter of current_A. Less than
     0.866 of current_A, or a drive without any current would not trip at full current."""
     current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
     """How long it may be further off, counted up and down; at least a period of the loop."""
-    torque_error_Nm: Positive | None = None
+    torque_error_Nm: Torque | None = None
     """How far the measured torque may be from the set-point, besides a fifth of it and what induced
     offsets of the currents make at most, as of the plan `align`; left out: 0.3 torque_Nm. Less than
     0.8 of torque_Nm, or a torque sensor that stays at zero would not trip. `motord check` says
@@ -180,11 +190,11 @@ class RecordingConfig(Section):
     """`zstd` makes the smallest files, `lz4` those read fastest."""
     sync_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     """Within this time what was recorded is confirmed by the disk."""
-    file_max_s: Positive = 3600.0
+    file_max_s: Annotated[float, Field(gt=0, le=2_678_400)] = 3600.0
     """Length after which the recording goes on in the next file."""
-    file_max_MB: Positive = 4096.0
+    file_max_MB: Annotated[float, Field(gt=0, le=1_000_000_000)] = 4096.0
     """Size after which it does so, too."""
-    free_min_MB: NonNegative = 500.0
+    free_min_MB: Annotated[float, Field(ge=0, le=1_000_000_000)] = 500.0
     """With less free space a recording ends, and none begins."""
     blackbox_keep: Annotated[int, Field(ge=1, le=10_000)] = 50
     """Black boxes kept of a bench, the newest ones."""

@@ -19,7 +19,8 @@ def _not_too_large(value: float) -> float:
     return value
 
 
-def _not_too_small(value: float) -> float:
+def not_too_small(value: float) -> float:
+    """Return a value that is 0 or has an inverse. Raises ValueError."""
     if 0 < value < SMALLEST:
         raise ValueError(f"no quantity that is above 0 is below {SMALLEST:g}")
     return value
@@ -27,13 +28,11 @@ def _not_too_small(value: float) -> float:
 
 Finite = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_not_too_large)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_not_too_large)]
-ZeroOrPositive = Annotated[NonNegative, AfterValidator(_not_too_small)]
-"""0, or what has an inverse."""
 Positive = Annotated[
     float,
     Field(gt=0, allow_inf_nan=False),
     AfterValidator(_not_too_large),
-    AfterValidator(_not_too_small),
+    AfterValidator(not_too_small),
 ]
 """Bounds come before validators: those that come after one are not in the JSON schema, from which
 reference and forms are made."""

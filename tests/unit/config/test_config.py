@@ -282,13 +282,13 @@ def test_the_greatest_number_of_ticks_is_named_exactly(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("device", ["brake", "drive"])
-@pytest.mark.parametrize("poll_s", ["0.6", "0.5000001", "1e12"])
+@pytest.mark.parametrize("poll_s", ["0.6", "0.5000001", "5.0"])
 def test_a_slow_device_is_read_twice_before_it_is_silent(
     tmp_path: Path, device: str, poll_s: str
 ) -> None:
     refused = complaint(tmp_path, f"{BENCH}[{device}]\npoll_s = {poll_s}\n")
     assert f"[{device}] stale_after_s = 1" in refused
-    assert ("make it at least" in refused) == (poll_s != "1e12")
+    assert "make it at least" in refused
     if poll_s == "0.5000001":
         read(tmp_path, f"{BENCH}[{device}]\npoll_s = {poll_s}\nstale_after_s = 1.01\n")
 

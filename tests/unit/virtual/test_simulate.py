@@ -81,7 +81,6 @@ def test_points_that_come_out_poor_are_counted(tmp_path: Path) -> None:
         (("inertia-oscillation",), "the simulated rig has no bar on springs"),
         (("inertia-oscillation",), f"packaged one: -c {packaged('inertia.toml')}"),
         (("verify", "--calibration", "/nowhere.json"), "/nowhere.json"),
-        (("calibrate", *SMALL, "--set", "settle_s=1e12"), "shorten it, or name a file with more"),
     ],
 )
 def test_what_cannot_be_simulated_is_said_in_a_line(
@@ -92,6 +91,15 @@ def test_what_cannot_be_simulated_is_said_in_a_line(
     assert expected in err
     assert len(err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_what_does_not_fit_on_the_disk_is_not_begun(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("motord.simulate.free_bytes", lambda folder: 1e9)
+    code, _, err = run("calibrate", *SMALL, "--set", "settle_s=86400", "-o", tmp_path / "run.mcap")
+    assert code == 1
+    assert "shorten it, or name a file with more" in err
 
 
 def test_a_long_plan_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from pydantic import (
     model_validator,
 )
 
-from motord.config.base import BitRate, NonNegative, Positive, Section
+from motord.config.base import BitRate, Section
 from motord.config.devices.can_signals import CanopenConfig, CanSignalMap, DqConfig
 from motord.config.timing import (
     CONNECT_MAX_S,
@@ -23,6 +23,7 @@ from motord.config.timing import (
     SILENCE_MAX_S,
     SLOW_FEEDBACK_MAX_S,
 )
+from motord.section.quantities import Scale
 
 SAMPLE_BYTES, HEARTBEAT_BYTES = 19, 6
 """Bodies of the two frames that are sent all the time (`wire.bridge.frames.BODY_BYTES`)."""
@@ -133,7 +134,7 @@ class InverterConfig(DeviceConfig):
     actuation_delay_s: Annotated[float, Field(ge=0, le=DELAY_MAX_S)] = 0.0008
     """From the start of a tick until its current flows: dead time and the lag of the current loops.
     """
-    lag_s: NonNegative = 0.0
+    lag_s: Annotated[float, Field(ge=0, le=DELAY_MAX_S)] = 0.0
     """How much of actuation_delay_s is that lag, 1 / (2 pi bandwidth)."""
     feedback_age_s: Annotated[float, Field(ge=0, le=SILENCE_MAX_S)] = 0.0
     """From the sampling of the currents until their frame arrives."""
@@ -234,7 +235,7 @@ class BridgeConfig(DeviceConfig):
     """Without a heartbeat for so long the board opens the enable line."""
     connect_timeout_s: Annotated[float, Field(gt=0, le=CONNECT_MAX_S)] = 2.0
     """The board has to answer within this time of the start."""
-    adc_V_per_count: Positive = 10.0 / 32768
+    adc_V_per_count: Scale = 10.0 / 32768
     """Volts per count of the torque sensor's converter; a count may not be a torque error."""
 
     @property

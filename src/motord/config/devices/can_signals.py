@@ -4,8 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import Finite, Mask, Positive, Section
+from motord.config.base import Finite, Mask, Section
 from motord.config.timing import DELAY_MAX_S, SILENCE_MAX_S
+from motord.section.quantities import AngleSigned, Scale
 
 Phases = tuple[str, str, str] | tuple[()]
 
@@ -137,9 +138,9 @@ class DqConfig(Section):
 
     direction: Literal[1, -1] = 1
     """-1: the drive's own positive direction is the bench's negative one."""
-    d_axis_rad: Finite = 0.0
+    d_axis_rad: AngleSigned = 0.0
     """Electrical angle by which the drive's d axis is ahead of the flux, in its own direction."""
-    scale: Positive = 1.0
+    scale: Scale = 1.0
     """What the drive calls 1 A, or 1 V, of phase amplitude: 1.2247 where its transformation keeps
     the power, 0.7071 where it says r.m.s., 1000 / rated current where it takes thousandths."""
     angle: Literal["turning", "latched"] = "turning"

@@ -2,11 +2,13 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from motord.config.base import BitRate, Finite, NonNegative, Positive, Section
+from motord.config.base import BitRate, Section
 from motord.config.devices import DeviceConfig
-from motord.config.timing import CONNECT_MAX_S, SLOW_SILENCE_MAX_S
+from motord.config.timing import CONNECT_MAX_S, INTERVALS_MIN, SLOW_SILENCE_MAX_S
+from motord.section import not_too_small
+from motord.section.quantities import AngularSpeed, Scale, Temperature, Torque
 
 RegisterKind = Literal["u16", "i16", "u32", "i32"]
 """How a number lies in registers: unsigned or two's complement, one register or two."""
@@ -57,7 +59,7 @@ class ModbusLinkConfig(Section):
 class ModbusConfig(ModbusLinkConfig):
     """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device."""
 
-    watchdog_s: NonNegative = 0.0
+    watchdog_s: Annotated[float, Field(ge=0, le=SLOW_SILENCE_MAX_S)] = 0.0
     """As set in the device: it drops its set-point to zero after so long without one. 0: never,
     which a drive must not have."""
     connect_timeout_s: Annotated[float, Field(gt=0, le=CONNECT_MAX_S)] = 2.0
@@ -68,7 +70,7 @@ class ModbusConfig(ModbusLinkConfig):
     """Counted from 0: 40001 in many manuals."""
     setpoint_kind: RegisterKind = "u16"
     """`u` unsigned, `i` two's complement; one register of 16 bits or two."""
-    setpoint_scale: Positive = 0.0001
+    setpoint_scale: Scale = 0.0001
     """Excitation (1: full), or rad/s, per count."""
     read_table: Literal["holding", "input"] = "holding"
     """Where status and value are read."""
@@ -82,7 +84,7 @@ class ModbusConfig(ModbusLinkConfig):
     """Temperature of the brake's disc, actual speed of the drive."""
     value_kind: RegisterKind = "i16"
     """As setpoint_kind."""
-    value_scale: Positive = 0.1
+    value_scale: Scale = 0.1
     """degC, or rad/s, per count."""
 
     @model_validator(mode="after")
@@ -114,7 +116,9 @@ class _ModbusDevice(DeviceConfig):
 
     modbus: ModbusConfig | None = None
     """Transport and registers, for `driver = "modbus"`."""
-    poll_s: Positive = 0.05
+    poll_s: Annotated[
+        float, Field(gt=0, le=SLOW_SILENCE_MAX_S / INTERVALS_MIN), AfterValidator(not_too_small)
+    ] = 0.05
     """Time between two readings."""
     stale_after_s: Annotated[float, Field(gt=0, le=SLOW_SILENCE_MAX_S)] = 1.0
     """Without an answer for so long torque goes to zero, an external drive stops, and a plan is
@@ -124,13 +128,13 @@ class _ModbusDevice(DeviceConfig):
 class BrakeConfig(_ModbusDevice):
     """`[brake]`: eddy-current brake, T = excitation^2 2 Tmax / (w/wc + wc/w)."""
 
-    torque_max_Nm: Positive = 20.0
+    torque_max_Nm: Torque = 20.0
     """Largest torque, Tmax, at full excitation and the critical speed."""
-    critical_speed_rad_s: Positive = 20.0
+    critical_speed_rad_s: AngularSpeed = 20.0
     """Speed of the largest torque, wc."""
-    excitation_time_constant_s: NonNegative = 0.2
+    excitation_time_constant_s: Annotated[float, Field(ge=0, le=60)] = 0.2
     """Time constant of its current source and coil."""
-    temperature_max_C: Finite = 150.0
+    temperature_max_C: Temperature = 150.0
     """A hotter disc takes the torque to zero and stops an external drive; one 10 K hotter trips."""
 
     @property
@@ -142,7 +146,7 @@ class BrakeConfig(_ModbusDevice):
 class DriveConfig(_ModbusDevice):
     """`[drive]`: the external motor that turns the rotor through a belt."""
 
-    speed_max_rad_s: Positive = 15.0
+    speed_max_rad_s: AngularSpeed = 15.0
     """Fastest set-point; of either sign, if the register of it has one."""
 
     @property

@@ -5,12 +5,13 @@ from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from motord.config.base import Finite, NonNegative, Positive, Section, ZeroOrPositive
+from motord.config.base import Section
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.motor.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
-from motord.section import SensorHighpass
+from motord.section import SensorHighpass, not_too_small
+from motord.section.quantities import AngleSigned, Scale, Temperature, Torque
 
 PhaseOrder = Literal["abc", "acb"]
 """In which order the phases at the inverter's outputs a, b, c follow each other forwards."""
@@ -36,7 +37,7 @@ class MotorConfig(Section):
     """Slots of the stator."""
     counts: Annotated[int, Field(ge=16, le=1_048_576)]
     """Encoder counts in a turn."""
-    rated_torque_Nm: Positive
+    rated_torque_Nm: Torque
     """Rated torque; errors are in percent of it."""
     connection: Literal["star", "independent"]
     """Phases joined in a star without neutral, or driven independently."""
@@ -46,9 +47,9 @@ class MotorConfig(Section):
     """Temperature coefficient of the back-EMF, percent of it for each K: about -0.11 with NdFeB,
     -0.2 with ferrite magnets. With a channel of role = "magnet" analyses refer the back-EMF to
     back_emf_reference_C; left out: it is taken to be the same at all temperatures."""
-    back_emf_reference_C: Finite | None = None
+    back_emf_reference_C: Temperature | None = None
     """Temperature of the magnets at which the motor has the back-EMF that is given here."""
-    encoder_offset_rad: Finite = 0.0
+    encoder_offset_rad: AngleSigned = 0.0
     """Angle of the rotor at count 0: angle = direction x count + offset."""
     encoder_direction: Literal[1, -1] = 1
     """-1 if the encoder counts backwards."""
@@ -136,13 +137,15 @@ def back_emf_waves(
 class TorqueSensorConfig(SensorHighpass, Section):
     """`[torque_sensor]`: the sensor's data sheet; a high-pass of 0 s passes the mean."""
 
-    highpass_time_constant_s: ZeroOrPositive = 0.0
+    highpass_time_constant_s: Annotated[
+        float, Field(ge=0, le=1_000_000), AfterValidator(not_too_small)
+    ] = 0.0
     """High-pass of a sensor that does not show a steady torque (piezo); 0: it passes the mean."""
-    resonance_Hz: NonNegative = 0.0
+    resonance_Hz: Annotated[float, Field(ge=0, le=100_000)] = 0.0
     """Resonance of the motor's mount on the sensor; 0: none."""
     damping_ratio: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Damping ratio of that resonance."""
-    gain_Nm_per_V: Positive = 1.0
+    gain_Nm_per_V: Scale = 1.0
     """Gain of sensor and amplifier; for the other sign exchange the amplifier's inputs."""
 
     @field_validator("gain_Nm_per_V", mode="before")

@@ -6,10 +6,13 @@ from typing import Annotated
 
 from pydantic import Field
 
-from motord.config.base import NonNegative, Section
+from motord.config.base import Section
+from motord.section.quantities import PowerFromZero, TorqueFromZero
 
 Percent = Annotated[float, Field(ge=0, le=100)]
 Angle = Annotated[float, Field(ge=0, le=1)]
+AGE_MAX_S = 0.01
+"""Half a period of the main cogging order, 48, at 1 turn a second."""
 
 
 class AccuracyConfig(Section):
@@ -28,7 +31,7 @@ class AccuracyConfig(Section):
     """Each harmonic of the back-EMF, of its fundamental."""
     back_emf_temperature_percent: Percent = 20.0
     """Temperature coefficient of the back-EMF, of itself; counts where that is corrected."""
-    magnet_temperature_K: NonNegative = 3.0
+    magnet_temperature_K: Annotated[float, Field(ge=0, le=100)] = 3.0
     """Temperature of the magnets, as a channel has it; counts where the back-EMF is corrected."""
     saturation_percent: Percent = 1.0
     """Torque, and cogging torque, at the rated current: change with the current."""
@@ -36,15 +39,15 @@ class AccuracyConfig(Section):
     """Gain that all current sensors have in common; counts where delta epsilon is not measured."""
     torque_gain_percent: Percent = 0.5
     """Gain of the torque sensor and its amplifier."""
-    torque_zero_Nm: NonNegative = 0.01
+    torque_zero_Nm: TorqueFromZero = 0.01
     """Zero of the torque sensor and its amplifier, where it shows the mean."""
     power_gain_percent: Percent = 0.2
     """Gain of the reading of the DC power."""
-    power_zero_W: NonNegative = 0.05
+    power_zero_W: PowerFromZero = 0.05
     """Zero of the reading of the DC power."""
     torque_time_constant_percent: Percent = 5.0
     """Time constant of the torque sensor's high-pass."""
-    torque_age_s: NonNegative = 2e-5
+    torque_age_s: Annotated[float, Field(ge=0, le=AGE_MAX_S)] = 2e-5
     """Delay of the torque sensor's amplifier and its sampling after the encoder's."""
     torque_crosstalk_percent: Percent = 0.5
     """Change of the torque sensor's gain with the angle: cross-talk of side forces."""

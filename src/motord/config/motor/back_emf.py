@@ -6,8 +6,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
-from motord.config.base import ConfigError, Finite, Section
+from motord.config.base import ConfigError, Section
 from motord.section.complaints import complaints, message
+from motord.section.quantities import AngleSigned, BackEmfConstant
 from motord.untrusted import parse_json, read_text
 
 
@@ -16,9 +17,9 @@ class BackEmfHarmonic(Section):
 
     order: Annotated[int, Field(ge=1, le=1000)]
     """Electrical order."""
-    amplitude_V_s_per_rad: Finite
+    amplitude_V_s_per_rad: BackEmfConstant
     """Peak voltage over mechanical speed."""
-    phase_rad: Finite = 0.0
+    phase_rad: AngleSigned = 0.0
     """Phase, in the electrical angle of that order."""
 
 
@@ -31,7 +32,9 @@ class BackEmfTable(Section):
 
     file: str = ""
     """Where it was read from."""
-    k_V_s_per_rad: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(min_length=1)]
+    k_V_s_per_rad: Annotated[
+        tuple[tuple[BackEmfConstant, BackEmfConstant, BackEmfConstant], ...], Field(min_length=1)
+    ]
     """Of phases a, b, c at each encoder count."""
 
     @property

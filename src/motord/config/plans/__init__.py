@@ -6,15 +6,24 @@ from pydantic import Field, field_validator
 
 from motord.config.base import (
     MAX_VALUES,
-    Finite,
-    NonNegative,
-    Positive,
-    PositiveValues,
     Section,
+    Speeds,
     TemperatureBand,
+    Torques,
+)
+from motord.section.quantities import (
+    Current,
+    CurrentSigned,
+    Factor,
+    FactorFromZero,
+    TemperatureChange,
+    Torque,
+    TurnsPerSecond,
+    Wait,
+    WaitFromZero,
 )
 
-Target = Annotated[float, Field(ge=1e-6, allow_inf_nan=False)]
+Target = Annotated[float, Field(ge=1e-6, le=100)]
 """Half-width or ripple at which a plan may end."""
 
 SMALLEST_GAIN_STEP = 0.05
@@ -24,21 +33,21 @@ SMALLEST_GAIN_STEP = 0.05
 class MeshConfig(Section):
     """`[plans.verify]`, and the mesh of `[plans.calibrate]`: the points and how each is taken."""
 
-    torques_Nm: PositiveValues = (1.0, 2.0, 3.0, 4.0, 5.0)
+    torques_Nm: Torques = (1.0, 2.0, 3.0, 4.0, 5.0)
     """Torques of the mesh."""
-    speeds_Hz: PositiveValues = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    speeds_Hz: Speeds = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
     """Speeds of the mesh, turns a second."""
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
     """Turns that are captured at each point."""
-    settle_s: NonNegative = 2.0
+    settle_s: WaitFromZero = 2.0
     """Time at torque and speed before a capture."""
-    settle_timeout_s: Positive = 30.0
+    settle_timeout_s: Wait = 30.0
     """Time within which the speed must be reached."""
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
     """How far the mean speed may be off, in parts."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
-    temperature_change_K: Positive | None = None
+    temperature_change_K: TemperatureChange | None = None
     """Largest change of a temperature of the motor in a capture; beyond it the point is poor."""
 
 
@@ -55,7 +64,7 @@ class CalibrateConfig(MeshConfig):
         tuple[Annotated[float, Field(ge=0.5, le=1.5)], ...], Field(max_length=MAX_VALUES)
     ] = (0.8, 1.2)
     """Factors of one phase's current at further points; none: delta epsilon is assumed to be 1."""
-    gain_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
+    gain_torques_Nm: Annotated[tuple[Torque, ...], Field(max_length=MAX_VALUES)] = ()
     """Torques of these points; empty: the mesh's middle torque."""
     directions: Literal["forwards", "both"] = "both"
     """"both": every other point backwards, to separate friction; "forwards": never turn back."""
@@ -65,7 +74,7 @@ class CalibrateConfig(MeshConfig):
     """Target: ripple that errors of the calibration leave on the mesh, of the rated torque."""
     alpha_percent: Target | None = None
     """Target: half-width of each gain's 95 % interval."""
-    beta_A: Target | None = None
+    beta_A: Annotated[float, Field(ge=1e-6, le=100_000)] | None = None
     """Target: half-width of each offset's."""
     cogging_percent: Target | None = None
     """Target: largest half-width of a cogging order, of the cogging torque's amplitude."""
@@ -96,9 +105,9 @@ class CheckCalibrationConfig(Section):
     brake's excitation stays as it is, so the speed follows the torque.
     """
 
-    torque_Nm: Positive | None = None
+    torque_Nm: Torque | None = None
     """Torque of the points. None: 0.85 of the rated torque, or of [limits] torque_Nm if less."""
-    speed_Hz: Positive = 1.45
+    speed_Hz: TurnsPerSecond = 1.45
     """Speed at that torque, turns a second."""
     turns: Annotated[int, Field(ge=3, le=1000)] = 3
     """Turns that are captured at each point; one less where a phase is scaled."""
@@ -119,13 +128,13 @@ class DrivenConfig(Section):
     settle_tolerance for settle_s.
     """
 
-    speeds_Hz: PositiveValues = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    speeds_Hz: Speeds = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
     """Speeds that the drive turns the rotor at, turns a second."""
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
     """Turns that are captured at each speed."""
-    settle_s: NonNegative = 2.0
+    settle_s: WaitFromZero = 2.0
     """Time for which the speed must hold still before a capture."""
-    settle_timeout_s: Positive = 30.0
+    settle_timeout_s: Wait = 30.0
     """Time within which it must."""
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
     """How far the rotor's mean speed may differ from the drive's, in parts: a belt creeps."""
@@ -135,50 +144,53 @@ class DrivenConfig(Section):
     """Factor of each speed from which it is approached."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
-    temperature_change_K: Positive | None = None
+    temperature_change_K: TemperatureChange | None = None
     """Largest change of a temperature of the motor in a capture; beyond it the point is poor."""
 
 
 class SensitivityConfig(Section):
     """`[plans.sensitivity]`: errors induced after a calibration, and how each point is taken."""
 
-    torque_Nm: Positive = 3.0
+    torque_Nm: Torque = 3.0
     """Torque at which single errors are induced."""
-    speed_Hz: Positive = 0.7
+    speed_Hz: TurnsPerSecond = 0.7
     """Speed of these points, turns a second."""
     turns: Annotated[int, Field(ge=2, le=1000)] = 12
     """Turns that are captured at each point."""
-    alpha_a: tuple[Positive, Positive] = (0.8, 1.2)
+    alpha_a: tuple[Factor, Factor] = (0.8, 1.2)
     """Interval of the induced gain of phase a."""
     alpha_a_steps: Annotated[int, Field(ge=0, le=200)] = 9
     """Points in it; 0 leaves it out."""
-    beta_a_A: tuple[Finite, Finite] = (-1.0, 1.0)
+    beta_a_A: tuple[CurrentSigned, CurrentSigned] = (-1.0, 1.0)
     """Interval of the induced offset of phase a."""
     beta_a_steps: Annotated[int, Field(ge=0, le=200)] = 11
     """Points in it; 0 leaves it out."""
-    cogging: tuple[NonNegative, NonNegative] = (0.7, 1.3)
+    cogging: tuple[FactorFromZero, FactorFromZero] = (0.7, 1.3)
     """Interval of the factor on the cogging torque that is compensated."""
     cogging_steps: Annotated[int, Field(ge=0, le=200)] = 15
     """Points in it; 0 leaves it out."""
-    delta_epsilon: tuple[Positive, Positive] = (0.6, 1.4)
+    delta_epsilon: tuple[Factor, Factor] = (0.6, 1.4)
     """Interval of what delta epsilon is taken for, in parts of what it is."""
     delta_epsilon_steps: Annotated[int, Field(ge=0, le=200)] = 9
     """Points in it; 0 leaves it out."""
-    again_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = (
+    again_torques_Nm: Annotated[tuple[Torque, ...], Field(max_length=MAX_VALUES)] = (
         1.0,
         3.0,
         5.0,
     )
     """Torques of a small mesh to calibrate from again, with errors induced; empty: none."""
-    again_speeds_Hz: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = (0.6, 0.9)
+    again_speeds_Hz: Annotated[tuple[TurnsPerSecond, ...], Field(max_length=MAX_VALUES)] = (
+        0.6,
+        0.9,
+    )
     """Speeds of that mesh, turns a second."""
-    again_alpha: tuple[Positive, Positive, Positive] = (0.8, 1.118, 1.118)
+    again_alpha: tuple[Factor, Factor, Factor] = (0.8, 1.118, 1.118)
     """Gains that are induced there, by phase."""
-    again_beta_A: tuple[Finite, Finite, Finite] = (1.0, -0.5, -0.5)
+    again_beta_A: tuple[CurrentSigned, CurrentSigned, CurrentSigned] = (1.0, -0.5, -0.5)
     """Offsets that are induced there, by phase."""
-    settle_s: NonNegative = 2.0
+    settle_s: WaitFromZero = 2.0
     """Time at torque and speed before a capture."""
-    settle_timeout_s: Positive = 30.0
+    settle_timeout_s: Wait = 30.0
     """Time within which the speed must be reached."""
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
     """How far the mean speed may be off, in parts."""
@@ -198,7 +210,7 @@ class AlignConfig(Section):
     stops in each turn, hold_s long, move_s apart.
     """
 
-    currents_A: Annotated[tuple[Positive, ...], Field(max_length=8)] = ()
+    currents_A: Annotated[tuple[Current, ...], Field(max_length=8)] = ()
     """Amplitudes; empty: a fifth and two fifths of what makes the rated torque."""
     turns: Annotated[int, Field(ge=1, le=200)] = 2
     """Electrical turns forwards and back."""

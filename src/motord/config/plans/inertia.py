@@ -4,8 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import MAX_VALUES, Fraction, NonNegative, Positive, Section, TemperatureBand
+from motord.config.base import MAX_VALUES, Fraction, Section, TemperatureBand
+from motord.section.quantities import InertiaFromZero, Torque, TurnsPerSecond, Wait
 
+Lever = Annotated[float, Field(ge=1e-6, le=100)]
 Tolerance = Annotated[float, Field(ge=0, lt=0.5)]
 """Half the width of a rectangular distribution, in parts of the value."""
 
@@ -16,11 +18,11 @@ EffectiveMass = Literal["wave", "heavy", "unloaded"]
 class SpringConfig(Section):
     """A spring of the oscillation set-up."""
 
-    stiffness_N_per_m: Positive
+    stiffness_N_per_m: Annotated[float, Field(gt=0, le=1_000_000_000)]
     """Stiffness of the spring."""
-    lever: Annotated[int, Field(ge=1)]
+    lever: Annotated[int, Field(ge=1, le=MAX_VALUES)]
     """At which of levers_m it pulls, counted from 1."""
-    mass_kg: NonNegative = 0.0
+    mass_kg: Annotated[float, Field(ge=0, le=10_000)] = 0.0
     """Mass of the spring."""
 
 
@@ -40,19 +42,19 @@ class OscillationConfig(Section):
     """Deflection from which a bar that is let go counts as a release."""
     amplitude_min_rad: Annotated[float, Field(gt=0, lt=1)] = 0.01
     """Amplitude below which a swing ends."""
-    still_s: Positive = 0.2
+    still_s: Wait = 0.2
     """Time for which the bar is held still before it is let go."""
-    swing_max_s: Positive = 1.6
+    swing_max_s: Wait = 1.6
     """Time after which a swing ends."""
-    timeout_s: Positive = 120.0
+    timeout_s: Wait = 120.0
     """Time to wait for a release."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a release is poor and repeated. None: any."""
-    levers_m: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
+    levers_m: Annotated[tuple[Lever, ...], Field(max_length=MAX_VALUES)] = ()
     """Levers at which springs pull; those that share one share its error."""
     springs: Annotated[tuple[SpringConfig, ...], Field(max_length=MAX_VALUES)] = ()
     """Springs on the bar."""
-    bar_inertia_kg_m2: NonNegative = 0.0
+    bar_inertia_kg_m2: InertiaFromZero = 0.0
     """Moment of inertia of the bar."""
     effective_mass: EffectiveMass = "wave"
     """How much of a spring's mass m swings: by waves in it, m / 3, or 4 m / pi^2."""
@@ -98,9 +100,9 @@ class AccelerationConfig(Section):
 
     repeats: Annotated[int, Field(ge=1, le=1000)] = 10
     """Steps of torque, forwards and back in turn."""
-    torque_Nm: Positive = 1.0
+    torque_Nm: Torque = 1.0
     """Torque of a step."""
-    stop_speed_Hz: Positive = 1.0
+    stop_speed_Hz: TurnsPerSecond = 1.0
     """Speed at which a step ends, turns a second."""
     rest_s: Annotated[float, Field(ge=0.5, le=60)] = 3.0
     """Rest before each step."""
@@ -108,7 +110,7 @@ class AccelerationConfig(Section):
     """By how much the rotor may move meanwhile."""
     coast_s: Annotated[float, Field(ge=0.1, le=10)] = 0.3
     """Time for which the rotor is followed after a step."""
-    timeout_s: Positive = 20.0
+    timeout_s: Wait = 20.0
     """Time within which the speed must be reached, besides the rise of the torque."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a step is poor and taken again. None: any."""

@@ -4,10 +4,11 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from motord.config import NonNegative, Positive, Section
+from motord.config import Section
 from motord.config.base import TemperatureBand
 from motord.config.experiments import experiment
 from motord.config.figures import FigureKind
+from motord.section.quantities import InertiaFromZero, Torque, TurnsPerSecond, Wait
 
 NAME = "friction"
 
@@ -19,19 +20,19 @@ class FrictionConfig(Section):
     commanded, and the ticks are captured until the speed is below stop_speed_Hz.
     """
 
-    start_speed_Hz: Positive = 2.0
+    start_speed_Hz: TurnsPerSecond = 2.0
     """Speed to which the rotor is accelerated, turns a second."""
-    stop_speed_Hz: Positive = 1.0
+    stop_speed_Hz: TurnsPerSecond = 1.0
     """Speed at which a capture ends, turns a second."""
-    torque_Nm: Positive = 1.0
+    torque_Nm: Torque = 1.0
     """Largest torque that accelerates it."""
     repeats: Annotated[int, Field(ge=1, le=500)] = 10
     """Coast-downs in each direction."""
-    timeout_s: Positive = 60.0
+    timeout_s: Wait = 60.0
     """Time for the acceleration, after the torque's rise of 4 s, and for the coast-down."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a coast-down is poor and repeated. None: any."""
-    inertia_kg_m2: NonNegative = 0.0
+    inertia_kg_m2: InertiaFromZero = 0.0
     """Moment of inertia of all that turns; 0 if it is not known."""
     inertia_tolerance: Annotated[float, Field(ge=0, lt=1)] = 0.02
     """Half width of a rectangular distribution, in parts of it."""

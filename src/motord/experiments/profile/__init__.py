@@ -4,10 +4,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from motord.config import Positive, Section
+from motord.config import Section
 from motord.config.base import TemperatureBand
 from motord.config.experiments import experiment
 from motord.config.figures import FigureKind
+from motord.section.quantities import Factor, Inertia, Power, Torque, TurnsPerSecond
 
 NAME = "profile"
 
@@ -22,21 +23,21 @@ class ProfileConfig(Section):
     """CSV file on the daemon's machine: columns time_s, torque_Nm, speed_Hz."""
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
     """Digest that the file's content must have; empty: any."""
-    torque_factor: Positive = 1.0
+    torque_factor: Factor = 1.0
     """By what the torques of the file are multiplied."""
-    speed_factor: Positive = 1.0
+    speed_factor: Factor = 1.0
     """By what its speeds are multiplied."""
     repeats: Annotated[int, Field(ge=1, le=1000)] = 3
     """How often it is played; three times or more show the scatter."""
-    inertia_kg_m2: Positive = 0.01
+    inertia_kg_m2: Inertia = 0.01
     """Moment of inertia of all that turns."""
-    power_max_W: Positive | None = None
+    power_max_W: Power | None = None
     """Largest mechanical power. None: no limit."""
-    speed_tolerance_Hz: Positive = 0.1
+    speed_tolerance_Hz: TurnsPerSecond = 0.1
     """Speed error that counts as tracked."""
-    torque_tolerance_Nm: Positive = 0.3
+    torque_tolerance_Nm: Torque = 0.3
     """Torque error that counts as tracked."""
-    speed_error_max_Hz: Positive = 0.5
+    speed_error_max_Hz: TurnsPerSecond = 0.5
     """Speed error beyond which, if it lasts for 3 s, the plan fails."""
     temperature_C: TemperatureBand | None = None
     """Band of the inverter's temperature; outside, a cycle is poor and repeated. None: any."""

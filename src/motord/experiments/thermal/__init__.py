@@ -4,9 +4,17 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from motord.config import Finite, NonNegative, Positive, Section
+from motord.config import Section
 from motord.config.experiments import experiment
 from motord.config.figures import FigureKind
+from motord.section.quantities import (
+    CurrentFromZero,
+    ResistanceFromZero,
+    Temperature,
+    TemperatureChange,
+    Torque,
+    TurnsPerSecondFromZero,
+)
 
 NAME = "thermal"
 
@@ -24,11 +32,11 @@ class ThermalConfig(Section):
     temperature_max_C. Channels are entries of `[[channels]]`, "" where there is none.
     """
 
-    torque_Nm: Positive = 2.0
+    torque_Nm: Torque = 2.0
     """Torque that is held; its current heats the motor."""
-    current_A: NonNegative = 0.0
+    current_A: CurrentFromZero = 0.0
     """RMS current of a phase, mean of the phases over a turn, instead of torque_Nm; 0: none."""
-    speed_Hz: NonNegative = 0.5
+    speed_Hz: TurnsPerSecondFromZero = 0.5
     """Speed at which the brake holds the rotor, turns a second; 0: it is locked."""
     winding_channel: ChannelName = "winding_C"
     """Temperature of the winding."""
@@ -38,23 +46,23 @@ class ThermalConfig(Section):
     """Temperature of the housing."""
     ambient_channel: ChannelName = ""
     """Temperature of the ambient; without one it is fitted, as constant."""
-    temperature_max_C: Finite = 100.0
+    temperature_max_C: Temperature = 100.0
     """Temperature of any of them at which the heat-up ends; below their trip_above."""
-    steady_K_per_min: Positive = 0.05
+    steady_K_per_min: TemperatureChange = 0.05
     """Slope below which a temperature is steady: its size and half of its 95 % interval."""
-    steady_window_s: Positive = 300.0
+    steady_window_s: Duration = 300.0
     """Time over which the slope is taken."""
     heating_max_s: Duration = 7200.0
     """Longest time of the heat-up."""
     cooling_max_s: Duration = 7200.0
     """Longest time of the cooling."""
-    resistance_ohm: NonNegative = 0.0
+    resistance_ohm: ResistanceFromZero = 0.0
     """Resistance of a phase at resistance_C; 0: not known, then no K/W is found."""
-    resistance_C: Finite = 25.0
+    resistance_C: Temperature = 25.0
     """Temperature at which it was measured."""
     resistance_tolerance: Annotated[float, Field(ge=0, lt=1)] = 0.01
     """Half width of a rectangular distribution, in parts of it."""
-    resistance_per_K: NonNegative = 0.00393
+    resistance_per_K: Annotated[float, Field(ge=0, le=1)] = 0.00393
     """Rise of the resistance, in parts of that at resistance_C; copper: 0.00393."""
 
     @property

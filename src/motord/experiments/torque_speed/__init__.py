@@ -4,10 +4,18 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from motord.config import Finite, MeshConfig, NonNegative
+from motord.config import MeshConfig
 from motord.config.base import MAX_VALUES
 from motord.config.experiments import experiment
 from motord.config.figures import FigureKind
+from motord.section.quantities import (
+    PowerFromZero,
+    ResistanceFromZero,
+    TorqueFromZero,
+    TorqueSigned,
+    TurnsPerSecondSigned,
+    VoltageFromZero,
+)
 
 NAME = "torque-speed"
 
@@ -20,10 +28,10 @@ def _not_zero(value: float) -> float:
     return value
 
 
-SignedValues = Annotated[
-    tuple[Annotated[Finite, AfterValidator(_not_zero)], ...],
-    Field(min_length=1, max_length=MAX_VALUES),
-]
+_SOME = Field(min_length=1, max_length=MAX_VALUES)
+_NOT_ZERO = AfterValidator(_not_zero)
+SignedTorques = Annotated[tuple[Annotated[TorqueSigned, _NOT_ZERO], ...], _SOME]
+SignedSpeeds = Annotated[tuple[Annotated[TurnsPerSecondSigned, _NOT_ZERO], ...], _SOME]
 
 
 class TorqueSpeedConfig(MeshConfig):
@@ -34,19 +42,19 @@ class TorqueSpeedConfig(MeshConfig):
     left out.
     """
 
-    torques_Nm: SignedValues = (1.0, 2.0, 3.0, 4.0, 5.0)
+    torques_Nm: SignedTorques = (1.0, 2.0, 3.0, 4.0, 5.0)
     """Torques of the mesh, of either sign."""
-    speeds_Hz: SignedValues = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+    speeds_Hz: SignedSpeeds = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
     """Speeds of the mesh, turns a second, of either sign."""
-    drive_torque_Nm: NonNegative = 0.0
+    drive_torque_Nm: TorqueFromZero = 0.0
     """Torque that external drive and belt carry, for generating points; 0: none are taken."""
     drive_speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
     """How far the speed of a generating point may be off, in parts: a belt creeps."""
-    power_max_W: NonNegative = 0.0
+    power_max_W: PowerFromZero = 0.0
     """Mechanical power that brake and drive take for as long as the plan lasts; 0: any."""
-    bus_V: NonNegative = 0.0
+    bus_V: VoltageFromZero = 0.0
     """Voltage of the DC supply, which limits speed and torque; 0: it sets no limit."""
-    resistance_ohm: NonNegative = 0.0
+    resistance_ohm: ResistanceFromZero = 0.0
     """Resistance of a phase, warm, for that limit."""
     power_channel: str = "dc_power_W"
     """The entry of `[[channels]]` with the DC power, W; with bus_current_channel "" it counts."""
