@@ -145,7 +145,7 @@ class Supervisor:
             self.queue.pause("the daemon shuts down")
         bench.plans.abort("the daemon shuts down")
         bench.disable()
-        ramp_s = limits.torque_Nm / limits.torque_rate_Nm_per_s + RAMP_MARGIN_S
+        ramp_s = limits.torque_Nm / limits.ramp_down_Nm_per_s + RAMP_MARGIN_S
         self.run_until(lambda: bench.state is not DriveState.ENABLED, round(ramp_s * 1e9))
         bench.stop("the daemon shut down")
         over = (DriveState.OFF, DriveState.TRIPPED)

@@ -597,6 +597,6 @@ def test_check_says_whether_recordings_can_be_written(tmp_path, check):
     assert bad.exit_code == 1
     assert f"recordings: {folder}: cannot write there: File exists" in bad.output
     folder.unlink()
-    full = check(bench_that_records_to(folder, 1e12))
+    full = check(bench_that_records_to(folder, 1e9))
     assert full.exit_code == 1
     assert "less than recording.free_min_MB" in full.output

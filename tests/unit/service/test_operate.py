@@ -278,6 +278,21 @@ def test_disable_ramps_down_and_forgets_what_was_set(service):
     }  # fmt: skip
 
 
+def test_down_to_zero_the_torque_takes_a_second_however_slow_ramps_are():
+    """So long it is waited for, and so long `reached_in_s` says."""
+    service = VirtualService(limits={"torque_rate_Nm_per_s": 0.01})
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=0.03, brake=1.0)
+    service.run_s(4.0, token)
+    assert service.bench.monitor.torque_set_Nm == pytest.approx(0.03)
+    assert service.ask("set", token=token, torque_Nm=0.02)["reached_in_s"] == pytest.approx(1.0)
+    assert service.ask("set", token=token, torque_Nm=0.0)["reached_in_s"] < 0.01
+    service.loop.running = False
+    disabling = service.begin("disable", token=token)
+    service.run_s(2.1, token)
+    assert "use stop" in disabling.outcome.message
+
+
 def test_stop_is_taken_from_anyone_and_is_immediate(service):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=2.0, speed_Hz=0.6)

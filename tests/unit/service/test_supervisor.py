@@ -120,6 +120,26 @@ def test_the_end_disables_and_answers_everybody(played):
     assert "shutting down: SIGTERM" in played.messages()
 
 
+def test_a_loop_that_does_not_ramp_down_is_not_waited_for_however_slow_ramps_are(
+    tmp_path, monkeypatch
+):
+    """Down to zero they take a second at most, and the service manager gives the daemon 20 s."""
+    daemon = PlayedDaemon(tmp_path, monkeypatch, limits={"torque_rate_Nm_per_s": 0.01})
+    daemon.up()
+    daemon.step(5, State.ENABLED)
+    step = daemon.supervisor.step
+
+    def play_a_loop_that_goes_on():
+        daemon.now_ns += 10_000_000
+        daemon.loops[0].tick(State.ENABLED)
+        step()
+
+    daemon.supervisor.step, begun_ns = play_a_loop_that_goes_on, daemon.now_ns
+    daemon.supervisor.ramp_down("SIGTERM")
+    assert daemon.now_ns - begun_ns < 10e9
+    daemon.close()
+
+
 def test_the_heartbeat_goes_on_whatever_happens(played):
     played.up()
     record = np.zeros(1, played.supervisor.bench.setpoint._record.dtype)

@@ -84,10 +84,12 @@ class ManualControl:
 
     def reached_in_s(self, torque_set_Nm: float) -> float:
         """Return how long the ramp from `torque_set_Nm` takes, with the brake's lead before it."""
-        waits = self._setpoint.torque_Nm != self._torque_Nm
-        ramp_Nm = abs(self._torque_Nm - torque_set_Nm)
+        waits, limits = self._setpoint.torque_Nm != self._torque_Nm, self._config.limits
+        rate_Nm_per_s = (
+            limits.torque_rate_Nm_per_s if self._torque_Nm else limits.ramp_down_Nm_per_s
+        )
         lead_s = self._lead_s if waits else 0.0
-        return lead_s + ramp_Nm / self._config.limits.torque_rate_Nm_per_s
+        return lead_s + abs(self._torque_Nm - torque_set_Nm) / rate_Nm_per_s
 
     def _apply(self, request: SetpointChange) -> None:
         s = self._setpoint

@@ -123,7 +123,7 @@ class ManualOperation:
         limits = bench.config.limits
         return Wait(
             lambda: None if bench.state is State.ENABLED else self._state(),
-            2 * TICKS_S + limits.torque_Nm / limits.torque_rate_Nm_per_s,
+            2 * TICKS_S + limits.torque_Nm / limits.ramp_down_Nm_per_s,
             lambda: f"still {bench.state.name}: the torque did not ramp down; use stop",
         )
 
