@@ -21,6 +21,7 @@ from motord.config.timing import (
     RAMP_DOWN_MAX_S,
     RATE_MAX_HZ,
     RATE_MIN_HZ,
+    RING_MIN_S,
     SILENCE_MAX_S,
     SUPERVISOR_ACTS_S,
     SUPERVISOR_TIMEOUT_MIN_S,
@@ -82,7 +83,7 @@ class LoopConfig(Section):
     status of before they can have been off, if they were disabled just before, does not count."""
     overrun_ticks: Annotated[int, Field(ge=INTERVALS_MIN, le=OVERRUN_TICKS_MAX)] = 50
     """Missed periods in a row that trip; a single one is no fault."""
-    ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
+    ring_s: Annotated[float, Field(ge=RING_MIN_S, le=120)] = 15.0
     """Ticks that the shared memory keeps for the recorder."""
 
 

@@ -60,6 +60,9 @@ DRIVE_FALLS_S = 0.5
 """Within this time after anything of the daemon hangs, the speed of an external drive falls."""
 DRIVE_REACTS_S = 0.1
 """Of it, what the drive itself may take."""
+RING_MIN_S = 2.0
+"""Half of the ring may hold a plan's ticks alone, until the recorder, which reports twice a second,
+says that it records: two reports fit in it."""
 RENEWAL_S = 0.2
 """A lease must leave at least this time for its renewal."""
 CHANNEL_RATE_MAX_HZ = 20.0

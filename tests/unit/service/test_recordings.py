@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from motord.api.errors import RpcError
+from motord.config.sections import LoopConfig
+from motord.recorder.main import DRAIN_S, REPORT_S
 from motord.schema import State
 from motord.service.recording import session
 from tests.unit.service.played_daemon import PlayedDaemon, end_after
@@ -411,6 +413,20 @@ def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(
     view = played.supervisor.bench.plans.view
     assert "not recorded for 1.5 s" in view.message
     assert ("/runs: gone" in view.message) is reports
+    played.close()
+
+
+def test_with_the_shortest_ring_a_recorder_reports_often_enough(tmp_path, monkeypatch):
+    shortest_s = LoopConfig.model_json_schema()["properties"]["ring_s"]["minimum"]
+    played = PlayedDaemon(tmp_path, monkeypatch, loop={"ring_s": shortest_s})
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate", detach=True)
+    [start] = played.recorders[0].received("start")
+    for _ in range(8):
+        played.recorders[0].report(file=f"{start['out']}-000.mcap")
+        played.wait_s(REPORT_S + DRAIN_S, State.ENABLED)
+    assert played.supervisor.bench.plans.view.message == ""
     played.close()
 
 
