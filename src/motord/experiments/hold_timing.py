@@ -45,5 +45,9 @@ def phase_hold(run: Run) -> ZeroOrderHold | None:
 
 
 def loop_period_s(bench: Mapping[str, Any]) -> float:
-    """Return the time for which the loop of a bench file holds each command. Raises ValueError."""
-    return 1.0 / LoopConfig.model_validate(bench.get("loop", {})).rate_Hz
+    """Return the time for which the loop of a bench file holds each command. Raises ValueError.
+
+    Nothing else of the loop counts: a recording may be older than a bound of today.
+    """
+    given = {name: value for name, value in bench.get("loop", {}).items() if name == "rate_Hz"}
+    return 1.0 / LoopConfig.model_validate(given).rate_Hz

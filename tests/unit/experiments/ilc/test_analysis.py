@@ -175,6 +175,12 @@ def test_a_run_without_points_is_refused(first: tuple[Path, Calibration], tmp_pa
     assert unknown is not None
     assert np.isnan(unknown.dead_s)
     assert unknown.period_s == 1e-3
+    older = "[inverter]\n[loop]\nrate_Hz = 500\nring_s = 1.0\n"  # by bounds of before
+    with RunWriter(tmp_path / "older.mcap", {**metadata, "config": older}):
+        pass
+    hold = recorded_hold(open_run(tmp_path / "older.mcap"))
+    assert hold is not None
+    assert hold.period_s == 2e-3
 
 
 def test_timing_of_the_currents_is_read_from_the_bench_file(
