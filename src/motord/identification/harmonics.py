@@ -23,6 +23,9 @@ SOLVED = 1e-5
 What a gap leaves open is solved to this part of all there is: a mean hundreds of times what is to
 be found there has to be taken out before."""
 
+NEGLIGIBLE = 1e-10
+"""Residual, in parts of the sums, that no round takes up: a recording's floats have 6e-8."""
+
 
 def lines_at(count: np.ndarray, values: np.ndarray, counts: int, highest: int) -> np.ndarray:
     """Return complex amplitudes of orders 0 to `highest` of values (n,) or (m, n) at counts (n,).
@@ -59,40 +62,42 @@ def lines_of_sums(visits: np.ndarray, sums: np.ndarray) -> np.ndarray:
     grid = next_fast_len(4 * highest + 2, real=True)
     weight = np.fft.irfft(visits, grid) * (grid / samples)
 
-    def damped(lines: np.ndarray) -> np.ndarray:
-        return np.asarray(seen(lines) + (damping * lines.view(float)).view(complex))
-
-    def seen(lines: np.ndarray) -> np.ndarray:
-        values = np.fft.irfft(lines, grid)
+    def damped(parts: np.ndarray) -> np.ndarray:
+        values = np.fft.irfft(parts.view(complex), grid)
         values *= weight
-        return np.asarray(np.fft.rfft(values)[..., : highest + 1])
+        moved = np.ascontiguousarray(np.fft.rfft(values)[..., : highest + 1]).view(float)
+        return np.asarray(moved + damping * parts)
 
-    wanted = sums / samples
-    lines = _solved(damped, wanted)
-    for _ in range(DAMPED_ROUNDS - 1):
-        lines = lines + _solved(damped, wanted - seen(lines))
-    lines[..., 1:] *= 2
-    return lines
+    residual = np.ascontiguousarray(sums / samples).view(float)
+    lines, negligible = np.zeros_like(residual), NEGLIGIBLE**2 * _inner(residual, residual)
+    for _ in range(DAMPED_ROUNDS):
+        found, left = _solved(damped, residual, negligible)
+        lines, residual = lines + found, left + damping * found  # what the lines alone leave
+    lines[..., 2:] *= 2
+    return lines.view(complex)
 
 
-def _solved(product: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
-    """Solve product(x) = right (..., n), each by itself, by conjugate gradients.
+def _solved(
+    product: Callable[[np.ndarray], np.ndarray], right: np.ndarray, negligible: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Solve product(x) = right (..., 2 n), each by itself, by conjugate gradients; with residual.
 
-    Real factors of real and imaginary parts side by side (..., 2 n): numpy makes them complex else.
+    negligible (..., 1): its square at which any is solved. Real and imaginary parts are side by
+    side: numpy makes factors complex else.
     """
-    residual = along = np.ascontiguousarray(right).view(float)
+    residual = along = right
     x, square = np.zeros_like(residual), _inner(residual, residual)
-    solved = SOLVED**2 * square
-    for _ in range(2 * right.shape[-1]):
+    solved = np.maximum(SOLVED**2 * square, negligible)
+    for _ in range(right.shape[-1]):
         unsolved = square > solved
         if not unsolved.any():
             break
-        moved = product(along.view(complex)).view(float)
+        moved = product(along)
         step = _ratio(square, _inner(along, moved), unsolved)
         x, residual = x + step * along, residual - step * moved
         before, square = square, _inner(residual, residual)
         along = residual + _ratio(square, before, unsolved) * along
-    return x.view(complex)
+    return x, residual
 
 
 def _ratio(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> np.ndarray:
