@@ -8,12 +8,12 @@ harmonic dk that the back-EMF lacks leaves sum_p i_p dk_p; and so on, linear in 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
 from motord.config import BackEmfHarmonic, MotorConfig
-from motord.config.motor import back_emf_waves
+from motord.config.motor import PhaseOrder, back_emf_waves
 from motord.experiments.calibration.estimate.current_tables import derivative_over_time
 from motord.experiments.calibration.estimate.least_squares.normal_equations import (
     ALPHA,
@@ -56,13 +56,12 @@ class Effect:
 class PointModel:
     """The model at an operating point, over the bins of the turn.
 
-    angle_rad (bins,); gain (3,): delta epsilon alpha; i_A (bins, 3): what flows by the commands and
-    the gains found; k (bins, 3); cogging_Nm, change_Nm_per_rad (bins,): T' above.
+    gain (3,): delta epsilon alpha; i_A (bins, 3): what flows by the commands and the gains found;
+    k (bins, 3); cogging_Nm, change_Nm_per_rad (bins,): T' above.
     """
 
     spectrum: TurnSpectrum
     orders: int
-    angle_rad: np.ndarray
     gain: np.ndarray
     i_A: np.ndarray
     k: np.ndarray
@@ -88,12 +87,11 @@ class PointModel:
     def lines(self, torque_Nm: np.ndarray) -> np.ndarray:
         """Return the lines (n, orders) that torques (n, bins) have behind the high-pass."""
         lines = np.fft.rfft(torque_Nm, axis=1)[:, 1 : self.orders + 1]
-        return np.asarray(2 / self.angle_rad.size * lines * self.spectrum.highpass[: self.orders])
+        return np.asarray(2 / self.k.shape[0] * lines * self.spectrum.highpass[: self.orders])
 
     def waves(self, order: int) -> np.ndarray:
         """Return cos and sin of an order of the turn (2, bins); of order 0 1 alone."""
-        turned_rad = order * self.angle_rad
-        return np.array([np.cos(turned_rad), np.sin(turned_rad)][: 2 if order else 1])
+        return _waves(order, self.k.shape[0])[: 2 if order else 1]
 
 
 def point_models(regression: Regression, theta: np.ndarray, orders: int) -> list[PointModel]:
@@ -112,7 +110,6 @@ def point_models(regression: Regression, theta: np.ndarray, orders: int) -> list
             PointModel(
                 spectrum=point.spectrum,
                 orders=orders,
-                angle_rad=2 * np.pi * np.arange(bins) / bins,
                 gain=theta[ALPHA],
                 i_A=i_A,
                 k=tables[at, :3],
@@ -204,13 +201,28 @@ def _of_currents(
 
 def _harmonic(motor: MotorConfig, order: int, point: PointModel) -> np.ndarray:
     """Return the torques of cos and sin of an electrical order of 1 V s/rad in the back-EMF."""
-    electrical_rad = motor.pole_pairs * (point.angle_rad + motor.encoder_offset_rad)
+    turn = (motor.pole_pairs, motor.encoder_offset_rad, motor.phase_order)
+    return np.array([(point.i_A * k).sum(axis=1) for k in _unit_emf(order, *turn, len(point.k))])
+
+
+@lru_cache(maxsize=16)
+def _unit_emf(
+    order: int, pole_pairs: int, offset_rad: float, phase_order: PhaseOrder, bins: int
+) -> np.ndarray:
+    """Return the back-EMF over speed of cos and sin of an electrical order (2, bins, 3)."""
+    electrical_rad = pole_pairs * (2 * np.pi * np.arange(bins) / bins + offset_rad)
     unit = [
         BackEmfHarmonic(order=order, amplitude_V_s_per_rad=1.0, phase_rad=phase_rad)
         for phase_rad in (np.pi / 2, 0.0)
     ]
-    k = [back_emf_waves([one], electrical_rad, motor.phase_order) for one in unit]
-    return np.array([(point.i_A * one).sum(axis=1) for one in k])
+    return np.array([back_emf_waves([one], electrical_rad, phase_order) for one in unit])
+
+
+@lru_cache(maxsize=64)
+def _waves(order: int, bins: int) -> np.ndarray:
+    """Return cos and sin of an order of the turn (2, bins)."""
+    turned_rad = order * (2 * np.pi * np.arange(bins) / bins)
+    return np.array([np.cos(turned_rad), np.sin(turned_rad)])
 
 
 def _current_crosstalk(point: PointModel) -> tuple[np.ndarray, np.ndarray]:

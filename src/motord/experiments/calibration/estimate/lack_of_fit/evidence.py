@@ -54,11 +54,8 @@ class Evidence:
         return self._plain_columns if weighed is self.plain else self._all_columns(weighed)
 
     def _all_columns(self, weighed: WeighedRows) -> np.ndarray:
-        found, last = np.empty((weighed.y.size, sum(self.terms))), 0
-        for number, count in enumerate(self.terms):
-            found[:, last : last + count] = self.columns(weighed, number)
-            last += count
-        return found
+        lines = np.concatenate([one.lines for one in self.effects], axis=1)
+        return weighed.effect(lines, np.concatenate(self.further, axis=1))
 
     def columns(self, weighed: WeighedRows, number: int) -> np.ndarray:
         """Return the rows (n, terms) of an effect."""
