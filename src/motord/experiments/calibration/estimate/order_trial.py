@@ -12,7 +12,7 @@ cannot imitate. Orders enter one after the other, best first, by the criterion o
 `OrderTrial.enters`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -172,8 +172,8 @@ def tried(problem: Weighted, orders: Sequence[int]) -> list[OrderTrial]:
     score = 2 * (pairs @ residual[:, :, None])[:, :, 0].real - cross @ step
     across = np.swapaxes(cross, 1, 2)
     left = whole[:, None, None] * np.eye(2) - cross @ inverse @ across
-    scores = map(_Score, orders, score, whole.tolist(), *np.linalg.eigh(left), inverse @ across)
-    return [_trial(problem, step, one) for one in scores]
+    scores = _Scores(orders, score, whole, *np.linalg.eigh(left), inverse @ across)
+    return list(_trials(problem, step, scores))
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:
@@ -181,56 +181,51 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * np.outer(scale, scale))
 
 
-class _Score(NamedTuple):
-    """s and V, by its eigenvalues and eigenvectors, of an order; whole: on the diagonal of D' D;
-    taken (q, 2): what the other parameters take of a unit of each of the pair."""
+class _Scores(NamedTuple):
+    """s (n, 2) and V, by its eigenvalues and eigenvectors, of n orders; whole (n,): on the diagonal
+    of D' D; taken (n, q, 2): what the other parameters take of a unit of each of the pair."""
 
-    order: int
+    orders: Sequence[int]
     score: np.ndarray
-    whole: float
+    whole: np.ndarray
     values: np.ndarray
     vectors: np.ndarray
     taken: np.ndarray
 
 
-def _trial(problem: Weighted, step: np.ndarray, one: _Score) -> OrderTrial:
-    order, score, whole, values, vectors, taken = one
-    moves_A = taken[BETA]
-    offset_A = float(np.abs(moves_A).max())
-    apart_A = np.linalg.norm((moves_A - moves_A.mean(axis=0)) @ vectors, axis=0)
-    offset_stderr_A = float((apart_A / np.sqrt(np.maximum(values, 1e-12 * whole))).max())
-    seen = values > SEPARABLE * whole
-    if not seen.any():
-        no, nan = np.zeros(3), float("nan")
-        return OrderTrial(
-            order, 0.0, 1.0, 0.0, nan, 0.0, nan, False, offset_A, no, offset_stderr_A, False
-        )
-    part, terms = vectors[:, seen], int(seen.sum())
-    size = (part.T @ score) / values[seen]
-    gain = float((part.T @ score) @ size)
-    bic = gain - terms * float(np.log(problem.turns))
-    p_value, predicts = 1.0, False
-    if bic > 0:  # few orders
-        effect = _effect(problem, order, taken) @ part
-        p_value = _chance(problem, effect, size, gain)
-        predicts = p_value < FALSE_SHARE and _predicts(
-            problem, effect, problem.residual - problem.columns @ step
-        )
-    part_Nm = float(np.linalg.norm(size))
-    hidden_A = part_Nm * np.linalg.norm(moves_A @ vectors[:, ~seen], axis=1)
-    return OrderTrial(
-        order=order,
-        gain=gain,
-        p_value=p_value,
-        bic=bic,
-        stderr_Nm=float(values[0] ** -0.5) if seen.all() else float("nan"),
-        part_Nm=part_Nm,
-        part_stderr_Nm=float(values[seen].min() ** -0.5),
-        clear=bool(values[0] > CLEAR * whole),
-        offset_A_per_Nm=offset_A,
-        offset_shift_A=np.hypot(moves_A @ part @ size, hidden_A),
-        offset_stderr_A=offset_stderr_A,
-        predicts=predicts,
+def _trials(problem: Weighted, step: np.ndarray, of: _Scores) -> Iterator[OrderTrial]:
+    """Yield the trial of each order, of all at once; parts (n, 2) are along the eigenvectors."""
+    whole = of.whole[:, None]
+    seen = of.values > SEPARABLE * whole
+    stderr_Nm = np.where(seen, of.values, np.nan) ** -0.5
+    part = (of.score[:, None] @ of.vectors)[:, 0]
+    size = np.where(seen, part / np.where(seen, of.values, 1.0), 0.0)
+    gain, part_Nm = (part * size).sum(axis=1), np.linalg.norm(size, axis=1)
+    bic = gain - seen.sum(axis=1) * np.log(problem.turns)
+    offset_A = of.taken[:, BETA]
+    moves_A = offset_A @ of.vectors
+    hidden_A = part_Nm[:, None] * np.linalg.norm(moves_A * ~seen[:, None], axis=2)
+    apart_A = np.linalg.norm(moves_A - moves_A.mean(axis=1, keepdims=True), axis=1)
+    chances = [(1.0, False)] * len(of.orders)
+    for n in np.flatnonzero(bic > 0).tolist():  # few orders
+        effect = _effect(problem, of.orders[n], of.taken[n]) @ of.vectors[n][:, seen[n]]
+        p_value = _chance(problem, effect, size[n][seen[n]], float(gain[n]))
+        residual = problem.residual - problem.columns @ step
+        chances[n] = p_value, p_value < FALSE_SHARE and _predicts(problem, effect, residual)
+    yield from map(
+        OrderTrial,
+        of.orders,
+        gain.tolist(),
+        (p_value for p_value, _ in chances),
+        bic.tolist(),
+        stderr_Nm[:, 0].tolist(),
+        part_Nm.tolist(),
+        np.fmax(*stderr_Nm.T).tolist(),
+        (of.values[:, 0] > CLEAR * of.whole).tolist(),
+        np.abs(offset_A).max(axis=(1, 2)).tolist(),
+        np.hypot((moves_A @ size[:, :, None])[:, :, 0], hidden_A),
+        (apart_A / np.sqrt(np.maximum(of.values, 1e-12 * whole))).max(axis=1).tolist(),
+        (predicts for _, predicts in chances),
     )
 
 
