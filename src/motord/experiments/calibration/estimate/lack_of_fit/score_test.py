@@ -248,5 +248,10 @@ def _real(lines: np.ndarray) -> np.ndarray:
 
 def _stacked(lines: np.ndarray, further: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the rows of columns: lines (points, columns, orders), further rows (m, columns)."""
-    weighed = np.moveaxis(lines * weight[:, None, :], 1, 2).reshape(-1, lines.shape[1])
-    return np.concatenate([weighed.real, weighed.imag, further])
+    columns, end = np.moveaxis(lines, 1, 2), 2 * weight.size
+    rows = np.empty((end + len(further), lines.shape[1]))
+    real, imaginary = rows[:end].reshape(2, *columns.shape)
+    np.multiply(columns.real, weight[:, :, None], out=real)
+    np.multiply(columns.imag, weight[:, :, None], out=imaginary)
+    rows[end:] = further
+    return rows
