@@ -64,11 +64,8 @@ def uncommanded(ticks: np.ndarray) -> np.ndarray:
     ("kind", "change", "finding"),
     [
         ("calibrate", clipped, "torque-clipped"),
-        ("calibrate", frozen, "torque-frozen"),
         ("calibrate", clipped_current, "current-b-clipped"),
         ("calibrate", partial(stuck, 4), "encoder-stuck"),
-        ("verify", partial(stuck, 4), "encoder-stuck"),
-        ("verify", clipped, "torque-clipped"),
         ("verify", frozen, "torque-frozen"),
         ("verify", CHANGES["torque in mNm"], "torque-scale"),
         ("verify", CHANGES["encoder misread at times"], "encoder-misread"),

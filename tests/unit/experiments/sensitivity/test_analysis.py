@@ -93,6 +93,7 @@ def test_practice_agrees_with_theory(result: Sensitivity) -> None:
     assert 0.05 < result.series[0].floor_percent < 0.4
 
 
+@pytest.mark.usefixtures("no_search_for_lines")
 def test_currents_of_another_scale_are_a_finding(
     two_series: Path, result: Sensitivity, tmp_path: Path
 ) -> None:
