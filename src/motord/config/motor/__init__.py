@@ -19,6 +19,9 @@ PhaseOrder = Literal["abc", "acb"]
 SEQUENCE: dict[PhaseOrder, int] = {"abc": 1, "acb": -1}
 """Which way the phases follow each other."""
 
+BACK_EMF = "[motor] back_emf"
+"""The key, as refusals name it."""
+
 
 class MotorConfig(Section):
     """`[motor]`: the motor as the controller takes it to be.
@@ -58,13 +61,13 @@ class MotorConfig(Section):
 
     @model_validator(mode="after")
     def _back_emf_fits(self) -> "MotorConfig":
-        name = "[motor] back_emf"
         if isinstance(self.back_emf, BackEmfTable):
-            name, shape = self.back_emf.file or name, self.back_emf.values.shape
+            name, shape = self.back_emf.file or BACK_EMF, self.back_emf.values.shape
             if shape[0] != self.counts:
                 raise ValueError(f"{name}: the table is {shape}, expected ({self.counts}, 3)")
-        if not (np.abs(self.back_emf_table()).max(axis=0) > 0).all():
-            raise ValueError(f"{name}: there is a phase that is zero all over")
+            _refuse_a_zero_phase(name, self.back_emf.values)
+        else:
+            self.back_emf_table()
         return self
 
     @model_validator(mode="after")
@@ -118,8 +121,14 @@ def _table(
 ) -> np.ndarray:
     theta_rad = 2 * np.pi * np.arange(counts) / counts + offset_rad
     table = back_emf_waves(harmonics, pole_pairs * theta_rad, phase_order)
+    _refuse_a_zero_phase(BACK_EMF, table)  # here, where it is looked at once for many bench files
     table.flags.writeable = False
     return table
+
+
+def _refuse_a_zero_phase(name: str, table: np.ndarray) -> None:
+    if not (np.abs(table).max(axis=0) > 0).all():
+        raise ValueError(f"{name}: there is a phase that is zero all over")
 
 
 def back_emf_waves(
