@@ -61,15 +61,15 @@ def zone(number: int, clones: int) -> str:
     return f"CLONE{sign}{abs(minutes) // 60:02}:{abs(minutes) % 60:02}"
 
 
-def head() -> str:
-    """Return the commit that is checked out here."""
-    command = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
+def head(repository: Path) -> str:
+    """Return the commit that is checked out."""
+    command = ["git", "-C", str(repository), "rev-parse", "HEAD"]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
-def clone(folder: Path, commit: str) -> None:
+def clone(repository: Path, folder: Path, commit: str) -> None:
     """Clone `commit` into `folder`."""
-    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(folder)], check=True)
+    subprocess.run(["git", "clone", "--quiet", str(repository), str(folder)], check=True)
     detach = ["git", "-C", str(folder), "checkout", "--quiet", "--detach", commit]
     subprocess.run(detach, check=True)
 
@@ -77,16 +77,18 @@ def clone(folder: Path, commit: str) -> None:
 class Run:
     """`command` on its way in a clone of its own, which is deleted by `close`."""
 
-    def __init__(self, number: int, commit: str, command: list[str], zone_: str, log: Path) -> None:
-        self.number, self.commit, self.zone, self.log = number, commit, zone_, log
+    def __init__(self, number: int, commit: str, options: argparse.Namespace) -> None:
+        self.number, self.commit = number, commit
+        self.zone, self.log = zone(number, options.clones), options.out / f"{number}.log"
         self._parent = tempfile.TemporaryDirectory(
             prefix="motord-clone-", ignore_cleanup_errors=True
         )
         folder = Path(self._parent.name) / "motord"
-        clone(folder, commit)
-        environment = {**os.environ, "TZ": zone_, "PYTHONPATH": str(folder / "src")}
+        clone(options.repository, folder, commit)
+        command = shlex.split(options.run)
+        environment = {**os.environ, "TZ": self.zone, "PYTHONPATH": str(folder / "src")}
         self._begun_s = time.monotonic()
-        with log.open("w") as out:
+        with self.log.open("w") as out:
             self._process = subprocess.Popen(
                 command, cwd=folder, env=environment, stdout=out, stderr=subprocess.STDOUT,
                 start_new_session=True,
@@ -183,21 +185,19 @@ def main() -> int:
     parser.add_argument("--idle", action="store_true", help="without busy processors")
     parser.add_argument("--run", default="make test")
     parser.add_argument("--out", type=Path, help="folder of results; goes on where it ended")
+    parser.add_argument("--repository", type=Path, default=ROOT, help="what is cloned")
     options = parser.parse_args()
     ended = Ended()
-    out = options.out or Path(tempfile.mkdtemp(prefix="motord-clones-"))
+    out = options.out = options.out or Path(tempfile.mkdtemp(prefix="motord-clones-"))
     out.mkdir(parents=True, exist_ok=True)
     results = read(out / "results.json")
-    commit = results[0].commit if results else head()
+    commit = results[0].commit if results else head(options.repository)
     say(f"commit {commit}, results in {out}")
     for one in results:
         say(one)
     say(progress(results, options.clones, datetime.now()))
     left = sorted(set(range(options.clones)) - {one.number for one in results})
-    runs = (
-        Run(n, commit, shlex.split(options.run), zone(n, options.clones), out / f"{n}.log")
-        for n in left
-    )
+    runs = (Run(n, commit, options) for n in left)
     with nullcontext() if options.idle else hogs():
         for result in run_all(runs, options.at_once, ended):
             results.append(result)

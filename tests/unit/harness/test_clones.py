@@ -8,32 +8,45 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.campaigns import clones
 
 COMMAND = 'sh -c \'echo "2 passed in 1 s"; echo "3 trips forgiven"; git rev-parse HEAD\''
 
 
-def started(
-    out: Path, count: int, command: str = COMMAND, *options: str
-) -> "subprocess.Popen[str]":
-    arguments = ("--idle", "--clones", str(count), "--run", command, "--out", str(out), *options)
+@pytest.fixture(scope="module")
+def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a small one: to clone the project takes half a second of a processor."""
+    folder = tmp_path_factory.mktemp("repository")
+    subprocess.run(["git", "init", "--quiet", folder], check=True)
+    who = ("-c", "user.name=t", "-c", "user.email=t@localhost")
+    commit = ("commit", "--quiet", "--allow-empty", "--message", "first")
+    subprocess.run(["git", "-C", folder, *who, *commit], check=True)
+    return folder
+
+
+def started(repository: Path, out: Path, count: int, *more: str) -> "subprocess.Popen[str]":
+    arguments = ("--idle", "--clones", str(count), "--repository", str(repository), *more)
     return subprocess.Popen(
-        [sys.executable, "-m", "tests.campaigns.clones", *arguments],
+        [sys.executable, "-m", "tests.campaigns.clones", *arguments, "--out", str(out)],
         cwd=clones.ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
 
-def campaign(out: Path, *arguments: Any) -> "subprocess.CompletedProcess[str]":
-    process = started(out, *arguments)
+def campaign(*arguments: Any) -> "subprocess.CompletedProcess[str]":
+    process = started(*arguments)
     printed, errors = process.communicate()
     return subprocess.CompletedProcess(process.args, process.returncode, printed, errors)
 
 
-def test_a_second_run_goes_on_with_the_commit_of_the_first(tmp_path: Path) -> None:
-    first = campaign(tmp_path, 1)
+def test_a_second_run_goes_on_with_the_commit_of_the_first(
+    repository: Path, tmp_path: Path
+) -> None:
+    first = campaign(repository, tmp_path, 1, "--run", COMMAND)
     assert first.returncode == 0, first.stderr
     begun = (tmp_path / "0.log").read_bytes()
-    second = campaign(tmp_path, 2, "false")
+    second = campaign(repository, tmp_path, 2, "--run", "false")
     assert second.returncode == 1
     assert (tmp_path / "0.log").read_bytes() == begun
     green, red = json.loads((tmp_path / "results.json").read_text())
@@ -44,19 +57,21 @@ def test_a_second_run_goes_on_with_the_commit_of_the_first(tmp_path: Path) -> No
     assert second.stdout.splitlines()[-1] == "2 of 2 clones, 1 red"
 
 
-def test_as_many_run_at_a_time_as_asked_for(tmp_path: Path) -> None:
+def test_as_many_run_at_a_time_as_asked_for(repository: Path, tmp_path: Path) -> None:
     met = tmp_path / "met"
     os.mkfifo(met)  # blocks who opens it until the other one does
     script = f"if mkdir {tmp_path}/first; then cat <{met}; else echo 1 passed in 1 s >{met}; fi"
-    ended = campaign(tmp_path / "out", 2, f"timeout 100 sh -c '{script}'", "--at-once", "2")
+    command = f"timeout 100 sh -c '{script}'"
+    ended = campaign(repository, tmp_path / "out", 2, "--run", command, "--at-once", "2")
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.splitlines()[-1] == "2 of 2 clones, 0 red"
 
 
-def test_a_campaign_that_is_ended_ends_what_it_started(tmp_path: Path) -> None:
+def test_a_campaign_that_is_ended_ends_what_it_started(repository: Path, tmp_path: Path) -> None:
     begun = tmp_path / "begun"
     os.mkfifo(begun)
-    process = started(tmp_path / "out", 2, f"sh -c 'echo $$ >{begun}; exec cat {begun}'")
+    command = f"sh -c 'echo $$ >{begun}; exec cat {begun}'"
+    process = started(repository, tmp_path / "out", 2, "--run", command)
     pid = int(begun.read_text())
     process.terminate()
     process.communicate()
