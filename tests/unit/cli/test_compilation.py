@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from motord.cli.console import explain_first_run
+from motord.cli.reproduce import demo, reproduce
 from motord.kernel_cache import kernel_cache
 from tests.support.patience import PATIENCE_S
 
@@ -26,18 +28,27 @@ def test_it_is_said_once(
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        ["demo", "--out", "file/out"],
-        ["reproduce", "--out", "file/out"],
-        ["simulate", "verify", "--set", "turns=x"],
-    ],
+    ("command", "first_import"),
+    [(demo, "motord.reproduce.demo"), (reproduce, "motord.reproduce.page")],
 )
-def test_it_is_said_before_kernels_are_imported(tmp_path: Path, arguments: list[str]) -> None:
-    (tmp_path / "file").write_text("")
+def test_it_is_said_before_the_imports(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: Callable[..., None],
+    first_import: str,
+) -> None:
+    monkeypatch.setenv("MOTORD_CACHE_DIR", str(tmp_path))
+    monkeypatch.setitem(sys.modules, first_import, None)
+    with pytest.raises(ImportError, match=first_import):
+        command(out=tmp_path / "out")
+    assert capsys.readouterr().err.startswith("first run: compiling the numerical kernels")
+
+
+def test_it_is_said_before_kernels_are_imported(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "motord", *arguments], cwd=tmp_path, check=False,
-        env={**os.environ, "MOTORD_CACHE_DIR": str(tmp_path)},
+        [sys.executable, "-m", "motord", "simulate", "verify", "--set", "turns=x"],
+        cwd=tmp_path, check=False, env={**os.environ, "MOTORD_CACHE_DIR": str(tmp_path)},
         capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     first, wrong = done.stderr.splitlines()
