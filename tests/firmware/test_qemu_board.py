@@ -71,7 +71,7 @@ def test_samples_carry_what_the_rig_feeds():
 def test_in_the_firmwares_time_no_sample_is_missing(rate_Hz):
     with machine(emulated(), *FIRMWARE_TIME) as board:
         board.configure(2 * rate_Hz)  # every second tick is left out
-        samples = [board.next(frames.Sample) for _ in range(rate_Hz)]
+        samples = [board.next(frames.Sample) for _ in range(min(rate_Hz, 1000))]
         board.send(frames.Configure(2 * rate_Hz, 100_000))
         status = board.next(frames.Status, lambda s: s.t_us > samples[-1].t_us)
     first_us, *apart_us = np.diff([sample.t_us for sample in samples])
@@ -190,7 +190,7 @@ def test_corrupt_heartbeats_are_none():
     chance = random.Random(3)
     with machine(emulated()) as board:
         board.configure(100)
-        good = (frames.encode(frames.Heartbeat(1), number) for number in range(3000))
+        good = (frames.encode(frames.Heartbeat(1), number) for number in range(1000))
         bad = [mutated(frame, chance) for frame in good]
         board.send(b"".join(bad), frames.Stop())
         status = board.next(frames.Status, lambda s: not s.streaming)

@@ -42,7 +42,7 @@ forgive_trip = partial(forgive, limit_s=INVERTER_TIMEOUT_S, board_is_a_process=T
 """QEMU: a computer that keeps it waiting keeps it from heartbeats that have been sent."""
 COUNT_RAD = 2 * np.pi / 4096
 SOUND_NS = 500_000_000
-NOISE_S = 1.0
+NOISE_S = 0.5
 OF_A_REBOOT = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 
 
@@ -109,7 +109,7 @@ def steady(client, lease, states_in_a_row=5):
 def test_the_bench_is_enabled_by_the_firmware_and_outlives_reboot_noise_and_stop(bench, devices):
     with daemon(bench.folder, bench.path) as running, running.connect() as client:
         with client.lease("anna") as lease:
-            begun, held = steady(client, lease, states_in_a_row=20)
+            begun, held = steady(client, lease, states_in_a_row=10)
             a_reboot_trips(bench, client, lease)
             since_ns = (
                 client.state().tick.t_ns + SOUND_NS
@@ -200,7 +200,7 @@ def stop_of_the_loop(bench, devices, client, lease):
     os.kill(loop, signal.SIGSTOP)
     wait_for_the_line_to_open(bench)  # in time: test_enable_line, in the board's own
     opened_ns = time.time_ns()
-    go_on(devices, wakes=500)
+    go_on(devices, wakes=100)
     continued_ns = time.time_ns()
     os.kill(loop, signal.SIGCONT)
     return Stop(stood_ns, stopped_ns, opened_ns, continued_ns)
