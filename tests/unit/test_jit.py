@@ -135,12 +135,6 @@ def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_a_simulated_bench_starts_without_scipy() -> None:
-    """A seventh of a second of every start of its loop, its emulator and its workers."""
-    code = "import sys, motord.hal.sim.rig\nassert 'scipy' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 def test_numba_loads_no_package_and_no_settings_that_kept_kernels_do_not_need(
     tmp_path: Path,
 ) -> None:

@@ -268,7 +268,7 @@ def test_the_loop_loads_nothing_heavy_besides_its_compiler_and_no_experiments() 
         "import motord.hal.can.python_can, motord.hal.sim.rig, motord.config as config\n"
         "bench = config.packaged('sim.toml')\n"
         "config.load_started(bench, bench, plans=False)\n"
-        "heavy = {'asammdf', 'pandas', 'pyarrow', 'zenoh', 'yaml', 'motord.experiments'}\n"
+        "heavy = {'asammdf', 'pandas', 'pyarrow', 'zenoh', 'yaml', 'scipy', 'motord.experiments'}\n"
         "print(heavy & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
