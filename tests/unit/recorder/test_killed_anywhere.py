@@ -30,12 +30,17 @@ PLAN = Plan("verify", points=(), motion=_no_motion, point_s=lambda _: 0.0, setti
 VIEW = PlanView(plan="verify", state="done", started_by="anna", run_id="1")
 
 
-def by_hand(bench: Bench) -> None:
-    """Three times powered: the second follows what is recorded of the first, the third is late."""
+def twice(bench: Bench) -> None:
+    """Powered by hand: the second time follows what is recorded of the first."""
     bench.step(2)
     bench.enabled(3)
     bench.step(MARGIN_STEPS + 2)
     bench.enabled(3)
+
+
+def by_hand(bench: Bench) -> None:
+    """Three times powered, the third time late."""
+    twice(bench)
     bench.step(3 * MARGIN_STEPS)
     bench.enabled(3)
 
@@ -126,7 +131,9 @@ def test_ticks_between_two_recordings_are_not_recorded_and_none_is_missed(make, 
     assert (gap > missed) is (pause_steps > MARGIN_STEPS)
 
 
-@OPERATIONS
+@pytest.mark.parametrize(
+    "operate", [twice, with_a_plan, pytest.param(by_hand, marks=pytest.mark.long)]
+)
 @AWAY
 def test_a_kill_at_any_call_of_the_system(make, operate: Operate, away_steps: int):
     bench = make(away_steps)
