@@ -32,7 +32,7 @@ def _printable(text: str) -> str:
 
 def one_line(text: str) -> str:
     """Return a text without what could pass for another line, or move a terminal's cursor."""
-    return "".join(c if c.isprintable() else "?" for c in text)
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 NAME_MAX = 64
