@@ -3,7 +3,7 @@
 And what looks at all pages that they make: numbers on cards have intervals.
 
 Processes that compute operating points take seconds to start. Tests that interrupt some have their
-own (`tests/unit/virtual/test_mesh.py`), and `tests/system/test_demo.py`.
+own (`tests/unit/virtual/test_mesh.py`).
 """
 
 import sys

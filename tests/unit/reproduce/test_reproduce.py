@@ -2,13 +2,15 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+from motord.cli import app
+from motord.virtual import mesh  # noqa: F401  # so that its processes are kept (`conftest`)
+
+pytestmark = pytest.mark.slow
 
 FIGURES = (
     "2.2",
@@ -28,16 +30,12 @@ FIGURES = (
 FIGURES += ("4.10", "4.11")
 
 
-def reproduce(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "motord", "reproduce", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     folder = tmp_path_factory.mktemp("reproduce") / "out"
-    ran = reproduce("--quick", "--json", "--keep-recordings", "--out", folder)
-    assert ran.returncode == 0, ran.stderr
+    options = ["--quick", "--json", "--keep-recordings", "--out", str(folder)]
+    ran = CliRunner().invoke(app, ["reproduce", *options])
+    assert ran.exit_code == 0, ran.output
     return folder, json.loads(ran.stdout)
 
 
