@@ -45,7 +45,8 @@ def motord(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Motord:
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", venv], check=True)
     python = venv / "bin" / "python"
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", python]
-    install = ["install", "--quiet", "--no-deps", "--no-index", wheel]
+    # compiled when they are used, as most modules are not
+    install = ["install", "--quiet", "--no-compile", "--no-deps", "--no-index", wheel]
     subprocess.run([*pip, *install], check=True, timeout=TIMEOUT_S)
     [packages] = venv.glob("lib/python*/site-packages")
     (packages / "others.pth").write_text(sysconfig.get_path("purelib") + "\n")
