@@ -199,7 +199,7 @@ def test_a_disk_that_runs_full(tmp_path, free_min_MB):
     folder = tmp_path / "runs"
     folder.mkdir()
     recording = f'compression = "none"\nfree_min_MB = {free_min_MB}'
-    before = small_disk(folder, 4)
+    before = small_disk(folder, free_min_MB + 2)
     with enabled(tmp_path, write_bench(tmp_path, recording), before) as bench:
         state = wait_for(bench.client, lambda s: s.recording.error, "the disk to be full")
         bench.go_on()
