@@ -71,7 +71,7 @@ def coast_downs(
     direction: int = 1,
     start_rad_s: float = START_RAD_S,
     stop_rad_s: float = STOP_RAD_S,
-    longest_step: int = 1,
+    longest_step: int = 5,
 ) -> list[CoastDown]:
     """Return coast-downs with rounded angles and, with longest_step, samples left out."""
     begun = _begun(rng, number, direction * start_rad_s)
@@ -97,7 +97,7 @@ def of_draws(
     draws: Sequence[np.random.Generator],
     rotor: Rotor,
     number: int,
-    longest_step: int = 1,
+    longest_step: int = 5,
     encoder_rad: Mapping[int, float] = NO_ERROR,
 ) -> Iterator[list[CoastDown]]:
     """Yield the `coast_downs` of each generator, which may be the same one again.

@@ -36,6 +36,10 @@ HIGHPASS = "highpass_time_constant_s = 2.0"
 START_NS = 1_700_000_000_000_000_000
 TURN_TICKS = 64
 EVERY_NS = round(0.1 * 3.6e12)
+FEW = 8
+"""Repetitions of the recording that most tests read: when two are left out, six remain."""
+
+pytestmark = pytest.mark.usefixtures("no_search_for_lines")
 
 
 def captured(
@@ -103,6 +107,16 @@ def drifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def found(drifted: Path) -> dict[str, object]:
     return trends(drifted)
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("soak") / "soak.mcap", range(FEW), drift_Nm=0.006)
+
+
+@pytest.fixture(scope="module")
+def of_short(short: Path) -> dict[str, object]:
+    return trends(short)
 
 
 def test_drifts_are_found_with_their_size_and_others_are_not_claimed(
@@ -258,9 +272,9 @@ def test_what_noise_hides_at_times_is_not_in_the_mean_and_said_to_have_changed(
 
 @pytest.mark.parametrize("inner", [None, 5, "turns", ["turns"]])
 def test_without_settings_of_the_inner_plan_there_is_no_ripple(
-    drifted: Path, tmp_path: Path, inner: object
+    short: Path, tmp_path: Path, inner: object
 ) -> None:
-    run, path = open_run(drifted), tmp_path / "soak.mcap"
+    run, path = open_run(short), tmp_path / "soak.mcap"
     plan = {**run.plan_metadata, "settings": {**run.plan_metadata["settings"], "inner": inner}}
     ticks = run.ticks()
     with RunWriter(path, {**run.metadata, "plan": plan}) as writer:
@@ -273,7 +287,7 @@ def test_without_settings_of_the_inner_plan_there_is_no_ripple(
 @pytest.mark.parametrize("points", [(0,), (0, 3)])
 @pytest.mark.parametrize("column", ["temperature_C", "encoder_count"])
 def test_what_is_not_known_of_a_capture_leaves_out_its_repetition_alone(
-    drifted: Path, found: dict[str, object], tmp_path: Path, column: str, points: tuple[int, ...]
+    short: Path, of_short: dict[str, object], tmp_path: Path, column: str, points: tuple[int, ...]
 ) -> None:
     """It left the set-point out of the mean, and of two set-points the figure out altogether."""
 
@@ -286,13 +300,13 @@ def test_what_is_not_known_of_a_capture_leaves_out_its_repetition_alone(
                 ticks[column][at] = 7  # no whole turn
         return ticks
 
-    plain, found = found, trends(change_recording(drifted, tmp_path / "s.mcap", change))
+    found = trends(change_recording(short, tmp_path / "s.mcap", change))
     lost = points if column == "encoder_count" else ()
-    kept = [n for n in range(12) if n not in {point // 2 for point in lost}]
+    kept = [n for n in range(FEW) if n not in {point // 2 for point in lost}]
     for name in ("rms_error_percent", "noise_rms_percent"):
-        np.testing.assert_array_equal(found[name].values, plain[name].values[kept])
+        np.testing.assert_array_equal(found[name].values, of_short[name].values[kept])
     temperature = "inverter_temperature_C"
-    np.testing.assert_allclose(found[temperature].values, plain[temperature].values, rtol=1e-6)
+    np.testing.assert_allclose(found[temperature].values, of_short[temperature].values, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -341,19 +355,19 @@ def test_of_few_repetitions_nothing_is_claimed(tmp_path: Path, count: int) -> No
     assert result.findings == ()
 
 
-def test_several_files_are_one_soak_in_any_order(drifted: Path, tmp_path: Path) -> None:
+def test_several_files_are_one_soak_in_any_order(short: Path, tmp_path: Path) -> None:
     parts = [
-        write(tmp_path / f"{span.start}.mcap", span, 0.006) for span in (range(6, 12), range(6))
+        write(tmp_path / f"{span.start}.mcap", span, 0.006) for span in (range(4, 8), range(4))
     ]
     found = trends(*parts)["rms_error_percent"]
-    assert found.values.size == 12
+    assert found.values.size == 8
     assert found.low < 0.1 < found.high
 
 
-def test_what_is_no_soak_or_another_one_is_refused(drifted: Path, tmp_path: Path) -> None:
+def test_what_is_no_soak_or_another_one_is_refused(short: Path, tmp_path: Path) -> None:
     other = write(tmp_path / "o.mcap", range(2), inner={**SETTINGS["inner"], "turns": 5})
     with pytest.raises(AnalysisError, match=r"o\.mcap: is of another soak than .*soak\.mcap"):
-        trends(drifted, other)
+        trends(short, other)
     plain = tmp_path / "plain.mcap"
     config = load()
     with RunWriter(plain, describe(config, packaged("sim.toml").read_text())) as writer:
@@ -361,7 +375,7 @@ def test_what_is_no_soak_or_another_one_is_refused(drifted: Path, tmp_path: Path
     with pytest.raises(AnalysisError, match="names no plan; needed: soak"):
         trends(plain)
     unnumbered = tmp_path / "unnumbered.mcap"
-    with RunWriter(unnumbered, {**open_run(drifted).metadata}) as writer:
+    with RunWriter(unnumbered, {**open_run(short).metadata}) as writer:
         ticks = captured(0, 0, np.random.default_rng(1), 0.0)
         writer.ticks(ticks)
         writer.operating_point(START_NS, point_of(ticks))
@@ -403,13 +417,13 @@ OTHER_ENCODER = (
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_rotor_that_did_not_turn_has_no_ripple_and_counts_of_another_encoder_are_refused(
-    tmp_path: Path, drifted: Path, turned: bool
+    tmp_path: Path, short: Path, turned: bool
 ) -> None:
     def change(ticks: np.ndarray) -> np.ndarray:
         ticks["encoder_count"] = 2 * ticks["encoder_count"] if turned else 7
         return ticks
 
-    path = change_recording(drifted, tmp_path / "s.mcap", change)
+    path = change_recording(short, tmp_path / "s.mcap", change)
     if turned:
         with pytest.raises(IdentifyError, match=OTHER_ENCODER):
             trends(path)
@@ -418,7 +432,7 @@ def test_a_rotor_that_did_not_turn_has_no_ripple_and_counts_of_another_encoder_a
 
 
 def test_a_set_point_without_ripple_in_any_repetition_leaves_the_mean_of_the_others(
-    drifted: Path, tmp_path: Path
+    short: Path, tmp_path: Path
 ) -> None:
     """The mean was not stated at all."""
 
@@ -426,49 +440,50 @@ def test_a_set_point_without_ripple_in_any_repetition_leaves_the_mean_of_the_oth
         ticks["encoder_count"][ticks["plan_point"] % 2 == 0] = 7
         return ticks
 
-    found = trends(change_recording(drifted, tmp_path / "s.mcap", change))
+    found = trends(change_recording(short, tmp_path / "s.mcap", change))
     both, other = (found[f"rms_error_percent{of}"] for of in ("", " of point 2, 2 Nm, 1 Hz"))
     np.testing.assert_array_equal(both.values, other.values)
     assert "rms_error_percent of point 1, 1 Nm, 1 Hz" not in found
 
 
 def test_ticks_without_a_column_are_refused_with_what_to_do(
-    drifted: Path, monkeypatch: pytest.MonkeyPatch
+    short: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("motord.experiments.soak.point_figures.COLUMNS", ("t_ns", "gone"))
     with pytest.raises(AnalysisError, match=r"soak\.mcap: ticks have no gone; record the soak"):
-        trends(drifted)
+        trends(short)
 
 
-def with_counts(drifted: Path, path: Path, places: slice, count: int) -> SoakResult:
+def with_counts(short: Path, path: Path, places: slice, count: int) -> SoakResult:
     """Return the result where ticks of a capture have a count that the encoder does not have."""
 
     def change(ticks: np.ndarray) -> np.ndarray:
         ticks["encoder_count"][np.flatnonzero(ticks["plan_point"] == 5)[places]] = count
         return ticks
 
-    return soak_trends(Recordings.open([change_recording(drifted, path, change)]))
+    return soak_trends(Recordings.open([change_recording(short, path, change)]))
 
 
 @pytest.mark.parametrize("count", [5000, -1])
 def test_a_count_that_is_out_of_range_is_left_out_alone(
-    drifted: Path, tmp_path: Path, count: int
+    short: Path, tmp_path: Path, count: int
 ) -> None:
     """One sample of hours ended the analysis."""
-    result = with_counts(drifted, tmp_path / "s.mcap", slice(7, 8), count)
-    assert {one.values.size for one in result.trends if "rms" in one.name} == {12}
+    result = with_counts(short, tmp_path / "s.mcap", slice(7, 8), count)
+    assert {one.values.size for one in result.trends if "rms" in one.name} == {FEW}
     [finding] = [one for one in result.findings if one.name == "encoder-out-of-range"]
     assert "2 Nm, 1 Hz" in finding.meaning
 
 
 @pytest.mark.parametrize("count", [5000, -1])
 def test_counts_that_are_out_of_range_leave_out_the_ripple_of_their_capture_alone(
-    drifted: Path, tmp_path: Path, count: int
+    short: Path, tmp_path: Path, count: int
 ) -> None:
-    result = with_counts(drifted, tmp_path / "s.mcap", slice(7, 30), count)
+    result = with_counts(short, tmp_path / "s.mcap", slice(7, 30), count)
     found = {one.name: one.values.size for one in result.trends}
-    assert found["rms_error_percent"] == found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == 11
-    assert found["rms_error_percent of point 1, 1 Nm, 1 Hz"] == 12
+    left = FEW - 1
+    assert found["rms_error_percent"] == found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == left
+    assert found["rms_error_percent of point 1, 1 Nm, 1 Hz"] == FEW
     [finding] = [one for one in result.findings if one.name == "points-left-out"]
     assert finding.value == 1
     assert "s.mcap: repetition 3, point 2, 2 Nm, 1 Hz: encoder counts from" in finding.meaning
@@ -476,7 +491,7 @@ def test_counts_that_are_out_of_range_leave_out_the_ripple_of_their_capture_alon
 
 @pytest.mark.parametrize("turns", [True, False])
 def test_a_dead_sensor_leaves_out_the_torque_of_its_capture_alone(
-    drifted: Path, tmp_path: Path, turns: bool
+    short: Path, tmp_path: Path, turns: bool
 ) -> None:
     def change(ticks: np.ndarray) -> np.ndarray:
         at = ticks["plan_point"] == 5
@@ -484,11 +499,12 @@ def test_a_dead_sensor_leaves_out_the_torque_of_its_capture_alone(
         ticks["encoder_count"][at] *= turns
         return ticks
 
-    path = change_recording(drifted, tmp_path / "s.mcap", change)
+    path = change_recording(short, tmp_path / "s.mcap", change)
     result = soak_trends(Recordings.open([path]))
     found = {one.name: one.values.size for one in result.trends}
-    assert found["rms_error_percent"] == found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == 11
-    assert found["inverter_temperature_C"] == 12
+    left = FEW - 1
+    assert found["rms_error_percent"] == found["rms_error_percent of point 2, 2 Nm, 1 Hz"] == left
+    assert found["inverter_temperature_C"] == FEW
     [finding] = [one for one in result.findings if one.name == "points-left-out"]
     assert finding.value == 1
     at = "s.mcap: repetition 3, point 2, 2 Nm, 1 Hz"
