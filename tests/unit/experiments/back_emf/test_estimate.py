@@ -246,6 +246,22 @@ def test_without_noise_the_lines_are_averaged_all_the_same() -> None:
     assert found.stderr.max() < 1e-12
 
 
+def fits_of(lines: np.ndarray, variance: np.ndarray) -> list[list[ClusterFit]]:
+    """Return fits of which each order is a trial: the average is of each order by itself.
+
+    lines (trials, n, 3): of n speeds and three phases; variance (n,): of each speed's components.
+    """
+    waves = np.stack([lines.real, -lines.imag], axis=-1)
+    one = np.eye(2 * len(lines) + 1)
+    return [
+        [
+            ClusterFit(np.append(waves[:, n, phase], 0.0), own, np.zeros(8), 0.0)
+            for phase in range(3)
+        ]
+        for n, own in enumerate(each * one for each in variance)
+    ]
+
+
 @pytest.mark.parametrize(
     ("speeds", "drift"), [(2, 0.01), (3, 0.01), (6, 0.01), (6, 3e-4), (3, 0.0)]
 )
@@ -255,22 +271,19 @@ def test_what_moves_all_phases_from_speed_to_speed_is_in_the_interval(
 ) -> None:
     """An amplitude (turned by 1) or a phase (1j) that is another at each speed."""
     rng = np.random.default_rng(speeds)
-    turns_stderr, trials = 1e-4, 400
-    covariance, residual = turns_stderr**2 * np.eye(3), np.zeros(8)
-    held, half = [], []
+    turns_stderr, trials, lines = 1e-4, 400, []
     for _ in range(trials):
         moved = 1 + drift * turned * rng.standard_normal(speeds)
-        lines = moved[:, None] + turns_stderr * (rng.standard_normal((speeds, 3, 2)) @ [1, 1j])
-        fits = [
-            [ClusterFit(np.array([k.real, -k.imag, 0.0]), covariance, residual, 0) for k in phases]
-            for phases in lines
-        ]
-        found = average(fits, np.zeros((speeds, 1)), 40)
-        off = found.line[0].mean() - 1
-        place = 0 if turned == 1.0 else 1
-        factor = coverage_factor(found.freedom[0, place])
-        half.append(factor * found.mean_stderr[0, place])
-        held.append(abs((off / turned).real) < half[-1])
+        lines.append(
+            moved[:, None] + turns_stderr * (rng.standard_normal((speeds, 3, 2)) @ [1, 1j])
+        )
+    fits = fits_of(np.array(lines), np.full(speeds, turns_stderr**2))
+    found = average(fits, np.zeros((speeds, trials)), 40)
+    off = found.line.mean(axis=1) - 1
+    place = 0 if turned == 1.0 else 1
+    factor = np.array([coverage_factor(n) for n in found.freedom[:, place]])
+    half = factor * found.mean_stderr[:, place]
+    held = np.abs((off / turned).real) < half
     assert np.mean(held) >= 0.95 - 0.022  # two standard errors of the trials
     if drift > 10 * turns_stderr:
         assert np.median(half) < 1.5 * coverage_factor(speeds - 1) * drift / np.sqrt(speeds)
@@ -319,43 +332,39 @@ def test_a_phase_that_drifts_is_in_the_interval_of_the_age(
     velocity_rad_s = np.tile(2 * np.pi * np.linspace(0.5, 1.0, speeds), takes)
     weight = velocity_rad_s**2
     apart = velocity_rad_s - weight @ velocity_rad_s / weight.sum()
-    covariances = [(turns_stderr / v) ** 2 * np.eye(3) for v in velocity_rad_s]
-    held_age, held_phase, half = [], [], []
+    shifts, lines = [], []
     for _ in range(trials):
         angle = np.tile(drift * rng.standard_normal(speeds), takes)
         error = turns_stderr / velocity_rad_s[:, None] * rng.standard_normal((speeds * takes, 3))
-        lines = np.exp(1j * (angle[:, None] + error))
-        shift = (weight * apart) @ np.angle(lines).mean(axis=1) / (weight @ apart**2)
-        lines = lines * np.exp(-1j * shift * velocity_rad_s)[:, None]
-        fits = [
-            [
-                ClusterFit(np.array([k.real, -k.imag, 0.0]), covariance, np.zeros(8), 0)
-                for k in phases
-            ]
-            for phases, covariance in zip(lines, covariances, strict=True)
-        ]
+        line = np.exp(1j * (angle[:, None] + error))
+        shift = (weight * apart) @ np.angle(line).mean(axis=1) / (weight @ apart**2)
+        lines.append(line * np.exp(-1j * shift * velocity_rad_s)[:, None])
+        shifts.append(shift)
         speed = distinct_speeds(velocity_rad_s * rng.uniform(0.999, 1.001, velocity_rad_s.size))
         assert speed.max() + 1 == speeds
-        found = average(fits, np.zeros((speeds * takes, 1)), 40, speed=speed, age_fitted=True)
+    fits = fits_of(np.array(lines), (turns_stderr / velocity_rad_s) ** 2)
+    found = average(fits, np.zeros((speeds * takes, trials)), 40, speed=speed, age_fitted=True)
+    held_age, held_phase, half = [], [], []
+    for trial, shift in enumerate(shifts):
         of_turns_s = turns_stderr / order / np.sqrt(3 * (apart**2 * weight).sum())
-        tau2 = float(found.between[0]) / order**2
+        tau2 = float(found.between[trial]) / order**2
         delay = delay_with_scatter(
             Delay(shift / order, of_turns_s, 40),
             tau2,
-            found.phase_scatter[0],
+            found.phase_scatter[trial],
             velocity_rad_s,
             weight,
         )
         half.append(coverage_factor(delay.freedom) * delay.stderr_s)
         held_age.append(abs(delay.age_s) < half[-1])
-        across, turned = found.mean_stderr[0, 1], order * delay.stderr_s * velocity_rad_s.mean()
+        across, turned = found.mean_stderr[trial, 1], order * delay.stderr_s * velocity_rad_s.mean()
         stderr = np.hypot(across, turned)
-        freedom = correlated_freedom((across, found.freedom[0, 1]), (turned, delay.freedom))
-        fewest, most = sorted((found.freedom[0, 1], delay.freedom))
+        freedom = correlated_freedom((across, found.freedom[trial, 1]), (turned, delay.freedom))
+        fewest, most = sorted((found.freedom[trial, 1], delay.freedom))
         assert fewest <= freedom * (1 + 1e-9)
         assert freedom <= max(most, 1.0) * (1 + 1e-9)
         factor = coverage_factor(freedom)
-        held_phase.append(abs(np.angle(found.line[0].mean())) < factor * stderr)
+        held_phase.append(abs(np.angle(found.line[trial].mean())) < factor * stderr)
     assert np.mean(held_age) >= 0.95 - 0.022  # two standard errors of the trials
     assert np.mean(held_phase) >= 0.95 - 0.022
     if not drift:
