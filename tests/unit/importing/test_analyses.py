@@ -25,7 +25,7 @@ from tests.support.virtual_calibration import calibrate
 from tests.unit.identification.synthetic_bench import SENSOR, Bench, Truth, motor
 from tests.unit.importing.tables import imported, write_csv, write_motor
 
-MESH = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.8, 1.0], "turns": 5, "settle_s": 1.0}
+MESH = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.8, 1.0], "turns": 4, "settle_s": 1.0}
 
 GERMAN = """\
 motor = "package:sim.toml"
@@ -158,7 +158,7 @@ def test_other_motors_have_their_own_orders(
         sensor=TorqueSensorConfig() if passes_mean else SENSOR,
         ripple_order=poles,
     )
-    points = bench.mesh(turns=10)
+    points = bench.mesh(turns=6)
     columns = in_one_table(points, counts, unwrapped=passes_mean)
     (tmp_path / "motor.toml").write_text(motor_toml(bench.motor, bench.sensor))
     _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), MESH_MAP)

@@ -164,9 +164,9 @@ def test_a_gain_that_drifts_is_followed_without_lag_and_in_its_interval() -> Non
     bench = VirtualBench(CONFIG, TRUTH, SEED, CALIBRATION)
     operation = Operation(bench, (2.0, 5.0, 3.5))
     tracker = CalibrationTracker(CONFIG, CALIBRATION, MEMORY_S)
-    for second, block in enumerate(operation.blocks(360)):
+    for second, block in enumerate(operation.blocks(240)):
         tracker.take(block)
-        now = with_drift(TRUTH, 0, 3 * 0.01 * second / 3600)
+        now = with_drift(TRUTH, 0, 4.5 * 0.01 * second / 3600)
         bench.alter(now)
     found = tracker.tracked()
     assert found is not None
