@@ -14,7 +14,7 @@ from motord.experiments.cogging.at_speed import (
     at_speed,
     standing_out,
 )
-from motord.experiments.cogging.eccentricity import RARE, eccentricity
+from motord.experiments.cogging.eccentricity import RARE, eccentricities
 from motord.experiments.cogging.findings import findings
 from motord.experiments.cogging.result import Comparison, DirectionDifference, MeasuredCogging
 from motord.experiments.signal_findings import signal_findings
@@ -68,20 +68,22 @@ def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCoggi
 
 
 def _widened(measured: MeasuredCogging) -> MeasuredCogging:
-    """Return it with intervals that hold what an eccentric encoder takes off the orders."""
+    """Return it with intervals that hold what the encoder's errors take off the orders."""
     allowed, freedom = measured.order[measured.allowed], measured.degrees_of_freedom
-    found = eccentricity(measured.speeds, allowed, freedom)
-    if found is None or not found.significant:
+    found = tuple(eccentricities(measured.speeds, allowed, freedom))
+    if not found:
         return measured
-    lost_Nm = found.lost(measured.order, at_most=True) * measured.amplitude_Nm
-    stderr_Nm = measured.stderr_Nm + lost_Nm / coverage_factor(freedom)
-    lost = found.lost(measured.order) * measured.amplitude_Nm
-    beyond = lost > SERIOUS_BIAS * measured.half_width_Nm
-    serious = bool((beyond & measured.allowed).any())
+    size_Nm, half_Nm = measured.amplitude_Nm, measured.half_width_Nm
+    least = [(one.lost(measured.order) * size_Nm)[measured.allowed] for one in found]
+    most_Nm = sum(one.lost(measured.order, at_most=True) * size_Nm for one in found)
+    stderr_Nm = measured.stderr_Nm + most_Nm / coverage_factor(freedom)
     return replace(
         measured,
         stderr_Nm=np.where(measured.allowed, stderr_Nm, measured.stderr_Nm),
-        encoder=replace(found, serious=serious),
+        encoder=tuple(
+            replace(one, serious=bool((lost > SERIOUS_BIAS * half_Nm[measured.allowed]).any()))
+            for one, lost in zip(found, least, strict=True)
+        ),
     )
 
 

@@ -64,23 +64,22 @@ def _orders(found: MeasuredCogging) -> Iterator[Finding]:
 
 
 def _encoder(found: MeasuredCogging) -> Iterator[Finding]:
-    """Yield a finding where the encoder's angle is off once a turn; named as `calibrate` does."""
-    encoder = found.encoder
-    if encoder is None:
-        return
+    """Yield a finding for an angle that is off once or twice a turn; named as `calibrate` does."""
     order, size_Nm = found.order[found.allowed], found.amplitude_Nm[found.allowed]
-    parts = encoder.lost(order)
-    largest = np.argsort(-parts * size_Nm)[:3]
-    texts = [f"{order[n]} by {1e3 * parts[n] * size_Nm[n]:.2g} mNm" for n in largest]
-    yield Finding(
-        "encoder-error-order-1", float(np.degrees(encoder.error_rad)),
-        float(np.degrees(encoder.limit_rad)), "deg", "serious" if encoder.serious else "note",
-        "orders of the cogging torque have sidebands as of an encoder that is eccentric: the "
-        f"orders stated are too small, order {', '.join(texts)} (up to "
-        f"{100 * float(parts.max()):.2g} %); the intervals are widened by that, by as much also "
-        "to the other side, and what the sidebands have is missing in the torque",
-        "centre the encoder's disc on its shaft and measure again",
-    )  # fmt: skip
+    for one in found.encoder:
+        parts = one.lost(order)
+        largest = np.argsort(-parts * size_Nm)[:3]
+        texts = [f"{order[n]} by {1e3 * parts[n] * size_Nm[n]:.2g} mNm" for n in largest]
+        yield Finding(
+            f"encoder-error-order-{one.order}", float(np.degrees(one.error_rad)),
+            float(np.degrees(one.limit_rad)), "deg", "serious" if one.serious else "note",
+            "orders of the cogging torque have sidebands as of an encoder that is "
+            f"{'oval or misaligned' if one.order > 1 else 'eccentric'}: the "
+            f"orders stated are too small, order {', '.join(texts)} (up to "
+            f"{100 * float(parts.max()):.2g} %); the intervals are widened by that, by as much "
+            "also to the other side, and what the sidebands have is missing in the torque",
+            "centre and align the encoder's disc on its shaft and measure again",
+        )  # fmt: skip
 
 
 def _turns(found: MeasuredCogging) -> Iterator[Finding]:

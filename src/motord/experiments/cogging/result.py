@@ -118,7 +118,7 @@ class MeasuredCogging:
     order (n,), rising; line_Nm (n,): order h is Re(line exp(j h theta)); stderr_Nm (n,) per
     component; allowed (n,): by slots and poles, the others stand out of the noise; speeds: what
     each speed gave; directions: what both directions differ by, order by order, nothing if there is
-    one; encoder: its error once a turn, if there is one, whose loss stderr_Nm holds; left_out: what
+    one; encoder: its errors once and twice a turn, whose loss stderr_Nm holds; left_out: what
     of the points was not used; findings: what is questionable; comparison: with a calibration's
     cogging torque.
     """
@@ -137,7 +137,7 @@ class MeasuredCogging:
     allowed: np.ndarray
     speeds: tuple[SpeedCogging, ...]
     directions: tuple[DirectionDifference, ...] = ()
-    encoder: Eccentricity | None = None
+    encoder: tuple[Eccentricity, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     findings: tuple[Finding, ...] = ()
     comparison: "Comparison | None" = None
