@@ -29,7 +29,12 @@ from motord.config import TorqueSensorConfig
 from motord.experiments.inertia.folded_cogging import without_folded
 from motord.identification import IdentifyError
 from motord.identification.encoder_ticks import countable_ticks, sampled_ticks
-from motord.identification.signal_condition import SignalFault, out_of_range, require_change
+from motord.identification.signal_condition import (
+    SignalFault,
+    out_of_range,
+    require_change,
+    signal_faults,
+)
 from motord.identification.turning import unwrap_counts
 from motord.schema import joined
 
@@ -60,8 +65,8 @@ class TorqueStep:
     torque to the commanded one, over the angle, where cogging torque does no work on the whole.
     attenuation: part by which errors of the torque may make the inertia too large, or those of the
     angle too small. misfit: square of the residual over what noise of torque and encoder makes of
-    it. t_s, angle_rad, torque_Nm (n,) since the beginning of the step; fitted_rad (m,) at fitted_s.
-    faults: of its encoder.
+    it. start_rad: encoder's angle at its beginning. t_s, angle_rad, torque_Nm (n,) since then;
+    fitted_rad (m,) at fitted_s. faults: of its signals.
     """
 
     JSON = (
@@ -80,6 +85,7 @@ class TorqueStep:
     work_ratio: float
     attenuation: float
     misfit: float
+    start_rad: float
     t_s: np.ndarray
     angle_rad: np.ndarray
     torque_Nm: np.ndarray
@@ -109,7 +115,10 @@ def read_step(
     t_s, begin = _since_step(ticks, name)
     require_change({"torque_Nm": ticks["torque_Nm"]}, name)
     angle_rad = unwrap_counts(ticks["encoder_count"][begin:], counts) * (2 * pi / counts)
-    angle_rad -= angle_rad[0]
+    start_rad = float(angle_rad[0])
+    angle_rad -= start_rad
+    moving_Nm = {"torque_Nm": ticks["torque_Nm"][begin:].astype(float)}
+    faults = (*faults, *signal_faults(moving_Nm, float(np.ptp(angle_rad)) / (2 * pi), {}))
     measured_Nm = _torque_since(t_s, ticks["torque_Nm"].astype(float), begin, sensor)
     commanded_Nm = ticks["torque_set_Nm"][begin:].astype(float)
     t_s = t_s[begin:]
@@ -135,6 +144,7 @@ def read_step(
         work_ratio=_work(measured_Nm, angle_rad, stop) / _work(commanded_Nm, angle_rad, stop),
         attenuation=fit.attenuation,
         misfit=fit.left / _left_by_noise(fit.basis, t_s, noise_rad_s2, rounding_rad),
+        start_rad=start_rad,
         t_s=t_s,
         angle_rad=angle_rad,
         torque_Nm=measured_Nm,

@@ -154,6 +154,30 @@ def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
     assert "steps-scatter" in {one.name for one in found.findings}
 
 
+def test_a_torque_that_is_cut_off_is_a_serious_finding() -> None:
+    """At 90 % of what is set the inertia is 6 % too small, and steps hardly scatter more."""
+    chosen = noisy()[:8]
+    cut = [changed(one, torque_Nm=np.clip(one["torque_Nm"], -0.9, 0.9)) for one in chosen]
+    for data, severity in ((chosen, None), (cut, "serious")):
+        found = {one.name: one for one in accelerate(named(data), 4096, PIEZO, EXACT).findings}
+        clipped = found.get("torque-clipped")
+        assert (clipped.severity if clipped else None) == severity
+
+
+def test_steps_that_all_begin_at_one_angle_are_noted() -> None:
+    """A coupling out of line once a turn does not show then, and moves the inertia by 3 %."""
+    chosen = noisy()[:8]
+    alike = [
+        changed(one, encoder_count=(one["encoder_count"] - one["encoder_count"][0]) % 4096)
+        for one in chosen
+    ]
+    seen = [misaligned(one, 1, 0.01, 0.0) for one in alike]
+    for data, noted in ((chosen, False), (alike, True), (seen, True)):
+        found = accelerate(named(data), 4096, PIEZO, EXACT)
+        assert ("steps-alike" in {one.name for one in found.findings}) == noted
+    assert abs(found.inertia_kg_m2 / J - 1) > 0.02
+
+
 def test_what_steps_that_scatter_bias_the_mean_by_is_in_the_interval() -> None:
     """A coupling that is misaligned: 20 mNm twice a turn on the sensor alone."""
     data, sets = noisy(), []
