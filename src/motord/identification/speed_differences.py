@@ -6,9 +6,17 @@ What is measured later than the angle turns order h by h velocity age; an encode
 shaft shifts all orders' angle; a gain that changes with temperature, or with frequency, scales
 lines. Each is had from all orders at once, by weighted least squares, and compared by F with how
 turns differ. Directions have means of their own: friction differs between them.
+
+What shifts and gains of the s speeds of a direction differ by beyond noise is a variance between
+them (DerSimonian and Laird 1986), of which their mean has a part:
+
+    tau^2 = max(Q - nu, 0) / sum_d (sum w - sum w^2 / sum w),    Q = sum_s w_s (y_s - y_d)^2
+
+with nu, speeds less directions, degrees of freedom.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 
@@ -26,10 +34,16 @@ ROUNDS = 4
 
 @dataclass(frozen=True)
 class SpeedDifference:
-    """The largest size of a departure, and what chance reaches in FALSE_SHARE of all runs."""
+    """The largest size of a departure, and what chance reaches in FALSE_SHARE of all runs.
+
+    stderr: of the mean of both directions, by how speeds differ beyond their noise; half_width: of
+    its 95 % interval.
+    """
 
     size: float
     limit: float
+    stderr: float = 0.0
+    half_width: float = 0.0
 
     @property
     def significant(self) -> bool:
@@ -73,10 +87,12 @@ def speed_differences(
         back = np.exp(1j * np.outer(shift_rad, order))
         further_rad, known, gain, scaled = _changes(lines * back, stderr, order, ways)
         shift_rad = shift_rad + further_rad
+    slipped = _largest_residual(shift_rad, known, moving, freedom)
+    scaling = _largest_residual(gain, scaled, ways, freedom)
     return SpeedDifferences(
         _slope(shift_rad, known, moving, freedom),
-        _largest_residual(shift_rad, known, moving, freedom),
-        _largest_residual(gain, scaled, ways, freedom),
+        _with_mean(slipped, shift_rad, known, ways),
+        _with_mean(scaling, gain, scaled, ways),
     )
 
 
@@ -128,3 +144,17 @@ def _largest_residual(
     ratio = float(residual @ residual) / terms / f_quantile(1 - FALSE_SHARE, terms, freedom)
     size = float(np.abs(residual / np.sqrt(weight)).max())
     return SpeedDifference(size, size / max(float(np.sqrt(ratio)), 1e-300))
+
+
+def _with_mean(
+    found: SpeedDifference, values: np.ndarray, weight: np.ndarray, ways: np.ndarray
+) -> SpeedDifference:
+    """Return it with what tau^2 of values (s,) of such weights makes of their mean's error."""
+    freedom, weights = values.size - ways.shape[1], ways * weight[:, None]
+    if freedom < 1:
+        return found
+    share, residual = weights / weights.sum(axis=0), _residual(values, weight, ways)
+    information = float(weight.sum() - (share * weights).sum())
+    between = max(float(residual @ residual) - freedom, 0.0) / information
+    stderr = sqrt(between * float((share**2).sum())) / ways.shape[1]
+    return replace(found, stderr=stderr, half_width=t_quantile(0.975, freedom) * stderr)

@@ -21,6 +21,7 @@ from motord.experiments.signal_findings import signal_findings
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
 from motord.identification.rotor.driven_rotor import prepare
+from motord.identification.speed_differences import SpeedDifferences, speed_differences
 from motord.intervals import SERIOUS_BIAS, coverage_factor, f_quantile
 
 SEEN = 5.0
@@ -64,6 +65,28 @@ def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCoggi
         allowed=allowed[kept],
         speeds=tuple(found),
         directions=_directions(order[kept], [way[:, kept] for way in ways], turns),
+        differences=_differences(found),
+    )
+
+
+def _differences(found: Sequence[SpeedCogging]) -> SpeedDifferences:
+    """Return what the orders that stand out at all of the smooth speeds differ by."""
+    speeds = [one for one in found if not one.jerky and one.turns > 1]
+    if len(speeds) < 2:
+        return SpeedDifferences()
+    strong = [
+        one.order[np.abs(one.line_Nm) > STANDS_OUT * one.stderr_Nm].tolist() for one in speeds
+    ]
+    order = np.array(sorted(set(strong[0]).intersection(*strong[1:])))
+    if not order.size:
+        return SpeedDifferences()
+    places = [np.searchsorted(one.order, order) for one in speeds]
+    return speed_differences(
+        np.array([one.line_Nm[at] for one, at in zip(speeds, places, strict=True)]),
+        np.array([one.stderr_Nm[at] for one, at in zip(speeds, places, strict=True)]),
+        order,
+        np.array([2 * np.pi * one.direction * one.speed_Hz for one in speeds]),
+        min(one.turns for one in speeds) - 1,  # weights by few turns are noisy themselves
     )
 
 

@@ -1,17 +1,16 @@
 """What is questionable about a cogging run, each with its meaning and what to do."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import pi, sqrt
 
 import numpy as np
 
-from motord.experiments.cogging.at_speed import STANDS_OUT, SpeedCogging
+from motord.experiments.cogging.at_speed import STANDS_OUT
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_rotor import left_out_finding
 from motord.experiments.signal_findings import beyond_rated
 from motord.findings import Finding
 from motord.identification.rotor.driven_rotor import JERKY
-from motord.identification.speed_differences import SpeedDifferences, speed_differences
 
 STICKS = 5.0
 """Part of that limit from which on it is no swing that dies out, but the rotor sticks and slips."""
@@ -128,29 +127,8 @@ def _directions(found: MeasuredCogging) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _differences(speeds: Sequence[SpeedCogging]) -> SpeedDifferences:
-    """Return what the orders that stand out at all of the speeds differ by."""
-    strong = [
-        one.order[np.abs(one.line_Nm) > STANDS_OUT * one.stderr_Nm].tolist() for one in speeds
-    ]
-    order = np.array(sorted(set(strong[0]).intersection(*strong[1:])))
-    if not order.size:
-        return SpeedDifferences()
-    places = [np.searchsorted(one.order, order) for one in speeds]
-    return speed_differences(
-        np.array([one.line_Nm[at] for one, at in zip(speeds, places, strict=True)]),
-        np.array([one.stderr_Nm[at] for one, at in zip(speeds, places, strict=True)]),
-        order,
-        np.array([2 * pi * one.direction * one.speed_Hz for one in speeds]),
-        min(one.turns for one in speeds) - 1,  # weights by few turns are noisy themselves
-    )
-
-
 def _speeds(found: MeasuredCogging) -> Iterator[Finding]:
-    smooth = [one for one in found.speeds if not one.jerky and one.turns > 1]
-    if len(smooth) < 2:
-        return
-    apart = _differences(smooth)
+    apart = found.differences
     if apart.age_s.significant:
         age_us = 1e6 * apart.age_s.size
         yield Finding(

@@ -1,6 +1,6 @@
 """What a cogging run gives: harmonics, cogging torque, each speed, a calibration compared."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +12,7 @@ from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.orders import periods_per_slot_pitch
 from motord.identification.rotor.left_out import LeftOut
+from motord.identification.speed_differences import SpeedDifferences
 from motord.intervals import coverage_factor, plus_minus
 
 
@@ -118,9 +119,9 @@ class MeasuredCogging:
     order (n,), rising; line_Nm (n,): order h is Re(line exp(j h theta)); stderr_Nm (n,) per
     component; allowed (n,): by slots and poles, the others stand out of the noise; speeds: what
     each speed gave; directions: what both directions differ by, order by order, nothing if there is
-    one; encoder: its errors once and twice a turn, whose loss stderr_Nm holds; left_out: what
-    of the points was not used; findings: what is questionable; comparison: with a calibration's
-    cogging torque.
+    one; encoder: its errors once and twice a turn, whose loss stderr_Nm holds; differences: what
+    speeds differ by beyond that, which intervals hold; left_out: what of the points was not used;
+    findings: what is questionable; comparison: with a calibration's cogging torque.
     """
 
     JSON: ClassVar = (
@@ -138,6 +139,7 @@ class MeasuredCogging:
     speeds: tuple[SpeedCogging, ...]
     directions: tuple[DirectionDifference, ...] = ()
     encoder: tuple[Eccentricity, ...] = ()
+    differences: SpeedDifferences = field(default_factory=SpeedDifferences)
     left_out: tuple[LeftOut, ...] = ()
     findings: tuple[Finding, ...] = ()
     comparison: "Comparison | None" = None
@@ -150,7 +152,17 @@ class MeasuredCogging:
     @property
     def half_width_Nm(self) -> np.ndarray:
         """Halves of the 95 % intervals of the amplitudes (n,)."""
-        return np.asarray(coverage_factor(self.degrees_of_freedom) * self.stderr_Nm)
+        of_turns_Nm = coverage_factor(self.degrees_of_freedom) * self.stderr_Nm
+        of_speeds_Nm = self.differences.gain.half_width * self.amplitude_Nm
+        return np.asarray(np.hypot(of_turns_Nm, of_speeds_Nm))
+
+    @property
+    def phase_half_width_rad(self) -> np.ndarray:
+        """Halves of the 95 % intervals of the phases (n,)."""
+        of_turns_Nm = coverage_factor(self.degrees_of_freedom) * self.stderr_Nm
+        of_turns_rad = of_turns_Nm / np.maximum(self.amplitude_Nm, 1e-300)
+        half_rad = np.hypot(of_turns_rad, self.order * self.differences.shift_rad.half_width)
+        return np.asarray(np.minimum(half_rad, np.pi))
 
     @property
     def phase_rad(self) -> np.ndarray:
@@ -175,17 +187,17 @@ class MeasuredCogging:
     @property
     def harmonics(self) -> tuple[MeanHarmonic, ...]:
         """The orders as harmonics."""
-        factor = coverage_factor(self.degrees_of_freedom)
+        size_Nm, apart = np.maximum(self.amplitude_Nm, 1e-300), self.differences
+        stderr_Nm = np.hypot(self.stderr_Nm, apart.gain.stderr * size_Nm)
+        stderr_rad = np.hypot(self.stderr_Nm / size_Nm, self.order * apart.shift_rad.stderr)
+        stderr_rad, half_rad = np.minimum(stderr_rad, np.pi), self.phase_half_width_rad
         return tuple(
             MeanHarmonic(
-                int(order), float(amplitude), float(phase), float(stderr),
-                float(min(stderr / max(amplitude, 1e-300), np.pi)), float(factor * stderr),
-                float(min(factor * stderr / max(amplitude, 1e-300), np.pi)), bool(allowed),
+                int(self.order[n]), float(self.amplitude_Nm[n]), float(self.phase_rad[n]),
+                float(stderr_Nm[n]), float(stderr_rad[n]), float(self.half_width_Nm[n]),
+                float(half_rad[n]), bool(self.allowed[n]),
             )
-            for order, amplitude, phase, stderr, allowed in zip(
-                self.order, self.amplitude_Nm, self.phase_rad, self.stderr_Nm, self.allowed,
-                strict=True,
-            )
+            for n in range(self.order.size)
         )  # fmt: skip
 
     @property

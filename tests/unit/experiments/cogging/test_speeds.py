@@ -65,6 +65,26 @@ def test_speeds_of_a_sound_bench_do_not_differ(seed: int) -> None:
     assert not found(recorded(seed))
 
 
+def test_gains_that_differ_between_speeds_are_in_the_intervals_of_amplitudes() -> None:
+    """2 % from speed to speed: their mean is not known better than by how they differ."""
+    config = bench_of(REPORT)[0]
+    scaled = (
+        replace(one, ticks=warmer(number, one.ticks)) for number, one in enumerate(recorded(1))
+    )
+    plain, apart = (
+        measure(points, config.motor, config.torque_sensor) for points in (recorded(1), scaled)
+    )
+    strong = plain.amplitude_Nm > 20 * plain.stderr_Nm
+    assert strong.any()
+    assert (np.abs(apart.amplitude_Nm - plain.amplitude_Nm) < apart.half_width_Nm)[strong].all()
+    assert (apart.half_width_Nm > 0.04 * apart.amplitude_Nm)[strong].all()  # t of 2: 4.3
+    for place in np.flatnonzero(strong):
+        one = apart.harmonics[place]
+        assert one.half_width_Nm == apart.half_width_Nm[place]
+        assert one.stderr_Nm > 0.01 * one.amplitude_Nm
+        assert one.phase_half_width_rad < 0.5 * one.half_width_Nm / one.amplitude_Nm
+
+
 def test_a_cogging_torque_beyond_the_rated_torque_is_in_another_unit() -> None:
     config = bench_of(REPORT)[0]
     in_mNm = [replace(one, ticks=one.ticks.copy()) for one in recorded(1)]
