@@ -14,6 +14,7 @@ from motord.experiments.ilc.analysis import finish as finished
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.subject import Recordings
+from motord.intervals import NOT_KNOWN
 from motord.report.text import TextTable
 
 Gain = Annotated[
@@ -73,7 +74,9 @@ def summary(done: LearnPass) -> str:
         f"{still} of {len(done.learned.points)} points go on" if still else "all have settled"
     )
     mean = sum(errors) / len(errors)
-    return f"RMS error {mean:.2f} % mean, {max(errors):.2f} % worst; {next_step}"
+    intervals = "intervals on the page" if done.ripples else NOT_KNOWN
+    worst = max(errors)
+    return f"RMS error {mean:.2f} % mean, {worst:.2f} % worst ({intervals}); {next_step}"
 
 
 ANALYSIS = Analysis(
