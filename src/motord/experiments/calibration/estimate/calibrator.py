@@ -92,8 +92,7 @@ class Calibrator:
         progress: PhaseProgress = lambda phase, fraction: None,
     ) -> None:
         """again: gives the points once more, where the data ask for more orders than expected."""
-        self._motor, self._sensor, self._again = motor, sensor, again
-        self._progress = progress
+        self._motor, self._sensor, self._again, self._progress = motor, sensor, again, progress
         self._bench = Subject("", motor, sensor, accuracy or AccuracyConfig())
         self._orders = allowed_orders(
             motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
