@@ -3,9 +3,12 @@
 import re
 from collections.abc import Sequence
 
+from motord.intervals import NOT_KNOWN
+
 NUMBER = re.compile(r"\(?[-+\u2212]?\d")
 INTERVAL = re.compile(r"\+-|\u00b1|interval not known| to ")
 WITHOUT = {
+    NOT_KNOWN: "that is the reason",
     "the true torque": "the simulation itself says it",
     "predicted by errors": "the bound of its probability is next to it",
     "operating points": "they are counted",
