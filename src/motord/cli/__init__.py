@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.connection_options import with_connection
-from motord.cli.console import CommandGroup, remark, single
+from motord.cli.console import CommandGroup, print_line, remark, single
 from motord.process.hidden_packages import hide_pydantic_plugins
 from motord.process.interrupts import ending_as_interrupts, recover_lost_interrupts
 from motord.process.left_threads import end_process
@@ -99,7 +99,7 @@ def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
-        typer.echo(f"motord {version('motord')}")
+        print_line(f"motord {version('motord')}")
         raise typer.Exit
 
 

@@ -26,6 +26,7 @@ from motord.cli.console import (
     group,
     phase_bars,
     print_json,
+    print_line,
     print_table,
     remark,
     single,
@@ -221,7 +222,7 @@ def print_files(*files: Path | None) -> None:
     """Print which files were written."""
     for file in files:
         if file is not None:
-            typer.echo(f"wrote {file}")
+            print_line(f"wrote {file}")
 
 
 def print_text(parts: "Iterable[str | TextTable]") -> None:
@@ -230,7 +231,7 @@ def print_text(parts: "Iterable[str | TextTable]") -> None:
 
     for part in parts:
         if isinstance(part, str):
-            typer.echo(part)
+            print_line(part)
             continue
         table = Table(title=part.title)
         for column, heading in enumerate(part.header):

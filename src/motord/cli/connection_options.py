@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord import DEFAULT_ENDPOINT
+from motord.cli.console import print_line
 from motord.process.collector_pause import collector_paused
 
 if TYPE_CHECKING:
@@ -101,4 +102,4 @@ def with_connection(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def print_answer(answer: Any, text: str, as_json: bool) -> None:
     """Print an answer, as JSON or as text."""
-    typer.echo(json.dumps(answer) if as_json else text)
+    print_line(json.dumps(answer) if as_json else text)

@@ -57,7 +57,7 @@ def print_result(result: Any, text: str, as_json: bool) -> None:
     if as_json:
         print_json(result)
     elif text:
-        typer.echo(text)
+        print_line(text)
 
 
 KINDS = {"str": "text", "int": "whole number", "float": "number", "Path": "path"}

@@ -9,7 +9,14 @@ import typer
 
 from motord.cli.analysis_command import print_text
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import explain_first_run, fail, print_json, print_table, progress_bar
+from motord.cli.console import (
+    explain_first_run,
+    fail,
+    print_json,
+    print_line,
+    print_table,
+    progress_bar,
+)
 from motord.cli.viewers import open_page
 
 if TYPE_CHECKING:
@@ -80,7 +87,7 @@ def _print(found: "Results", page: Path) -> None:
         for row in rows:
             table.add_row(row.where, row.what, row.report, row.here)
         print_table(table)
-    typer.echo(f"{found.bench_s:.0f} s on the bench took {found.wall_s:.0f} s; page: {page}")
+    print_line(f"{found.bench_s:.0f} s on the bench took {found.wall_s:.0f} s; page: {page}")
 
 
 def demo(

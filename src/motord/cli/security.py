@@ -9,7 +9,7 @@ import typer
 
 from motord import DEFAULT_ENDPOINT
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, group, print_result
+from motord.cli.console import fail, group, print_line, print_result, remark
 from motord.security import roles
 from motord.security.roles import Role
 
@@ -45,11 +45,10 @@ def init(
 ) -> None:
     """Make an authority, the daemon's certificate and an empty roles file; overwrite nothing."""
     _authority().init(folder, host or [], days)
-    typer.echo(_section(folder.resolve()))
-    typer.echo(
+    print_line(_section(folder.resolve()))
+    remark(
         f"ca.key makes certificates: keep it from others, the daemon does not need it. Next: "
-        f"motord security add NAME --role viewer|operator --in {shlex.quote(str(folder))}",
-        err=True,
+        f"motord security add NAME --role viewer|operator --in {shlex.quote(str(folder))}"
     )
 
 
@@ -79,8 +78,8 @@ def add(
 ) -> None:
     """Make the certificate of a client and give it a role."""
     own = _authority().add(folder, name, role, days)
-    typer.echo(f"{own}: take this folder to {name}'s machine, then there:")
-    typer.echo(f"  motord status --connect tls/HOST:7448 --identity {own.name}")
+    print_line(f"{own}: take this folder to {name}'s machine, then there:")
+    print_line(f"  motord status --connect tls/HOST:7448 --identity {own.name}")
 
 
 @app.command("list")
@@ -114,4 +113,4 @@ def remove(
 ) -> None:
     """Take the role of a client away: it may do nothing more, within seconds."""
     _authority().remove(folder, name)
-    typer.echo(f"{name} has no role any more")
+    print_line(f"{name} has no role any more")

@@ -120,12 +120,15 @@ def test_no_word_of_a_table_is_cut_where_there_is_room(capsys, monkeypatch, term
 
 def test_a_character_that_the_locale_lacks_is_written_as_an_escape():
     module = "motord.process.standard_streams"
-    script = f"import {module}\n{module}.outlive_readers()\nprint('1 \\u03bcA')"
+    script = (
+        f"import {module}\n{module}.outlive_readers()\nprint('1 \\u03bcA')\n"
+        "from motord.cli.console import print_result\nprint_result(None, '2 \\u03bcA', False)"
+    )
     ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, env=ascii_only
     )
-    assert done.stdout == "1 \\u03bcA\n", done.stderr
+    assert done.stdout == "1 \\u03bcA\n2 \\u03bcA\n", done.stderr
 
 
 def test_the_list_of_commands_loads_nothing_heavy():

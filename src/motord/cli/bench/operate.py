@@ -12,6 +12,7 @@ from motord.cli.bench.status import sensor_text
 from motord.cli.bench.wording import number, recording
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
+from motord.cli.console import print_line
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
@@ -172,7 +173,7 @@ def show_reached(client: "Client", answer: "SetpointReply", for_s: float | None)
             if _is_there(state, target_Nm) or state.state != "ENABLED":
                 break
     if state is not None and state.tick is not None:
-        typer.echo(_reached(state, target_Nm))
+        print_line(_reached(state, target_Nm))
 
 
 def _is_there(state: "BenchState", target_Nm: float) -> bool:

@@ -31,7 +31,7 @@ def status(
     with connection.connect() as client:
         state = client.state()
         if as_json:
-            typer.echo(state.model_dump_json(indent=2))
+            print_line(state.model_dump_json(indent=2))
         else:
             show(state)
 

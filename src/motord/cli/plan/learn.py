@@ -9,7 +9,7 @@ from motord.cli.bench.lease_session import in_command
 from motord.cli.calibration.in_force import load_in_force
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, print_json, print_line
 from motord.cli.plan.commands import closed_recording, follow
 from motord.cli.plan.settings import settings_of
 
@@ -70,7 +70,7 @@ def learn(
             calibration = done.calibration
             _install(session.commander, calibration)
             if not as_json:
-                typer.echo(f"pass {number}: {summary(done)}")
+                print_line(f"pass {number}: {summary(done)}")
             if done.finished:
                 break
         if output:
