@@ -50,6 +50,12 @@ def measured(seed: int, number: int) -> Friction:
     return friction(coast_downs(np.random.default_rng(seed), Rotor(), number))
 
 
+@cache
+def slow(rotor: Rotor) -> list[CoastDown]:
+    """Return coast-downs to a low speed; several tests look at them."""
+    return coast_downs(np.random.default_rng(7), rotor, 6, start_rad_s=8.0, stop_rad_s=0.6)
+
+
 @pytest.mark.parametrize(
     ("name", "seeds", "most"), [("no cogging torque", 80, COVERED[1]), ("cogging torque", 24, 1.0)]
 )
@@ -165,8 +171,7 @@ def test_each_point_of_the_curve_has_its_standard_uncertainty(
     rotor: Rotor, relative_uncertainty: float
 ) -> None:
     inertia = replace(INERTIA, relative_uncertainty=relative_uncertainty)
-    coasts = coast_downs(np.random.default_rng(7), rotor, 6, start_rad_s=8.0, stop_rad_s=0.6)
-    (one,) = friction(coasts, inertia=inertia).directions
+    (one,) = friction(slow(rotor), inertia=inertia).directions
     assert (one.stribeck is not None) == (rotor is STRIBECK)
     k = coverage_factor()
     for point in one.curve:
@@ -180,9 +185,7 @@ def test_each_point_of_the_curve_has_its_standard_uncertainty(
 
 
 def test_the_curve_has_the_degrees_of_freedom_of_its_fit() -> None:
-    coasts = coast_downs(
-        np.random.default_rng(7), Rotor(cogging=()), 6, start_rad_s=8.0, stop_rad_s=0.6
-    )
+    coasts = slow(Rotor(cogging=()))
     (one,) = friction(coasts).directions
     group, _ = fitted(tuple(coasts), MOTOR)
     of_fit = [group.fit.freedom(np.array([1.0, point.speed_rad_s])) for point in one.curve]
