@@ -9,6 +9,7 @@ import pytest
 from motord.calibration import Harmonic
 from motord.config import packaged
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.least_squares.normal_equations import BETA
 from motord.experiments.calibration.estimate.order_search import (
     Search,
     levels,
@@ -76,6 +77,37 @@ def stating(result: Search, *harmonics: Harmonic) -> CalibrationResult:
         condition_number=1.0,
     )
     return with_added_orders(bare, result, False, POLE_PAIRS)
+
+
+def fitted(given: Weighted) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parameters of the whole problem, and their covariance."""
+    flat = given.columns.reshape(-1, given.columns.shape[2])
+    covariance = np.linalg.pinv(2 * (flat.conj().T @ flat).real, rcond=1e-10, hermitian=True)
+    return covariance @ (2 * (flat.conj().T @ given.residual.ravel()).real), covariance
+
+
+def test_a_trial_is_what_the_fit_with_the_order_gives() -> None:
+    given = problem(np.random.default_rng(8), imitator=0.3)
+    before, (theta, covariance) = fitted(given)[0], fitted(given.with_order(8))
+    pair, weight = theta[-2:], np.linalg.inv(covariance[-2:, -2:])
+    moves_A = covariance[BETA, -2:] @ weight
+    values, vectors = np.linalg.eigh(weight)
+    apart_A = np.linalg.norm((moves_A - moves_A.mean(axis=0)) @ vectors, axis=0)
+    trial = tried(given, (6, 8))[1]
+    assert trial.gain == pytest.approx(pair @ weight @ pair)
+    assert trial.bic == pytest.approx(trial.gain - 2 * np.log(given.turns))
+    assert trial.part_Nm == pytest.approx(np.linalg.norm(pair))
+    assert trial.offset_shift_A == pytest.approx(np.abs(theta[BETA] - before[BETA]))
+    assert trial.offset_stderr_A == pytest.approx((apart_A / np.sqrt(values)).max())
+
+
+def test_what_is_hidden_of_an_order_moves_the_offsets_as_much_as_what_is_seen() -> None:
+    given = problem(np.random.default_rng(8), imitator=0.3)
+    given.columns[:, 39, 4] = 0.0  # the sine of order 8 is that offset
+    [trial] = tried(given, (8,))
+    assert np.isnan(trial.stderr_Nm)
+    assert trial.bic == pytest.approx(trial.gain - np.log(given.turns))
+    assert trial.offset_shift_A[1] == pytest.approx(trial.part_Nm)
 
 
 def test_noise_alone_rarely_makes_an_order_enter() -> None:
