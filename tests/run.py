@@ -100,7 +100,7 @@ def main() -> int:
         left_out = (f"--ignore=tests/unit/service/test_{name}.py" for name in NOT_QUICK)
         few = {"MOTORD_HYPOTHESIS": "quick"}
         chosen = ("-m", "not system and not slow and not long", *QUICK, *left_out)
-        return pytest(options.jobs, *chosen, **few)
+        return pytest(options.jobs + 1, *chosen, **few)  # a process that waits leaves room for one
     if options.long:
         return in_lanes(options.jobs, "-m", "long", f"--timeout={LONG_S}", *options.paths)
     return (covered if options.coverage else everything)(options.jobs, options.paths)

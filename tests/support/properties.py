@@ -1,6 +1,9 @@
-"""How many examples a property gets."""
+"""How many examples a property gets, and which of many combinations `make quick` leaves out."""
 
 import os
+
+import pytest
+from _pytest.mark import ParameterSet
 
 INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT") == "1"
 QUICK = os.environ.get("MOTORD_HYPOTHESIS") == "quick"
@@ -15,3 +18,8 @@ def examples(count: int) -> int:
     if INTERPRETED:
         return min(count, FEW)
     return min(count, SOME) if QUICK else count
+
+
+def slow(*values: object) -> list[ParameterSet]:
+    """Return values for combinations that repeat what others show, and are left to `make test`."""
+    return [pytest.param(value, marks=pytest.mark.slow) for value in values]

@@ -8,13 +8,14 @@ import pytest
 from motord.schema import State
 from tests.campaigns.interlock_causes import dead_drive, stuck_track
 from tests.campaigns.interlock_search import Operation, play
+from tests.support.properties import slow
 from tests.support.random_bench import PlayedBench
 from tests.unit.control.bench import make_config
 
 FOUND = (60, 67, 139, 148, 263, 11013, 5550071, 5550135, 82000499)
 
 
-@pytest.mark.parametrize("seeds", [range(1, 31), FOUND])
+@pytest.mark.parametrize("seeds", [*slow(range(1, 31)), FOUND])
 def test_interlocks_keep_their_times_on_random_legal_benches(seeds: range | tuple[int]) -> None:
     """The last seeds found an `enable_timeout_s` too short, the speed limit to let enable, tracks
     that seemed stuck after a gap in the samples of a rotor that gains speed, and a fault that

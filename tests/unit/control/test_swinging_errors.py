@@ -13,7 +13,7 @@ from motord.control.interlock_table import INTERLOCK, INTERLOCKS
 from motord.control.interlocks import debounced
 from motord.control.step import new_memory
 from motord.schema import Flag, Trip
-from tests.support.properties import examples
+from tests.support.properties import examples, slow
 from tests.unit.control.bench import EPOCH_NS, make_config
 from tests.unit.control.test_late_feedback import AGES, ERROR_A, LateBench, Wrong, offset, scaled
 
@@ -141,7 +141,7 @@ def swinging(rate_Hz: int, speed_rad_s: float, connection: str, times_limit: flo
 
 @pytest.mark.parametrize("times_limit", [2.0, 3.5])
 @pytest.mark.parametrize("speed_rad_s", [-18.0, 2.0, 9.0, 18.0])
-@pytest.mark.parametrize("rate_Hz", [100, 333, 1000, 5000])
+@pytest.mark.parametrize("rate_Hz", [100, 1000, *slow(333, 5000)])
 @pytest.mark.parametrize("connection", ["independent", "star"])
 @pytest.mark.parametrize("name", SWINGS)
 def test_an_error_that_swings_is_found(name, connection, rate_Hz, speed_rad_s, times_limit) -> None:
