@@ -453,6 +453,15 @@ def test_back_emf_from_a_table_file(tmp_path: Path) -> None:
         read(tmp_path, text)
 
 
+def test_a_phase_without_back_emf_is_refused_each_time(tmp_path: Path) -> None:
+    (tmp_path / "emf.json").write_text(json.dumps({"k_V_s_per_rad": [[0.0, 1.0, 1.0]] * 4096}))
+    for back_emf in ("[{order = 1, amplitude_V_s_per_rad = 0.0}]", '"emf.json"'):
+        text = BENCH.replace("[{order = 1, amplitude_V_s_per_rad = 0.2}]", back_emf)
+        for _ in range(2):
+            with pytest.raises(ConfigError, match="there is a phase that is zero all over"):
+                read(tmp_path, text)
+
+
 def test_a_motor_with_a_table_holds_it_whole(tmp_path: Path) -> None:
     k = np.random.default_rng(1).normal(size=(4096, 3))
     (tmp_path / "emf.json").write_text(json.dumps({"k_V_s_per_rad": k.tolist()}))
