@@ -2,7 +2,6 @@
 
 import errno
 import os
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -65,11 +64,15 @@ def sync_folder(folder: Path) -> None:
 
 def _replace(path: Path, content: str | bytes, *, synced: bool) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    before = _status(path) if synced else None
+    mode = 0o666 if before is None else before.st_mode & 0o777
     try:
-        with temporary.open("wb") as file:
+        temporary.unlink(missing_ok=True)  # of a process of the same number that was killed
+        with open(temporary, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
+            if before is not None:
+                _keep_access(file.fileno(), before)
             file.write(_encoded(content))
             if synced:
-                _keep_access(file.fileno(), path)
                 file.flush()
                 os.fsync(file.fileno())
         temporary.replace(path)
@@ -78,15 +81,25 @@ def _replace(path: Path, content: str | bytes, *, synced: bool) -> None:
         raise
 
 
-def _keep_access(descriptor: int, path: Path) -> None:
+def _status(path: Path) -> os.stat_result | None:
+    with suppress(OSError):  # there is none
+        return path.stat()
+    return None
+
+
+def _keep_access(descriptor: int, before: os.stat_result) -> None:
     """Give a new file group, mode and owner of the one whose place it takes, as far as allowed.
 
     Else a daemon could not read its bench file any more after somebody else edited it by a command.
+    Where the group may not be given, another one may do no more than everybody.
     """
-    with suppress(OSError):  # there is none, or this user may not
-        before = path.stat()
+    mode = before.st_mode & 0o777
+    try:
         os.fchown(descriptor, -1, before.st_gid)
-        os.fchmod(descriptor, stat.S_IMODE(before.st_mode))
+    except OSError:
+        mode &= 0o707 | (mode & 0o007) << 3
+    with suppress(OSError):
+        os.fchmod(descriptor, mode)
         os.fchown(descriptor, before.st_uid, -1)
 
 

@@ -86,6 +86,49 @@ def test_who_may_read_and_write_a_file_stays(tmp_path: Path, mode: int) -> None:
         assert getattr(path.stat(), name) == getattr(before, name)
 
 
+def test_nobody_else_can_open_a_private_file_before_its_content_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, chmod, before = tmp_path / "own.toml", os.fchmod, list[os.stat_result]()
+    path.touch(0o600)
+
+    def noted(descriptor: int, mode: int) -> None:
+        before.append(os.fstat(descriptor))
+        chmod(descriptor, mode)
+
+    monkeypatch.setattr(os, "fchmod", noted)
+    write_whole(path, "x" * 1_000_000)
+    assert [(stat.S_IMODE(status.st_mode), status.st_size) for status in before] == [(0o600, 0)]
+
+
+@pytest.mark.parametrize(
+    ("mode", "left"), [(0o600, 0o600), (0o660, 0o600), (0o664, 0o644), (0o4755, 0o755)]
+)
+def test_another_group_may_do_no_more_than_everybody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, left: int
+) -> None:
+    def refused(descriptor: int, uid: int, gid: int) -> None:
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    path = tmp_path / "bench.toml"
+    path.touch()
+    path.chmod(mode)
+    monkeypatch.setattr(os, "fchown", refused)
+    write_whole(path, "new")
+    assert stat.S_IMODE(path.stat().st_mode) == left
+
+
+@pytest.mark.parametrize("write", [write_whole, write_cached])
+def test_nothing_is_written_through_a_link_that_somebody_left(tmp_path: Path, write: Write) -> None:
+    path, other = tmp_path / "a.json", tmp_path / "other"
+    other.write_text("of somebody else")
+    (tmp_path / f".a.json.{os.getpid()}.tmp").symlink_to(other)
+    write(path, "new")
+    assert other.read_text() == "of somebody else"
+    assert not path.is_symlink()
+    assert path.read_text() == "new"
+
+
 def test_links_and_pipes_stay_what_they_are(tmp_path: Path) -> None:
     target, link, pipe = tmp_path / "target", tmp_path / "link", tmp_path / "pipe"
     target.write_text("old")
