@@ -63,7 +63,9 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
             session.write(
                 lambda writer: writer.channel(reading["t_ns"], name, unit, timeout_s, reading)
             )
-        case "event" | "state" | "plan" | "operating_point" as what:
+        case "state":  # is not resent: there may be too many to remember
+            session.write(_message(command).write)
+        case "event" | "plan" | "operating_point" as what:
             message = _message(command)
             if what == "operating_point":
                 session.step(now_s)  # its ticks first: a file that holds it holds them, too

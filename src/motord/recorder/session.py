@@ -87,9 +87,11 @@ class Session:
         ticks. Raises RecordError; it is then tried again by `step`.
         """
         if resume and self._goes_on(stem):
-            for message in last:
-                if message.key not in self._given:
-                    self.message(message)
+            missing = [message for message in last if message.key not in self._given]
+            if missing:
+                self.step(now_s)
+            for message in missing:
+                self.message(message)
             return
         self.close(f"the recording {stem.name} began", now_s)
         self.closed = [closed for closed in self.closed if closed != str(stem)]

@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from motord.recorder.rolling_file import RollingFile
-from motord.recorder.session import Session
+from motord.recorder.session import GIVEN_MAX, Session
 from motord.recording import storage
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, part_of
@@ -64,6 +64,30 @@ def test_messages_that_were_dropped_on_their_way_are_written_though_the_recordin
     bench.stop()
     assert len(bench.files()) == 1
     assert [event["message"] for event in bench.events()] == ["came", "dropped"]
+
+
+def test_a_message_is_not_written_again_after_many_states(bench):
+    came = {
+        "do": "event", "t_ns": START_NS, "content": {"kind": "note", "message": "came", "data": {}}
+    }  # fmt: skip
+    bench.start(last=[])
+    bench.do(**came)
+    for n in range(GIVEN_MAX + 1):
+        bench.do(do="state", t_ns=START_NS + n, content={"state": "READY"})
+    bench.start(resume=True, last=[came])
+    bench.stop()
+    assert [event["message"] for event in bench.events()] == ["came"]
+
+
+def test_a_point_that_was_dropped_on_its_way_comes_after_its_ticks(bench):
+    bench.start(last=[])
+    bench.loop(100)
+    point = {"do": "operating_point", "t_ns": START_NS, "content": point_of(tick_block(100))}
+    bench.start(resume=True, last=[point])
+    bench.session.settle()
+    assert bench.report()["ticks"] == 100
+    bench.stop()
+    assert [p["index"] for p in open_run(bench.files()[0]).operating_points()] == [0]
 
 
 def test_what_the_ring_no_longer_holds_after_a_restart_is_reported(bench):
