@@ -9,6 +9,7 @@ A process passes its rows on in files, written block by block while the processo
 and mapped by the process that asked for them: pickling would take longer than computing.
 """
 
+import errno
 import mmap
 import multiprocessing
 import os
@@ -170,6 +171,8 @@ def processors() -> ProcessPoolExecutor:
     try:
         return _Processors(os.cpu_count(), spawn, _end_with_parent)
     except OSError as error:
+        if error.errno in (errno.EMFILE, errno.ENFILE):  # of the pool's pipes
+            raise
         why = f"processes need it to work together: {error.strerror}; let this user write there"
         raise OSError(error.errno, why, str(MEMORY)) from error
 

@@ -61,6 +61,16 @@ def test_where_processes_have_no_semaphores_it_is_said_what_to_do(
     assert "Read-only file system; let this user write there" in raised.value.strerror
 
 
+def test_a_pool_that_lacks_descriptors_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(mesh, "_Processors", refused)
+    with pytest.raises(OSError, match="Too many open files") as raised:
+        processors()
+    assert raised.value.filename is None
+
+
 def test_pieces_run_on_in_time_and_number() -> None:
     config = load()
     pieces: list[MeshPiece] = list(run_points(config, build("calibrate", config, MESH), seed=5))
