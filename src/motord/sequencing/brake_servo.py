@@ -97,6 +97,7 @@ class BrakeServo:
     _excitation: float = 0.0
     _inertia_kg_m2: float = 0.0
     _inertia_estimated: bool = False
+    _on_its_way: bool = False
     _before_rad_s: float = 0.0
     _gained_rad_s: float = 0.0
     _impulse_Nm_s: float = 0.0
@@ -110,7 +111,8 @@ class BrakeServo:
         reserve = math.log(max(RESERVE * part / self.brake.torque_max_Nm, 1.0))
         self.shift, self._on_speed_s = self._learned + reserve, 0.0
         self._t_ns = self._set_Nm = None
-        self._inertia_estimated, self._gained_rad_s, self._impulse_Nm_s = False, 0.0, 0.0
+        self._inertia_estimated = self._on_its_way = False
+        self._gained_rad_s = self._impulse_Nm_s = 0.0
 
     @property
     def on_speed(self) -> bool:
@@ -153,7 +155,7 @@ class BrakeServo:
     def _approaches(self, speed_Hz: float, wanted_Hz: float) -> bool:
         """Return whether a rotor of unknown inertia is far from a speed and on its way to it."""
         far = speed_Hz / wanted_Hz < 1.0 - APPROACH_PART
-        return far and not self._inertia_estimated and self._gained_rad_s != 0.0
+        return far and not self._inertia_estimated and self._on_its_way
 
     def _falling_Nm(self, dt_s: float, set_Nm: float) -> float:
         """Return the torque that is in force when the excitation has followed, if it falls."""
@@ -174,8 +176,8 @@ class BrakeServo:
         speed_rad_s, wanted_rad_s = 2 * math.pi * speed_Hz, 2 * math.pi * wanted_Hz
         before_rad_s, self._before_rad_s = self._before_rad_s, speed_rad_s
         gained_rad_s = speed_rad_s - before_rad_s
-        turns_back = before_rad_s * wanted_rad_s < 0.0
-        if dt_s == 0.0 or turns_back or gained_rad_s / wanted_rad_s <= STANDS_PER_S * dt_s:
+        self._on_its_way = dt_s > 0.0 and gained_rad_s / wanted_rad_s > STANDS_PER_S * dt_s
+        if not self._on_its_way or before_rad_s * wanted_rad_s < 0.0:
             self._gained_rad_s = self._impulse_Nm_s = 0.0
             return
         configured_Nm = brake_torque_Nm(self.brake, self._excitation, speed_rad_s)

@@ -1,6 +1,7 @@
 """The brake servo: it learns the brake's departure from its curve, from a rotor that it can see."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -80,6 +81,18 @@ def test_a_speed_passed_through_teaches_nothing(servo):
     look(servo, 3.0, 0.1, t_ns)
     servo.start()
     assert servo.shift == shift
+
+
+@pytest.mark.parametrize(("gains_Hz", "waits"), [(0.02, True), (0.0, False)])
+def test_a_rotor_that_turns_back_is_waited_for_while_it_is_on_its_way(servo, gains_Hz, waits):
+    servo.start(WANTED_HZ)
+    shift, speed_Hz = servo.shift, -WANTED_HZ
+    for look_number in range(1, 30):
+        seen = SimpleNamespace(t_ns=look_number * LOOK_NS, torque_set_Nm=2.0, speed_Hz=speed_Hz)
+        servo.follow(seen, 2.0, WANTED_HZ)
+        speed_Hz += gains_Hz
+    assert speed_Hz < 0.0
+    assert (servo.shift == shift) == waits
 
 
 @given(

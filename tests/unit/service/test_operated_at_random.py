@@ -33,6 +33,16 @@ def fastest_Hz(service, token, for_s):
     return max(speeds_rad_s) / 6.2832
 
 
+def test_a_reversal_at_little_torque_does_not_overshoot():
+    """A rotor that still turns the other way is on its way, and no reason to brake less."""
+    service = VirtualService(brake={"excitation_time_constant_s": 0.2})
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=0.48, speed_Hz=2.5)
+    service.run_s(8.0, token)
+    service.ask("set", token=token, torque_Nm=-0.48, speed_Hz=-2.5)
+    assert fastest_Hz(service, token, 6.0) < 1.1 * 2.5
+
+
 def changed_soon(service):
     """Set a large torque at a high speed, and a smaller one while the brake still rises."""
     token = service.enabled()
