@@ -145,7 +145,7 @@ def _hash(text: str) -> str:
 
 @contextmanager
 def _readable_by_all() -> Iterator[None]:
-    """Files of 0644 in folders of 0755, whatever the caller's mask."""
+    """New files of 0644 in folders of 0755, whatever the caller's mask; others stay as they are."""
     before = os.umask(0o022)
     try:
         yield
