@@ -27,14 +27,10 @@ from scipy.integrate import cumulative_trapezoid
 
 from motord.config import TorqueSensorConfig
 from motord.experiments.inertia.folded_cogging import without_folded
+from motord.experiments.inertia.torque_faults import torque_faults
 from motord.identification import IdentifyError
 from motord.identification.encoder_ticks import countable_ticks, sampled_ticks
-from motord.identification.signal_condition import (
-    SignalFault,
-    out_of_range,
-    require_change,
-    signal_faults,
-)
+from motord.identification.signal_condition import SignalFault, out_of_range, require_change
 from motord.identification.turning import unwrap_counts
 from motord.schema import joined
 
@@ -117,8 +113,7 @@ def read_step(
     angle_rad = unwrap_counts(ticks["encoder_count"][begin:], counts) * (2 * pi / counts)
     start_rad = float(angle_rad[0])
     angle_rad -= start_rad
-    moving_Nm = {"torque_Nm": ticks["torque_Nm"][begin:].astype(float)}
-    faults = (*faults, *signal_faults(moving_Nm, float(np.ptp(angle_rad)) / (2 * pi), {}))
+    faults = (*faults, *torque_faults(ticks["torque_Nm"].astype(float), begin, angle_rad))
     measured_Nm = _torque_since(t_s, ticks["torque_Nm"].astype(float), begin, sensor)
     commanded_Nm = ticks["torque_set_Nm"][begin:].astype(float)
     t_s = t_s[begin:]
