@@ -154,7 +154,7 @@ def _with_mean(
     if freedom < 1:
         return found
     share, residual = weights / weights.sum(axis=0), _residual(values, weight, ways)
-    information = float(weight.sum() - (share * weights).sum())
+    information = float((weights * (1 - share)).sum())
     between = max(float(residual @ residual) - freedom, 0.0) / information
     stderr = sqrt(between * float((share**2).sum())) / ways.shape[1]
     return replace(found, stderr=stderr, half_width=t_quantile(0.975, freedom) * stderr)

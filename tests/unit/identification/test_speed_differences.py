@@ -68,6 +68,15 @@ def test_means_hold_what_differs_by_chance_and_are_as_sharp_without(
     assert np.median(clean) == 0.0
 
 
+def test_a_speed_that_is_all_but_exact_leaves_what_the_others_differ_by() -> None:
+    stderr = np.full((3, ORDER.size), STDERR_NM)
+    stderr[1] = 1e-13
+    lines = LINE_NM * (1 + np.array([[0.0], [0.01], [0.0]]))
+    velocity = 2 * np.pi * np.array(SPEEDS_HZ)
+    gain = speed_differences(lines, stderr, ORDER, velocity, 60).gain
+    assert gain.stderr == pytest.approx(0.01, rel=0.1)
+
+
 @pytest.mark.parametrize("speeds_Hz", [(0.7,), (0.7, 0.7), (0.7, -0.7)])
 def test_one_speed_shows_no_age(speeds_Hz: tuple[float, ...]) -> None:
     assert "age_s" not in named(found(speeds_Hz, age_s=1e-3))

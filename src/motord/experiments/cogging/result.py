@@ -1,6 +1,7 @@
 """What a cogging run gives: harmonics, cogging torque, each speed, a calibration compared."""
 
 from dataclasses import dataclass, field
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
@@ -30,7 +31,8 @@ class TorqueHarmonic:
 class MeanHarmonic(TorqueHarmonic):
     """A harmonic of the mean over the speeds; allowed: by slots and poles.
 
-    half_width_Nm, phase_half_width_rad: of the 95 % interval, by Student's t over the turns.
+    half_width_Nm, phase_half_width_rad: of the 95 % interval, by Student's t over the turns, and
+    over the speeds where these differ.
     """
 
     phase_stderr_rad: float
@@ -222,7 +224,9 @@ class MeasuredCogging:
         ends = np.array([[torque_Nm.argmax()], [torque_Nm.argmin()]]) / self.motor.counts
         high, low = np.exp(2j * np.pi * ends * order)
         stderr_Nm = float(np.linalg.norm(np.abs(high - low) * self.stderr_Nm[self.allowed]))
-        return float(np.ptp(torque_Nm)), coverage_factor(self.degrees_of_freedom) * stderr_Nm
+        of_turns_Nm = coverage_factor(self.degrees_of_freedom) * stderr_Nm
+        whole_Nm = float(np.ptp(torque_Nm))
+        return whole_Nm, hypot(of_turns_Nm, self.differences.gain.half_width * whole_Nm)
 
     def error_percent(self, speed: SpeedCogging) -> np.ndarray:
         """Return the cogging torque at a speed less the average (counts,), % of the peak.

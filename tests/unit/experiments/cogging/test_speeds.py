@@ -83,6 +83,9 @@ def test_gains_that_differ_between_speeds_are_in_the_intervals_of_amplitudes() -
         assert one.half_width_Nm == apart.half_width_Nm[place]
         assert one.stderr_Nm > 0.01 * one.amplitude_Nm
         assert one.phase_half_width_rad < 0.5 * one.half_width_Nm / one.amplitude_Nm
+    whole_Nm, half_Nm = apart.peak_to_peak_Nm
+    assert half_Nm > 0.04 * whole_Nm
+    assert abs(whole_Nm - plain.peak_to_peak_Nm[0]) < half_Nm
 
 
 def test_a_cogging_torque_beyond_the_rated_torque_is_in_another_unit() -> None:
