@@ -14,8 +14,8 @@ from motord.experiments.ilc.analysis import finish as finished
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.subject import Recordings
-from motord.intervals import NOT_KNOWN
-from motord.report.text import TextTable
+from motord.identification.point_ripple import rms_errors
+from motord.report.text import TextTable, mean_and_worst
 
 Gain = Annotated[
     float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
@@ -68,15 +68,13 @@ def text(done: LearnPass) -> Iterator[str | TextTable]:
 
 def summary(done: LearnPass) -> str:
     """Return the newest pass in a line."""
-    errors = [residual.rms_percent for residual in done.residuals]
+    errors = rms_errors(done.ripples).after
+    assert errors is not None  # all points are compensated
     still = sum(point.gain > 0 for point in done.learned.points)
     next_step = (
         f"{still} of {len(done.learned.points)} points go on" if still else "all have settled"
     )
-    mean = sum(errors) / len(errors)
-    intervals = "intervals on the page" if done.ripples else NOT_KNOWN
-    worst = max(errors)
-    return f"RMS error {mean:.2f} % mean, {worst:.2f} % worst ({intervals}); {next_step}"
+    return f"RMS error (95 % by noise): {mean_and_worst(errors)}; {next_step}"
 
 
 ANALYSIS = Analysis(

@@ -1,7 +1,7 @@
 """The report of learning: ripple over the mesh before and after, and pass by pass."""
 
 from collections.abc import Mapping, Sequence
-from math import ceil, hypot
+from math import ceil
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +12,7 @@ from motord.calibration import TorqueSpeed
 from motord.experiments.ilc.analysis import LearnPass
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.subject import Recordings
-from motord.identification.point_ripple import PointRipple
-from motord.intervals import coverage_factor
+from motord.identification.point_ripple import PointRipple, rms_errors
 from motord.learned import LearnedPoint
 from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
@@ -39,17 +38,16 @@ def report(done: LearnPass, _: Recordings | None = None) -> Page:
 
 def _key_figures(ripples: Sequence[PointRipple]) -> list[tuple[str, str]]:
     """Return mean and largest RMS error of the pass, with the intervals that noise makes."""
-    if not ripples:
+    errors = rms_errors(ripples)
+    if (found := errors.after) is None:
         return []
-    stderr = [one.stderr_percent for one in ripples if one.stderr_percent is not None]
-    known = len(stderr) == len(ripples)
-    half_width = coverage_factor() * hypot(*stderr) / len(ripples) if known else None
-    mean = sum(one.rms_percent for one in ripples) / len(ripples)
-    worst = max(ripples, key=lambda one: one.rms_percent)
-    largest = with_interval(worst.rms_percent, worst.half_width_percent, " %")
+    mean = with_interval(found.mean, found.mean_half_width, " %")
+    largest = with_interval(found.max, found.max_half_width, " %")
+    worst = next(one for one in errors.points if one.after == found.max)
+    where = f"{worst.torque_Nm:g} Nm, {worst.speed_Hz:g} Hz"
     return [
-        (with_interval(mean, half_width, " %"), "mean RMS error of this pass, 95 % by noise"),
-        (largest, f"the largest, at {worst.label}, 95 % by noise"),
+        (mean, "mean RMS error of this pass, 95 % by noise"),
+        (largest, f"the largest, at {where}, 95 % by noise"),
     ]
 
 

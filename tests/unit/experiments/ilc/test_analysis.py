@@ -261,7 +261,8 @@ def test_the_command_writes_the_next_calibration_and_a_page(
     options = ("--calibration", tmp_path / "c.json", "-o", tmp_path / "n.json")
     code, out, _ = invoke(app, "learn", path, *options, "--report", tmp_path / "r.html")
     assert code == 0
-    assert "2 of 2 points go on" in out
+    figure = r"[\d.]+ \+- [\d.]+ %"
+    assert re.search(f"mean {figure}, worst {figure}; 2 of 2 points go on", " ".join(out.split()))
     assert load(tmp_path / "n.json").learned is not None
     page = (tmp_path / "r.html").read_text()
     assert "Learning the residual torque ripple" in page
