@@ -247,9 +247,10 @@ is for `current_error_s` at a time, as at low speed. A wrong current that happen
 several such commands, as it may while the rotor turns, is in doubt, and counts down by a quarter.
 An error of one phase by more than 3 times `current_error_A` and what the currents' sum changes by
 is never hidden so; a smaller one, or one in a star, is, in a part of the turn: a quarter at 1.8
-times (in a star 2.4), an eighth in a star at 4.5 times, if a current settles within a tick; if it
-takes many, up to 0.53 (in a star 0.63), and 0.42. So it is found later, at 0.63 after 4.7 times
-`current_error_s`. A right current may be as ambiguous, so disturbed readings trip where one in five
+times (in a star 2.4; there 0.28 with a 5th order of the back-EMF of 3 %), an eighth in a star at
+4.5 times, if a current settles within a tick; if it takes many, up to 0.53 (in a star 0.63), and
+0.42. So it is found later, at 0.63 after 4.7 times `current_error_s` and an electrical turn. A
+right current may be as ambiguous, so disturbed readings trip where one in five
 is, if only for a while: at 18 rad/s, with 8 pole pairs and 19 A, of readings that are wrong by 25 A
 at random one in a hundred does not trip at 100 Hz, but three do within minutes; at 333 Hz five do
 not. A drive whose `lag_s` is 0.45 rad, electrical, may trip where large torques are reversed every
