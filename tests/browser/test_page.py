@@ -186,6 +186,18 @@ def test_findings_of_the_calibration_chosen_are_listed_though_another_comes_late
     shows(page, "#calibration-content", "In force")
 
 
+def test_what_a_calibration_brought_has_its_interval_or_says_that_it_is_not_known(
+    server, visit: Watched
+):
+    page = visit(server.urls.viewer)
+    page.click("#tab-calibration")
+    shows(
+        page, "#calibration-content",
+        "RMS error: before 3.10 %, interval not known (worst 4.20 %, interval not known), "
+        "after 0.380 \u00b1 0.030 % (worst 0.610 \u00b1 0.050 %)",
+    )  # fmt: skip
+
+
 def test_what_is_tracked_stands_against_the_calibration_in_force(server, visit: Watched):
     page = visit(server.urls.operator)
     page.click("#tab-calibration")
