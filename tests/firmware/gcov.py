@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 from tests.firmware.library import FIRMWARE, compile_library, needs, run
 
 TESTS = ("frames", "bridge", "encoder", "torque", "enable_line", "host_dies")
-
-
 REPETITIONS = "every_glitch or every_history or long_histories or test_rates"
 """Tests, of the above, that reach nothing that the others do not, and take half of the time."""
 
