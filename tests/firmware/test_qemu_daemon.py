@@ -42,7 +42,7 @@ forgive_trip = partial(forgive, limit_s=INVERTER_TIMEOUT_S, board_is_a_process=T
 """QEMU: a computer that keeps it waiting keeps it from heartbeats that have been sent."""
 COUNT_RAD = 2 * np.pi / 4096
 SOUND_NS = 500_000_000
-NOISE_S = 0.5
+NOISE_S = 1.0
 OF_A_REBOOT = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 
 

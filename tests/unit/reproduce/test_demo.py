@@ -54,7 +54,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     scope="module",
     params=[
         pytest.param(QUICK, id="quick"),
-        pytest.param(WHOLE, id="whole", marks=[pytest.mark.system, pytest.mark.long]),
+        pytest.param(WHOLE, id="whole", marks=pytest.mark.long),
     ],
 )
 def extent(request: pytest.FixtureRequest) -> Extent:
