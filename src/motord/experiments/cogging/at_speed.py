@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification import IdentifyError
@@ -255,10 +256,10 @@ def _noise(spectrum_Nm: np.ndarray, fitted: np.ndarray, width: int = 41) -> np.n
     size = np.abs(spectrum_Nm)
     size[fitted - 1] = np.nan
     half = min(width, size.size) // 2
-    level = np.empty(size.size)
-    for place in range(size.size):
-        near = size[max(place - half, 0) : place + half + 1]
-        near = near[np.isfinite(near)]
-        level[place] = np.median(near) if near.size else np.nan
+    known = np.pad(np.where(np.isfinite(size), size, np.nan), half, constant_values=np.nan)
+    near = np.sort(sliding_window_view(known, 2 * half + 1), axis=1)  # nan last
+    number = np.isfinite(near).sum(axis=1, keepdims=True)
+    middle = np.hstack([np.maximum(number - 1, 0) // 2, number // 2])
+    level = np.take_along_axis(near, middle, axis=1).mean(axis=1)
     level[~np.isfinite(level)] = np.nanmedian(size) if np.isfinite(size).any() else 0.0
-    return np.maximum(level / 1.177, 1e-300)
+    return np.asarray(np.maximum(level / 1.177, 1e-300))

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from motord.calibration import CalibratedMotor
 from motord.config import MotorConfig, TorqueSensorConfig
+from motord.experiments.cogging.at_speed import _noise
 from motord.experiments.cogging.estimate import compare, measure
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData
@@ -139,6 +140,18 @@ def test_what_an_encoder_that_is_off_takes_off_the_orders_is_in_the_interval(
             off_Nm = harmonic.amplitude_Nm - cogging[harmonic.order][0]
             assert abs(off_Nm) < 1.3 * harmonic.half_width_Nm  # four trials of two orders
             assert harmonic.half_width_Nm < 4e-3
+
+
+def test_noise_of_an_order_is_the_median_of_its_neighbours_that_are_not_fitted() -> None:
+    rng = np.random.default_rng(2)
+    lines_Nm = rng.standard_normal((2, 120)) * np.linspace(1.0, 3.0, 120)
+    spectrum_Nm, fitted = lines_Nm[0] + 1j * lines_Nm[1], np.array([1, 48, 50])
+    size_Nm = np.abs(spectrum_Nm)
+    size_Nm[fitted - 1] = np.nan
+    near_Nm = [size_Nm[max(place - 20, 0) : place + 21] for place in range(120)]
+    level_Nm = [np.nanmedian(near) / 1.177 for near in near_Nm]
+    assert _noise(spectrum_Nm, fitted) == pytest.approx(level_Nm, rel=1e-12)
+    assert (_noise(spectrum_Nm, np.arange(1, 121)) < 1e-290).all()
 
 
 def test_coloured_noise_is_in_the_errors_of_few_turns() -> None:
