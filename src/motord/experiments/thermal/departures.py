@@ -158,10 +158,8 @@ def _departure(
     shift = np.linalg.lstsq(fit.whitened_jacobian, effect, rcond=UNDETERMINED)[0]
     wider = [whiten(noise.noises, one) for one in (columns, *others)]
     known = np.column_stack([noise.whitened_jacobian, *wider[1:]])
-    column, residual = (
-        one - known @ np.linalg.lstsq(known, one, rcond=UNDETERMINED)[0]
-        for one in (wider[0], noise.whitened_residual)
-    )
+    both = np.column_stack([wider[0], noise.whitened_residual])
+    column, residual = (both - known @ np.linalg.lstsq(known, both, rcond=UNDETERMINED)[0]).T
     square = float(column @ column)
     if not square > 0:
         return Departure(kind, 0.0, np.inf, 0 * shift)

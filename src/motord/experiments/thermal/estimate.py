@@ -5,7 +5,7 @@ and, without a channel, that of the ambient. Residuals are whitened channel by c
 and the fit is repeated; the covariance is that of the whitened fit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -102,14 +102,13 @@ class ThermalFit:
     @cached_property
     def whitened_jacobian(self) -> np.ndarray:
         """Whitened change of the residuals by each parameter (n, p)."""
-        return _jacobian(
-            lambda x: _errors(self.course, self.copper, x, self.noises), self.parameters
-        )
+        columns = [whiten(self.noises, self.by_channel(one)) for one in self.effects_K.T]
+        return -np.column_stack(columns)
 
     @cached_property
     def whitened_residual(self) -> np.ndarray:
         """Whitened residuals of all channels (n,)."""
-        return _errors(self.course, self.copper, self.parameters, self.noises)
+        return whiten(self.noises, self.residuals_K)
 
     def of(self, derived: Callable[["ThermalFit"], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return what is derived of the fit (m,), and its standard errors (m,)."""
@@ -222,7 +221,7 @@ def _freedom(course: ThermalCourse, parameters: int) -> int:
     return valid - parameters
 
 
-def whiten(noises: tuple[Autoregression, ...], columns: list[np.ndarray]) -> np.ndarray:
+def whiten(noises: tuple[Autoregression, ...], columns: Sequence[np.ndarray]) -> np.ndarray:
     """Return columns (n_i,) of each channel whitened (n,), at valid readings."""
     return np.concatenate(
         [noise.whitened(each) for noise, each in zip(noises, columns, strict=True)]

@@ -95,8 +95,8 @@ class LumpedNetwork:
         to_ambient_W_per_K = self.laplacian_W_per_K.sum(axis=1)
         gains = np.outer(into[:, 0], heat_W) + np.outer(into @ to_ambient_W_per_K, ambient_C)
         decay = np.exp(-rates * step_s)
-        found = np.empty((heat_W.size + 1, rates.size))
+        found = np.empty((rates.size, heat_W.size + 1))  # each mode contiguous
         for mode, (keep, rate) in enumerate(zip(decay, rates, strict=True)):
             fed = np.concatenate([[begin[mode]], (1 - keep) / rate * gains[mode]])
-            found[:, mode] = lfilter([1.0], [1.0, -keep], fed)
-        return np.asarray(found @ modes.T / root)
+            found[mode] = lfilter([1.0], [1.0, -keep], fed)
+        return np.asarray((modes @ found / root[:, None]).T)

@@ -89,7 +89,7 @@ def _covariance(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
     columns, size = np.where(known[:, None], columns, 0.0), known.size
     found = []
     for lag in range(min(ORDER_MAX, int(known.sum()) // 10) + 1):
-        pairs = int(np.sum(known[lag:] & known[: size - lag]))
+        pairs = np.count_nonzero(known[lag:] & known[: size - lag])
         if not pairs:
             break
         mean = np.vdot(columns[lag:], columns[: size - lag]) / pairs
@@ -104,7 +104,8 @@ def _extended(covariance: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, in
     """
     from scipy.signal import lfilter  # 0.3 s, of whoever asks for less
 
-    best, a, trial, left = np.inf, np.zeros(0), np.zeros(0), 1.0
+    number, best, left = np.count_nonzero(known), np.inf, 1.0
+    a = trial = np.zeros(0)
     for order in range(covariance.size):
         if order:
             unexplained = covariance[order] - trial @ covariance[order - 1 : 0 : -1]
@@ -113,7 +114,7 @@ def _extended(covariance: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, in
             left *= 1 - last**2
         if not LEAST_PART < left <= 1.0:
             break  # of scattered pairs it need not be the covariance of anything
-        score = float(known.sum() * np.log(left) + 2 * order)
+        score = float(number * np.log(left) + 2 * order)
         if score < best:
             best, a = score, trial
     # r_k = sum_j a_j r_(k-j): an impulse response that begins with what is known
