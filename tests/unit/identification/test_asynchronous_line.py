@@ -113,7 +113,7 @@ def without_hum(seed: int) -> tuple[PointData, Samples, float]:
 @pytest.mark.parametrize("part", [0.001, 0.005, 0.02])
 def test_hum_near_an_order_has_the_amplitude_that_other_speeds_show(seed: int, part: float) -> None:
     """The point's own fit may have a small part of it, 0.2 to 0.4 of the resolution away."""
-    for apart in (0.0, 0.03, 0.06, 0.09, 0.12):
+    for apart in (0.03, 0.06, 0.12):
         one, ripple, quiet = hum_at_order(seed, apart, part)
         hum_Hz = one.speed_Hz * (51 + (apart + 0.01) / len(one.turns))
         known = AsynchronousLine(hum_Hz, part * BENCH.motor.rated_torque_Nm, 1e-4)

@@ -131,10 +131,12 @@ def _fitted(
         slope = 2 * np.pi * (t_s - middle_s) * (parts_Nm[1] * pair[0] - parts_Nm[0] * pair[1])
         every = np.column_stack([columns, _asynchronous(samples, slope, *orders)])
         inverse = np.linalg.pinv(every.T @ every)
-        step_Hz = float((inverse @ (every.T @ residual_Nm))[2])
+        step_Hz, before_Hz = float((inverse @ (every.T @ residual_Nm))[2]), frequency_Hz
         frequency_Hz += float(np.clip(step_Hz, -resolution_Hz / 4, resolution_Hz / 4))
         apart_Hz = max(side * (frequency_Hz - order * speed_Hz), NEAREST * resolution_Hz)
         frequency_Hz = order * speed_Hz + side * apart_Hz
+        if frequency_Hz == before_Hz:  # at its side's end, where all further rounds are the same
+            break
     amplitude_Nm = float(np.hypot(*parts_Nm))
     along = np.array([*(parts_Nm / amplitude_Nm), 0.0])
     return _Fit(

@@ -84,9 +84,9 @@ class Periodogram:
         self._speed_Hz, self._trials = samples.speed_Hz, TRIALS * residual_Nm.size / 2
         offset = self._turns - np.rint(self._turns)
         self._from_order = np.abs(offset) * self._number
-        self._shown, self._between = self._from_order > SOUGHT, self._from_order > 0.5
+        self._shown = self._from_order > SOUGHT
         averaged = np.abs(np.sinc(self._number * offset) / np.sinc(offset)) ** 2
-        self._power = power
+        self._floor_Nm2, self._values = _floor(power, self._from_order > 0.5)
         self._corrected = np.where(self._shown, power / np.maximum(1 - averaged, 1e-9), np.nan)
 
     def strongest_Hz(self, highest: int, tried_Hz: Sequence[float]) -> float | None:
@@ -99,9 +99,8 @@ class Periodogram:
         sought = self._shown & (turns > LEAST_TURNS) & (turns < HIGHEST_PART * highest)
         for one_Hz in tried_Hz:
             sought &= np.abs(turns - one_Hz / self._speed_Hz) * self._number > APART
-        floor_Nm2, values = _floor(self._power, self._between)
-        ratio = np.where(sought, self._corrected, 0.0) / floor_Nm2
-        beyond = np.flatnonzero(ratio > _limit(self._trials, values / MEDIAN_VARIANCE))
+        ratio = np.where(sought, self._corrected, 0.0) / self._floor_Nm2
+        beyond = np.flatnonzero(ratio > _limit(self._trials, self._values / MEDIAN_VARIANCE))
         beyond = beyond[np.argsort(-ratio[beyond])]
         for best in beyond:
             near = self._near(int(best), AROUND)
@@ -113,8 +112,8 @@ class Periodogram:
     def floor_at(self, frequency_Hz: float) -> Floor:
         """Return the larger floor at a frequency whose line is taken out."""
         best = int(np.argmin(np.abs(self._frequency_Hz - frequency_Hz)))
-        wide_Nm2, near = _floor(self._power, self._between)[0][best], self._near(best, LEFT)
-        return Floor(max(float(wide_Nm2), near.variance_Nm2), near.least_ratio)
+        wide_Nm2, near = float(self._floor_Nm2[best]), self._near(best, LEFT)
+        return Floor(max(wide_Nm2, near.variance_Nm2), near.least_ratio)
 
     def _near(self, best: int, places: np.ndarray) -> Floor:
         """Return the floor by the nearest neighbours of a place."""
