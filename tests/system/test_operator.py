@@ -17,17 +17,25 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.schema import State
 from tests.support.patience import PATIENCE_S, until
-from tests.system.daemons import leave_at_rest, runtime_of, wait_for
+from tests.system.daemons import daemon, leave_at_rest, runtime_of, wait_for, write_sim
 
 pytestmark = pytest.mark.system
 
 TORQUE_Nm = 2.0
+LEASE_S = 20.0
+"""Who was taken over from notices at the next renewal, within a quarter of this."""
 HELD = ("set", "--enable", "--torque-Nm", str(TORQUE_Nm), "--speed-Hz", "0.7")
 ON_ITS_TERMINAL = """
 import fcntl, os, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 os.execv(sys.executable, [sys.executable, "-m", "motord", *sys.argv[1:]])
 """
+
+
+@pytest.fixture(scope="module")
+def running(folder):
+    with daemon(folder, write_sim(folder, lease_s=LEASE_S)) as program:
+        yield program
 
 
 class Terminal:
