@@ -119,7 +119,7 @@ def silence(bench: Bench, device: str) -> None:
 def test_without_its_supervisor_the_loop_ramps_down_at_its_limit(bench: Bench) -> None:
     heartbeat_ns = bench.world.now_ns
     limit_s = bench.config.loop.supervisor_timeout_s
-    bench.alone(limit_s + 0.5)
+    bench.alone(limit_s + 0.1)
     tick = bench.tripped()
     assert Trip(int(tick["first_trip"])) is Trip.SUPERVISOR_STALE
     ticks = bench.loop.ticks
