@@ -200,10 +200,10 @@ def currents(truth, from_ns, within_s=0.0):
     return np.max([np.abs(later[f"i_{phase}_A"]) for phase in "abc"], axis=0)
 
 
-def go_on(devices, wakes=500):
-    """Wait until the emulator has been run so many times more: at 500 Hz once or twice a row.
+def go_on(devices, wakes=2000):
+    """Wait until the emulator has been run so many times more: about as many milliseconds.
 
-    `currents` asks for 100 rows.
+    It leaves 500 rows a second, fewer while it is kept from running; `currents` asks for 100.
     """
     enough = stalls.runs(devices.process.pid) + wakes
     until(lambda: stalls.runs(devices.process.pid) > enough, "the emulator")
