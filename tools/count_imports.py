@@ -69,14 +69,17 @@ PATH = (
 """From the command line to the frame of a drive that takes phase currents."""
 
 RUNNER = """
-import json, sys
+import atexit, json, sys
 from motord.cli import main
-try:
-    main()
-finally:
+
+def write_modules():
     modules = sorted(name for name in sys.modules if name.split(".")[0] == "motord")
     open(sys.argv[-1] + ".modules", "w").write(json.dumps(modules))
+
+atexit.register(write_modules)
+main()
 """
+"""A command of motord that writes what it has imported; `main` ends the process (`os._exit`)."""
 
 
 def imports(file: str) -> set[str]:

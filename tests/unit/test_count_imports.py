@@ -2,7 +2,9 @@
 
 import sys
 
+from motord.config import load
 from tests.docs.blocks import ROOT
+from tests.support.short_recordings import ShortRecording
 
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -22,3 +24,10 @@ def test_what_is_not_there_or_not_imported_is_found():
         "api/errors.py: no function nothing",
         "api/errors.py: not imported by a file before it",
     ]
+
+
+def test_the_modules_of_an_analysis_are_counted_though_its_command_ends_the_process(tmp_path):
+    recording = ShortRecording.of(load(), turns=5).write(tmp_path / "turns.mcap")
+    modules = count_imports.imported_modules("cogging", [str(recording)])
+    assert "motord.experiments.cogging.estimate" in modules
+    assert not [m for m in modules if m.startswith(count_imports.ESTIMATOR)]
