@@ -4,8 +4,9 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 JOBS   ?= 2
+# Python compiles a module when it is first imported; to compile all is a third of an installation
+INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install --no-compile --no-deps
 
 .PHONY: help demo test long quick coverage lint types layers unit unit-quick bench soak oldest pictures reference docs docs-serve lock clean
 .DEFAULT_GOAL := help
@@ -17,15 +18,15 @@ $(VENV)/demo.stamp: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "motord needs Python 3.11 or newer; try make PYTHON=python3.12")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "setting up $(VENV) (once; a minute or two)"
-	@$(PIP) install --no-deps --require-hashes -r requirements.lock
-	@$(PIP) install --no-build-isolation --no-deps -e .
+	@$(INSTALL) --require-hashes -r requirements.lock
+	@$(INSTALL) --no-build-isolation -e .
 	@echo "compiling the kernels (once)"
 	@out=$$(mktemp -d) && $(BIN)/motord demo --quick --json --out $$out >/dev/null && rm -rf $$out
 	@touch $@
 
 $(VENV)/dev.stamp: requirements-dev.lock $(VENV)/demo.stamp
 	@echo "setting up the development tools (once)"
-	@$(PIP) install --no-deps --require-hashes -r requirements-dev.lock
+	@$(INSTALL) --require-hashes -r requirements-dev.lock
 	@touch $@
 
 demo: $(VENV)/demo.stamp  ## calibrate the simulated rig and show the ripple before and after
