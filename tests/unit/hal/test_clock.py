@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.config import CanBusConfig, ChannelConfig, packaged
-from motord.hal.bridge.clock import HEARTBEAT_LATENCY_NS, BoardClock, LoopClock
+from motord.hal.bridge.clock import HEARTBEAT_LATENCY_NS, BoardClock
 from motord.hal.bridge.drift_estimator import SampleBound
 from motord.hal.can.base import BusState, CanFrame
 from motord.hal.channels.can import CanChannel, ListeningPort
+from motord.hal.loop_clock import LoopClock
 from motord.wire.can.dbc import signal_codec
 from tests.support.properties import examples
 from tests.unit.hal.counted_clock import CountedClock
@@ -254,7 +255,7 @@ class Clocks:
 @pytest.fixture
 def clocks(monkeypatch: pytest.MonkeyPatch) -> Clocks:
     clocks = Clocks()
-    monkeypatch.setattr("motord.hal.bridge.clock.time", clocks)
+    monkeypatch.setattr("motord.hal.loop_clock.time", clocks)
     monkeypatch.setattr("motord.hal.channels.can.time", clocks)
     monkeypatch.setattr("motord.unix_clock.time", clocks)
     return clocks

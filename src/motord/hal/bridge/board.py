@@ -23,11 +23,12 @@ import numpy as np
 
 from motord.config import Config
 from motord.hal.base import DeviceError
-from motord.hal.bridge.clock import BoardClock, LoopClock
+from motord.hal.bridge.clock import BoardClock
 from motord.hal.bridge.identity import BoardIdentity, refusal
 from motord.hal.bridge.link import BridgeLink
 from motord.hal.bridge.session import BoardSession
 from motord.hal.countdown import Countdown, countdown_s
+from motord.hal.loop_clock import LoopClock
 from motord.schema import INT32_MAX, BridgeStatus
 from motord.wire.bridge import frames
 

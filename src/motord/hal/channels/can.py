@@ -8,10 +8,10 @@ from motord.config.bounds import is_below, rounded_up
 from motord.config.channel_sources import CanSource
 from motord.config.timing import INTERVALS_MIN
 from motord.hal.base import DeviceError
-from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
 from motord.hal.channel_source import RawSample
+from motord.hal.loop_clock import LoopClock
 from motord.wire.can.dbc import signal_codec
 
 

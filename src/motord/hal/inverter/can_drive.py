@@ -11,11 +11,11 @@ import numpy as np
 
 from motord.config import CanopenConfig, Config
 from motord.hal.base import DeviceError
-from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import BusState, CanBus
 from motord.hal.can.bus import open_bus
 from motord.hal.countdown import countdown_s
 from motord.hal.inverter.feedback import CanFeedback
+from motord.hal.loop_clock import LoopClock
 from motord.schema import INT32_MAX, InverterStatus
 from motord.wire.can import dbc, reach
 from motord.wire.can.frame_format import EXTENDED, SYNC, heartbeat, nmt_start
