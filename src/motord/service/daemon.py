@@ -126,8 +126,8 @@ def started(daemon: Daemon) -> Iterator[None]:
     gc.freeze()  # modules and compiled kernels: to look through them takes longer than a step may
     supervisor, config = daemon.supervisor, daemon.supervisor.bench.config
     with ExitStack() as stack:
-        stack.callback(scheduling.fall)
-        scheduling.rise(config.loop.priority)
+        stack.callback(scheduling.restore_priority)
+        scheduling.raise_priority(config.loop.priority)
         for device in supervisor.bench.devices.values():
             stack.callback(device.close)
             device.open(time.monotonic_ns())
@@ -140,7 +140,7 @@ def started(daemon: Daemon) -> Iterator[None]:
         stack.callback(supervisor.take_down)
         supervisor.start()
         daemon.device_threads.start()  # once the supervisor can step: its orders soon expire
-        scheduling.lift_threads()
+        scheduling.raise_threads()
         yield
 
 

@@ -502,11 +502,11 @@ def test_it_leaves_the_loop_its_processor(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2})
     monkeypatch.setattr(os, "sched_setaffinity", cpus.__setitem__)
     monkeypatch.setattr(os, "setpriority", lambda kind, task, value: nice.update({task: value}))
-    scheduling.step_back(1)
+    scheduling.lower_priority(1)
     assert set(nice.values()) == {scheduling.BACKGROUND_NICE}
     assert os.getpid() in nice
     assert all(left == {0, 2} for left in cpus.values())
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {1})
     cpus.clear()
-    scheduling.step_back(1)
+    scheduling.lower_priority(1)
     assert cpus == {}

@@ -42,12 +42,12 @@ def test_every_trip_has_a_meaning():
 def test_priority_rises_as_far_as_allowed(monkeypatch):
     asked = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *a: asked.append((a[1], a[2])))
-    scheduling.rise(80)
-    scheduling.rise(5)
-    scheduling.rise(1)
+    scheduling.raise_priority(80)
+    scheduling.raise_priority(5)
+    scheduling.raise_priority(1)
     assert [p.sched_priority for _, p in asked] == [10, 4, 1]
     assert all(policy & os.SCHED_RESET_ON_FORK for policy, _ in asked)
-    scheduling.fall()
+    scheduling.restore_priority()
     assert asked[-1][0] == os.SCHED_OTHER
 
 
@@ -58,10 +58,10 @@ def test_without_the_right_it_is_nice_and_without_that_it_is_normal(monkeypatch)
     nice = []
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", lambda *arguments: nice.append(arguments[2]))
-    scheduling.rise(80)
+    scheduling.raise_priority(80)
     assert nice == [scheduling.NICE]
     monkeypatch.setattr(os, "setpriority", refuse)
-    scheduling.rise(80)
+    scheduling.raise_priority(80)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_priority_texts(monkeypatch, policy, nice, expected):
     monkeypatch.setattr(os, "sched_getscheduler", lambda pid: policy)
     monkeypatch.setattr(os, "sched_getparam", lambda pid: os.sched_param(7))
     monkeypatch.setattr(os, "getpriority", lambda which, who: nice)
-    assert scheduling.current() == expected
+    assert scheduling.priority_text() == expected
 
 
 def test_the_log_goes_to_stderr_and_is_put_back(monkeypatch):
@@ -306,9 +306,9 @@ def test_threads_that_share_the_interpreter_are_lifted(monkeypatch):
     go_on = threading.Event()
     thread = threading.Thread(target=go_on.wait)
     thread.start()
-    scheduling.lift_threads()
+    scheduling.raise_threads()
     monkeypatch.setattr(os, "setpriority", Refuses())
-    scheduling.lift_threads()  # without the right to: nothing happens
+    scheduling.raise_threads()  # without the right to: nothing happens
     go_on.set()
     thread.join()
     assert {

@@ -70,7 +70,9 @@ def serve(config: Config, run_dir: RunDir, out: LineWriter) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the process; return its exit code."""
-    return background.run("channels", serve, arguments, schedule=scheduling.avoid, blocking=False)
+    return background.run(
+        "channels", serve, arguments, schedule=scheduling.avoid_cpu, blocking=False
+    )
 
 
 if __name__ == "__main__":

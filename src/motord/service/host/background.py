@@ -22,7 +22,7 @@ def run(
     name: str,
     serve: Serve,
     arguments: Sequence[str] | None = None,
-    schedule: Callable[[int | None], None] = scheduling.step_back,
+    schedule: Callable[[int | None], None] = scheduling.lower_priority,
     *,
     blocking: bool = True,
 ) -> int:

@@ -15,7 +15,7 @@ BACKGROUND_NICE = 10
 """A tenth of a processor beside one program of normal priority: slow, but never without any."""
 
 
-def rise(loop_priority: int) -> None:
+def raise_priority(loop_priority: int) -> None:
     """Give the calling thread real-time priority; if that is refused, a better nice value."""
     priority = max(1, min(PRIORITY, loop_priority - 1))
     try:
@@ -26,7 +26,7 @@ def rise(loop_priority: int) -> None:
             os.setpriority(os.PRIO_PROCESS, 0, NICE)
 
 
-def lift_threads() -> None:
+def raise_threads() -> None:
     """Give the threads that run now a better nice value, if that is allowed.
 
     They share the interpreter's lock with the supervisor: one that holds it must not have to wait
@@ -37,12 +37,12 @@ def lift_threads() -> None:
             os.setpriority(os.PRIO_PROCESS, int(task.name), NICE)
 
 
-def fall() -> None:
-    """Go back to normal priority."""
+def restore_priority() -> None:
+    """Give the calling thread normal priority again."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def avoid(loop_cpu: int | None) -> None:
+def avoid_cpu(loop_cpu: int | None) -> None:
     """Let this thread, and those that it starts, run anywhere but on `loop_cpu`."""
     others = os.sched_getaffinity(0) - {loop_cpu}
     if others:
@@ -50,7 +50,7 @@ def avoid(loop_cpu: int | None) -> None:
             os.sched_setaffinity(0, others)
 
 
-def step_back(loop_cpu: int | None) -> None:
+def lower_priority(loop_cpu: int | None) -> None:
     """Give all threads of this process a low priority, and not the processor `loop_cpu`."""
     others = os.sched_getaffinity(0) - {loop_cpu}
     for task in Path("/proc/self/task").iterdir():
@@ -60,8 +60,8 @@ def step_back(loop_cpu: int | None) -> None:
                 os.sched_setaffinity(int(task.name), others)
 
 
-def current() -> str:
-    """Return the priority of the main thread as text."""
+def priority_text() -> str:
+    """Return the priority of the main thread."""
     policy = os.sched_getscheduler(os.getpid()) & ~os.SCHED_RESET_ON_FORK
     if policy == os.SCHED_RR:
         return f"SCHED_RR {os.sched_getparam(os.getpid()).sched_priority}"

@@ -133,7 +133,7 @@ class Publisher:
             loop=bench.monitor.loop_view(now_ns),
             ages=ages_s(bench, now_ns),
             links=bench.monitor.links_view(),
-            realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
+            realtime={**self.loop.realtime(), "supervisor": scheduling.priority_text()},
             recording=self.recording.view(),
             calibration=self.calibrations.view(),
             tracking=self.tracker.view if self.tracker is not None else None,
