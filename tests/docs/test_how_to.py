@@ -133,6 +133,7 @@ from motord.control.step import new_memory, step
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.proto import definitions, write
 from motord.schema import TICK, TICK_DTYPE
+from motord.dashboard.signals import ROW, values
 from motord.recording.errors import RecordError
 from motord.recording.reader import Run
 
@@ -148,19 +149,21 @@ try:
     before.ticks(["i2t_s"])
 except RecordError as error:
     print(error)
+print(values(tick)[ROW["i2t_s"], 0] == tick["i2t_s"][0])
 print(all("i2t_s" in text for path, text in definitions() if path.name == "tick.proto"))
 reference.PAGES = {"recording.md": reference.PAGES["recording.md"]}
 reference.main([])
 """
 
 
-def test_a_field_by_the_page_is_in_tick_proto_and_docs(tmp_path: Path) -> None:
+def test_a_field_by_the_page_is_in_tick_proto_docs_and_on_the_live_page(tmp_path: Path) -> None:
     copy = changed(FIELD, tmp_path)
     with RunWriter(copy / "before.mcap", {"bench": "before"}) as writer:
         writer.ticks(np.zeros(3, schema.TICK_DTYPE))
     out = run("-c", TICK, path=copy, cwd=copy, NUMBA_DISABLE_JIT="1")
-    field, before, error, proto, wrote = out.splitlines()
-    assert (field, before, proto) == (f"i2t_s {len(schema.TICK.fields) + 1} True", "3", "True")
+    field, before, error, drawn, proto, wrote = out.splitlines()
+    assert (field, before) == (f"i2t_s {len(schema.TICK.fields) + 1} True", "3")
+    assert (drawn, proto) == ("True", "True")
     assert "i2t_s" in error
     assert wrote == "wrote docs/reference/recording.md"
     assert "| `i2t_s` | float | s |" in (copy / "docs/reference/recording.md").read_text()
