@@ -2,6 +2,7 @@
 
 Each condition has a bit of `schema.Trip` and a row in `control.interlock_table`, which says what is
 evidence of it and for how long it may hold: a sample that is seen again is no further evidence.
+Speed is the observer's estimate, the one that is recorded.
 """
 
 import math

@@ -1,12 +1,13 @@
-"""Programmed reference currents with pre-compensation, in compiled code.
+"""Programmed reference currents, limits and ramp, in compiled code.
 
-Least-copper-loss currents from the back-EMF table (Poels 2008, ch. 4; METHODS in docs/methods.md):
+Least-copper-loss currents from the back-EMF table (Poels 2008, ch. 4; docs/methods.md, section 2):
 
 - independent phases: i_p = T k_p / sum_q k_q^2
 - star:               i_p = T m_p / sum_q m_q^2,  m_p = k_p - mean_q k_q
 
-then the inverse of the current errors, i_cmd = (i - beta) / (alpha delta_epsilon), with T reduced
-by the cogging torque at the angle where the current will flow.
+Compensation is `step`'s: T less the cogging torque at the angle where the current will flow, then
+the inverse of the current errors, i_cmd = (i - beta) / (alpha delta_epsilon). For a drive that
+makes current along q alone `currents_along_q` has both current errors in it.
 """
 
 import math
@@ -23,7 +24,10 @@ TINY_V2_S2 = 1e-12
 
 @jit
 def table_position(angle_rad: float, counts: int) -> tuple[int, int, float]:
-    """Return (index, next index, weight of the next) of `angle_rad` in a table of one turn."""
+    """Return (index, next index, weight of the next) of `angle_rad` in a table of one turn.
+
+    The table has no end: after its last point comes the first again.
+    """
     position = angle_rad / TWO_PI * counts
     floor = math.floor(position)
     index = int(floor) % counts
