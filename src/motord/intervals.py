@@ -71,7 +71,8 @@ def expanded_uncertainty(type_a: float, freedom: float | None, type_b: float) ->
     """Return the expanded uncertainty, half of the 95 % interval.
 
     type_a, type_b: standard uncertainties from data with `freedom` degrees of freedom, by Student's
-    t, and from other knowledge, by the normal distribution.
+    t, and from other knowledge, by the normal distribution. That of a calibration is of both at
+    once: `uncertainty_budget`.
     """
     return hypot(coverage_factor(freedom) * type_a, coverage_factor() * type_b)
 

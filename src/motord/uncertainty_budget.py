@@ -1,7 +1,8 @@
 """Uncertainty budgets: what each source contributes to a result's standard uncertainty (GUM).
 
 Type A is what the scatter of the data shows, Type B what is known otherwise: from data sheets, or
-assumed. Contributions are standard uncertainties, and combine by the root of the sum of squares.
+assumed. Contributions are standard uncertainties, and combine by the root of the sum of squares;
+`coverage_factors` times these are expanded uncertainties.
 """
 
 from collections.abc import Callable, Iterable, Sequence
