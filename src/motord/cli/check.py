@@ -1,7 +1,13 @@
 """`motord check`: is this bench file right, do its devices answer, is there real time."""
 
+import errno
+import os
+import socket
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,8 +16,6 @@ from motord.cli.common_options import AsJson, BenchFile
 from motord.cli.console import explain_first_run, fail, print_result
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from motord.config import ChannelConfig, Config
     from motord.hal.channel_source import ChannelSource
 
@@ -87,11 +91,6 @@ def probe_endpoints(bench: "Config") -> Finding:
 
 def _cannot_listen(endpoint: str) -> str:
     """Return why nobody can listen at a Zenoh endpoint, "" if one can."""
-    import errno
-    import os
-    import socket
-    from pathlib import Path
-
     protocol, _, address = endpoint.partition("/")
     if protocol == "unixsock-stream":
         folder = Path(address).parent
@@ -111,10 +110,8 @@ def _cannot_listen(endpoint: str) -> str:
     return ""
 
 
-def _socket_obstacle(path: "Path") -> str:
+def _socket_obstacle(path: Path) -> str:
     """Return why no Unix socket can be made, "" if it can: one that nobody serves is replaced."""
-    import socket
-
     if not path.exists() and not path.is_symlink():
         return ""
     if not path.is_socket():
@@ -134,8 +131,6 @@ def _socket_obstacle(path: "Path") -> str:
 
 def probe_recordings(bench: "Config") -> Finding:
     """Write to the folder of recordings as the recorder would, and look at its free space."""
-    from contextlib import suppress
-
     from motord.recording.storage import free_bytes, obstacle
 
     folder = bench.recording.directory.absolute()
@@ -186,8 +181,6 @@ def _probe(what: str, probe: Callable[[], str]) -> Finding:
 
 
 def _probe_rig(bench: "Config") -> str:
-    import time
-
     import numpy as np
 
     from motord.api.descriptions import bridge_action
@@ -232,8 +225,6 @@ def _probe_slow(kind: Any, bench: "Config") -> str:
 
 def _probe_channel(channel: "ChannelConfig", source: "ChannelSource") -> str:
     """Return what a slow channel reads; waits for it as long as the daemon would."""
-    import time
-
     from motord.hal.base import DeviceError
     from motord.hal.channel_source import ChannelReading
     from motord.service.bench.channels import Channel

@@ -27,6 +27,7 @@ from motord.dashboard.overview.overview_pages import BenchesLink, OverviewPages,
 from motord.dashboard.page.messages import MAX_BYTES
 from motord.dashboard.page.pages import Pages
 from motord.dashboard.tokens import Tokens
+from motord.process.signal_handlers import INTERRUPTS
 from motord.security.roles import Role
 
 HOST = "127.0.0.1"
@@ -189,13 +190,9 @@ class _Server(uvicorn.Server):
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
         loop = asyncio.get_running_loop()
-        numbers = [
-            number
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-            if signal.getsignal(number) is not signal.SIG_IGN
-        ]
-        for number in numbers:
-            loop.add_signal_handler(number, self._end)
+        for number in INTERRUPTS:
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                loop.add_signal_handler(number, self._end)
         yield
 
     def _end(self) -> None:

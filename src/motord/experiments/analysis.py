@@ -7,7 +7,6 @@ what the terminal shows; opening recordings, options that all share, files and e
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib.util import find_spec
-from operator import attrgetter
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -31,13 +30,14 @@ def encode(value: Any) -> Any:
     """Return a result as JSON has it: the one encoder of all experiments.
 
     Of a dataclass, the fields and properties that its class attribute `JSON` names, by default all
-    fields; "name=path.of.it" gives what has another name here. Of an array its values; of an
-    `IntervalEstimate` x_Nm besides its value x_stderr_Nm, x_low_Nm and x_high_Nm.
+    fields; "name=path.of.it" gives what has another name here, null where an object on the path is
+    None. Of an array its values; of an `IntervalEstimate` x_Nm besides its value x_stderr_Nm,
+    x_low_Nm and x_high_Nm.
     """
     if is_dataclass(value) and not isinstance(value, type):
         names = getattr(value, "JSON", None) or [one.name for one in fields(value)]
         pairs = (one.partition("=") for one in names)
-        found = {name: attrgetter(path or name)(value) for name, _, path in pairs}
+        found = {name: _at(value, path or name) for name, _, path in pairs}
         return {key: part for name, one in found.items() for key, part in _encoded(name, one)}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
@@ -45,6 +45,13 @@ def encode(value: Any) -> Any:
         return {str(key): encode(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [encode(part) for part in value]
+    return value
+
+
+def _at(value: Any, path: str) -> Any:
+    """Return what is at a path of attributes, None behind one that is None."""
+    for name in path.split("."):
+        value = None if value is None else getattr(value, name)
     return value
 
 

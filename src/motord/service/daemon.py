@@ -13,7 +13,7 @@ from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
 from motord.process.allocator import shrink_heaps_from_their_end
-from motord.process.signal_handlers import handled
+from motord.process.signal_handlers import INTERRUPTS, handled
 from motord.security.roles import SecurityError
 from motord.service.bench.calibrations import state_directory
 from motord.service.build import Daemon, build
@@ -70,7 +70,7 @@ def stop_signals() -> Iterator[StopSignal]:
     def note(number: int, _frame: FrameType | None) -> None:
         stopping.name = signal.Signals(number).name
 
-    with handled((signal.SIGTERM, signal.SIGINT, signal.SIGHUP), note):
+    with handled(INTERRUPTS, note):
         yield stopping
 
 

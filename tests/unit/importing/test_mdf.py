@@ -1,6 +1,6 @@
 """ASAM MDF: channels by name, the start that the file states, our own exports, what is damaged."""
 
-import builtins
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -155,13 +155,6 @@ def test_without_the_package_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = write_mdf(tmp_path / "a.mf4", ("Bench", turning(10)))
-    original = builtins.__import__
-
-    def no_mdf(name: str, *rest: Any) -> Any:
-        if name == "asammdf":
-            raise ImportError(name)
-        return original(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", no_mdf)
+    monkeypatch.setitem(sys.modules, "asammdf", None)
     with pytest.raises(RecordError, match=r"pip install 'motord\[mdf\]'"):
         imported(tmp_path, source, TIMED)

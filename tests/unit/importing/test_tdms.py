@@ -1,7 +1,7 @@
 """LabVIEW's TDMS: channels by name, the clock of waveforms, what cannot be read."""
 
-import builtins
 import io
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -146,14 +146,7 @@ def test_without_the_package_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = write_tdms(tmp_path / "a.tdms", {"Bench/Position": (np.zeros(10), PROPERTIES)})
-    original = builtins.__import__
-
-    def no_tdms(name: str, *rest: Any) -> Any:
-        if name == "nptdms":
-            raise ImportError(name)
-        return original(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", no_tdms)
+    monkeypatch.setitem(sys.modules, "nptdms", None)
     with pytest.raises(RecordError, match=r"pip install 'motord\[tdms\]'"):
         imported(tmp_path, source, WAVEFORM)
     assert io.BytesIO(source.read_bytes()).read(4) == tdms.MAGIC

@@ -19,7 +19,7 @@ from motord.cli.bench.shared_token import shared, tokens
 from motord.cli.connection_options import Connection, print_answer
 from motord.cli.console import fail, remark
 from motord.process.interrupts import AGAIN
-from motord.process.signal_handlers import handled
+from motord.process.signal_handlers import INTERRUPTS, handled
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 _Reply = TypeVar("_Reply", bound="RpcReply")
 LOOK_S = 0.2
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Ctrl-C, SIGTERM and SIGHUP (a terminal that is closed) end a command in the same way."""
 _RANK = {"TRIPPED": -1, "OFF": 0, "READY": 1, "ENABLED": 2}
 
 
@@ -115,7 +113,8 @@ def interrupted_once() -> Iterator[Callable[[], None]]:
             raise KeyboardInterrupt
 
     is_main = threading.current_thread() is threading.main_thread()
-    taken = [n for n in (*_ENDING, AGAIN) if is_main and signal.getsignal(n) is not signal.SIG_IGN]
+    numbers = (*INTERRUPTS, AGAIN) if is_main else ()
+    taken = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
     with handled(taken, interrupt):
         yield hold_off
 

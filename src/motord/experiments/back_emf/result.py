@@ -61,8 +61,9 @@ class MeasuredBackEmf:
 
     JSON: ClassVar = (
         "speeds_Hz", "turns", "harmonics", "phases", "offset_V", "noise_V",
-        "delay_s=fitted_delay_s", "delay_stderr_s", "delay_degrees_of_freedom", "left_out",
-        "degrees_of_freedom", "k_V_s_per_rad=rounded_table",
+        "delay_s=age.age_s", "delay_stderr_s=age.stderr_s",
+        "delay_degrees_of_freedom=age.freedom", "left_out", "degrees_of_freedom",
+        "k_V_s_per_rad=rounded_table",
     )  # fmt: skip
 
     motor: MotorConfig
@@ -105,21 +106,6 @@ class MeasuredBackEmf:
     def mean_rad_s(self) -> float:
         """Mean speed."""
         return 2 * np.pi * float(np.mean(self.speeds_Hz))
-
-    @property
-    def fitted_delay_s(self) -> float | None:
-        """Value of that age."""
-        return self.age.age_s if self.age else None
-
-    @property
-    def delay_stderr_s(self) -> float | None:
-        """Standard error of that age."""
-        return self.age.stderr_s if self.age else None
-
-    @property
-    def delay_degrees_of_freedom(self) -> float | None:
-        """Degrees of freedom of that standard error."""
-        return self.age.freedom if self.age else None
 
     @property
     def turned_stderr_rad(self) -> np.ndarray:

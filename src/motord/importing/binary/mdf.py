@@ -24,7 +24,7 @@ from motord.importing.source import (
     readable,
     readable_as,
 )
-from motord.recording.errors import RecordError
+from motord.recording.errors import RecordError, optional
 
 MAGICS = (b"MDF     ", b"UnFinMF ")
 
@@ -56,7 +56,8 @@ class MdfSource(ColumnSource):
             raise RecordError(f"{path}: does not begin as a file of MDF 4 does")
         with readable_as(path, "an MDF"):
             file = opened.enter_context(path.open("rb"))
-            self._mdf = opened.enter_context(_opened(_mdf(), file))
+            asammdf = optional("asammdf", "MDF", "asammdf", "mdf", "save the file as CSV")
+            self._mdf = opened.enter_context(_opened(asammdf.MDF, file))
             self._start_ns = _unix_ns(self._mdf.start_time)
             self._channels: list[_Channel] = list(_channels(self._mdf))
             self._records = [int(group.channel_group.cycles_nr) for group in self._mdf.groups]
@@ -147,17 +148,6 @@ def _channels(mdf: Any) -> Iterator[_Channel]:
         master = mdf.masters_db.get(number)
         for index, channel in enumerate(group.channels):
             yield _Channel(number, index, str(channel.name), group_name, index == master)
-
-
-def _mdf() -> Any:
-    """Return the class that opens MDF files."""
-    try:
-        from asammdf import MDF
-    except ImportError as error:
-        raise RecordError(
-            "MDF needs the package asammdf: pip install 'motord[mdf]'; or save the file as CSV"
-        ) from error
-    return MDF
 
 
 def _opened(opener: Any, file: BinaryIO) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 
 from motord.importing.mapping import TdmsMap
 from motord.importing.source import ColumnSource, RowClock, WantedColumn, readable, readable_as
-from motord.recording.errors import RecordError
+from motord.recording.errors import RecordError, optional
 
 MAGIC = b"TDSm"
 
@@ -44,12 +44,13 @@ class TdmsSource(ColumnSource):
         self.notes: list[str] = []
         if not begins_as_tdms(path):
             raise RecordError(f"{path}: does not begin as a TDMS file does")
-        opener, console = _tdms()
-        warnings = _Warnings(self.notes)
+        needed = "TDMS", "npTDMS", "tdms", "save the file as CSV"
+        nptdms, log = (optional(module, *needed) for module in ("nptdms", "nptdms.log"))
+        warnings, console = _Warnings(self.notes), log.log_manager.console_handler
         console.addFilter(warnings)
         opened.callback(console.removeFilter, warnings)
         with readable_as(path, "a TDMS"):
-            file = opened.enter_context(opener.open(opened.enter_context(path.open("rb"))))
+            file = opened.enter_context(nptdms.TdmsFile.open(opened.enter_context(path.open("rb"))))
             self._channels = [c for group in file.groups() for c in group.channels()]
             self._lengths = [len(channel) for channel in self._channels]
         self._rows = min(self._lengths, default=0)
@@ -116,18 +117,6 @@ class TdmsSource(ColumnSource):
             spool = self._spools[wanted.index] = self._spool(wanted)
         spool.seek(8 * start)
         return np.fromfile(spool, "i8" if wanted.as_time else "f8", count)
-
-
-def _tdms() -> tuple[Any, logging.Handler]:
-    """Return the class that opens TDMS files, and the handler that prints its warnings."""
-    try:
-        from nptdms import TdmsFile
-        from nptdms.log import log_manager
-    except ImportError as error:
-        raise RecordError(
-            "TDMS needs the package npTDMS: pip install 'motord[tdms]'; or save the file as CSV"
-        ) from error
-    return TdmsFile, log_manager.console_handler
 
 
 def begins_as_tdms(path: Path) -> bool:

@@ -10,8 +10,7 @@ from motord.recording.export.csv_text import write_csv
 from motord.recording.export.matlab import write_matlab
 from motord.recording.export.mdf import write_mdf
 from motord.recording.export.parquet_file import write_parquet
-from motord.recording.export.slow_channels import tick_table
-from motord.recording.export.table import ExportedTable
+from motord.recording.export.table import ExportedTable, tick_table
 from motord.recording.file_names import part_of, require_free
 from motord.recording.plan_columns import PREFIX, plan_columns
 from motord.recording.reader import Run

@@ -5,16 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.recording.errors import RecordError
-from motord.recording.export.table import ExportedTable
+from motord.recording.errors import RecordError, optional
+from motord.recording.export.table import TIME, ExportedTable
 from motord.recording.json_encoding import to_json
 from motord.wire.ticks.blocks import Block
 
 GROUP_ROWS = 1 << 17
 """Rows that are added at once."""
-
-TIME = "t_ns"
-"""The column of which the master channel is made."""
 
 
 def write_mdf(path: Path, table: ExportedTable) -> int:
@@ -23,17 +20,11 @@ def write_mdf(path: Path, table: ExportedTable) -> int:
     The file starts at the first row; the master channel counts seconds from there, and t_ns is a
     channel as well. The metadata, the plan's settings among them, are the header's text, as JSON.
     """
-    try:
-        from asammdf import MDF, Signal
-    except ImportError as error:
-        raise RecordError(
-            "MDF needs the package asammdf: pip install 'motord[mdf]'; "
-            "or choose a name that ends with .csv"
-        ) from error
+    asammdf = optional("asammdf", "MDF", "asammdf", "mdf", "choose a name that ends with .csv")
     if TIME not in table.names:
         raise RecordError(f"MDF needs the time of each row: let --columns have {TIME}")
     fields, start_ns, count = table.fields, 0, 0
-    with MDF(version="4.10") as mdf:
+    with asammdf.MDF(version="4.10") as mdf:
         mdf.header.description = to_json(table.metadata)
         for rows in table.gathered(GROUP_ROWS):
             if count == 0:
@@ -41,7 +32,7 @@ def write_mdf(path: Path, table: ExportedTable) -> int:
                 mdf.start_time = datetime.fromtimestamp(start_ns // 1000 / 1e6, UTC)
                 time_s = _since(rows, start_ns)
                 signals = [
-                    Signal(
+                    asammdf.Signal(
                         np.ascontiguousarray(rows[name]),
                         time_s,
                         name=name,

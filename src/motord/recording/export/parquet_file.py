@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.recording.errors import RecordError
+from motord.recording.errors import optional
 from motord.recording.export.table import ExportedTable
 from motord.recording.json_encoding import to_json
 
@@ -14,14 +14,8 @@ ROW_GROUP_ROWS = 1 << 17
 
 def write_parquet(path: Path, table: ExportedTable) -> int:
     """Write a table and return its number of rows. Raises RecordError without pyarrow."""
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError as error:
-        raise RecordError(
-            "Parquet needs the package pyarrow: pip install 'motord[parquet]'; "
-            "or choose a name that ends with .csv"
-        ) from error
+    arrow = "Parquet", "pyarrow", "parquet", "choose a name that ends with .csv"
+    pa, parquet = (optional(module, *arrow) for module in ("pyarrow", "pyarrow.parquet"))
     known = {
         name: {"unit": field.unit, "meaning": field.meaning} for name, field in table.fields.items()
     }

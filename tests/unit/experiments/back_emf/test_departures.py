@@ -72,10 +72,11 @@ def test_clocks_that_run_apart_are_named() -> None:
 def test_phases_and_age_hold_clocks_that_run_apart(name: str) -> None:
     bench, found = DEPARTURES[name][0], departed(name)
     assert np.abs(errors_over_half_widths(found)[:, 1]).max() < 1.0
-    assert found.fitted_delay_s is not None  # clocks are alike as the first capture begins
+    assert found.age is not None
+    # clocks are alike as the first capture begins
     first_s = bench.clock * (TURNS + 0.5) / abs(bench.speeds_Hz[0]) / 2
-    half_width_s = coverage_factor(found.delay_degrees_of_freedom) * (found.delay_stderr_s or 0.0)
-    assert abs(found.fitted_delay_s - first_s) < half_width_s
+    half_width_s = coverage_factor(found.age.freedom) * found.age.stderr_s
+    assert abs(found.age.age_s - first_s) < half_width_s
 
 
 def test_what_clocks_may_make_of_phases_narrows_no_interval() -> None:
