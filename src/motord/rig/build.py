@@ -2,10 +2,10 @@
 
 import cmath
 import math
-from functools import cache
 
 import numpy as np
 
+from motord.cached_arrays import cached_arrays
 from motord.config import SEQUENCE, DqConfig
 from motord.config.devices import InverterConfig
 from motord.rig.free_decay import add_bar
@@ -196,7 +196,7 @@ def _fill_harmonics(record: np.record, harmonics: list[tuple[int, float, float]]
         record.orders[n], record.amplitude[n], record.phase_rad[n] = order, amplitude, phase_rad
 
 
-@cache
+@cached_arrays()
 def mount_matrices(
     resonance_Hz: float, damping_ratio: float, duration_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,12 +1,12 @@
 """`[motor]` and `[torque_sensor]`: motor and sensor as the controller takes them to be."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from motord.cached_arrays import cached_arrays
 from motord.config.base import Section
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.motor.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
@@ -102,7 +102,7 @@ class MotorConfig(Section):
     def back_emf_table(self) -> np.ndarray:
         """Return k, shape (counts, 3), V s/rad: back-EMF over speed at angles 2 pi n / counts.
 
-        It may be asked for again and again, and must not be written to.
+        Not to be written to: that of harmonics is shared by all callers, and read-only.
         """
         if isinstance(self.back_emf, BackEmfTable):
             return self.back_emf.values
@@ -111,7 +111,7 @@ class MotorConfig(Section):
         )
 
 
-@lru_cache(maxsize=8)
+@cached_arrays(maxsize=8)
 def _table(
     harmonics: tuple[BackEmfHarmonic, ...],
     pole_pairs: int,
@@ -122,7 +122,6 @@ def _table(
     theta_rad = 2 * np.pi * np.arange(counts) / counts + offset_rad
     table = back_emf_waves(harmonics, pole_pairs * theta_rad, phase_order)
     _refuse_a_zero_phase(BACK_EMF, table)  # here, where it is looked at once for many bench files
-    table.flags.writeable = False
     return table
 
 

@@ -12,11 +12,11 @@ constant and to a straight line, as q_j: a drift belongs to what is measured.
 """
 
 from dataclasses import dataclass
-from functools import cache
 from math import hypot, sqrt
 
 import numpy as np
 
+from motord.cached_arrays import cached_arrays
 from motord.experiments.torque_speed.power_series import PowerSeries
 from motord.experiments.torque_speed.turns import CapturedTurns
 from motord.intervals import LEVEL, IntervalEstimate
@@ -66,7 +66,7 @@ def freedom_of_blocks(blocks: int) -> int:
     return min(max(LEAST_FREEDOM, int(0.4 * blocks ** (2 / 3))), blocks - 2)
 
 
-@cache
+@cached_arrays()
 def _slow_courses(number: int) -> np.ndarray:
     """Return a straight line and slow cosines (1 + b, number), orthonormal, of no mean."""
     place = (np.arange(number) + 0.5) / number
@@ -104,14 +104,14 @@ class ErrorSum:
         return IntervalEstimate(*(factor * part for part in parts))
 
 
-@cache
+@cached_arrays()
 def _draws(sources: int) -> tuple[np.ndarray, np.ndarray]:
     """Return uniform draws (sources, d) of -1 to 1, and normal ones (d,)."""
     rng = np.random.default_rng(1)
     return rng.uniform(-1.0, 1.0, (sources, DRAWS)), rng.standard_normal(DRAWS)
 
 
-@cache
+@cached_arrays()
 def _student(freedom: int) -> np.ndarray:
     """Return draws (d,) of Student's t."""
     return np.random.default_rng(2).standard_t(freedom, DRAWS)

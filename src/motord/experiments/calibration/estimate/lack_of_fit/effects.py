@@ -8,10 +8,11 @@ harmonic dk that the back-EMF lacks leaves sum_p i_p dk_p; and so on, linear in 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 
 import numpy as np
 
+from motord.cached_arrays import cached_arrays
 from motord.config import BackEmfHarmonic, MotorConfig
 from motord.config.motor import PhaseOrder, back_emf_waves
 from motord.experiments.calibration.estimate.current_tables import derivative_over_time
@@ -205,7 +206,7 @@ def _harmonic(motor: MotorConfig, order: int, point: PointModel) -> np.ndarray:
     return np.array([(point.i_A * k).sum(axis=1) for k in _unit_emf(order, *turn, len(point.k))])
 
 
-@lru_cache(maxsize=16)
+@cached_arrays(maxsize=16)
 def _unit_emf(
     order: int, pole_pairs: int, offset_rad: float, phase_order: PhaseOrder, bins: int
 ) -> np.ndarray:
@@ -218,7 +219,7 @@ def _unit_emf(
     return np.array([back_emf_waves([one], electrical_rad, phase_order) for one in unit])
 
 
-@lru_cache(maxsize=64)
+@cached_arrays(maxsize=64)
 def _waves(order: int, bins: int) -> np.ndarray:
     """Return cos and sin of an order of the turn (2, bins)."""
     turned_rad = order * (2 * np.pi * np.arange(bins) / bins)
