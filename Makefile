@@ -91,7 +91,7 @@ bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
 ifndef SEED
 SEED := $(shell od -An -N2 -tu2 /dev/urandom | tr -d ' ')
 endif
-CAMPAIGNS ?= properties estimator quick coverage check_calibration tracking departures dc_departures cogging jerky ripple back_emf driven_departures inertia friction sensitivity learn learn_orders align torque_speed thermal stuck_tracks interlock_search soak mutation:--few \
+CAMPAIGNS ?= properties estimator quick coverage check_calibration tracking departures dc_departures cogging cogging_speeds jerky ripple back_emf driven_departures inertia friction sensitivity learn learn_orders align torque_speed thermal stuck_tracks interlock_search soak mutation:--few \
 	mutation faults faults:--random=200 faults:--wire fuzz hostile flood plan_kills memory rerun_loader
 soak: $(VENV)/dev.stamp   ## the long campaigns with random seeds; CAMPAIGNS="learn faults" for some, SEED=n for a seed again
 	@red=; for one in $(CAMPAIGNS); do name=$${one%%:*}; option=$${one#$$name}; echo "== $$one SEED=$(SEED)"; \

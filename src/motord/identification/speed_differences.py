@@ -15,7 +15,7 @@ them (DerSimonian and Laird 1986), of which their mean has a part:
 with nu, speeds less directions, degrees of freedom.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
@@ -59,12 +59,19 @@ class SpeedDifferences:
     """Each the largest; nothing where the speeds show none.
 
     age_s: positive if what was measured is older than the angle; shift_rad: of the angle besides;
-    gain: in parts.
+    gain: in parts. shifts_rad, gains (s,): of each speed against the mean of its direction.
     """
 
     age_s: SpeedDifference = NOTHING
     shift_rad: SpeedDifference = NOTHING
     gain: SpeedDifference = NOTHING
+    shifts_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    gains: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def without_common(self, speed: int, line: np.ndarray, order: np.ndarray) -> np.ndarray:
+        """Return lines (n,) of orders (n,) at a speed less the shift and gain that they share."""
+        turned_back = np.exp(1j * order * self.shifts_rad[speed])
+        return np.asarray(line * turned_back / (1 + self.gains[speed]))
 
 
 def speed_differences(
@@ -93,6 +100,8 @@ def speed_differences(
         _slope(shift_rad, known, moving, freedom),
         _with_mean(slipped, shift_rad, known, ways),
         _with_mean(scaling, gain, scaled, ways),
+        shift_rad,
+        gain,
     )
 
 

@@ -38,21 +38,24 @@ def measure(
     if others:
         found = [at_speed(one, motor, sensor, others) for one in driven]
     recorded_s = sum(float(one.t_s[-1] - one.t_s[0]) for one in driven)
-    measured = _widened(replace(_average(found, motor), left_out=left_out))
+    measured = _widened(replace(average(found, motor), left_out=left_out))
     faults = signal_findings((one.label, one.faults) for one in driven)
     return replace(measured, findings=(*findings(measured, recorded_s), *faults))
 
 
-def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCogging:
+def average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCogging:
     """Average over the speeds at which each order is seen, then over both directions.
 
-    Orders that are not allowed and do not stand out of their own standard error, which knows how
-    the turns differ, were drift: they are left out.
+    What all orders of a speed share, gain and angle, is in the intervals by `differences`; standard
+    errors have what each order differs by besides. Orders that are not allowed and do not stand out
+    of their own standard error, which knows how the turns differ, were drift: they are left out.
     """
     poles = 2 * motor.pole_pairs
     order = np.array(sorted({int(order) for one in found for order in one.order}))
-    ways = [_mean_lines([one for one in found if one.direction == way], order) for way in (1, -1)]
-    line_Nm, stderr_Nm = _both_ways(ways, jerky=any(one.jerky for one in found))
+    differences, alike = _differences(found)
+    ways, own = _each_way(found, order), _each_way(alike, order)
+    jerky = any(one.jerky for one in found)
+    line_Nm, stderr_Nm = _both_ways(ways[:, 0], own[:, 1].real, jerky=jerky)
     allowed = np.isin(order, allowed_orders(motor.slots, poles, int(order[-1])))
     kept = allowed | (np.abs(line_Nm) > STANDS_OUT * stderr_Nm)
     turns = [sum(one.turns for one in found if one.direction == way) for way in (1, -1)]
@@ -64,14 +67,28 @@ def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCoggi
         stderr_Nm=stderr_Nm[kept],
         allowed=allowed[kept],
         speeds=tuple(found),
-        directions=_directions(order[kept], [way[:, kept] for way in ways], turns),
-        differences=_differences(found),
+        directions=_directions(order[kept], ways[..., kept], turns),
+        differences=differences,
     )
 
 
-def _differences(found: Sequence[SpeedCogging]) -> SpeedDifferences:
-    """Return what the orders that stand out at all of the smooth speeds differ by."""
-    speeds = [one for one in found if not one.jerky and one.turns > 1]
+def _differences(
+    found: Sequence[SpeedCogging],
+) -> tuple[SpeedDifferences, list[SpeedCogging]]:
+    """Return what the orders that stand out at all of the smooth speeds differ by.
+
+    And all speeds without what is common to the orders of each.
+    """
+    places = [n for n, one in enumerate(found) if not one.jerky and one.turns > 1]
+    apart, alike = _common_differences([found[n] for n in places]), list(found)
+    for speed, n in enumerate(places[: apart.gains.size]):
+        one = found[n]
+        line_Nm = apart.without_common(speed, one.line_Nm, one.order)
+        alike[n] = replace(one, line_Nm=line_Nm)
+    return apart, alike
+
+
+def _common_differences(speeds: Sequence[SpeedCogging]) -> SpeedDifferences:
     if len(speeds) < 2:
         return SpeedDifferences()
     strong = [
@@ -110,6 +127,12 @@ def _widened(measured: MeasuredCogging) -> MeasuredCogging:
     )
 
 
+def _each_way(found: Sequence[SpeedCogging], order: np.ndarray) -> np.ndarray:
+    """Return mean and standard error of each order, forwards and backwards (2, 2, n)."""
+    ways = [[one for one in found if one.direction == way] for way in (1, -1)]
+    return np.array([_mean_lines(way, order) for way in ways])
+
+
 def _mean_lines(found: Sequence[SpeedCogging], order: np.ndarray) -> np.ndarray:
     """Return mean and standard error of each order (2, n), nan where none of the speeds has it.
 
@@ -134,15 +157,16 @@ def _mean_line(found: Sequence[SpeedCogging], order: int) -> tuple[complex, floa
     return mean, float(np.sqrt(spread / weight.sum()))
 
 
-def _both_ways(ways: Sequence[np.ndarray], *, jerky: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and standard error (n,) of both directions, each weighted alike.
+def _both_ways(
+    line: np.ndarray, stderr: np.ndarray, *, jerky: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard error (n,) of both directions (2, n), each weighted alike.
 
     What friction adds turns its sign with the direction, so that it cancels; not so where the rotor
     sticks and slips: then the truth may be anywhere between the two (rectangular, per component).
     """
-    seen = np.isfinite([way[0] for way in ways])
-    lines = np.where(seen, [way[0] for way in ways], 0)
-    stderr = np.where(seen, [way[1].real for way in ways], 0)
+    seen = np.isfinite(line)
+    lines, stderr = np.where(seen, line, 0), np.where(seen, stderr, 0)
     each = 1 / np.maximum(seen.sum(axis=0), 1)
     mean, error = lines.sum(axis=0) * each, np.sqrt((stderr**2).sum(axis=0)) * each
     if jerky:
@@ -152,11 +176,11 @@ def _both_ways(ways: Sequence[np.ndarray], *, jerky: bool) -> tuple[np.ndarray, 
 
 
 def _directions(
-    order: np.ndarray, ways: Sequence[np.ndarray], turns: Sequence[int]
+    order: np.ndarray, ways: np.ndarray, turns: Sequence[int]
 ) -> tuple[DirectionDifference, ...]:
     """Return what the orders (n,) that both directions have differ by: friction and hysteresis.
 
-    ways: mean and standard error (2, n) forwards and backwards; turns: of each.
+    ways (2, 2, n): mean and standard error forwards and backwards; turns: of each.
     """
     (there, there_Nm), (back, back_Nm) = ways
     freedom = max(sum(turns) - 2, 1)

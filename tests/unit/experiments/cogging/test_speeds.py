@@ -7,9 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from motord.experiments.cogging.estimate import measure
+from motord.experiments.cogging.estimate import average, measure
 from motord.findings import Finding
 from motord.identification.operating_points import PointData
+from motord.intervals import t_quantile
+from tests.campaigns.cogging_speeds import MAIN, MOTOR, Speeds, coverage, drawn
 from tests.campaigns.departures import torque_late
 from tests.campaigns.driven import REPORT, bench_of, ticks_of
 
@@ -86,6 +88,28 @@ def test_gains_that_differ_between_speeds_are_in_the_intervals_of_amplitudes() -
     whole_Nm, half_Nm = apart.peak_to_peak_Nm
     assert half_Nm > 0.04 * whole_Nm
     assert abs(whole_Nm - plain.peak_to_peak_Nm[0]) < half_Nm
+
+
+def test_gains_that_differ_are_in_the_intervals_once() -> None:
+    """3 % from speed to speed, noise a tenth of that: Student's t of their own scatter."""
+    lines = drawn(Speeds(6, 1, gain=0.03), np.random.default_rng(1))
+    found = average(lines, MOTOR)
+    sizes_Nm = [abs(one.line_Nm[MAIN]) for one in lines]
+    by_scatter_Nm = t_quantile(0.975, 5) * np.std(sizes_Nm, ddof=1) / 6**0.5
+    assert found.half_width_Nm[MAIN] == pytest.approx(by_scatter_Nm, rel=0.03)
+
+
+def test_intervals_hold_where_gains_differ() -> None:
+    assert coverage(Speeds(6, 1, gain=0.01), draws=40, seed=1)[0] >= 0.9
+
+
+def test_what_an_order_differs_by_alone_is_in_its_interval() -> None:
+    lines = drawn(Speeds(6, 1, gain=0.0), np.random.default_rng(1))
+    place = 0  # order 16
+    plain = average(lines, MOTOR).half_width_Nm
+    lines[0].line_Nm[place] += 3e-3
+    apart = average(lines, MOTOR).half_width_Nm
+    assert apart[place] > 4 * plain[place]
 
 
 def test_a_cogging_torque_beyond_the_rated_torque_is_in_another_unit() -> None:
