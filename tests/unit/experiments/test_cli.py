@@ -32,6 +32,8 @@ def test_calibrate_writes_file_and_report(recorded: Recorded, tmp_path: Path) ->
     assert code == 0
     assert f"wrote {output}" in out.replace("\n", "")
     assert "older than the recording says" in " ".join(out.split())
+    without_lines = "not lines that are not locked to the rotor, such as mains hum"
+    assert without_lines in " ".join(out.split())
     written = load(output)
     assert written.runs == ("off.mcap",)
     assert written.alpha == pytest.approx((0.8, 1.118, 1.118), rel=5e-3)
@@ -39,6 +41,7 @@ def test_calibrate_writes_file_and_report(recorded: Recorded, tmp_path: Path) ->
     text = report.read_text()
     assert "residual estimator" in text
     assert "truth" in text
+    assert without_lines in text
     assert text.count("<svg") == 5
 
 

@@ -11,6 +11,7 @@ from motord.calibration import load
 from motord.experiments.analysis import Analysis
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.comparison import CalibratedRuns
+from motord.experiments.calibration.estimate.result import WITHOUT_LINES
 from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor, plus_minus, two_digits
 from motord.report.text import TextTable, error_table
@@ -63,6 +64,7 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
         age_us = plus_minus(1e6 * age[0], 1e6 * coverage_factor(age[2]) * age[1])
         yield f"- currents: {age_us} us older than the recording says (accounted for)"
     yield from error_table(c.rms_error_percent)
+    yield f"- {WITHOUT_LINES}"
     if c.serious_findings:
         yield f"to apply it all the same: motord calibration install FILE {c.accept_options}"
 

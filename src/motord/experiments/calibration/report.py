@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from motord.calibration import Calibration, CramerRao
 from motord.experiments.calibration.estimate.comparison import CalibratedRuns, recorded_truth
-from motord.experiments.calibration.estimate.result import Estimate
+from motord.experiments.calibration.estimate.result import WITHOUT_LINES, Estimate
 from motord.experiments.ripple import report as ripple
 from motord.experiments.subject import Recordings
 from motord.identification.operating_points import good_points
@@ -48,8 +48,7 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
         _cramer_rao(page, c.cramer_rao)
     _temperatures(page, recordings)
     page.heading("About these figures")
-    if c.observable:
-        page.points(c.observable)
+    page.points([*c.observable, WITHOUT_LINES])
     rows = [
         ("calibration", f"{c.id}, made {c.created:%Y-%m-%d %H:%M} UTC"),
         ("method", f"{c.method}, condition number {c.condition_number:.3g}"),

@@ -24,6 +24,12 @@ from motord.uncertainty_budget import Contribution
 
 Method = Literal["joint", "residual"]
 
+WITHOUT_LINES = (
+    "RMS errors: intervals hold noise and the gain of the torque sensor, not lines that are not "
+    "locked to the rotor, such as mains hum; `motord analyse verify` of the same files has them"
+)
+"""What intervals of a calibration's RMS errors do not hold."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
