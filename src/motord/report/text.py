@@ -1,11 +1,11 @@
 """Tables as a terminal shows them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from motord.calibration import RmsErrors
 from motord.calibration.parts import RmsSummary
-from motord.intervals import NOT_KNOWN, plus_minus
+from motord.intervals import NOT_KNOWN, plus_minus, two_digits
 
 WHEN = {"before": "without compensation", "after": "with compensation"}
 """What the RMS errors of a set-point are called in a table."""
@@ -56,3 +56,13 @@ def with_interval(value: float | None, half_width: float | None, unit: str = "")
     if half_width is None:
         return f"{value:.2f}{unit} ({NOT_KNOWN})"
     return f"{plus_minus(value, half_width)}{unit}"
+
+
+def largest_interval(half_widths: Iterable[float | None], unit: str = " %") -> str:
+    """Return a sentence with the largest half of 95 % intervals; None: one that is not known."""
+    every = list(half_widths)
+    known = [each for each in every if each is not None]
+    if not known:
+        return "95 % intervals are not known."
+    where = "" if len(known) == len(every) else ", where they are known"
+    return f"95 % intervals are +-{two_digits(max(known))}{unit} at most{where}."

@@ -2,12 +2,13 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from motord.calibration import RmsErrors
 from motord.experiments.ripple.estimate import MeshRipple
-from motord.experiments.ripple.report import fill_key_figures
+from motord.experiments.ripple.report import fill, fill_key_figures
 from motord.identification.operating_points import prepare
 from motord.identification.point_ripple import (
     PointRipple,
@@ -15,7 +16,7 @@ from motord.identification.point_ripple import (
     rms_errors,
 )
 from motord.report.html import Page
-from motord.report.text import TextTable, error_table
+from motord.report.text import TextTable, error_table, largest_interval
 from tests.unit.identification.synthetic_bench import Bench
 
 
@@ -102,3 +103,28 @@ def test_the_scale_of_the_torque_widens_the_interval(ripple: PointRipple) -> Non
     assert widened.stderr_percent == pytest.approx(0.26)
     unknown = replace(ripple, stderr_percent=None)
     assert unknown.with_scale_error(0.04).stderr_percent is None
+
+
+@pytest.mark.parametrize(
+    ("half_widths", "sentence"),
+    [
+        ((0.0123, 0.4), "95 % intervals are +-0.40 % at most."),
+        ((0.0123, None), "95 % intervals are +-0.012 % at most, where they are known."),
+        ((None,), "95 % intervals are not known."),
+        ((), "95 % intervals are not known."),
+    ],
+)
+def test_the_largest_interval_is_a_sentence(
+    half_widths: tuple[float | None, ...], sentence: str
+) -> None:
+    assert largest_interval(half_widths) == sentence
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_heat_map_says_how_well_its_figures_are_known(
+    ripple: PointRipple, tmp_path: Path
+) -> None:
+    page = Page("Verification", "a motor")
+    fill(page, [ripple], Bench().motor)
+    page.write(tmp_path / "r.html")
+    assert re.search(r"95 % intervals are \S0\.20 % at most", (tmp_path / "r.html").read_text())

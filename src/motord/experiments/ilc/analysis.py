@@ -18,7 +18,7 @@ from motord.experiments.ilc.estimate import (
     refine,
     reopened,
     settled,
-    unlearned,
+    unlearned_mesh,
 )
 from motord.experiments.ilc.order_list import (
     LEAST_TURNS,
@@ -34,8 +34,8 @@ from motord.experiments.signal_findings import require_reliable, signal_findings
 from motord.experiments.subject import AnalysisError, Subject, check_applied
 from motord.findings import Finding, listed
 from motord.identification.operating_points import PointData, Samples, require_turns
-from motord.identification.point_ripple import PointRipple
-from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
+from motord.identification.point_ripple import PointRipple, rms_errors
+from motord.learned import LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 from motord.sequencing.settings import COMPENSATE
@@ -96,12 +96,22 @@ class LearnPass:
             )  # fmt: skip
 
     @property
+    def half_width_percent(self) -> dict[TorqueSpeed, float | None]:
+        """Half of the 95 % interval of the RMS error that each point had in this pass."""
+        points = rms_errors(self.ripples).points
+        return {(one.torque_Nm, one.speed_Hz): one.after_half_width for one in points}
+
+    @property
     def finished(self) -> bool:
         """True once no point gains any more."""
         return all(point.gain == 0 for point in self.learned.points)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the pass as `analyse learn --json` prints it."""
+        """Return the pass as `analyse learn --json` prints it.
+
+        Calibration files have no intervals of earlier passes: they are null.
+        """
+        half_width_percent = self.half_width_percent
         return {
             "schema": "motord.learn/1",
             "calibration": self.calibration.id,
@@ -117,6 +127,10 @@ class LearnPass:
                     "torque_Nm": torque_Nm,
                     "speed_Hz": speed_Hz,
                     "rms_percent": list(point.history_percent),
+                    "rms_half_width_percent": [
+                        *(None for _ in point.history_percent[1:]),
+                        half_width_percent.get((torque_Nm, speed_Hz)),
+                    ],
                     "correction_mNm": round(1e3 * point.amplitude_Nm, 3),
                     "gain": point.gain,
                 }
@@ -165,7 +179,7 @@ def learn(
     seen = _seen(_compensated(points, places), subject, calibration, learning, left_out)
     known = calibration.learned.orders if calibration.learned else ()
     orders = to_learn(seen, motor.pole_pairs, known)
-    before = calibration.learned or _empty(places, orders, learning)
+    before = calibration.learned or unlearned_mesh(places, orders, learning)
     residuals = tuple(pass_residual(each, orders, motor.rated_torque_Nm) for each in seen)
     widened = _over_orders(before, orders, seen, motor.rated_torque_Nm)
     learned = LearnedTorque(
@@ -275,21 +289,3 @@ def _each(
     if points == learned.points:
         return calibration
     return calibration.with_learned(learned.model_copy(update={"points": points}), created)
-
-
-def _empty(
-    places: Iterable[TorqueSpeed], orders: tuple[int, ...], learning: Learning
-) -> LearnedTorque:
-    """Return nothing learned over the mesh of the points."""
-    torques_Nm, speeds_Hz = (tuple(sorted(set(one))) for one in zip(*places, strict=True))
-    if max(len(torques_Nm), len(speeds_Hz)) > MAX_NODES:
-        raise AnalysisError(
-            f"{len(torques_Nm)} torques and {len(speeds_Hz)} speeds, at most {MAX_NODES} of each"
-        )
-    point = unlearned(len(orders), learning)
-    return LearnedTorque(
-        torques_Nm=torques_Nm,
-        speeds_Hz=speeds_Hz,
-        orders=orders,
-        points=(point,) * (len(torques_Nm) * len(speeds_Hz)),
-    )

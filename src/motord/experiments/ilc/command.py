@@ -1,13 +1,13 @@
 """`motord analyse learn`: a pass of learning, from its recording to a better calibration."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from motord.calibration import load
+from motord.calibration import TorqueSpeed, load
 from motord.experiments.analysis import Analysis
 from motord.experiments.ilc.analysis import LearnPass, learn_from_runs
 from motord.experiments.ilc.analysis import finish as finished
@@ -15,7 +15,7 @@ from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import rms_errors
-from motord.report.text import TextTable, mean_and_worst
+from motord.report.text import TextTable, mean_and_worst, with_interval
 
 Gain = Annotated[
     float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
@@ -46,14 +46,15 @@ def estimate(
 
 def text(done: LearnPass) -> Iterator[str | TextTable]:
     """Yield what the passes so far left at each point, and whether to go on."""
+    half_width_percent = done.half_width_percent
     yield TextTable(
-        "RMS error of the measured torque, % of rated, pass by pass",
+        "RMS error, % of rated, pass by pass; this pass 95 % by noise",
         ("torque", "speed", "passes", "correction (mNm)", "next"),
         [
             (
                 f"{torque_Nm:g} Nm",
                 f"{speed_Hz:g} /s",
-                " > ".join(f"{value:.2f}" for value in point.history_percent),
+                _history(point.history_percent, half_width_percent, (torque_Nm, speed_Hz)),
                 f"{1e3 * point.amplitude_Nm:.1f}",
                 "settled" if point.gain == 0 else f"gain {point.gain:.2g}",
             )
@@ -64,6 +65,18 @@ def text(done: LearnPass) -> Iterator[str | TextTable]:
     yield f"learned orders: {', '.join(map(str, done.learned.orders))}"
     yield from (f"- {line}" for line in done.reach)
     yield from (f"- {line}" for line in in_lines(done.unreached))
+
+
+def _history(
+    errors: Sequence[float],
+    half_width_percent: Mapping[TorqueSpeed, float | None],
+    place: TorqueSpeed,
+) -> str:
+    """Return the RMS errors of a point pass by pass, of this pass with its interval."""
+    texts = [f"{value:.2f}" for value in errors]
+    if place in half_width_percent:
+        texts[-1] = with_interval(errors[-1], half_width_percent[place])
+    return " > ".join(texts)
 
 
 def summary(done: LearnPass) -> str:

@@ -11,14 +11,17 @@ The error shrinks if |1 - L w G| < 1, that is, if L w |G| < 2 cos(arg G): with L
 half the step and learns half as fast; one that gains no more settles at its best.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from motord.calibration import TorqueSpeed
 from motord.experiments.ilc.order_list import SeenRipple
+from motord.experiments.subject import AnalysisError
 from motord.identification.aliased_ripple import ZeroOrderHold
 from motord.identification.point_ripple import repeating_rms
-from motord.learned import LearnedPoint, Verified
+from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque, Verified
 
 GAIN_MIN = 0.1
 """Share of the first gain below which a point that diverges is settled at its best."""
@@ -88,6 +91,24 @@ def pass_residual(
 def unlearned(orders: int, learning: Learning) -> LearnedPoint:
     """Return a point that nothing was learned of yet."""
     return _with(LearnedPoint(cos_Nm=(), sin_Nm=(), gain=learning.gain), np.zeros(orders, complex))
+
+
+def unlearned_mesh(
+    places: Iterable[TorqueSpeed], orders: tuple[int, ...], learning: Learning
+) -> LearnedTorque:
+    """Return nothing learned over the mesh of the points. Raises AnalysisError if too large."""
+    torques_Nm, speeds_Hz = (tuple(sorted(set(one))) for one in zip(*places, strict=True))
+    if max(len(torques_Nm), len(speeds_Hz)) > MAX_NODES:
+        raise AnalysisError(
+            f"{len(torques_Nm)} torques and {len(speeds_Hz)} speeds, at most {MAX_NODES} of each"
+        )
+    point = unlearned(len(orders), learning)
+    return LearnedTorque(
+        torques_Nm=torques_Nm,
+        speeds_Hz=speeds_Hz,
+        orders=orders,
+        points=(point,) * (len(torques_Nm) * len(speeds_Hz)),
+    )
 
 
 def over_orders(

@@ -17,7 +17,7 @@ from motord.learned import LearnedPoint
 from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
 from motord.report.style import INK, SOFT, figure, steps
-from motord.report.text import with_interval
+from motord.report.text import largest_interval, with_interval
 
 PASS_NUMBERS = 15
 """So many numbers of passes have room below a picture."""
@@ -65,11 +65,13 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float
     if truth:
         passes = {place: tuple(errors[place] for errors in truth) for place in truth[0]}
     panels = _panels(done, passes, measured=not truth)
+    intervals = largest_interval(done.half_width_percent.values())
     page.heading("Learning the residual torque ripple")
     page.picture(
         rms_error(panels),
         f"RMS error of the {meaning.removesuffix(',')}, Poels 2008, eq. (4.16), in percent of "
-        "rated torque at each operating point. One scale for all; the line in it marks 1 %.",
+        "rated torque at each operating point. One scale for all; the line in it marks 1 %."
+        + (f" Of this pass, by noise, {intervals}" if not truth else ""),
     )
     page.picture(
         convergence(passes),

@@ -12,7 +12,7 @@ from motord.identification.point_ripple import PointRipple, rms_errors
 from motord.report.html import Page
 from motord.report.plots.mesh import rms_error
 from motord.report.plots.torque import TorqueCurve, over_angle_and_order
-from motord.report.text import WHEN, with_interval
+from motord.report.text import WHEN, largest_interval, with_interval
 
 CURVE_ANGLES = 2048
 """Angles over one turn at which the torque is drawn."""
@@ -28,7 +28,7 @@ def report(found: MeshRipple, recordings: Recordings) -> Page:
     """Return the page of a verification."""
     page = Page("Verification of torque ripple", recordings.subject.lead)
     fill_key_figures(page, found.errors)
-    fill(page, found.ripples, recordings.subject.motor)
+    fill(page, found.scaled, recordings.subject.motor)
     fill_shares(page, found.explained)
     page.heading("About these figures")
     page.facts(recordings.facts)
@@ -37,7 +37,8 @@ def report(found: MeshRipple, recordings: Recordings) -> Page:
 
 def fill(page: Page, ripples: Sequence[PointRipple], motor: MotorConfig) -> None:
     """Add the measured ripple of the points, and the torque at the point in the middle of them."""
-    fill_mesh(page, *before_and_after(ripples))
+    intervals = largest_interval(one.half_width_percent for one in ripples)
+    fill_mesh(page, *before_and_after(ripples), intervals=intervals)
     before = {(p.torque_Nm, p.speed_Hz): p for p in ripples if p.compensate == 0}
     after = {(p.torque_Nm, p.speed_Hz): p for p in ripples if p.compensate != 0}
     places = sorted(before.keys() & after.keys() or before.keys() | after.keys())
@@ -87,8 +88,17 @@ def fill_key_figures(page: Page, errors: RmsErrors, more: Sequence[tuple[str, st
         page.cards([*figures, *largest, *more])
 
 
-def fill_mesh(page: Page, before: Errors, after: Errors, torque_meaning: str = MEASURED) -> None:
-    """Add heat maps of the RMS errors, if there are any; torque_meaning: of which torque."""
+def fill_mesh(
+    page: Page,
+    before: Errors,
+    after: Errors,
+    torque_meaning: str = MEASURED,
+    intervals: str = "",
+) -> None:
+    """Add heat maps of the RMS errors, if there are any; torque_meaning: of which torque.
+
+    intervals: a sentence on how well they are known.
+    """
     panels = [("Without compensation", before), ("With compensation", after)]
     if not before and not after:
         return
@@ -98,7 +108,7 @@ def fill_mesh(page: Page, before: Errors, after: Errors, torque_meaning: str = M
         f"RMS error of the {torque_meaning}, Poels 2008, eq. (4.16), in percent of rated "
         "torque at each operating point; where the mesh was taken in both directions, by the "
         "magnitudes of torque and speed. One scale for all; the line in it marks 1 %, the goal "
-        "of that report, which reached 0.8 to 1.5 %.",
+        f"of that report, which reached 0.8 to 1.5 %. {intervals}".rstrip(),
     )
 
 
@@ -139,5 +149,6 @@ def fill_shares(page: Page, points: Sequence[Explained], of: str = "") -> None:
         "RMS error of the measured torque as it is sampled (Poels 2008, Figure 4.10), of the "
         "torque reconstructed from the sensed currents with the calibration (Figure 4.11), and of "
         "the difference of the two. The second is what current control left; the third are errors "
-        "of the current sensors and of the model, which no current shows.",
+        "of the current sensors and of the model, which no current shows. 95 % intervals are "
+        "not known.",
     )

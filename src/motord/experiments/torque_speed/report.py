@@ -16,6 +16,7 @@ from motord.experiments.torque_speed.result import EfficiencyMap, OperatingPower
 from motord.intervals import two_digits
 from motord.report.html import Page
 from motord.report.style import INK, ON_FILL, PAPER, SERIOUS, figure, steps
+from motord.report.text import largest_interval
 
 HEADER = ("set-points", "mechanical (W)", "electrical (W)", "losses (W)", "efficiency (%)")
 
@@ -50,7 +51,8 @@ def report(found: EfficiencyMap, recordings: Recordings) -> Page:
         "Efficiency of motor and inverter: mechanical over electrical power where it motors, "
         "electrical over mechanical where it generates. Dots: operating points, crosses: no "
         "efficiency is stated; between points the losses are taken to be straight. Dashed: the "
-        "largest torque that the plan had for a speed, where the recordings say it.",
+        "largest torque that the plan had for a speed, where the recordings say it. "
+        + _intervals(found.points),
     )
     page.heading("Losses")
     page.picture(
@@ -68,6 +70,14 @@ def report(found: EfficiencyMap, recordings: Recordings) -> Page:
     )
     _fill_budget(page, found)
     return page
+
+
+def _intervals(points: Sequence[OperatingPower]) -> str:
+    """Return a sentence on how well the efficiencies are known."""
+    stated = [one.efficiency for one in points if one.efficiency.value is not None]
+    return largest_interval(
+        None if one.value is None or one.high is None else one.high - one.value for one in stated
+    )
 
 
 def row(one: OperatingPower) -> list[str]:

@@ -263,16 +263,20 @@ def test_the_command_writes_the_next_calibration_and_a_page(
     assert code == 0
     figure = r"[\d.]+ \+- [\d.]+ %"
     assert re.search(f"mean {figure}, worst {figure}; 2 of 2 points go on", " ".join(out.split()))
+    assert len(re.findall(r"3 Nm\W+[\d.]+ /s\W+[\d.]+ \+- [\d.]+ ", out)) == 2
     assert load(tmp_path / "n.json").learned is not None
     page = (tmp_path / "r.html").read_text()
     assert "Learning the residual torque ripple" in page
     assert page.count("<svg") == 3
     assert re.search(r"<b>[\d.]+\u00a0\u00b1\u00a0[\d.]+ %</b><span>mean RMS error of this", page)
+    assert re.search(r"Of this pass, by noise, 95 % intervals are \S+ % at most\.", page)
     code, out, _ = invoke(app, "learn", path, *options[:2], "--finish", "--json")
     result = json.loads(out)
     assert result["schema"] == "motord.learn/1"
     assert result["finished"]
     assert result["points"][0]["correction_mNm"] == 0.0
+    [half_width_percent] = result["points"][0]["rms_half_width_percent"]
+    assert 0 < half_width_percent < result["points"][0]["rms_percent"][0]
     code, _, error = invoke(app, "learn", path, "--calibration", tmp_path / "n.json")
     assert code == 1
     assert "name the calibration that was in force" in " ".join(error.split())
