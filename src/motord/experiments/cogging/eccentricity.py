@@ -29,7 +29,8 @@ ENCODER_ORDERS = (1, 2)
 class Eccentricity:
     """The encoder's error `order` times a turn, what chance makes of it, its upper 95 % limit.
 
-    serious: it reduces an order that slots and poles allow by more than that one's interval.
+    serious: it reduces an order that slots and poles allow by more than SERIOUS_BIAS of half of its
+    interval.
     """
 
     order: int

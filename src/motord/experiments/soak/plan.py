@@ -1,7 +1,7 @@
 """`soak`: the points of another plan, repeated, with a rest between the repetitions.
 
-Each repetition is the inner plan's own motion. Points are numbered through: point i of repetition
-k, both from 0, has the number k n + i, of n points.
+Each repetition is the inner plan's own motion. Points are numbered consecutively: point i of
+repetition k, both from 0, has the number k n + i, of n points.
 """
 
 from collections.abc import Mapping
