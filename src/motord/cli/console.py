@@ -154,10 +154,9 @@ def explanation(error: Exception) -> str | None:
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
     if str(error) == "can't start new thread":  # of CPython
-        return (
-            "the system allows no further thread: raise its limits of processes (ulimit -u, "
-            "TasksMax) or of memory (ulimit -v, MemoryMax)"
-        )
+        from motord.process.ending_threads import NO_THREAD
+
+        return NO_THREAD
     own = any(one.__module__.startswith("motord.") for one in type(error).__mro__)
     return str(error) or None if own else None
 

@@ -1,6 +1,11 @@
-"""Threads that the end of their process waits for, though not for ever, and work for them."""
+"""Threads that the end of their process waits for, though not for ever, and work for them.
+
+What serves requests has its threads from its beginning: with none left to the system a request
+would fail half-way.
+"""
 
 import atexit
+import errno
 import sys
 import threading
 import time
@@ -17,8 +22,32 @@ CLOSE_S = 3.0
 """For work under way at the end: a plan's own program, a disk, or the other end of a connection, as
 on a computer that sleeps, may never return."""
 
+NO_THREAD = (
+    "the system allows no further thread or process: raise its limits of processes (ulimit -u, "
+    "TasksMax) or of memory (ulimit -v, MemoryMax)"
+)
+
 T = TypeVar("T")
 _Queue = SimpleQueue[tuple[Future[Any], Callable[[], object]] | None]
+
+
+class NoThreadError(OSError):
+    """The system allows no further thread; the message says what to do."""
+
+
+def start_thread(work: Callable[[], object], name: str) -> threading.Thread:
+    """Return a thread that does `work` and keeps no process. Raises NoThreadError."""
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    try:
+        thread.start()
+    except RuntimeError:  # as CPython says it
+        raise NoThreadError(NO_THREAD) from None
+    return thread
+
+
+def why_not_started(error: OSError) -> str:
+    """Return why a process could not be started."""
+    return NO_THREAD if error.errno == errno.EAGAIN else error.strerror or str(error)
 
 
 def join_until(end_s: float, threads: Iterable[threading.Thread]) -> None:
@@ -39,10 +68,11 @@ def ends_in_time(work: Callable[[], object], name: str) -> bool:
     Raises what it raises within that time.
     """
     future: Future[object] = Future()
-    thread = threading.Thread(target=_do, args=(future, work), name=name, daemon=True)
-    if _starts(thread):
-        join_in_time(thread)
-    else:
+    try:
+        if sys.is_finalizing():  # none is started, or runs
+            raise NoThreadError
+        join_in_time(start_thread(lambda: _do(future, work), name))
+    except NoThreadError:
         _do(future, work)
     if not future.done():
         return False
@@ -50,39 +80,21 @@ def ends_in_time(work: Callable[[], object], name: str) -> bool:
     return True
 
 
-def _starts(thread: threading.Thread) -> bool:
-    """Return whether a thread could be started: at the end of the interpreter none is, or runs."""
-    if sys.is_finalizing():
-        return False
-    try:
-        thread.start()
-    except RuntimeError:
-        return False
-    return True
-
-
 class Worker:
     """Does work in order, in a thread that keeps its process from ending for `CLOSE_S` at most.
 
-    The interpreter waits without a limit for those of an executor. To be used by one thread.
+    The interpreter waits without a limit for those of an executor, which starts them when there is
+    work. Raises NoThreadError.
     """
 
     def __init__(self, name: str) -> None:
-        self._name = name
-        self._queue: _Queue = SimpleQueue()
-        self._begun = False
+        self._queue = queue = _Queue()
+        _queues[start_thread(lambda: _serve(queue), name)] = queue
 
     def submit(self, work: Callable[[], T]) -> "Future[T]":
         """Have `work` done after all before it."""
         future: Future[T] = Future()
         self._queue.put((future, work))
-        if not self._begun:
-            self._begun = True
-            thread = threading.Thread(
-                target=_serve, args=(self._queue,), name=self._name, daemon=True
-            )
-            _queues[thread] = self._queue
-            thread.start()
         return future
 
     def __del__(self) -> None:

@@ -7,13 +7,15 @@ trip and for a moment after it; then a thread writes it as a recording like any 
 import re
 from collections import deque
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from motord.config import RecordingConfig
+from motord.process.ending_threads import Worker
 from motord.recorder.protocol import AFTER_S, BlackBoxRequest, note_outcome
 from motord.recording.errors import RecordError
 from motord.recording.file_names import PART, STAMP, part_of
@@ -138,7 +140,7 @@ class BlackBoxWriter:
         self._settings = settings
         self._filling: list[BlackBox] = []
         self._writing: deque[tuple[BlackBox, Future[None]]] = deque()
-        self._disk = ThreadPoolExecutor(1, thread_name_prefix="blackbox")
+        self._disk = Worker("blackbox")
         self.outcomes: dict[str, str] = {}
 
     @property
@@ -180,7 +182,7 @@ class BlackBoxWriter:
             self._take_outcome()
 
     def _write(self, box: BlackBox) -> None:
-        self._writing.append((box, self._disk.submit(box.write, self._settings)))
+        self._writing.append((box, self._disk.submit(partial(box.write, self._settings))))
 
     def _take_outcome(self) -> None:
         box, future = self._writing.popleft()

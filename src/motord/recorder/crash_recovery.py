@@ -18,7 +18,7 @@ import numpy as np
 
 from motord.atomic_write import sync_folder
 from motord.config import Config
-from motord.process.ending_threads import join_in_time
+from motord.process.ending_threads import join_in_time, start_thread
 from motord.recorder.protocol import Mark
 from motord.recorder.ring_source import after, indexes_of, mark_of
 from motord.recording.errors import RecordError
@@ -78,17 +78,17 @@ class CrashRecovery:
         self._end_s = 0.0
         self._since_ns = _started_ns(run_dir)
         self._parts = list(self._unfinished())
-        self._thread = threading.Thread(target=self.run, name="recovery", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begin, if there is anything."""
+        """Begin, if there is anything. Raises NoThreadError."""
         if self._parts or self._run_dir.left_rings():
-            self._thread.start()
+            self._thread = start_thread(self.run, "recovery")
 
     def stop(self) -> None:
         """Leave the rest as it is."""
         self._stopping.set()
-        if self._thread.is_alive():
+        if self._thread is not None:
             join_in_time(self._thread)
 
     def run(self) -> None:

@@ -13,14 +13,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load_started
 from motord.process.allocator import allocate_from_one_heap
 from motord.process.bench_options import bench_options
-from motord.process.ending_threads import join_in_time
+from motord.process.ending_threads import join_in_time, start_thread
 from motord.process.left_threads import end_process
 from motord.recorder.commands import handle
 from motord.recorder.crash_recovery import CrashRecovery
@@ -98,8 +98,7 @@ class Reporter:
                 if clock_s() - self._reported_s > BLOCKED_S:
                     self.write_blocked()
 
-        thread = threading.Thread(target=follow, name="alive", daemon=True)
-        thread.start()
+        thread = start_thread(follow, "alive")
         try:
             yield
         finally:
@@ -152,26 +151,27 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     parser.add_argument("--out", type=Path, help="record at once, to OUT-000.mcap and so on")
     options = parser.parse_args(arguments)
     allocate_from_one_heap()  # every recording has a thread
-    try:
-        run_dir = RunDir.at(options.dir)
-        config, text = load_started(options.config, run_dir.bench_file, plans=False)
-        metadata = cache(lambda: describe(config, text))  # few recorders need it
-        session = Session(run_dir.ring, config.recording)
-        recovery = CrashRecovery(config, run_dir, metadata, session.note_recovered)
-        if options.out is not None:
-            session.start(options.out, metadata(), time.monotonic())
-    except (ConfigError, RecordError, OSError) as error:
-        _say(str(error))
-        return 1
-    stopped: list[int] = []
-    signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
-    for descriptor in (commands, reports):
-        os.set_blocking(descriptor, False)
-    lines = LineReader(commands, COMMAND_MAX_BYTES)
-    recovery.start()
-    reporter = Reporter(reports)
-    with reporter.alive():
+    lines, reporter = LineReader(commands, COMMAND_MAX_BYTES), Reporter(reports)
+    with ExitStack() as stack:
+        try:
+            run_dir = RunDir.at(options.dir)
+            config, text = load_started(options.config, run_dir.bench_file, plans=False)
+            metadata = cache(lambda: describe(config, text))  # few recorders need it
+            session = Session(run_dir.ring, config.recording)
+            recovery = CrashRecovery(config, run_dir, metadata, session.note_recovered)
+            if options.out is not None:
+                session.start(options.out, metadata(), time.monotonic())
+            recovery.start()
+            stack.callback(recovery.stop)
+            stack.enter_context(reporter.alive())
+        except (ConfigError, RecordError, OSError) as error:
+            _say(str(error))
+            return 1
+        stopped: list[int] = []
+        signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
+        for descriptor in (commands, reports):
+            os.set_blocking(descriptor, False)
         run(
             session,
             lines,
@@ -180,7 +180,6 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
             lambda wait_s: _wait(commands, lines, wait_s),
             on_orphaned=lambda now_s: _record_daemon_death(session, config, metadata(), now_s),
         )
-    recovery.stop()
     return 0
 
 

@@ -134,8 +134,8 @@ def started(daemon: Daemon) -> Iterator[None]:
         supervisor.step()  # so that there is a state for whoever asks at once
         stack.callback(daemon.api.close)
         daemon.api.open(config.zenoh.local, config.zenoh.socket_group)
-        daemon.telemetry.start()
         stack.callback(daemon.telemetry.stop)
+        daemon.telemetry.start()
         stack.callback(daemon.device_threads.stop)
         stack.callback(supervisor.take_down)
         supervisor.start()

@@ -13,6 +13,7 @@ from motord.cli import app
 from motord.cli.console import explanation
 from motord.config.experiments import plan_kinds
 from motord.experiments.subject import AnalysisError
+from motord.process.ending_threads import NO_THREAD, NoThreadError
 from motord.recording.errors import RecordError
 from tests.unit.cli.test_text import ALL
 from tests.unit.service.live_service import endpoint
@@ -253,12 +254,6 @@ def test_wrong_usage_names_what_was_typed_and_what_may_be_meant(words, said):
     assert said in " ".join(invoke(shlex.split(words)).stderr.split())
 
 
-NO_THREAD = (
-    "the system allows no further thread: raise its limits of processes (ulimit -u, TasksMax) or "
-    "of memory (ulimit -v, MemoryMax)"
-)
-
-
 class ErrorOfAPlugin(AnalysisError):
     """What an experiment of another package may raise."""
 
@@ -272,6 +267,7 @@ class ErrorOfAPlugin(AnalysisError):
         (WorkerDiedError(), None),
         (ValueError("of the program"), None),
         (RuntimeError("can't start new thread"), NO_THREAD),
+        (NoThreadError(NO_THREAD), NO_THREAD),
         (RuntimeError("of the program"), None),
     ],
     ids=lambda one: type(one).__name__,

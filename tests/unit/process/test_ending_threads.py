@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from motord.process import ending_threads
-from motord.process.ending_threads import Worker, ends_in_time, join_until
+from motord.process.ending_threads import NoThreadError, Worker, ends_in_time, join_until
 from tests.support.patience import PATIENCE_S
 
 
@@ -34,6 +34,15 @@ def test_a_worker_that_is_not_needed_any_more_ends_its_thread():
     del worker
     thread.join(PATIENCE_S)
     assert not thread.is_alive()
+
+
+def test_where_no_thread_can_be_started_a_worker_says_what_to_do(monkeypatch):
+    def refuse(_thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    with pytest.raises(NoThreadError, match="ulimit -u, TasksMax"):
+        Worker("tests")
 
 
 def test_threads_are_waited_for_together():
@@ -126,6 +135,17 @@ def test_no_process_waits_for_a_thread_or_a_connection_without_a_limit(package):
     ]
     in_its_own_thread = ["client/benches.py: session.close()  # type: ignore[no-untyped-call]"]
     assert found == (in_its_own_thread if package == "client" else [])
+
+
+@pytest.mark.parametrize("package", ["recorder", "service"])
+def test_every_thread_of_a_process_is_started_in_one_way(package):
+    """What an executor has no thread for fails when it is asked for."""
+    found = [
+        path.name
+        for path in sorted((SOURCE / package).rglob("*.py"))
+        if re.search(r"Thread\(|PoolExecutor\(", path.read_text())
+    ]
+    assert found == []
 
 
 PROGRAM = """

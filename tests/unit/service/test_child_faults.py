@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motord.process.ending_threads import NO_THREAD
 from motord.schema import Request, State
 from motord.service.bench import guard
 from motord.service.host.children import NOT_ENDED, Children, Process, spawn
@@ -145,16 +146,20 @@ def test_a_recorder_that_cannot_be_started_is_reported_and_tried_again(played):
     assert played.state()["processes"]["recorder"]["running"]
 
 
-def test_a_loop_that_cannot_be_started_says_so(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("number", "why"),
+    [(errno.ENOMEM, "Cannot allocate memory"), (errno.EAGAIN, NO_THREAD)],
+)
+def test_a_loop_that_cannot_be_started_says_so(tmp_path, monkeypatch, number, why):
     played = PlayedDaemon(tmp_path, monkeypatch)
 
-    def without_memory(command):
-        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+    def refused(command):
+        raise OSError(number, os.strerror(number))
 
-    played.spawn["loop"] = without_memory
+    played.spawn["loop"] = refused
     played.supervisor.loop.start(played.now_ns)
     assert not played.supervisor.wait_for_loop(lambda: False)
-    assert "cannot be started: Cannot allocate memory" in played.supervisor.bench.loop.fault
+    assert f"cannot be started: {why}" in played.supervisor.bench.loop.fault
     played.close()
 
 

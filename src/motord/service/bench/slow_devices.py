@@ -12,9 +12,11 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from motord.api.messages import DeviceView, Health
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
+from motord.process.ending_threads import start_thread
 from motord.service.host.events import REPORT_AGAIN_NS, EventLog
 from motord.service.host.log import log_error
 from motord.unix_clock import suspended_ns
@@ -206,26 +208,21 @@ class DeviceThreads:
         self._clock_ns = clock_ns
         self._suspended_ns = suspended_ns
         self._stop = threading.Event()
-        self._threads = [
-            threading.Thread(
-                target=self._poll, args=(device,), name=f"motord-{device.name}", daemon=True
-            )
-            for device in devices
-        ]
+        self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
-        """Start the threads."""
+        """Start the threads. Raises NoThreadError."""
         for device in self._devices:
             device.begin(self._clock_ns())
-        for thread in self._threads:
-            thread.start()
+        for device in self._devices:
+            poll = partial(self._poll, device)
+            self._threads.append(start_thread(poll, f"motord-{device.name}"))
 
     def stop(self) -> None:
         """End the polling; every device gets a set-point of zero and is closed."""
         self._stop.set()
         for thread in self._threads:
-            if thread.is_alive():
-                thread.join(JOIN_S)
+            thread.join(JOIN_S)
         for device in self._devices:
             device.close()
 

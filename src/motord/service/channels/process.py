@@ -11,12 +11,14 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from queue import Empty, SimpleQueue
 
 from motord.config import Config
 from motord.hal.channel_source import ChannelReading
 from motord.hal.channels.line_poller import LinePoller
 from motord.hal.channels.registry import make_lines
+from motord.process.ending_threads import start_thread
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.ring_source import RingSource
 from motord.recording.json_encoding import to_line
@@ -64,7 +66,7 @@ def serve(config: Config, run_dir: RunDir, out: LineWriter) -> None:
     for sources in make_lines(config, lambda: ticks.read().block):
         line = LinePoller(sources, readings.put)
         name = sources[0][0].name
-        threading.Thread(target=follow, args=(line,), name=name, daemon=True).start()
+        start_thread(partial(follow, line), name)
     send(readings, out, sys.stdin.fileno())
 
 

@@ -10,13 +10,14 @@ ring, as an estimate may take longer than the ring holds.
 import sys
 import threading
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pkgutil import resolve_name
 from typing import Any, Protocol
 
 import numpy as np
 
 from motord.config import Config
-from motord.process.ending_threads import join_in_time
+from motord.process.ending_threads import join_in_time, start_thread
 from motord.process.left_threads import end_process
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
@@ -149,8 +150,7 @@ def follow(captures: CaptureTicks, ended: threading.Event) -> None:
 def run(estimation: Estimation, captures: CaptureTicks, commands: Iterable[bytes]) -> None:
     """Handle `commands` until they end, following the ring meanwhile."""
     ended = threading.Event()
-    follower = threading.Thread(target=follow, args=(captures, ended), name="ring", daemon=True)
-    follower.start()
+    follower = start_thread(partial(follow, captures, ended), "ring")
     try:
         for line in commands:
             if line.endswith(b"\n"):  # else the supervisor died as it wrote

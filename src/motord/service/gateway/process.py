@@ -13,6 +13,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import IO
 
 import zenoh
@@ -22,7 +23,7 @@ from motord.api.endpoints import gateway_config
 from motord.config import Config, ConfigError
 from motord.config.zenoh import TlsConfig
 from motord.process.bench_options import bench_options
-from motord.process.ending_threads import ends_in_time
+from motord.process.ending_threads import NoThreadError, ends_in_time, start_thread
 from motord.process.left_threads import end_process, end_with_any_thread
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
@@ -143,9 +144,7 @@ def keep(config: Config, reporter: AuditReporter, log: IO[str]) -> None:
     """Let clients in until stdin ends. Raises SecurityError, zenoh.ZError."""
     assert config.zenoh.tls is not None
     audit = AuditLog({})
-    threading.Thread(
-        target=listen_to, args=(log, audit, reporter), name="motord-gateway-log", daemon=True
-    ).start()
+    start_thread(partial(listen_to, log, audit, reporter), "motord-gateway-log")
     zenoh.init_log_from_env_or(LEVELS)
     while _keep_unchanged(config, config.zenoh.tls, audit, reporter):
         continue
@@ -199,7 +198,7 @@ def main() -> int:
         kept = RunDir.at(options.dir).bench_file
         config, _ = config_file.load_started(options.config, kept, plans=False)
         keep(config, reporter, log)
-    except (ConfigError, SecurityError, zenoh.ZError) as error:
+    except (ConfigError, NoThreadError, SecurityError, zenoh.ZError) as error:
         reporter.report(f"closed to other machines: {str(error).split(' at /')[0]}")
         return 1
     return 0

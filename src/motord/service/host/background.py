@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from motord.calibration import CalibrationError
 from motord.config import Config, ConfigError, load_started
 from motord.process.bench_options import bench_options
+from motord.process.ending_threads import NoThreadError
 from motord.process.left_threads import end_with_any_thread
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
 from motord.service.host import scheduling
@@ -44,7 +45,7 @@ def run(
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what else is printed is no report
         os.set_blocking(out, blocking)
         serve(config, run_dir, LineWriter(out, LINE_MAX_BYTES))
-    except (CalibrationError, ConfigError, SharedFileError) as error:
+    except (CalibrationError, ConfigError, NoThreadError, SharedFileError) as error:
         sys.stderr.write(f"motord {name}: {error}\n")
         return 1
     return 0

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from motord.api.messages import ProcessView
 from motord.config import Config
+from motord.process.ending_threads import why_not_started
 from motord.process.signal_handlers import blocked
 from motord.service.host.descriptors import DescriptorReserve
 from motord.shm.run_directory import RunDir
@@ -120,7 +121,7 @@ class Children:
             with self._reserve.released():
                 child.process = self._start(child.row)
         except OSError as error:
-            how = f"it cannot be started: {error.strerror}"
+            how = f"it cannot be started: {why_not_started(error)}"
             self._not_started.append(self._note_end(child, how, now_ns))
 
     def process(self, name: str) -> Any:

@@ -4,9 +4,11 @@ import logging
 import logging.handlers
 import queue
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
+
+from motord.process.ending_threads import start_thread
 
 CAPACITY = 1000
 STOP_S = 2.0
@@ -44,11 +46,10 @@ def log_to_stderr() -> Iterator[None]:
     stream.setFormatter(logging.Formatter(FORMAT))
     records: queue.Queue[logging.LogRecord | None] = queue.Queue(CAPACITY)
     handler = _DroppingHandler(records)
-    writer = threading.Thread(target=_write, args=(records, stream), name="log", daemon=True)
+    writer = start_thread(partial(_write, records, stream), "log")
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
-    writer.start()
     try:
         yield
     finally:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from motord.process.ending_threads import start_thread
 from motord.schema import TICK
 from motord.service.host.log import log_error
 from motord.wire.ticks.blocks import BlockCodec
@@ -40,18 +41,19 @@ class Telemetry:
         self._pending: list[bytes] = []  # messages of `ticks`, which are one if they are joined
         self._pending_ticks = 0
         self.dropped = 0
-        self._thread = threading.Thread(target=self._run, name="motord-telemetry", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start the thread. Raises NoThreadError."""
+        self._thread = start_thread(self._run, "motord-telemetry")
 
     def stop(self) -> None:
         """Publish what is waiting, as far as a moment suffices, and end the thread."""
         with self._changed:
             self._stopping = True
             self._changed.notify()
-        self._thread.join(STOP_S)
+        if self._thread is not None:
+            self._thread.join(STOP_S)
 
     def ticks(self, block: np.ndarray) -> None:
         """Queue a block of ticks (shape (n,)), which must not be changed any more."""

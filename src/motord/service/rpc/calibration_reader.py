@@ -25,6 +25,7 @@ from motord.api.requests import (
 )
 from motord.calibration import Calibration, CalibrationError, format_duration, load
 from motord.config import MotorConfig
+from motord.process.ending_threads import why_not_started
 from motord.process.left_threads import end_process
 from motord.process.module_command import module_command
 from motord.service.bench.calibrations import check_given
@@ -152,7 +153,10 @@ def _elsewhere(task: Literal["request", "files"], *arguments: Any) -> Any:
         outcome = pickle.loads(done.stdout)
     except subprocess.TimeoutExpired:
         raise RpcError("timeout", f"the calibration was not read in {READ_S:g} s") from None
-    except (OSError, subprocess.CalledProcessError) as error:
+    except OSError as error:
+        why = f"no process could read the calibration: {why_not_started(error)}"
+        raise RpcError("failed", why) from None
+    except subprocess.CalledProcessError as error:
         raise RpcError("failed", f"no process could read the calibration: {error}") from None
     if isinstance(outcome, RpcError):
         raise outcome

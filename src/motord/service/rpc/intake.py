@@ -30,7 +30,7 @@ from motord.api.requests import (
     check_size,
     parse,
 )
-from motord.process.ending_threads import CLOSE_S, join_until
+from motord.process.ending_threads import CLOSE_S, join_until, start_thread
 from motord.service.host.log import log_error
 from motord.service.rpc.dispatcher import Call, CallQueue, Outcome
 from motord.service.rpc.outstanding import (
@@ -94,15 +94,11 @@ class Intake:
         self._threads: list[threading.Thread] = []
 
     def open(self) -> None:
-        """Start the threads."""
-        self._start("paced", self._serve_paced)
+        """Start the threads. Raises NoThreadError."""
+        self._threads.append(start_thread(self._serve_paced, "motord-paced"))
         for name, lane in self._lanes.items():
-            self._start(name, partial(self._serve_lane, name, lane))
-
-    def _start(self, name: str, serve: Work) -> None:
-        thread = threading.Thread(target=serve, name=f"motord-{name}", daemon=True)
-        thread.start()
-        self._threads.append(thread)
+            serve = partial(self._serve_lane, name, lane)
+            self._threads.append(start_thread(serve, f"motord-{name}"))
 
     def close(self) -> None:
         """Finish the work under way, as far as `CLOSE_S` suffices, and end the threads."""

@@ -16,7 +16,7 @@ import zenoh
 
 from motord.api.errors import RpcError
 from motord.process.allocator import return_free_memory
-from motord.process.ending_threads import CLOSE_S, join_until
+from motord.process.ending_threads import CLOSE_S, join_until, start_thread
 from motord.service.host.log import log_error
 from motord.service.rpc.dispatcher import CallQueue, Outcome
 
@@ -68,11 +68,9 @@ class OutstandingQueries:
         self._threads: list[threading.Thread] = []
 
     def open(self) -> None:
-        """Start the threads."""
+        """Start the threads. Raises NoThreadError."""
         for n in range(THREADS):
-            thread = threading.Thread(target=self._serve, name=f"motord-reply-{n}", daemon=True)
-            thread.start()
-            self._threads.append(thread)
+            self._threads.append(start_thread(self._serve, f"motord-reply-{n}"))
 
     def close(self) -> None:
         """Refuse the outstanding queries, send the replies, end the threads within `CLOSE_S`."""
