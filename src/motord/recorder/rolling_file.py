@@ -21,8 +21,11 @@ ASKED_TO_STOP = "asked to stop"
 """The reason for which a process that a signal ends closes a file: its recording may go on."""
 
 
-def closed_in_order(stem: Path) -> bool:
-    """Return whether the newest file of a recording is its last, as was asked for, and whole."""
+def closed_in_order(stem: Path, *, ended_there: bool = False) -> bool:
+    """Return whether the newest file of a recording is its last, as was asked for, and whole.
+
+    ended_there: nothing has come since it was closed, so it is the last where it might not be.
+    """
     files = numbers(stem)
     path = file_name(stem, files[-1] if files else 0)
     try:
@@ -30,7 +33,7 @@ def closed_in_order(stem: Path) -> bool:
     except RecordError:
         return False
     may_go_on = reason == ASKED_TO_STOP or reason.startswith(GOES_ON)
-    return not may_go_on and not reason.endswith(FOR_SPACE)
+    return (ended_there or not may_go_on) and not reason.endswith(FOR_SPACE)
 
 
 @dataclass

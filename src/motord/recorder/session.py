@@ -204,8 +204,7 @@ class Session:
 
     def write(self, action: Callable[[RunWriter], None]) -> None:
         """Have `action` done on the recording's file, after all it has been given before."""
-        recording = self._recording
-        if recording is not None:
+        if (recording := self._recording) is not None:
             self._disk.do(lambda: recording.write(action))
 
     def settle(self) -> None:
@@ -226,8 +225,8 @@ class Session:
     ) -> None:
         """Record what the ring has of a recording that has ended, as `missing_of` says.
 
-        And those of its `last` messages that are not written yet. Nothing, if it is closed; else
-        what goes on is ended. Raises RecordError.
+        And those of its `last` messages that are not written yet. Nothing, if it is closed or
+        whole; else what goes on is ended. Raises RecordError.
         """
         if self._goes_on(stem) or not closed_in_order(stem):
             self.stop(f"the recording {stem.name} is finished", now_s)
@@ -237,6 +236,9 @@ class Session:
         self.metadata, self._recording = metadata, None
         piece = missing_of(self._ring, stem, first_tick, newest, to_end=to_end)
         missing = messages_missing(stem, last)
+        if closed_in_order(stem, ended_there=not (len(piece.block) or piece.lost or missing)):
+            self._note_closed(stem)
+            return
         self._recording = recording = RollingFile(stem, metadata, self._settings, now_s)
         self.error = ""
         recording.take(piece, now_s)
@@ -244,8 +246,7 @@ class Session:
             recording.write(message.write)
         self.stop(reason, now_s)
         if self._newest is not None and len(piece.block):  # else the files are asked
-            ends = (self._newest, Mark.of(piece.block[-1]))
-            self._newest = max(ends, key=lambda mark: mark.t_ns)
+            self._newest = max(self._newest, Mark.of(piece.block[-1]), key=lambda mark: mark.t_ns)
 
     def stop(self, reason: str, now_s: float) -> None:
         """End the recording and stop reading the ring."""
@@ -265,8 +266,7 @@ class Session:
             self._note_closed(recording.stem)
 
     def _note_closed(self, stem: Path) -> None:
-        others = [closed for closed in self.closed if closed != str(stem)]
-        self.closed = [*others, str(stem)][-OUTCOMES_MAX:]
+        self.closed = [*(one for one in self.closed if one != str(stem)), str(stem)][-OUTCOMES_MAX:]
 
     def _close(self, recording: RollingFile, reason: str, now_s: float) -> None:
         if self._disk.full:

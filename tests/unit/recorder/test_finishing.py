@@ -190,6 +190,20 @@ def test_a_file_closed_by_a_process_that_was_ended_is_not_the_end_of_its_recordi
     assert bench.report()["closed"] == [str(bench.stem)]
 
 
+def test_one_that_was_closed_so_and_lacks_nothing_gets_no_further_file(bench):
+    bench.start()
+    bench.loop(100)
+    content = {"kind": "note", "message": "before", "data": {}}
+    event = {"do": "event", "t_ns": START_NS, "content": content}
+    bench.do(**event)
+    bench.session.close(ASKED_TO_STOP, bench.now_s, over=False)
+    bench.session = bench.new_session()
+    for _ in range(2):
+        bench.finish(last=[event])
+        assert [file.name for file in bench.files()] == ["day-000.mcap"]
+        assert bench.report()["closed"] == [str(bench.stem)]
+
+
 def test_one_that_goes_on_again_is_not_reported_as_closed(bench):
     bench.start()
     bench.loop(10)
