@@ -7,18 +7,19 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
+def write_whole(path: Path, content: str | bytes, access_of: Path | None = None) -> None:
     """Write `path` in one step: a temporary file next to it, synced, then renamed. Raises OSError.
 
-    Until then `path` holds what it held before. Who may read and write it stays; a link stays a
-    link; a pipe or a device is written to as it is. Text is written as UTF-8.
+    Until then `path` holds what it held before. Who may read and write it stays, or is as of
+    `access_of`; a link stays a link; a pipe or a device is written to as it is. Text is written as
+    UTF-8.
     """
     if path.exists() and not path.is_file():
         path.write_bytes(_encoded(content))
         return
     with _naming(path):
         target = path.resolve()
-        _replace(target, content, synced=True)
+        _replace(target, content, _status(access_of or target), synced=True)
         sync_folder(target.parent)
 
 
@@ -28,7 +29,7 @@ def write_cached(path: Path, content: str | bytes) -> None:
     Who reads it finds what was there before, or this. After a loss of power it may be neither.
     """
     with _naming(path):
-        _replace(path, content, synced=False)
+        _replace(path, content, None, synced=False)
 
 
 def why_not_written(path: Path, error: OSError) -> str:
@@ -62,9 +63,10 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def _replace(path: Path, content: str | bytes, *, synced: bool) -> None:
+def _replace(
+    path: Path, content: str | bytes, before: os.stat_result | None, *, synced: bool
+) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    before = _status(path) if synced else None
     mode = 0o666 if before is None else before.st_mode & 0o777
     try:
         temporary.unlink(missing_ok=True)  # of a process of the same number that was killed

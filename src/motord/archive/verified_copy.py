@@ -79,7 +79,8 @@ def _fill(source: Path, partial: Path, pace: Pace) -> str:
     digest = hashlib.sha256()
     reading = os.open(source, os.O_RDONLY | os.O_CLOEXEC)
     try:
-        writing = os.open(partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        mode = os.fstat(reading).st_mode & 0o777 | 0o600
+        writing = os.open(partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, mode)
         try:
             if not try_lock(writing):
                 raise ConflictError(f"{source}: another `motord archive` copies it now")

@@ -89,7 +89,8 @@ class Deployment:
                 place = self.place(file.path)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 if difference == "edited":
-                    write_whole(place.with_name(f"{place.name}.old"), place.read_bytes())
+                    old = place.with_name(f"{place.name}.old")
+                    write_whole(old, place.read_bytes(), access_of=place)
                 if difference != "same":
                     write_whole(place, file.text)
             self._remember(files, request)

@@ -43,6 +43,14 @@ def test_what_is_archived_is_not_copied_again(folders):
     assert one_round(*folders).there == 2
 
 
+@pytest.mark.parametrize("mode", [0o600, 0o640])
+def test_who_may_read_a_recording_may_read_its_copy(folders, mode):
+    source, copies = folders
+    (source / NAME).chmod(mode)
+    one_round(*folders)
+    assert (copies / NAME).stat().st_mode & 0o777 == mode
+
+
 def test_another_file_of_the_name_is_left_alone_and_the_others_are_archived(folders):
     _source, copies = folders
     (copies / NAME).write_bytes(b"somebody else's")

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import stat
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,7 @@ def test_what_was_edited_is_not_written_over_or_removed(folder: Path) -> None:
     rules = folder / "root" / "etc/udev/rules.d/60-motord.rules"
     mine = "gehört mir\n".encode("latin-1")
     rules.write_bytes(mine)
+    rules.chmod(0o600)
     done = install(folder)
     assert done.exit_code == 1
     assert "60-motord.rules: there already, and not as installed" in done.stderr
@@ -112,7 +114,8 @@ def test_what_was_edited_is_not_written_over_or_removed(folder: Path) -> None:
     assert f"left {rules}: it was edited" in left.stdout
     assert rules.exists()
     assert install(folder, "--force").exit_code == 0
-    assert rules.with_name("60-motord.rules.old").read_bytes() == mine
+    old = rules.with_name("60-motord.rules.old")
+    assert (old.read_bytes(), stat.S_IMODE(old.stat().st_mode)) == (mine, 0o600)
     assert rules.read_text() == packaged("systemd/60-motord.rules").read_text()
 
 
