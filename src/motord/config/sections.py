@@ -99,7 +99,7 @@ class LimitsConfig(Section):
     trip_current_A: Current = 35.0
     """A sensed phase current above it trips."""
     i2t_current_A: Current = 20.0
-    """Phase current that may flow for ever."""
+    """Phase current that may flow for ever; I2T trips at no command that is not above it."""
     i2t_time_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
     """1.41 times i2t_current_A may flow for so long, 2 times for a third of it."""
     i2t_derating_from_C: Temperature | None = None

@@ -204,6 +204,14 @@ def test_what_limits_hide_is_named(changed: dict[str, float], says: str) -> None
     assert says in " ".join(hidden_faults(Config.model_validate(tables)))
 
 
+@pytest.mark.parametrize(("i2t_current_A", "named"), [(30.0, True), (29.9, False)])
+def test_a_current_for_ever_that_no_command_exceeds_is_named(
+    i2t_current_A: float, named: bool
+) -> None:
+    note = "i2t_current_A = 30 may flow for ever, and no more than current_A = 30 is commanded"
+    assert (note in hidden(limits={"i2t_current_A": i2t_current_A})) is named
+
+
 def hidden(**sections: Any) -> str:
     tables = load(packaged("sim.toml")).model_dump(exclude_unset=True)
     for name, section in sections.items():

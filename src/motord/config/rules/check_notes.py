@@ -33,7 +33,18 @@ def hidden_faults(bench: Sections) -> list[str]:
         *_hidden_drive(bench, currents_A),
         *_hidden_torque_sensor(bench, currents_A),
         *_hidden_track(bench),
+        *_hidden_heat(bench.limits),
     ]
+
+
+def _hidden_heat(limits: LimitsConfig) -> Iterator[str]:
+    if limits.i2t_current_A >= limits.current_A:
+        yield (
+            f"a winding that gets too hot may go unnoticed: [limits] i2t_current_A = "
+            f"{limits.i2t_current_A:g} may flow for ever, and no more than current_A = "
+            f"{limits.current_A:g} is commanded, so that I2T trips at no command; lower "
+            "i2t_current_A if the motor's data sheet has less"
+        )
 
 
 def _hidden_track(bench: Sections) -> Iterator[str]:
