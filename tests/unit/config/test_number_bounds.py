@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from motord.config import Config, Section
+from motord.config import Config, RecordingConfig, Section
 from motord.config.experiments import plans_model
 from motord.config.sections import Sections
 from tests.unit.config.test_strict import SECTIONS, refuses
@@ -72,6 +72,12 @@ def test_no_number_is_infinite_or_none_at_all(table: str, key: str) -> None:
 def refuses_it(kind: type[Section], key: str, number: float) -> bool:
     """Return whether a key refuses a number, alone, in a list of one to three, or in a table."""
     return all(refuses(kind, key, [number] * n if n else number) for n in range(4))
+
+
+@pytest.mark.parametrize(("key", "least"), [("file_max_s", 10.0), ("file_max_MB", 10.0)])
+def test_there_is_no_file_for_every_look_at_the_ring(key: str, least: float) -> None:
+    assert RecordingConfig.model_validate({key: least, "chunk_s": 10.0})
+    assert refuses(RecordingConfig, key, 0.99 * least)
 
 
 def test_an_age_at_which_nothing_is_seen_any_more_is_none() -> None:

@@ -30,7 +30,8 @@ class Bench:
         self.stem = folder / "runs" / "day"
         self.ring_path = folder / "ring"
         self.ring = RingWriter(self.ring_path, CAPACITY)
-        self.settings = RecordingConfig(sync_s=1.0, free_min_MB=1.0, **settings)
+        short = {"sync_s": 1.0, "free_min_MB": 1.0, **settings}  # files, too, shorter than may be
+        self.settings = RecordingConfig().model_copy(update=short)
         self.now_s = 1000.0
         self.published = 0
         self.session = self.new_session()
