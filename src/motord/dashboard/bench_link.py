@@ -9,7 +9,6 @@ import logging
 import threading
 import time
 from collections.abc import Awaitable, Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ from typing import Any
 
 from motord.api.messages import BenchState
 from motord.client import Client, ClientError, Subscription
+from motord.process.ending_threads import started_pool
 
 SILENT_S = 0.4
 """States come ten times a second: after so long without one the daemon is not there."""
@@ -88,8 +88,8 @@ class BenchLink:
         self._subscriptions: list[Subscription[Any]] = []
         self._received_s = self._connected_s = time.monotonic()
         self._why = ""
-        self._requests = ThreadPoolExecutor(REQUEST_THREADS, "motord-rpc")
-        self._urgent = ThreadPoolExecutor(URGENT_THREADS, "motord-urgent")
+        self._requests = started_pool(REQUEST_THREADS, "motord-rpc")
+        self._urgent = started_pool(URGENT_THREADS, "motord-urgent")
 
     def start(self, take: Callable[[list[Item]], None]) -> None:
         """Subscribe, in the running event loop. `take` gets what comes, in the order of coming."""

@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -43,6 +43,19 @@ def start_thread(work: Callable[[], object], name: str) -> threading.Thread:
     except RuntimeError:  # as CPython says it
         raise NoThreadError(NO_THREAD) from None
     return thread
+
+
+def started_pool(threads: int, name: str) -> ThreadPoolExecutor:
+    """Return a pool that has all of its threads. Raises NoThreadError."""
+    pool, all_there = ThreadPoolExecutor(threads, name), threading.Barrier(threads)
+    try:
+        for _ in range(threads):
+            pool.submit(all_there.wait)
+    except RuntimeError:
+        all_there.abort()
+        pool.shutdown(wait=False)
+        raise NoThreadError(NO_THREAD) from None
+    return pool
 
 
 def why_not_started(error: OSError) -> str:

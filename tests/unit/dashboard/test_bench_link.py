@@ -1,6 +1,7 @@
 """The connection to the daemon: whatever goes wrong, it goes on and leaves nothing behind."""
 
 import asyncio
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from motord.client import ClientError
 from motord.dashboard import bench_link
 from motord.dashboard.bench_link import BenchLink
+from motord.process.ending_threads import NoThreadError
 from tests.support.patience import PATIENCE_S
 
 
@@ -63,6 +65,25 @@ async def kept(link, connected, condition):
     await until(lambda: condition() or keeping.done())
     assert not keeping.done(), keeping.exception()
     keeping.cancel()
+
+
+def refuse(_thread):
+    raise RuntimeError("can't start new thread")
+
+
+def test_a_stop_needs_no_further_thread(monkeypatch):
+    client = FakeClient()
+    client.rpc = lambda name: {"carried out": name}
+    link = BenchLink(client, FakeClient)
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    assert asyncio.run(link.call("stop", urgent=True)) == {"carried out": "stop"}
+    link.close()
+
+
+def test_a_page_for_which_there_are_no_threads_says_what_to_do(monkeypatch):
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    with pytest.raises(NoThreadError, match="ulimit -u"):
+        BenchLink(FakeClient(), FakeClient)
 
 
 @pytest.mark.parametrize("error", [ClientError("busy", "later"), KeyError("loop")])
