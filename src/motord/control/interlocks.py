@@ -176,6 +176,15 @@ def _count(p: np.record, m: np.record, index: int, seen: bool, now_ns: int) -> N
 
 
 @jit
+def start_over(m: np.record) -> None:
+    """Count anew what the newest evidence does not show."""
+    for index in _COUNTED:
+        if not m.conditions_held >> index & 1:
+            m.since_ns[index] = m.evidence_ns[index]
+            m.counting = int(m.counting) & ~(1 << index)
+
+
+@jit
 def latch(m: np.record, bits: int) -> None:
     """Add `bits` to the latched causes; the first ones are kept apart. OFF latches nothing."""
     if m.state == STATE.OFF or bits == 0:

@@ -178,7 +178,8 @@ def _decide(
         m.trip_bits = 0
         m.first_trip = 0
     if state == STATE.READY and m.state in (STATE.OFF, STATE.TRIPPED):
-        tracks.start_over(m)  # a fault that is gone is no evidence against the encoder of now
+        tracks.start_over(m)  # a fault that is gone is no evidence against the bench of now
+        interlocks.start_over(m)
     m.arming_s = m.arming_s + elapsed_s if arming else 0.0
     m.state, m.arming, m.stopping = state, arming, stopping
     return bars

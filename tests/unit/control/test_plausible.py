@@ -85,6 +85,37 @@ def test_current_against_its_command(connection: str, error_A: float, trips: boo
         assert number == 0
 
 
+@pytest.mark.kernel
+def test_after_a_reset_the_time_of_wrong_currents_begins_anew() -> None:
+    """Else a moment of them, as there may be, would trip by what was mended."""
+    bench = at_torque(limits={"current_error_s": 0.5})
+    bench.error_A[0] = 6.0
+    assert until_trip(bench)[1] is Trip.CURRENT_IMPLAUSIBLE
+    bench.error_A[0] = 0.0
+    bench.ticks(5)
+    bench.ask(Request.RESET)
+    assert bench.ticks(20).state == State.READY
+    bench.enable()
+    bench.error_A[0] = 6.0
+    number, first = until_trip(bench)
+    assert first is Trip.CURRENT_IMPLAUSIBLE
+    assert 500 <= number <= 503
+
+
+@pytest.mark.kernel
+def test_a_reset_while_currents_are_wrong_gives_them_no_more_time() -> None:
+    bench = at_torque(limits={"current_error_s": 0.5})
+    bench.feedback["u_bus_V"] = 0.0
+    assert until_trip(bench)[1] is Trip.BUS_VOLTAGE
+    bench.feedback["u_bus_V"], bench.error_A[0] = 24.0, 6.0
+    bench.ticks(450)
+    bench.ask(Request.RESET)
+    assert bench.ticks(1).state == State.READY
+    number, first = until_trip(bench)
+    assert first is Trip.CURRENT_IMPLAUSIBLE
+    assert 49 <= number <= 52
+
+
 def test_current_may_be_wrong_for_a_moment_and_samples_count_not_ticks() -> None:
     bench = at_torque()
     for _ in range(5):
