@@ -111,7 +111,7 @@ def mesh_figures(quick: bool) -> list[Figure]:
             REAL_TIME_RATIO_WANTED,
             "at least",
             f"{together[0].ticks} ticks at {MESH_HZ / 1000:g} kHz, {seconds:.0f} bench seconds in "
-            f"{wall_s:.2f} s on {os.cpu_count()} cores; slowest of {rounds} "
+            f"{wall_s:.2f} s on {len(os.sched_getaffinity(0))} cores; slowest of {rounds} "
             f"{min(one.times_real for one in together):.0f} x; starting the processes "
             f"({start_s:.1f} s, once) not counted",
         ),

@@ -117,7 +117,7 @@ def _bytes_at_once(tasks: Sequence[_Task]) -> float:
 
 
 def _ahead_at_most() -> int:
-    return 2 * (os.cpu_count() or 1)
+    return 2 * len(os.sched_getaffinity(0))
 
 
 def _ahead(
@@ -163,13 +163,13 @@ def _interruptible(function: Callable[..., _Result], /, *arguments: Any, **named
 
 
 def processors() -> ProcessPoolExecutor:
-    """Return a pool of one process a processor; use it as a context manager.
+    """Return a pool of one process for each processor that this one may use; a context manager.
 
     Raises OSError, which says what to do, where processes cannot have semaphores in common.
     """
     spawn = multiprocessing.get_context("spawn")
     try:
-        return _Processors(os.cpu_count(), spawn, _end_with_parent)
+        return _Processors(len(os.sched_getaffinity(0)), spawn, _end_with_parent)
     except OSError as error:
         if error.errno in (errno.EMFILE, errno.ENFILE):  # of the pool's pipes
             raise

@@ -49,6 +49,15 @@ def test_many_processes_give_the_bits_of_one() -> None:
                 assert mine[name].tobytes() == theirs[name].tobytes(), name
 
 
+def test_a_pool_has_as_many_processes_as_this_one_may_use_processors(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(mesh, "_Processors", lambda count, *_: count)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {5})
+    assert processors() == 1
+    assert mesh._ahead_at_most() == 2
+
+
 def test_where_processes_have_no_semaphores_it_is_said_what_to_do(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
