@@ -10,6 +10,9 @@ from typing import Any, NoReturn
 LEFT: list[threading.Thread] = []
 """Those that were not waited for any longer."""
 
+MONITORING_TOOLS = 6
+"""Those of `sys.monitoring` are numbered from 0 to 5."""
+
 
 def end_process(code: Any) -> NoReturn:
     """End as `sys.exit` does, but without taking the interpreter apart, and at once while there is
@@ -20,8 +23,12 @@ def end_process(code: Any) -> NoReturn:
 
     The system takes back all memory at once: to look through modules for garbage takes a quarter of
     the processor time of a short command, and a library in C++ such as DuckDB lists what it misses.
+
+    A profiler or debugger gets the SystemExit, as it shows its results after that.
     """
     if not any(thread.is_alive() for thread in LEFT):
+        if _is_traced():
+            sys.exit(code)
         threading._shutdown()  # type: ignore[attr-defined]  # as the interpreter waits for threads
     atexit._run_exitfuncs()
     if code is not None and not isinstance(code, int):
@@ -30,6 +37,13 @@ def end_process(code: Any) -> NoReturn:
         with suppress(OSError, ValueError):  # nobody reads it, or it is closed
             stream.flush()
     os._exit(code if isinstance(code, int) else code is not None)
+
+
+def _is_traced() -> bool:
+    """Return whether a profiler, a debugger or the like follows this thread."""
+    monitoring: Any = getattr(sys, "monitoring", None)  # Python 3.12 and later
+    tools = monitoring and any(map(monitoring.get_tool, range(MONITORING_TOOLS)))
+    return bool(sys.getprofile() or sys.gettrace() or tools)
 
 
 def end_with_any_thread() -> None:

@@ -6,10 +6,11 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from motord.process import ending_threads
+from motord.process import ending_threads, left_threads
 from motord.process.ending_threads import NoThreadError, Worker, ends_in_time, join_until
 from tests.support.patience import PATIENCE_S
 
@@ -100,7 +101,7 @@ def test_what_is_closed_by_the_end_of_the_interpreter_does_not_hang():
 
 LEFT_BEHIND = """
 import atexit, threading
-from motord.process import ending_threads
+from motord.process import ending_threads, left_threads
 from motord.process.left_threads import end_process
 
 ending_threads.CLOSE_S = {close_s}
@@ -119,6 +120,28 @@ def test_a_process_that_leaves_a_thread_behind_ends_before_that_comes_back(work,
     command = (sys.executable, "-c", LEFT_BEHIND.format(work=work, close_s=close_s))
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert (done.returncode, done.stdout, done.stderr) == (3, f"{ended}\nat exit\n", "")
+
+
+def test_a_profiler_shows_what_it_found(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("from motord.process.left_threads import end_process\nend_process(0)\n")
+    command = (sys.executable, "-m", "cProfile", script)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "function calls" in done.stdout
+
+
+@pytest.mark.parametrize("tool", ["getprofile", "gettrace", "get_tool"])
+def test_who_follows_a_thread_is_seen(tool: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Profilers and debuggers of Python 3.12 and later use `sys.monitoring`."""
+    monitoring = SimpleNamespace()
+    monkeypatch.setattr(sys, "monitoring", monitoring, raising=False)
+    for place, name in ((sys, "getprofile"), (sys, "gettrace"), (monitoring, "get_tool")):
+        monkeypatch.setattr(place, name, lambda *_: None, raising=False)
+    assert not left_threads._is_traced()
+    place = monitoring if tool == "get_tool" else sys
+    monkeypatch.setattr(place, tool, lambda number=5: "a tool" if number == 5 else None)
+    assert left_threads._is_traced()
 
 
 UNLIMITED = re.compile(r"(thread|follower)\.join\(\)|session\.close\(\)")
@@ -150,7 +173,7 @@ def test_every_thread_of_a_process_is_started_in_one_way(package):
 
 PROGRAM = """
 import threading, time
-from motord.process import ending_threads
+from motord.process import ending_threads, left_threads
 
 ending_threads.CLOSE_S = {close_s}
 worker = ending_threads.Worker("tests")
