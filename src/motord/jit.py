@@ -99,6 +99,14 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
             self._release()
         return kept
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return numba's key without the bytecode, which `python -OO` makes another one.
+
+        All that decides on the machine code is in the digest of the module, and in the closure.
+        """
+        arguments, machine, (_, closure) = super()._index_key(sig, codegen)
+        return arguments, machine, closure
+
     def _kept(self, sig: Any, target_context: Any) -> Any:
         """Return what is kept, None if nothing is; as numba does, but without its compiler.
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
+from types import CodeType, FunctionType, SimpleNamespace
 from typing import IO, Any
 
 import numba
@@ -200,6 +200,18 @@ def test_what_another_process_compiled_meanwhile_is_taken(
     assert (here.stats.cache_hits.total(), here.stats.cache_misses.total()) == (1, 0)
     assert (there.stats.cache_hits.total(), there.stats.cache_misses.total()) == (0, 1)
     assert can_be_claimed(next(new_cache.rglob("*.lock")))
+
+
+@pytest.mark.usefixtures("new_cache")
+def test_python_without_docstrings_has_the_same_kernels() -> None:
+    """They were compiled once more for `python -OO`, which drops docstrings and assertions."""
+    module = compile(Path(__file__).read_text(), __file__, "exec", optimize=2)
+    codes = (code for code in module.co_consts if isinstance(code, CodeType))
+    code = next(code for code in codes if code.co_name == "add_one")
+    kernel: Any = jit.jit
+    here, there = kernel(add_one), kernel(FunctionType(code, globals()))
+    assert here(1.0) == there(1.0) == 2.0
+    assert (there.stats.cache_hits.total(), there.stats.cache_misses.total()) == (1, 0)
 
 
 @pytest.mark.usefixtures("new_cache")
