@@ -192,7 +192,7 @@ def test_corrupt_heartbeats_are_none():
         board.configure(100)
         good = (frames.encode(frames.Heartbeat(1), number) for number in range(1000))
         bad = [mutated(frame, chance) for frame in good]
-        board.send(b"".join(bad), frames.Stop())
+        board.send(b"".join(bad), frames.HelloRequest(frames.PROTOCOL), frames.Stop())
         status = board.next(frames.Status, lambda s: not s.streaming)
         assert status.heartbeats == 0
         assert not any(report.line_closed for report in board.reports)
