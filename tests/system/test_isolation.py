@@ -203,6 +203,7 @@ def test_a_disk_that_runs_full(tmp_path, free_min_MB):
     with enabled(tmp_path, write_bench(tmp_path, recording), before) as bench:
         state = wait_for(bench.client, lambda s: s.recording.error, "the disk to be full")
         bench.go_on()
+        assert bench.client.state().processes["recorder"].restarts == 0
         [path] = seen_by(bench.daemon.process, folder).glob("*.mcap*")
         run = open_run(path)
         if free_min_MB:
