@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import pytest
 from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwright
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser")
 """The first one draws alike, and takes four fifths of the processor time."""
 PATH = next(filter(None, map(shutil.which, NAMES)), "")
+needs_browser = pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium")
 ARGUMENTS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update",

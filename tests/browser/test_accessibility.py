@@ -7,9 +7,9 @@ from playwright.sync_api import expect
 
 from tests.browser.axe import AXE, findings
 from tests.browser.chromium import (
-    PATH,
     PATIENCE_MS,
     PHONE,
+    needs_browser,
     shows,
     start_plan,
     take_command,
@@ -17,10 +17,7 @@ from tests.browser.chromium import (
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import StandIn
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 
 def test_all_of_it_by_keyboard(server, visit: Watched):

@@ -5,14 +5,11 @@ from contextlib import suppress
 import pytest
 from playwright.sync_api import Error, Playwright
 
-from tests.browser.chromium import PATH
+from tests.browser.chromium import needs_browser
 from tests.browser.conftest import LiveBrowser, Serve, Watched
 from tests.browser.stand_in import StandIn
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 
 def test_a_browser_that_died_is_started_anew(playwright: Playwright, serve: Serve) -> None:

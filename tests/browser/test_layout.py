@@ -6,8 +6,8 @@ from playwright.sync_api import FloatRect, Locator, expect
 from tests.browser import documents
 from tests.browser.chromium import (
     NARROW,
-    PATH,
     PHONE,
+    needs_browser,
     press,
     set_by_hand,
     shows,
@@ -16,10 +16,7 @@ from tests.browser.chromium import (
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import Server, StandIn
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 SMALL_PHONE = {"width": 375, "height": 800}
 LAPTOP = {"width": 1280, "height": 800}
 CHART_HEIGHT_px = 90

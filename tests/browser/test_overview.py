@@ -12,15 +12,12 @@ from motord.dashboard.overview.overview_pages import BenchesLink, OverviewPages,
 from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
 from tests.browser.axe import AXE, findings
-from tests.browser.chromium import DESKTOP, PATH, PHONE
+from tests.browser.chromium import DESKTOP, PHONE, needs_browser
 from tests.browser.conftest import Watched
 from tests.browser.stand_in import AppServer
 from tests.support.played_benches import played, publishing
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 HOSTILE = "<script>alert(1)</script>"
 

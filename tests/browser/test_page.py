@@ -5,7 +5,7 @@ from playwright.sync_api import expect
 
 from tests.browser import documents
 from tests.browser.chromium import (
-    PATH,
+    needs_browser,
     press,
     set_by_hand,
     shows,
@@ -17,10 +17,7 @@ from tests.browser.chromium import (
 from tests.browser.conftest import Watched
 from tests.browser.stand_in_requests import commands, names
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 
 def test_a_person_operates_by_hand(server, visit: Watched):

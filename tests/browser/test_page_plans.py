@@ -5,7 +5,7 @@ from playwright.sync_api import expect
 
 from tests.browser.chromium import (
     NARROW,
-    PATH,
+    needs_browser,
     press,
     press_by_key,
     shows,
@@ -17,10 +17,7 @@ from tests.browser.conftest import Serve, Watched
 from tests.browser.stand_in import StandIn
 from tests.browser.stand_in_requests import names
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 
 HOSTILE = "<script>alert(1)</script>"

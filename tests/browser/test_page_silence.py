@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser.chromium import (
-    PATH,
+    needs_browser,
     press,
     shows,
     take_command,
@@ -14,10 +14,7 @@ from tests.browser.conftest import Watched
 from tests.browser.stand_in import Server, StandIn
 from tests.browser.stand_in_requests import commands
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 
 NOTE_DRAWN_TEXTS = """() => {

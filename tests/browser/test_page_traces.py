@@ -11,8 +11,8 @@ from motord.dashboard.frames import decode
 from motord.dashboard.page.live_page import LivePage
 from motord.dashboard.page.messages import ViewWanted
 from tests.browser.chromium import (
-    PATH,
     PATIENCE_MS,
+    needs_browser,
     press,
     shows,
     until,
@@ -21,10 +21,7 @@ from tests.browser.chromium import (
 from tests.browser.conftest import Serve, Watched
 from tests.browser.stand_in import StandIn
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 
 def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(serve: Serve, visit: Watched):

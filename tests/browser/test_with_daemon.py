@@ -5,14 +5,18 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.chromium import PATH, press, set_by_hand, shows, start_plan, take_command
+from tests.browser.chromium import (
+    needs_browser,
+    press,
+    set_by_hand,
+    shows,
+    start_plan,
+    take_command,
+)
 from tests.browser.conftest import Watched
 from tests.system.daemons import Daemon, Program, write_sim
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = [pytest.mark.system, needs_browser]
 
 SPEEDS_HZ = " ".join(f"{0.8 + 0.001 * number:.3f}" for number in range(60))
 """Times three torques: a plan of ten minutes, which does not end by itself."""
