@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from math import isnan, nan
 from typing import Any
 
@@ -25,12 +26,18 @@ def recorded_hold(run: Run) -> ZeroOrderHold | None:
     drive that takes currents along the rotor's axes: it turns them between commands.
     """
     try:
-        bench = parse_toml(run.metadata["config"])
-        table, period_s = bench["inverter"], loop_period_s(bench)
-        given = {name: table[name] for name in ("actuation_delay_s", "lag_s") if name in table}
-        hold = zero_order_hold(InverterConfig.model_validate(given), period_s)
+        return _hold(run.metadata["config"])
     except (AttributeError, KeyError, TypeError, ValueError):
         return None
+
+
+@lru_cache(maxsize=4)  # an analysis asks for it in each repetition of a soak
+def _hold(text: str) -> ZeroOrderHold:
+    """Return the timing by the text of a bench file, as `recorded_hold` does."""
+    bench = parse_toml(text)
+    table, period_s = bench["inverter"], loop_period_s(bench)
+    given = {name: table[name] for name in ("actuation_delay_s", "lag_s") if name in table}
+    hold = zero_order_hold(InverterConfig.model_validate(given), period_s)
     known = "actuation_delay_s" in given and table.get("driver") != "can-dq"
     return hold if known else replace(hold, dead_s=nan)
 

@@ -22,8 +22,8 @@ from motord.identification.orders import resolved_order
 from motord.identification.point_ripple import PointRipple, repeating_rms, with_rms
 from motord.identification.torque.torque_sensor import response
 
-IMAGES = (-4, -3, -2, -1, 1, 2, 3, 4)
-"""Images k that count; the others are small, and beyond the mount."""
+IMAGES = (1, 2, 3, 4)
+"""Images k that count, with those at -k; the others are small, and beyond the mount."""
 
 SAME_PERIOD = 0.05
 """Part of a period of the loop by which the time between samples may miss a whole number."""
@@ -71,8 +71,8 @@ def image_torques(
 ) -> dict[int, np.ndarray]:
     """Return the torque over the turn (counts,), complex, of each image k: of the band at k / T.
 
-    As samples of their mean age show them. gain (3,): what flows over what is commanded. The speed
-    is taken as steady.
+    That of image -k is its conjugate. As samples of their mean age show them. gain (3,): what flows
+    over what is commanded. The speed is taken as steady.
     """
     counts, hold = motor.counts, replace(hold, dead_s=hold.dead_s + _ages_s(samples).mean())
     fewest = min(end - first for first, end in samples.turns)
@@ -80,13 +80,14 @@ def image_torques(
     whole = samples.whole
     lines = lines_at(samples.count[whole], samples.command_A[whole].T, counts, highest)[:, 1:]
     lines = gain[:, None] * (lines * counts / 2)
-    spectrum = np.zeros((3, counts), complex)
-    spectrum[:, 1 : highest + 1] = lines
-    spectrum[:, -highest:] = lines.conj()[:, ::-1]
-    turned_Hz = np.fft.fftfreq(counts, 1 / counts) * samples.velocity_Hz
-    back_emf = motor.back_emf_table().T
-    currents_A = ((k, np.fft.ifft(spectrum * hold.image(turned_Hz, k), axis=1)) for k in IMAGES)
-    return {k: (current_A * back_emf).sum(axis=0) for k, current_A in currents_A}
+    lines = np.concatenate([lines, lines.conj()[:, ::-1]], axis=1)
+    order = np.concatenate([np.arange(1, highest + 1), np.arange(-highest, 0)])
+    spectrum, back_emf = np.zeros((3, counts), complex), motor.back_emf_table().T
+    images_Nm = {}
+    for k in IMAGES:
+        spectrum[:, order] = lines * hold.image(order * samples.velocity_Hz, k)
+        images_Nm[k] = (np.fft.ifft(spectrum, axis=1) * back_emf).sum(axis=0)
+    return images_Nm
 
 
 def aliased_ripple(
@@ -100,15 +101,15 @@ def aliased_ripple(
 
     images_Nm: `image_torques` of the samples.
     """
-    counts, velocity_Hz = next(iter(images_Nm.values())).size, samples.velocity_Hz
-    turned_Hz = np.fft.fftfreq(counts, 1 / counts) * velocity_Hz
+    counts, turned_Hz = next(iter(images_Nm.values())).size, order * samples.velocity_Hz
     age_s = _ages_s(samples)
     turn = np.exp(-2j * np.pi / hold.period_s * (age_s - age_s.mean()))
-    seen = np.zeros(counts, complex)
+    seen = np.zeros(order.size, complex)
     for k, torque_Nm in images_Nm.items():
-        shown_Nm = np.mean(turn**k) * np.fft.fft(torque_Nm)
-        seen += shown_Nm * response(sensor, turned_Hz + k / hold.period_s)
-    return np.asarray(2 / counts * seen[order] / response(sensor, order * velocity_Hz))
+        shown_Nm, image_Hz = np.mean(turn**k) * np.fft.fft(torque_Nm), k / hold.period_s
+        seen += shown_Nm[order] * response(sensor, turned_Hz + image_Hz)
+        seen += shown_Nm[-order].conj() * response(sensor, turned_Hz - image_Hz)
+    return np.asarray(2 / counts * seen / response(sensor, turned_Hz))
 
 
 def without_aliases(
@@ -135,7 +136,7 @@ def with_images(
     They are ripple of the shaft at the loop's rate, f + k / T, which no order of the turn shows.
     """
     to_Nm = motor.rated_torque_Nm / 100
-    images_Nm2 = sum(float(np.mean(np.abs(torque_Nm) ** 2)) for torque_Nm in images_Nm.values())
+    images_Nm2 = sum(2 * float(np.mean(np.abs(one_Nm) ** 2)) for one_Nm in images_Nm.values())
     square_Nm2 = (to_Nm * ripple.rms_percent) ** 2
     above_Nm2 = (to_Nm * (ripple.rms_percent + (ripple.stderr_percent or 0.0))) ** 2
     rms_Nm = float(np.sqrt(square_Nm2 + images_Nm2))
