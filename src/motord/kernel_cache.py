@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parent
 KERNEL_PACKAGES = ("control", "rig", "identification", "experiments/calibration/estimate")
 """Folders of kernels and of what they import, sub-folders included."""
 KERNEL_MODULES = (
-    "config/timing.py", "hal/sim/rig.py", "jit.py",
+    "config/timing.py", "experiments/thermal/recursion.py", "hal/sim/rig.py", "jit.py",
     "learned.py", "loop/tick_kernel.py", "schema.py", "shm/histogram.py", "shm/tables.py",
     "shm/time_count.py", "shm/timing.py", "virtual/bench.py", "virtual/drive.py",
     "virtual/faults.py",
