@@ -5,8 +5,10 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?= 2
-# Python compiles a module when it is first imported; to compile all is a third of an installation
-INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install --no-compile --no-deps
+# Python compiles a module when it is first imported, unless the environment forbids it to keep that;
+# to compile all is a third of an installation
+LATER   := $(if $(PYTHONDONTWRITEBYTECODE),,--no-compile)
+INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install $(LATER) --no-deps
 
 .PHONY: help demo test long quick coverage lint types layers unit unit-quick bench soak oldest pictures reference docs docs-serve lock clean
 .DEFAULT_GOAL := help
