@@ -10,7 +10,7 @@ import hashlib
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from motord.archive.pace import ArchiveError, ConflictError, Pace
@@ -84,6 +84,8 @@ def _fill(source: Path, partial: Path, pace: Pace) -> str:
         try:
             if not try_lock(writing):
                 raise ConflictError(f"{source}: another `motord archive` copies it now")
+            with suppress(OSError):  # of a share without modes
+                os.fchmod(writing, mode)
             agrees = True
             while True:
                 with naming(source):

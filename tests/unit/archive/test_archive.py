@@ -43,10 +43,12 @@ def test_what_is_archived_is_not_copied_again(folders):
     assert one_round(*folders).there == 2
 
 
-@pytest.mark.parametrize("mode", [0o600, 0o640])
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664])
 def test_who_may_read_a_recording_may_read_its_copy(folders, mode):
+    """And nobody else, also where a round that was interrupted began it with another mode."""
     source, copies = folders
     (source / NAME).chmod(mode)
+    partial_of(source / NAME, copies / NAME).touch(0o644)
     one_round(*folders)
     assert (copies / NAME).stat().st_mode & 0o777 == mode
 
