@@ -102,7 +102,9 @@ class _KernelCache(_CACHING.FunctionCache):  # type: ignore[misc]
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Return numba's key without the bytecode, which `python -OO` makes another one.
 
-        All that decides on the machine code is in the digest of the module, and in the closure.
+        All that decides on the machine code is in the digest of the module, in the name and first
+        line of the function, by which numba names the files, and in the closure. Two lambdas of one
+        line would be one kernel.
         """
         arguments, machine, (_, closure) = super()._index_key(sig, codegen)
         return arguments, machine, closure
