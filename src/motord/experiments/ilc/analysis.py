@@ -109,7 +109,8 @@ class LearnPass:
     def to_json(self) -> dict[str, Any]:
         """Return the pass as `analyse learn --json` prints it.
 
-        Calibration files have no intervals of earlier passes: they are null.
+        Calibration files have no intervals of earlier passes: they are null. A point of the mesh
+        that no pass could use has none of either.
         """
         half_width_percent = self.half_width_percent
         return {
@@ -130,7 +131,7 @@ class LearnPass:
                     "rms_half_width_percent": [
                         *(None for _ in point.history_percent[1:]),
                         half_width_percent.get((torque_Nm, speed_Hz)),
-                    ],
+                    ][: len(point.history_percent)],
                     "correction_mNm": round(1e3 * point.amplitude_Nm, 3),
                     "gain": point.gain,
                 }

@@ -85,6 +85,18 @@ def test_two_passes_smooth_the_true_torque(
     assert again.learned.points[0].gain == Learning().gain
 
 
+def test_a_point_that_no_pass_could_use_has_neither_errors_nor_intervals(once: LearnPass) -> None:
+    unused = once.learned.points[0].model_copy(update={"history_percent": ()})
+    points = unused, *once.learned.points[1:]
+    learned = once.learned.model_copy(update={"points": points})
+    done = replace(once, calibration=once.calibration.with_learned(learned, NOW))
+    counts = [
+        (len(point["rms_percent"]), len(point["rms_half_width_percent"]))
+        for point in done.to_json()["points"]
+    ]
+    assert counts == [(0, 0), (1, 1)]
+
+
 def test_corrections_at_their_limit_are_a_finding(once: LearnPass) -> None:
     most_Nm = max(point.amplitude_Nm for point in once.learned.points)
     for limit_Nm, names in ((2 * most_Nm, []), (most_Nm, ["correction-limited"])):
