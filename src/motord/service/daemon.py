@@ -81,7 +81,7 @@ def run(
 ) -> None:
     """Run the bench of `config_path` until SIGTERM or SIGINT; `on_ready` is called once it is up.
 
-    Installed calibrations are kept under `state_dir`. Raises one of EXPLAINED.
+    Installed calibrations are kept under `state_dir`. Raises one of EXPLAINED, NoThreadError.
     """
     config_path = config_path.resolve()
     config, toml = config_file.load_started(config_path, kept=config_path)
