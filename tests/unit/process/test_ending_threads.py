@@ -101,7 +101,7 @@ def test_what_is_closed_by_the_end_of_the_interpreter_does_not_hang():
 
 LEFT_BEHIND = """
 import atexit, threading
-from motord.process import ending_threads, left_threads
+from motord.process import ending_threads
 from motord.process.left_threads import end_process
 
 ending_threads.CLOSE_S = {close_s}
@@ -173,7 +173,7 @@ def test_every_thread_of_a_process_is_started_in_one_way(package):
 
 PROGRAM = """
 import threading, time
-from motord.process import ending_threads, left_threads
+from motord.process import ending_threads
 
 ending_threads.CLOSE_S = {close_s}
 worker = ending_threads.Worker("tests")
