@@ -1,8 +1,8 @@
 """Does an operator's set-point, where it is not refused, trip the bench?
 
-`python -m tests.campaigns.legal_operation [--draws 40] [--benches]`: torques and speeds are set one
-after the other, at random and at random times, on the packaged bench in virtual time; with
---benches on one that is drawn. A trip is a finding, and printed with what led to it.
+`python -m tests.campaigns.legal_operation [--seed 0] [--draws 40] [--benches]`: torques and speeds
+are set one after the other, at random and at random times, on the packaged bench in virtual time;
+with --benches on one that is drawn. A trip is a finding, and printed with what led to it.
 """
 
 import argparse
@@ -13,6 +13,7 @@ import numpy as np
 from motord.api.errors import RpcError
 from motord.schema import State
 from motord.virtual import VirtualBench
+from tests.campaigns import seeds
 from tests.campaigns.legal_settings import bench, bench_changes
 from tests.unit.service.virtual_service import VirtualService
 
@@ -64,11 +65,12 @@ def operated(seed: int, *, benches: bool) -> tuple[str, list[tuple[Change, str, 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=seeds.first(0))
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--benches", action="store_true", help="draw the bench, too")
     options = parser.parse_args()
     tripped = 0
-    for seed in range(options.draws):
+    for seed in range(options.seed, options.seed + options.draws):
         trip, done = operated(seed, benches=options.benches)
         if trip:
             tripped += 1

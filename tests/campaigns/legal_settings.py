@@ -1,9 +1,10 @@
-"""Does a plan that is not refused run? `python -m tests.campaigns.legal_settings [--draws 40]`.
+"""Does a plan that is not refused run?
 
-Settings of each plan are drawn at random as far as its checks let them pass, and the plan runs on
-the packaged bench or --config in virtual time, with --benches on one that is drawn, too. A trip is
-a finding: what is refused, is refused before anything moves. Prints, for each plan, how many ran,
-were refused, failed otherwise, and each trip.
+`python -m tests.campaigns.legal_settings [--seed 0] [--draws 40]`: settings of each plan are drawn
+at random as far as its checks let them pass, and the plan runs on the packaged bench or --config in
+virtual time, with --benches on one that is drawn, too. A trip is a finding: what is refused, is
+refused before anything moves. Prints, for each plan, how many ran, were refused, failed otherwise,
+and each trip.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_rig
 from motord.sequencing import PlanError
 from motord.virtual import PlanFailed, VirtualBench, run_plan
+from tests.campaigns import seeds
 
 Draw = Callable[[np.random.Generator, float], dict[str, Any]]
 """Draws settings; the second argument is the highest speed (turns/s) that a bench allows, about."""
@@ -173,6 +175,7 @@ def outcome(
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=seeds.first(0))
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--plans", nargs="*", default=[*DRAWS, "quick"])
     parser.add_argument("--failures", action="store_true", help="show other failures, too")
@@ -183,7 +186,7 @@ def main() -> int:
     for name in options.plans:
         counts: Counter[str] = Counter()
         shown = []
-        for seed in range(options.draws):
+        for seed in range(options.seed, options.seed + options.draws):
             changes = bench_changes(seed) if options.benches else {}
             config, truth = bench(changes, seed, options.config)
             plan, settings = drawn(name, seed, config)

@@ -251,16 +251,27 @@ def test_no_turns_are_no_segments() -> None:
 
 @given(
     counts=st.integers(3, 5000),
-    steps=st.lists(st.floats(-0.49, 0.49), max_size=30),
+    speed=st.floats(-0.47, 0.47),
+    trembles=st.lists(st.floats(-0.02, 0.02), max_size=30),
     first=st.integers(0, 5000),
 )
 def test_counts_are_unwrapped_by_the_shorter_way(
-    counts: int, steps: list[float], first: int
+    counts: int, speed: float, trembles: list[float], first: int
 ) -> None:
-    moved = np.array([int(step * counts) for step in steps], int)
+    moved = np.array([int((speed + tremble) * counts) for tremble in trembles], int)
     position = first % counts + np.concatenate([[0], np.cumsum(moved)])
     assert unwrap_counts(position % counts, counts).tolist() == position.tolist()
     assert unwrap_counts(position[:0], counts).size == 0
+
+
+@given(st.integers(3, 5000), st.lists(st.integers(0, 5000), min_size=1, max_size=30))
+def test_unwrapped_counts_differ_from_what_was_read_by_whole_turns(
+    counts: int, read: list[int]
+) -> None:
+    count = np.array(read) % counts
+    position = unwrap_counts(count, counts)
+    assert position[0] == count[0]
+    np.testing.assert_array_equal(position % counts, count)
 
 
 def turns_of(
