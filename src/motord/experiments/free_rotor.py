@@ -127,8 +127,8 @@ def runaway(limits: LimitsConfig, torque_Nm: float) -> Fault:
         fits_Nm = sqrt(most_rad_s * limits.torque_rate_Nm_per_s * inertia_kg_m2)
         return (
             f"{seen.demand.label}: with {abs(torque_Nm):.3g} Nm the rotor would be at "
-            f"{then_rad_s:.3g} rad/s before the torque is ramped down, and [limits] "
-            f"trip_speed_rad_s = {limits.trip_speed_rad_s:g}; lower torque_Nm (about "
+            f"{then_rad_s:.3g} rad/s before the torque is ramped down, above {MARGIN:g} of "
+            f"[limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g}; lower torque_Nm (about "
             f"{fits_Nm:.2g} Nm ramped up and down at once are the most) or the speed to be reached"
         )
 

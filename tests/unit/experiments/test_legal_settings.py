@@ -50,6 +50,7 @@ def test_a_torque_rises_as_slowly_as_a_free_rotor_needs(monkeypatch: pytest.Monk
     monkeypatch.setattr(FreeRotor, "rise_s", lambda rotor, limits, torque_Nm, to_speed_Hz: 0.0)
     kind, why = outcome_of("inertia-acceleration", torque)
     assert kind == "failed"
+    assert "above 0.9 of [limits] trip_speed_rad_s = " in why
     assert "lower torque_Nm (about 1." in why
     unwatched(monkeypatch, acceleration)
     assert outcome_of("inertia-acceleration", torque)[0] == "TRIPPED"
