@@ -30,6 +30,8 @@ def trials(missed: int = 0, named: int = TRIALS, refused: int = 0) -> list[Trial
         (trials(missed=4), {"lost": ("other",)}, True),
         (trials(), {"named": "named"}, True),
         (trials(named=19), {"named": "named"}, False),
+        (trials(named=17), {"named": "named", "power": 0.95}, True),
+        (trials(named=16), {"named": "named", "power": 0.95}, False),
         (trials(refused=1), {}, False),
         (trials(refused=1), {"refused": True}, True),
         (trials(refused=TRIALS), {"refused": True}, False),
