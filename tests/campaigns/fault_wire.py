@@ -183,7 +183,8 @@ def bench_file(folder: Path) -> Path:
     text = patient(path.read_text(), "faults", RATE_HZ)
     text = text.replace("encoder_jump_rad = 1.5", "encoder_jump_rad = 0.5")
     text = re.sub(r"^(torque|current)_error_s = .*\n", "", text, flags=re.M)
-    text = re.sub(r"^link_errors_per_s = .*$", "link_errors_per_s = 2000.0", text, flags=re.M)
+    most_per_s = float(2 * RATE_HZ)  # frames of feedback and samples that the loop needs
+    text = re.sub(r"^(link_errors_per_s) = .*$", rf"\1 = {most_per_s}", text, flags=re.M)
     path.write_text(f'{text}\n[recording]\nauto = "always"\n')  # faults come while OFF, too
     return path
 
