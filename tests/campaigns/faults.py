@@ -406,7 +406,8 @@ def main() -> int:
         "--seed", type=int, default=seeds.first(), help="of the first random timeline"
     )
     parser.add_argument("--wire", action="store_true", help="on the wire, in real time")
-    parser.add_argument("--only", nargs="+", default=[], metavar="KIND", help="on the wire")
+    kinds = sorted({row.fault.kind for row in fault_wire.WIRE_TABLE})
+    parser.add_argument("--only", nargs="+", default=[], choices=kinds, help="on the wire")
     options = parser.parse_args()
     if options.wire:
         return 1 if run_wire(options.only, options.write) else 0
