@@ -222,7 +222,8 @@ They are evaluated in every tick, in compiled code; a cause takes current and en
 same tick and stays until a reset. A condition that may last a while (debounce) trips with the
 first evidence that it has held for so long, so at every rate within this time and two intervals of
 its evidence; evidence that does not come has interlocks of its own. One that is interrupted starts
-over; `CURRENT_IMPLAUSIBLE` is counted up and down. Speed is known up to @LAG ms
+over; `CURRENT_IMPLAUSIBLE` is counted up and down, and after a reset from zero if the newest
+currents are right. Speed is known up to @LAG ms
 late under a constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest
 that is allowed); above its limit it bars enabling and reset for 0.1 s more, as an estimate from
 few counts falls below it now and then. A torque that swings is above its limit in either direction
