@@ -13,9 +13,9 @@ from motord.config.experiments import Plans
 from motord.config.motor import MotorConfig, TorqueSensorConfig
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.timing import (
-    CHUNK_MAX_S,
     CURRENT_ERROR,
     FILE_MIN_MB,
+    FILE_MIN_S,
     INTERVALS_MIN,
     JUMP_MAX_RAD,
     ORDER_S,
@@ -187,16 +187,16 @@ class RecordingConfig(Section):
     """Manual operation is recorded while the bench is powered, `"always"`, or not."""
     required: bool = True
     """A plan that cannot be recorded is refused, or ended."""
-    chunk_s: Annotated[float, Field(ge=0.01, le=CHUNK_MAX_S)] = 0.25
+    chunk_s: Annotated[float, Field(ge=0.01, le=10)] = 0.25
     """Time span of a chunk: what is compressed at once, and lost with the recorder."""
     compression: Literal["zstd", "lz4", "none"] = "zstd"
     """`zstd` makes the smallest files, `lz4` those read fastest."""
     sync_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     """Within this time what was recorded is confirmed by the disk."""
-    file_max_s: Annotated[float, Field(ge=CHUNK_MAX_S, le=2_678_400)] = 3600.0
-    """Length after which the recording goes on in the next file; at least that of any chunk."""
+    file_max_s: Annotated[float, Field(ge=FILE_MIN_S, le=2_678_400)] = 3600.0
+    """Length after which the recording goes on in the next file."""
     file_max_MB: Annotated[float, Field(ge=FILE_MIN_MB, le=1_000_000_000)] = 4096.0
-    """Size after which it does so, too; at least two seconds at any rate."""
+    """Size after which it does so, too."""
     free_min_MB: Annotated[float, Field(ge=0, le=1_000_000_000)] = 500.0
     """With less free space a recording ends, and none begins."""
     blackbox_keep: Annotated[int, Field(ge=1, le=10_000)] = 50

@@ -65,10 +65,10 @@ RING_MIN_S = 2.0
 says that it records: two reports fit in it."""
 RENEWAL_S = 0.2
 """A lease must leave at least this time for its renewal."""
-CHUNK_MAX_S = 10.0
-FILE_MIN_MB = 10
-"""Shortest and smallest file of a recording: a chunk of any length, or 2 s at RATE_MAX_HZ. With
-less there could be a file for every look at the ring, 72 000 in an hour."""
+FILE_MIN_S = 0.5
+FILE_MIN_MB = 0.1
+"""Shortest and smallest file of a recording: what there is between two reports of the recorder, at
+1 kHz. Without a bound there is a file for every look at the ring, 72 000 in an hour."""
 CHANNEL_RATE_MAX_HZ = 20.0
 CHANNELS_MAX = 64
 """Slow channels: a process reads them all, and each reading is a line of text in a pipe."""

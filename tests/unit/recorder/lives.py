@@ -195,8 +195,8 @@ class Bench:
         clock = {"monotonic": lambda: self.now_s, "monotonic_ns": self._now_ns, "sleep": self._wait}
         patch.setattr(session, "time", SimpleNamespace(**clock))
         self.settings = config.RecordingConfig(
-            directory=folder / "runs", sync_s=0.4, chunk_s=0.15, free_min_MB=0.0
-        ).model_copy(update={"file_max_s": 0.6})  # it is synced, and goes on in the next file
+            directory=folder / "runs", sync_s=0.4, chunk_s=0.15, file_max_s=0.6, free_min_MB=0.0
+        )  # so that it is synced, and goes on in the next file
         loop = BENCH.loop.model_copy(update={"rate_Hz": RATE_HZ})
         self._ring_path = folder / "ring"
         self._ring = RingWriter(self._ring_path, CAPACITY)

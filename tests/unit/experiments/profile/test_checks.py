@@ -204,9 +204,9 @@ def test_a_recording_must_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     ):
         made(tmp_path / "p.csv", SMALL, changed(recording={"file_max_s": 300.0}), repeats=50)
     with pytest.raises(
-        PlanError, match=r"MB do not fit in one file, \[recording\] file_max_MB = 10"
+        PlanError, match=r"MB do not fit in one file, \[recording\] file_max_MB = 1"
     ):
-        made(tmp_path / "p.csv", SMALL, changed(recording={"file_max_MB": 10.0}), repeats=50)
+        made(tmp_path / "p.csv", SMALL, changed(recording={"file_max_MB": 1.0}))
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(0, 0, 501_000_000))
     with pytest.raises(PlanError, match=r"may take 1 MB, and .* has 1 MB beyond"):
