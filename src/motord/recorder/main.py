@@ -152,6 +152,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     options = parser.parse_args(arguments)
     allocate_from_one_heap()  # every recording has a thread
     lines, reporter = LineReader(commands, COMMAND_MAX_BYTES), Reporter(reports)
+    stopped: list[int] = []
     with ExitStack() as stack:
         try:
             run_dir = RunDir.at(options.dir)
@@ -161,17 +162,16 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
             recovery = CrashRecovery(config, run_dir, metadata, session.note_recovered)
             if options.out is not None:
                 session.start(options.out, metadata(), time.monotonic())
+            for descriptor in (commands, reports):
+                os.set_blocking(descriptor, False)
+            signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor, which gets it, ends us
             recovery.start()
             stack.callback(recovery.stop)
             stack.enter_context(reporter.alive())
         except (ConfigError, RecordError, OSError) as error:
             _say(str(error))
             return 1
-        stopped: list[int] = []
-        signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
-        for descriptor in (commands, reports):
-            os.set_blocking(descriptor, False)
         run(
             session,
             lines,
