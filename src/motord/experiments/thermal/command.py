@@ -9,7 +9,7 @@ from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.subject import Recordings
 from motord.experiments.thermal.constants import constants_of
 from motord.experiments.thermal.course import CopperResistance, ThermalCourse
-from motord.experiments.thermal.departures import departures, with_departures
+from motord.experiments.thermal.departures import less_lags, with_departures
 from motord.experiments.thermal.estimate import fit
 from motord.experiments.thermal.findings import findings, frozen_spans
 from motord.experiments.thermal.recordings import thermal_course
@@ -40,7 +40,7 @@ def measure(course: ThermalCourse, copper: CopperResistance) -> ThermalConstants
             readings[node] = replace(each, value_C=value_C)
     if frozen:
         found = fit(replace(found.course, readings=readings), copper)
-    shown = departures(found)
+    found, shown = less_lags(found)
     constants = constants_of(with_departures(found, shown))
     questionable = findings(constants, shown, frozen, course.readings.values())
     return replace(constants, findings=questionable)

@@ -6,6 +6,20 @@ from functools import cached_property
 
 import numpy as np
 
+from motord.identification import IdentifyError
+
+LEAST_READINGS = 30
+"""Valid readings of a channel that are needed."""
+
+LEAST_FREEDOM = 30
+"""Valid readings of all channels that are needed beyond the number of parameters."""
+
+LEAST_RISE_K = 1.0
+"""Rise of the first node below which nothing is found."""
+
+MOST_A = 1e6
+"""RMS currents above this are no machine's."""
+
 
 @dataclass(frozen=True)
 class Readings:
@@ -97,3 +111,37 @@ class CopperResistance:
     def heat_W(self, squares_A2: np.ndarray, winding_C: np.ndarray) -> np.ndarray:
         """Return the copper loss (k,) at temperatures of the winding (k,)."""
         return np.asarray(squares_A2 * self.ohm * (1 + self.per_K * (winding_C - self.at_C)))
+
+
+def check(course: ThermalCourse) -> None:
+    """Raise IdentifyError for too few readings, too small a rise, or currents of no machine."""
+    rms_A = float(np.sqrt(course.squares_A2.mean() / 3))
+    if rms_A > MOST_A:
+        raise IdentifyError(f"currents of {rms_A:.3g} A RMS: is their scale right?")
+    for each in course.readings.values():
+        valid = int(np.isfinite(each.value_C).sum())
+        if valid < LEAST_READINGS:
+            raise IdentifyError(
+                f"{each.channel}: {valid} valid readings, {LEAST_READINGS} needed; raise rate_Hz "
+                "of its [[channels]], or heat longer"
+            )
+    heated = next(iter(course.readings.values()))
+    rise_K = float(np.nanmax(heated.value_C) - heated.at(np.zeros(1))[0])
+    if rise_K < LEAST_RISE_K:
+        raise IdentifyError(
+            f"{heated.channel} rose by {rise_K:.2g} K, {LEAST_RISE_K:g} K needed; is it the right "
+            "channel? raise torque_Nm or current_A, or heating_max_s"
+        )
+
+
+def freedom_of(course: ThermalCourse, parameters: int) -> int:
+    """Return the degrees of freedom. Raises IdentifyError for too few."""
+    valid = sum(int(np.isfinite(each.value_C).sum()) for each in course.readings.values())
+    if valid - parameters < LEAST_FREEDOM:
+        names = ", ".join(each.channel for each in course.readings.values())
+        raise IdentifyError(
+            f"{names}: {valid} valid readings for {parameters} parameters, "
+            f"{parameters + LEAST_FREEDOM} needed; raise rate_Hz of their [[channels]], see their "
+            "wiring if many are invalid, or heat longer"
+        )
+    return valid - parameters

@@ -7,9 +7,10 @@ c, the whitened effect of a departure of one unit on the readings, less what the
 it; of lags also what others take, as all sensors may have one. Where d is no chance (5 %),
 d^2 - u(d)^2 is variance of the parameters by their shift, departure by departure: an effect that is
 known to be there and is not corrected (GUM, F.2.4.5). So the intervals of constants hold it, also
-where it is too small for a finding. W and s are of the noise that all departures together leave of
-the residuals: an autoregression of the residuals themselves would take a part of what departs for
-noise. F^+ is that of the fit.
+where it is too small for a finding. Lags, which move short time constants by more than their first
+order and all together, are fitted instead. W and s are of the noise that all departures together
+leave of the residuals: an autoregression of the residuals themselves would take a part of what
+departs for noise. F^+ is that of the fit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,13 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import Legendre
 
-from motord.experiments.thermal.estimate import PASSES, UNDETERMINED, ThermalFit, whiten
+from motord.experiments.thermal.estimate import (
+    PASSES,
+    UNDETERMINED,
+    ThermalFit,
+    whiten,
+    with_lags,
+)
 from motord.experiments.thermal.network import AMBIENT
 from motord.experiments.thermal.noise import Autoregression
 from motord.intervals import coverage_factor
@@ -51,20 +58,32 @@ class Departure:
         return abs(self.value) / self.stderr
 
     @property
-    def shift_beyond_chance(self) -> np.ndarray:
-        """The shift (p,) of what the departure is beyond its standard error; none by chance.
+    def is_beyond_chance(self) -> bool:
+        """Whether it is there (5 %).
 
-        Nor of a lag below zero, as no sensor is early: after a heat-up without cooling the noise
-        makes such a one.
+        No lag below zero, as no sensor is early: after a heat-up without cooling the noise makes
+        such a one.
         """
-        possible = self.kind != "lag" or self.value > 0
-        significant = possible and self.ratio > coverage_factor()
-        return self.shift * (np.sqrt(1 - 1 / self.ratio**2) if significant else 0.0)
+        return (self.kind != "lag" or self.value > 0) and self.ratio > coverage_factor()
+
+    @property
+    def shift_beyond_chance(self) -> np.ndarray:
+        """The shift (p,) of what the departure is beyond its standard error; none by chance."""
+        return self.shift * (np.sqrt(1 - 1 / self.ratio**2) if self.is_beyond_chance else 0.0)
 
 
 def departures(fit: ThermalFit) -> tuple[Departure, ...]:
     """Return the departures that the readings can show."""
     return tuple(_departures(fit))
+
+
+def less_lags(fit: ThermalFit) -> tuple[ThermalFit, tuple[Departure, ...]]:
+    """Return the fit, with lags as parameters if it shows one, and its departures."""
+    shown = departures(fit)
+    if any(one.kind == "lag" and one.is_beyond_chance for one in shown):
+        fit = with_lags(fit)
+        shown = departures(fit)
+    return fit, shown
 
 
 def with_departures(fit: ThermalFit, found: Sequence[Departure]) -> ThermalFit:
@@ -82,14 +101,15 @@ def _departures(fit: ThermalFit) -> Iterator[Departure]:
             around_K = Legendre.basis(degree)(part)
             ambients[degree] = _of_ambient(fit, around_K / np.ptp(around_K))
     cooling = _of_ambient(fit, _colder_than_ambient_K(fit))
-    lags = [_of_lag(fit, place) for place in range(len(course.nodes))]
+    lags = [_of_lag(fit, place) for place in range(len(course.nodes) - fit.lags_s.size)]
     noise = _of_larger_model(fit, [*ambients.values(), cooling, *lags])
     for degree, columns in ambients.items():
         yield replace(_departure("ambient", fit, noise, columns), degree=degree)
     yield _departure("cooling", fit, noise, cooling)
-    for n, each in enumerate(course.readings.values()):
+    yield from _fitted_lags(fit)
+    for n, (lag, each) in enumerate(zip(lags, course.readings.values(), strict=False)):
         others = [columns for place, columns in enumerate(lags) if place != n]
-        yield replace(_departure("lag", fit, noise, lags[n], others), channel=each.channel)
+        yield replace(_departure("lag", fit, noise, lag, others), channel=each.channel)
 
 
 def _of_larger_model(fit: ThermalFit, departing: Sequence[list[np.ndarray]]) -> ThermalFit:
@@ -128,6 +148,14 @@ def _of_lag(fit: ThermalFit, place: int) -> list[np.ndarray]:
     columns = [np.zeros(one.size) for one in fit.fitted_C]
     columns[place] = -np.gradient(fitted_C, each.t_s)
     return columns
+
+
+def _fitted_lags(fit: ThermalFit) -> Iterator[Departure]:
+    """Yield the lags that are parameters: they shift no other."""
+    lags_s, none = fit.lags_s, np.zeros(fit.parameters.size)
+    errors_s = np.linalg.norm(fit.root[none.size - lags_s.size :], axis=1)
+    for each, lag_s, error_s in zip(fit.course.readings.values(), lags_s, errors_s, strict=False):
+        yield Departure("lag", float(lag_s), float(error_s), none, channel=each.channel)
 
 
 def _colder_than_ambient_K(fit: ThermalFit) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 Parameters are logarithms of heat capacities and conductances, the temperatures at the beginning
 and, without a channel, that of the ambient. Residuals are whitened channel by channel (`noise`),
-and the fit is repeated; the covariance is that of the whitened fit.
+and the fit is repeated; the covariance is that of the whitened fit. Sensors that are late are
+first-order filters, whose time constants are parameters where the readings show a lag.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,29 +13,22 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from motord.experiments.thermal.course import CopperResistance, ThermalCourse
+from motord.experiments.thermal.course import (
+    CopperResistance,
+    ThermalCourse,
+    check,
+    freedom_of,
+)
 from motord.experiments.thermal.network import AMBIENT, LINKS, LumpedNetwork
 from motord.experiments.thermal.noise import Autoregression
-from motord.identification import IdentifyError
+from motord.experiments.thermal.recursion import recur
 
 PASSES = 3
 """How often the noise is taken from the residuals."""
 
-LEAST_READINGS = 30
-"""Valid readings of a channel that are needed."""
-
-LEAST_FREEDOM = 30
-"""Valid readings of all channels that are needed beyond the number of parameters."""
-
 UNDETERMINED = 1e-9
 """Least effect of a combination of parameters, in parts of that of the best determined one: those
 that have none get a large standard error, not none."""
-
-LEAST_RISE_K = 1.0
-"""Rise of the first node below which nothing is found."""
-
-MOST_A = 1e6
-"""RMS currents above this are no machine's."""
 
 READINGS_MAX = 4000
 """Readings of a channel that are fitted; of more, means of successive ones."""
@@ -45,7 +39,7 @@ FLOOR = 1e-3
 
 @dataclass(frozen=True)
 class ThermalFit:
-    """A fit: parameters (p,) and noise of each channel, in order.
+    """A fit: parameters (p,), lags last, and noise of each channel, in order.
 
     root (p, p): that of the covariance of the parameters, root @ root.T. freedom: degrees of.
     """
@@ -66,8 +60,13 @@ class ThermalFit:
     def ambient_C(self) -> float:
         """Temperature of the ambient, the mean while it is measured."""
         if self.course.ambient is None:
-            return float(self.parameters[-1])
+            return float(self.parameters[_first_lag(self.course) - 1])
         return float(np.nanmean(self.course.ambient.value_C))
+
+    @property
+    def lags_s(self) -> np.ndarray:
+        """Lag of each sensor (n,); (0,) where lags are no parameters."""
+        return self.parameters[_first_lag(self.course) :]
 
     @cached_property
     def fitted_C(self) -> tuple[np.ndarray, ...]:
@@ -125,9 +124,9 @@ def fit(course: ThermalCourse, copper: CopperResistance) -> ThermalFit:
     """Return the fit of a course. Raises IdentifyError for too little of it."""
     thin = {node: each.thinned(READINGS_MAX) for node, each in course.readings.items()}
     course = replace(course, readings=thin)
-    _check(course)
+    check(course)
     parameters = _start(course, copper)
-    freedom = _freedom(course, parameters.size)
+    freedom = freedom_of(course, parameters.size)
     noises = tuple(
         Autoregression.white(np.isfinite(each.value_C), 1.0) for each in course.readings.values()
     )
@@ -135,6 +134,16 @@ def fit(course: ThermalCourse, copper: CopperResistance) -> ThermalFit:
     for _ in range(PASSES):
         fitted = _fitted(course, copper, fitted.parameters, _noises(fitted), freedom)
     return fitted
+
+
+def with_lags(fit: ThermalFit) -> ThermalFit:
+    """Return the fit with the lag of each sensor, s, as a further parameter."""
+    parameters = np.r_[fit.parameters, np.zeros(len(fit.course.nodes))]
+    freedom, noises = fit.freedom - len(fit.course.nodes), fit.noises
+    for _ in range(PASSES):
+        fit = _fitted(fit.course, fit.copper, parameters, noises, freedom)
+        parameters, noises = fit.parameters, _noises(fit)
+    return fit
 
 
 def _fitted(
@@ -180,45 +189,33 @@ def modelled(
     if course.ambient is not None:
         ambient_C = course.ambient.at(course.middles_s)
     else:
-        ambient_C = np.full(heat_W.size, parameters[-1])
+        ambient_C = np.full(heat_W.size, parameters[_first_lag(course) - 1])
     found = network.temperatures_C(begin_C, heat_W, ambient_C, course.step_s)
+    for n, lag_s in enumerate(parameters[_first_lag(course) :]):
+        found[:, n] = _late(found[:, n], float(lag_s), course.step_s)
     ends_s = course.step_s * np.arange(found.shape[0])
     return tuple(
         np.interp(each.t_s, ends_s, found[:, n]) for n, each in enumerate(course.readings.values())
     )
 
 
-def _check(course: ThermalCourse) -> None:
-    rms_A = float(np.sqrt(course.squares_A2.mean() / 3))
-    if rms_A > MOST_A:
-        raise IdentifyError(f"currents of {rms_A:.3g} A RMS: is their scale right?")
-    for each in course.readings.values():
-        valid = int(np.isfinite(each.value_C).sum())
-        if valid < LEAST_READINGS:
-            raise IdentifyError(
-                f"{each.channel}: {valid} valid readings, {LEAST_READINGS} needed; raise rate_Hz "
-                "of its [[channels]], or heat longer"
-            )
-    heated = next(iter(course.readings.values()))
-    rise_K = float(np.nanmax(heated.value_C) - heated.at(np.zeros(1))[0])
-    if rise_K < LEAST_RISE_K:
-        raise IdentifyError(
-            f"{heated.channel} rose by {rise_K:.2g} K, {LEAST_RISE_K:g} K needed; is it the right "
-            "channel? raise torque_Nm or current_A, or heating_max_s"
-        )
+def _first_lag(course: ThermalCourse) -> int:
+    """Return how many parameters there are without lags, that of the ambient the last."""
+    return 2 * len(course.nodes) + len(LINKS[course.nodes]) + (course.ambient is None)
 
 
-def _freedom(course: ThermalCourse, parameters: int) -> int:
-    """Return the degrees of freedom. Raises IdentifyError for too few."""
-    valid = sum(int(np.isfinite(each.value_C).sum()) for each in course.readings.values())
-    if valid - parameters < LEAST_FREEDOM:
-        names = ", ".join(each.channel for each in course.readings.values())
-        raise IdentifyError(
-            f"{names}: {valid} valid readings for {parameters} parameters, "
-            f"{parameters + LEAST_FREEDOM} needed; raise rate_Hz of their [[channels]], see their "
-            "wiring if many are invalid, or heat longer"
-        )
-    return valid - parameters
+def _late(course_C: np.ndarray, lag_s: float, step_s: float) -> np.ndarray:
+    """Return what a sensor of that time constant shows of temperatures (k,), straight in between.
+
+    Below zero it is as early, so that a lag of zero has an error to either side.
+    """
+    if lag_s == 0.0:
+        return course_C
+    keep = np.exp(-step_s / abs(lag_s))
+    behind_K = np.zeros(course_C.size)
+    behind_K[1:] = -np.diff(course_C) * (1 - keep) * abs(lag_s) / step_s
+    recur(behind_K, np.array([keep]))
+    return np.asarray(course_C + np.copysign(1.0, lag_s) * behind_K)
 
 
 def whiten(noises: tuple[Autoregression, ...], columns: Sequence[np.ndarray]) -> np.ndarray:

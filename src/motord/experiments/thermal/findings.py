@@ -240,8 +240,8 @@ def _lags(shown: Sequence[Departure], shortest_s: float) -> Iterator[Finding]:
         if one.value > limit_s:
             yield Finding(
                 "sensor-lag", one.value, limit_s, "s", "serious",
-                f"{one.channel} follows its node late, by this time or more: short time constants "
-                "and heat capacities are too large",
+                f"{one.channel} follows its node late, by about this time constant: it is taken "
+                "out as a lag of the first order, and intervals do not hold what is another",
                 "mount the sensor with less thermal resistance, nearer to the copper",
             )  # fmt: skip
 

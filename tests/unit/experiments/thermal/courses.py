@@ -118,7 +118,9 @@ def _true_C(
     true_C = _cooled_otherwise(NETWORKS[nodes], np.array(squares_A2), ambient_C, cooling)
     if lag_s:
         keep = np.exp(-STEP_S / lag_s)
-        true_C = lfilter([1 - keep], [1.0, -keep], true_C - true_C[0], axis=0) + true_C[0]
+        keep_new = lag_s / STEP_S * (1 - keep)  # of temperatures that are straight in a step
+        follows = [1 - keep_new, keep_new - keep], [1.0, -keep]
+        true_C = lfilter(*follows, true_C - true_C[0], axis=0) + true_C[0]
     return true_C
 
 
