@@ -24,7 +24,8 @@ from motord.importing.source import (
     readable,
     readable_as,
 )
-from motord.recording.errors import RecordError, optional
+from motord.recording.errors import RecordError
+from motord.recording.export.optional_packages import optional
 
 MAGICS = (b"MDF     ", b"UnFinMF ")
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from motord.importing.mapping import TdmsMap
 from motord.importing.source import ColumnSource, RowClock, WantedColumn, readable, readable_as
-from motord.recording.errors import RecordError, optional
+from motord.recording.errors import RecordError
+from motord.recording.export.optional_packages import optional
 
 MAGIC = b"TDSm"
 

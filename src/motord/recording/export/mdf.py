@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.recording.errors import RecordError, optional
+from motord.recording.errors import RecordError
+from motord.recording.export.optional_packages import optional
 from motord.recording.export.table import TIME, ExportedTable
 from motord.recording.json_encoding import to_json
 from motord.wire.ticks.blocks import Block

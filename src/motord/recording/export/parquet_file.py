@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.recording.errors import optional
+from motord.recording.export.optional_packages import optional
 from motord.recording.export.table import ExportedTable
 from motord.recording.json_encoding import to_json
 
