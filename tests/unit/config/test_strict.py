@@ -1,14 +1,14 @@
 """No field of any file of ours takes a value of another type: every section, every field."""
 
+import re
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
-import motord.importing.mapping
-import motord.rig.truth  # noqa: F401  (for its sections)
 from motord.config import Config, ConfigError, Section, load
 from motord.config.experiments import plans_model
 from motord.config.text.descriptions import section_of
@@ -22,6 +22,30 @@ WRONG: dict[str, tuple[Any, ...]] = {
 """Values that are not of a JSON type, though they could be made into one."""
 
 
+SOURCE = Path(__file__).parents[3] / "src"
+CLASS = re.compile(r"^class (\w+)\(([^)]*)\)", re.MULTILINE)
+
+
+def modules_of_sections() -> set[str]:
+    """Return the modules that define sections, by their text: which are loaded depends on order."""
+    defined = [
+        (name, set(re.findall(r"\w+", bases)), module_of(path))
+        for path in SOURCE.rglob("*.py")
+        for name, bases in CLASS.findall(path.read_text())
+    ]
+    known, before = {"Section"}, 0
+    while len(known) > before:
+        before = len(known)
+        known |= {name for name, bases, _ in defined if bases & known}
+    return {module for name, _, module in defined if name in known}
+
+
+def module_of(path: Path) -> str:
+    return ".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__")
+
+
+for module in sorted(modules_of_sections()):
+    import_module(module)
 plans_model()  # makes the sections of the registered plans
 
 

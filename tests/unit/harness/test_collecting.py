@@ -1,5 +1,8 @@
 """Modules of tests: which process of pytest-xdist imports which."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -54,3 +57,33 @@ def test_only_what_was_asked_for_is_imported(imported: list[str]) -> None:
     import_part("gw1", "t/u/test_c.py::test_one", "t/test_a.py")
     import_part("gw0", "t/u", ignore=["t/u/test_b.py"])
     assert imported == ["t.test_a", "t.u.test_c", "t.u.test_c"]
+
+
+COLLECT = """
+import importlib, sys, pytest
+
+class ImportFirst:
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self):
+        from tests.support.collecting import ROOT, test_files
+        for file in test_files([ROOT / "tests"])[::-1][:int(sys.argv[1])]:
+            importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
+
+options = ["--collect-only", "-q", "-p", "no:xdist", "tests"]
+sys.exit(pytest.main(options, plugins=[ImportFirst()]))
+"""
+
+
+@pytest.mark.long
+def test_what_is_collected_does_not_depend_on_what_was_imported_before() -> None:
+    """Processes import different parts first: pytest-xdist wants the same of them, however many."""
+    environment = {**os.environ, "PYTHONHASHSEED": "0"}
+    lists = [
+        subprocess.run(
+            [sys.executable, "-c", COLLECT, count], cwd=collecting.ROOT, env=environment,
+            check=True, capture_output=True, text=True,
+        ).stdout.rpartition("\n\n")[0]
+        for count in ("0", "300", "9999")
+    ]  # fmt: skip
+    assert len(lists[0].splitlines()) > 10_000
+    assert lists[0] == lists[1] == lists[2]
