@@ -62,28 +62,30 @@ def test_only_what_was_asked_for_is_imported(imported: list[str]) -> None:
 COLLECT = """
 import importlib, sys, pytest
 
-class ImportFirst:
+class ImportPart:
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection(self):
         from tests.support.collecting import ROOT, test_files
-        for file in test_files([ROOT / "tests"])[::-1][:int(sys.argv[1])]:
+        number, processes = map(int, sys.argv[1:])
+        for file in test_files([ROOT / "tests"])[number::processes]:
             importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
 
 options = ["--collect-only", "-q", "-p", "no:xdist", "tests"]
-sys.exit(pytest.main(options, plugins=[ImportFirst()]))
+sys.exit(pytest.main(options, plugins=[ImportPart()]))
 """
 
 
+def collected(number: int, processes: int) -> str:
+    """Return what a process collects that first imports its part."""
+    return subprocess.run(
+        [sys.executable, "-c", COLLECT, str(number), str(processes)], cwd=collecting.ROOT,
+        env={**os.environ, "PYTHONHASHSEED": "0"}, check=True, capture_output=True, text=True,
+    ).stdout.rpartition("\n\n")[0]  # fmt: skip
+
+
 @pytest.mark.long
-def test_what_is_collected_does_not_depend_on_what_was_imported_before() -> None:
-    """Processes import different parts first: pytest-xdist wants the same of them, however many."""
-    environment = {**os.environ, "PYTHONHASHSEED": "0"}
-    lists = [
-        subprocess.run(
-            [sys.executable, "-c", COLLECT, count], cwd=collecting.ROOT, env=environment,
-            check=True, capture_output=True, text=True,
-        ).stdout.rpartition("\n\n")[0]
-        for count in ("0", "300", "9999")
-    ]  # fmt: skip
-    assert len(lists[0].splitlines()) > 10_000
-    assert lists[0] == lists[1] == lists[2]
+@pytest.mark.parametrize("processes", [3, 5])
+def test_what_is_collected_does_not_depend_on_what_was_imported_before(processes: int) -> None:
+    first, *others = (collected(number, processes) for number in range(processes))
+    assert len(first.splitlines()) > 10_000
+    assert others == [first] * (processes - 1)
