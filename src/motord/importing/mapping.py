@@ -20,6 +20,7 @@ from motord.config import (
 )
 from motord.config.named_files import resolve
 from motord.config.reading import load_motor, validate
+from motord.importing.dates import date_of
 from motord.schema import TICK_DTYPE
 from motord.section.complaints import suggestion
 
@@ -112,7 +113,8 @@ class CsvMap(Section):
     """Lines that begin with it are left out."""
     date_format: str | None = None
     """How dates are written, as in Python's `strptime`: `%d.%m.%Y %H:%M:%S.%f`; left out: in ISO
-    form. One without a day, such as `%H:%M:%S.%f`, counts from midnight, which `start` then is."""
+    form. One without a day, such as `%H:%M:%S.%f`, counts from midnight, which `start` then is,
+    one with a day but no year from New Year's Day of a year that has no 29 February."""
 
     @field_validator("encoding")
     @classmethod
@@ -126,7 +128,7 @@ class CsvMap(Section):
     @classmethod
     def _each_part_once(cls, date_format: str | None) -> str | None:
         try:
-            datetime.strptime("", date_format or "")
+            date_of("", date_format or "")
         except re.error:
             raise ValueError("takes each part of a date once") from None
         except ValueError:

@@ -70,6 +70,7 @@ def test_dates_are_times(tmp_path: Path) -> None:
         ("%d.%m.%Y %H:%M:%S,%f", ""),
         ("%m/%d/%Y %I:%M:%S.%f %p", ""),
         ("%H:%M:%S.%f", "start = 2007-05-01T00:00:00Z\n"),
+        ("%d.%m. %H:%M:%S.%f", "start = 2007-01-01T00:00:00Z\n"),
         ("%Y%m%d%H%M%S.%f", ""),
     ],
 )

@@ -98,7 +98,7 @@ def test_a_file_of_rms_errors_keeps_the_intervals_and_is_as_before_without(
 
 
 def test_the_scale_of_the_torque_widens_the_interval(ripple: PointRipple) -> None:
-    assert ripple.with_scale_error(0.0) == ripple
+    assert ripple.with_scale_error(0.0).stderr_percent == ripple.stderr_percent
     widened = ripple.with_scale_error(0.04)
     assert widened.stderr_percent == pytest.approx(0.26)
     unknown = replace(ripple, stderr_percent=None)

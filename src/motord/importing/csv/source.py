@@ -20,6 +20,7 @@ from motord.importing.csv.dialect import (
     split_line,
     without_blank_end,
 )
+from motord.importing.dates import MIDNIGHT, date_of
 from motord.importing.mapping import CsvMap
 from motord.importing.source import (
     LEFT_OUT,
@@ -34,9 +35,6 @@ from motord.recording.errors import RecordError
 Columns = tuple[np.ndarray, ...]
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-MIDNIGHT = datetime(1900, 1, 1, tzinfo=UTC)
-"""What `strptime` adds to a time of day."""
-
 GROUPED = re.compile(r"[+-]?\d{1,3}([,.' \u00a0\u202f])\d{3}(?:\1\d{3})*(?:[.,]\d*)?")
 """Numbers with thousands separators, among others."""
 POINTED = r"\s*[+-]?\d{1,3}(?:\.\d{3})+\s*"
@@ -192,7 +190,7 @@ def dates_ns(cells: list[str], decimal: str, date_format: str | None) -> np.ndar
 
 def _date_ns(cell: str, date_format: str | None) -> int:
     try:
-        date = datetime.strptime(cell, date_format) if date_format else datetime.fromisoformat(cell)
+        date = date_of(cell, date_format) if date_format else datetime.fromisoformat(cell)
     except ValueError:
         return int(MISSING_NS)
     date = date if date.tzinfo else date.replace(tzinfo=UTC)
