@@ -65,9 +65,13 @@ KINDS = {"str": "text", "int": "whole number", "float": "number", "Path": "path"
 
 
 def with_kinds(command: Any) -> Any:
-    """Return a command (or None) whose help says what its values are, without types of Python."""
+    """Return a command (or None) whose help says what its values are, without types of Python.
+
+    With a typer that names them by another method than that of 0.29, the help has its types.
+    """
     for one in command.params if command else ():
-        one.display_type = partial(_kind, type(one).display_type, one)
+        if named := getattr(type(one), "display_type", None):
+            one.display_type = partial(_kind, named, one)
     return command
 
 
