@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import typer
@@ -13,7 +14,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.analysis_command import print_text
-from motord.cli.console import fail, plain_console, progress_bar
+from motord.cli.console import fail, plain_console, progress_bar, with_kinds
 from motord.config import ConfigError
 from motord.config.experiments import plan_kinds
 from motord.report.text import TextTable
@@ -57,6 +58,11 @@ def test_each_option_has_help_and_a_kind_that_is_no_type_of_python(path):
         assert one.hidden or one.help, one.name
         shown, _ = one.get_help_record(context) or ("", "")
         assert not PYTHON.search(shown)
+
+
+def test_a_typer_that_names_kinds_in_another_way_is_left_alone():
+    option = SimpleNamespace()
+    assert with_kinds(SimpleNamespace(params=[option])).params == [SimpleNamespace()]
 
 
 def test_there_are_sections_in_the_help_of_some():
