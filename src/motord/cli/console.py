@@ -254,8 +254,8 @@ def progress_bar(
     }  # fmt: skip
     made = (kinds[c]() if c in kinds else progress.TextColumn(c, markup=False) for c in columns)
     console = plain_console(stderr=stderr)
-    quiet = silent or not console.is_terminal
-    return progress.Progress(*made, console=console, transient=transient, disable=quiet)
+    console.quiet = silent or not console.is_terminal  # rich below 14.3 ends what is disabled, too
+    return progress.Progress(*made, console=console, transient=transient, disable=console.quiet)
 
 
 @contextmanager

@@ -69,7 +69,7 @@ class Autoregression:
         every = np.where(number >= 0, valid[:, None] - before, 0)
         begins = np.r_[True, (every[1:] != every[:-1]).any(axis=1)]  # most rows are as before
         lags, same = np.unique(every[begins], axis=0, return_inverse=True)
-        same = same[np.cumsum(begins) - 1]
+        same = same.ravel()[np.cumsum(begins) - 1]  # numpy 2.0 returns (m, 1)
         there = lags > 0
         both = there[:, :, None] & there[:, None, :]
         matrix = np.where(both, covariance[np.abs(lags[:, :, None] - lags[:, None, :])], 0.0)
