@@ -11,6 +11,7 @@ Gaussian prior, as the rests need not determine it.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -32,8 +33,13 @@ from motord.identification.orders import allowed_orders
 ORDERS_PER_PERIOD = 12
 """Highest order of the cogging torque that is fitted, in multiples of the pole pairs."""
 
-LOAD_ORDERS = (1, 2)
-"""Orders of a torque from outside, such as by a rotor that is not balanced or a bent coupling."""
+LOADS = ((), (0,), (1, 2), (0, 1, 2))
+"""Orders that a torque from outside may have: none; 0 of a weight on a cord, or of a cable; 1 and 2
+of a rotor that is not balanced, or a bent coupling."""
+
+STRONG_EVIDENCE = 6.0
+"""Difference of the Bayesian information criteria from which on evidence is strong (Kass and
+Raftery 1995)."""
 
 GAIN_PRIOR, OFFSET_PRIOR, COGGING_PRIOR, FRICTION_PRIOR, LOAD_PRIOR = 0.2, 0.05, 0.05, 0.02, 0.02
 """Standard deviations: gains; offsets in parts of the current that makes the rated torque; each
@@ -100,20 +106,22 @@ def _fitted(
 ) -> "_Fit":
     """Return the fit, with a load where the rests show one: by the Bayesian information criterion.
 
-    Of few rests, or at one current, a load looks like an offset. Raises IdentifyError.
+    Friction that acts unevenly looks like a small one: where the evidence is not strong, the fit is
+    without it, and its error has what it would change. Of few rests, or at one current, a load
+    looks like an offset. Raises IdentifyError.
     """
-    plain, loaded = (
-        _Fit(rests, angle_rad, motor, harmonics, order, loads) for loads in ((), LOAD_ORDERS)
-    )
+    plain, *loaded = (_Fit(rests, angle_rad, motor, harmonics, order, loads) for loads in LOADS)
     plain.run()
-    try:
-        loaded.run()
-    except IdentifyError:
-        return plain
-    added = loaded.unknowns.size - plain.unknowns.size
-    ratio = plain.weighted_square_Nm2 / max(loaded.weighted_square_Nm2, 1e-30)
-    bic_reduction = angle_rad.size * np.log(ratio) - added * np.log(angle_rad.size)
-    return loaded if bic_reduction > 0 else plain
+    fits = [plain]
+    for fit in loaded:
+        with suppress(IdentifyError):
+            fit.run()
+            fits.append(fit)
+    best = min(fits, key=_Fit.information_criterion)
+    if plain.information_criterion() - best.information_criterion() > STRONG_EVIDENCE:
+        return best
+    plain.stderr_rad = float(np.hypot(plain.stderr_rad, best.offset_rad - plain.offset_rad))
+    return plain
 
 
 def _rms(values: np.ndarray) -> float:
@@ -162,16 +170,17 @@ class _Fit:
         motor: MotorConfig,
         harmonics: Sequence[BackEmfHarmonic],
         order: PhaseOrder,
-        load_orders: Sequence[int],
+        loads: Sequence[int],
     ) -> None:
         self.angle_rad, self._rests, self._motor = angle_rad, rests, motor
         self._harmonics, self._order = harmonics, order
         self._current_A = rests.command_A
         highest = ORDERS_PER_PERIOD * motor.pole_pairs
         orders = allowed_orders(motor.slots, 2 * motor.pole_pairs, highest)
-        loads = [h for h in load_orders if h not in orders]
+        turning = [h for h in loads if h and h not in orders]
         self._fixed = np.stack(
-            [wave(h * angle_rad) for h in (*orders, *loads) for wave in (np.cos, np.sin)]
+            [np.ones(angle_rad.size)] * (0 in loads)
+            + [wave(h * angle_rad) for h in (*orders, *turning) for wave in (np.cos, np.sin)]
             + [-SEQUENCE[order] * rests.direction.astype(float)],
             axis=1,
         )
@@ -180,8 +189,9 @@ class _Fit:
             [
                 np.full(2, GAIN_PRIOR),
                 np.full(3, OFFSET_PRIOR * rated_Nm / (1.5 * line)),
+                np.full(int(0 in loads), LOAD_PRIOR * rated_Nm),
                 np.full(2 * len(orders), COGGING_PRIOR * rated_Nm),
-                np.full(2 * len(loads), LOAD_PRIOR * rated_Nm),
+                np.full(2 * len(turning), LOAD_PRIOR * rated_Nm),
                 [FRICTION_PRIOR * rated_Nm],
             ]
         )
@@ -206,6 +216,11 @@ class _Fit:
             "no encoder offset fits the rests of the rotor: do [motor] back_emf, slots and "
             "pole_pairs fit the motor?"
         )
+
+    def information_criterion(self) -> float:
+        """Return Schwarz's Bayesian information criterion."""
+        n, square_Nm2 = self.angle_rad.size, max(self.weighted_square_Nm2, 1e-30)
+        return float(n * np.log(square_Nm2) + self.unknowns.size * np.log(n))
 
     @property
     def friction_Nm(self) -> np.ndarray:

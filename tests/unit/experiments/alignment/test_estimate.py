@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from motord.config import AccuracyConfig, Config, load
 from motord.experiments.alignment import estimate as alignment
 from motord.experiments.alignment.estimate import align
-from motord.experiments.alignment.rests import rests_of, unwrapped_rad
+from motord.experiments.alignment.rests import (
+    PHASE_LAGS_RAD,
+    REQUIRED,
+    rests_of,
+    unwrapped_rad,
+)
 from motord.experiments.alignment.rests_checks import torque_response
 from motord.identification import IdentifyError
 from tests.campaigns.align import Case, random_case, sweeps_of
@@ -59,6 +64,32 @@ def test_a_load_that_turns_with_the_rotor_is_no_part_of_the_zero(
     found = align(sweeps_of(CONFIG, truth, seed, **{**SHORT, "turns": 2}), CONFIG.motor)
     assert abs(case.error_points(found, CONFIG)) < found.offset_half_width_points < 1.0
     assert "zero-not-known-well" not in [one.name for one in found.findings]
+
+
+def at_rest(rng: np.random.Generator, load_Nm: float) -> list[np.ndarray]:
+    """Return sweeps of a rotor with a constant torque that rests where friction holds it."""
+    sweeps = []
+    for amplitude_A, way in ((4.75, 1), (4.75, -1), (9.5, 1), (9.5, -1)):
+        electrical_rad = way * np.repeat(np.linspace(0, 4 * np.pi, 51), 20)
+        command_A = amplitude_A * np.cos(electrical_rad[:, None] - PHASE_LAGS_RAD)
+        friction_Nm = np.repeat(rng.uniform(-0.03, 0.03, 51) - 0.01 * way, 20)
+        line = CONFIG.motor.back_emf[0].amplitude_V_s_per_rad
+        behind = (load_Nm + friction_Nm) / (1.5 * line * amplitude_A)
+        turned_rad = (electrical_rad + np.pi + np.arcsin(behind)) / CONFIG.motor.pole_pairs
+        counts = np.round((turned_rad - 0.2) / POINT_RAD).astype(int) % CONFIG.motor.counts
+        columns = (np.arange(1020) * 10**7, counts, *command_A.T, *command_A.T, np.zeros(1020))
+        sweeps.append(np.rec.fromarrays(columns, names=REQUIRED))
+    return sweeps
+
+
+@pytest.mark.parametrize("seed", [2, 4, 16])
+def test_a_constant_load_is_no_part_of_the_zero(seed: int) -> None:
+    """20 mNm, 0.3 % of rated, as of a weight on a cord: less than orders 1 and 2 are taken for."""
+    motor = configured(phase_order="abc", encoder_direction=1).motor
+    found = align(at_rest(np.random.default_rng(seed), 0.02), motor)
+    turn_rad = 2 * np.pi / motor.pole_pairs
+    off_rad = (found.offset_rad - 0.2 + turn_rad / 2) % turn_rad - turn_rad / 2
+    assert abs(off_rad) < found.offset_half_width_rad < 1.5 * POINT_RAD
 
 
 @pytest.mark.parametrize("phase_rad", [0.0, 1.5, 3.0])
