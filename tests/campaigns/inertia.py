@@ -34,7 +34,7 @@ from tests.unit.experiments.inertia.inertia_runs import (
 from tests.unit.experiments.inertia.step_simulator import Rotor, misaligned, steps
 
 SEEDS = seeds.several(5)
-STEPS, RIGS, ROTORS, MISALIGNED = 10, 60, 200, 60
+STEPS, RIGS, ROTORS, DEPARTED = 10, 60, 200, 60
 BIAS_MAX = 2e-3
 EXACT = {"gain_tolerance": 1e-6, "highpass_tolerance": 1e-6}
 """Tolerances of the torque sensor are left out: what is tested is what repetition says."""
@@ -117,7 +117,7 @@ def sets_of_misaligned_rotors() -> list[Acceleration]:
     """
     rng, sensor = np.random.default_rng(seeds.first(5)), TorqueSensorConfig()
     sensor = sensor.model_copy(update={"highpass_time_constant_s": Rotor.highpass_s})
-    data = steps(Rotor(), STEPS * MISALIGNED, rng)
+    data = steps(Rotor(), STEPS * DEPARTED, rng)
     settings = AccelerationConfig().model_copy(update=EXACT)
     found = []
     for first in range(0, len(data), STEPS):
@@ -127,16 +127,34 @@ def sets_of_misaligned_rotors() -> list[Acceleration]:
     return found
 
 
-def misaligned_rows() -> list[tuple[str, float, bool]]:
-    """Return whether intervals hold the inertia, and the finding is there, with misalignment."""
-    sets = sets_of_misaligned_rotors()
-    held = [one.interval_95_kg_m2[0] <= TRUTH_KG_M2 <= one.interval_95_kg_m2[1] for one in sets]
-    named = [any(each.name == "steps-scatter" for each in one.findings) for one in sets]
-    label = f"acceleration, {len(sets)} rotors, coupling misaligned"
+def sets_of_sticking_brakes() -> list[Acceleration]:
+    """Return accelerations of such rotors whose brake sticks: 50 mNm that fade with 0.2 s."""
+    sensor = TorqueSensorConfig(highpass_time_constant_s=Rotor.highpass_s)
+    rng = np.random.default_rng(seeds.first(7))
+    data = steps(Rotor(sticking_Nm=0.05), STEPS * DEPARTED, rng)
+    settings = AccelerationConfig().model_copy(update=EXACT)
     return [
-        (f"{label}: means within", float(np.mean(held)), float(np.mean(held)) >= 0.9),
-        (f"{label}: steps-scatter", float(np.mean(named)), all(named)),
+        accelerate(named(data[first : first + STEPS]), 4096, sensor, settings)
+        for first in range(0, len(data), STEPS)
     ]
+
+
+def departed_rows() -> list[tuple[str, float, bool]]:
+    """Return whether intervals hold the inertia, and the finding is there, of departures."""
+    rows = []
+    for departure, name, sets in (
+        ("coupling misaligned", "steps-scatter", sets_of_misaligned_rotors()),
+        ("brake sticks", "friction-fades", sets_of_sticking_brakes()),
+    ):
+        ends = [one.interval_95_kg_m2 for one in sets]
+        held = float(np.mean([low <= TRUTH_KG_M2 <= high for low, high in ends]))
+        said = float(np.mean([any(each.name == name for each in one.findings) for one in sets]))
+        label = f"acceleration, {len(sets)} rotors, {departure}"
+        rows += [
+            (f"{label}: means within", held, held >= 0.9),
+            (f"{label}: {name}", said, said > 0.95),
+        ]
+    return rows
 
 
 def step_rows() -> list[tuple[str, float, bool]]:
@@ -179,7 +197,7 @@ def main() -> int:
         (f"truth within the 95 % interval, {DRAWS} draws", share, 0.90 <= share <= 0.99),
         ("stator in place, cogging torque known: worst error", known, known <= 2e-3),
         *step_rows(),
-        *misaligned_rows(),
+        *departed_rows(),
         ("the report's difference, errors in common: 95 % up to", common.interval[1],
          common.interval[1] >= DIFFERENCE),
     )  # fmt: skip

@@ -18,6 +18,8 @@ from scipy.special import gammaincinv
 
 from motord.config import AccelerationConfig, TorqueSensorConfig
 from motord.experiments.captures_left_out import CapturesLeftOut
+from motord.experiments.inertia.fading_friction import FadingFriction
+from motord.experiments.inertia.torque_faults import mount_resonance
 from motord.experiments.inertia.torque_step import TorqueStep, read_step
 from motord.experiments.signal_findings import signal_findings, torque_scale
 from motord.findings import Finding
@@ -36,10 +38,6 @@ FEW_STEPS = 4
 
 AGE_TICKS, AGE_LEAST_S = 2.0, 3e-3
 """Ticks, and time, by which torque and angle may be apart: sampling makes a part of a tick."""
-
-MOUNT_GAIN = 3.0
-"""Gain of the mount at the sampling rate from which on what currents held from tick to tick make
-there shows as torque: 3.7 made the inertia 2 % too large, 2.0 half a percent."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +138,9 @@ def accelerate(
     sources.append(repetition)
     if both.disturbance:
         sources.append(TorqueSource("torque that does not act on the rotor", both.disturbance))
+    fading = FadingFriction.of([[one.fading for one in way] for way in _ways(steps)])
+    if fading.uncertainty:
+        sources.append(TorqueSource("friction that changes", fading.uncertainty))
     relative = sqrt(sum(s.uncertainty**2 for s in sources))
     return Acceleration(
         steps=tuple(steps),
@@ -152,8 +153,9 @@ def accelerate(
         findings=(
             *_scale([step.work_ratio for step in steps]),
             *_age(steps),
-            *_mount(steps, sensor),
+            *mount_resonance(steps[0].t_s, sensor),
             *both.findings,
+            *fading.findings(),
             *_alike(steps),
             *signal_findings((step.label, step.faults) for step in steps),
             *left_out.findings(),
@@ -186,38 +188,27 @@ def _age(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _mount(steps: Sequence[TorqueStep], sensor: TorqueSensorConfig) -> Iterator[Finding]:
-    """Yield a finding where the mount resonates so near the sampling rate that all samples ring."""
-    if sensor.resonance_Hz == 0:
-        return
-    x = 1 / (float(np.median(np.diff(steps[0].t_s))) * sensor.resonance_Hz)
-    gain = 1 / max(abs(complex(1 - x**2, 2 * sensor.damping_ratio * x)), 1e-3)
-    if gain > MOUNT_GAIN:
-        yield Finding(
-            "mount-resonance", gain, MOUNT_GAIN, "times", "serious",
-            "the mount passes on so many times the torque at the loop's rate: what currents held "
-            "from tick to tick make there shows in all samples as torque that does not act",
-            "take another [loop] rate_Hz, farther from [torque_sensor] resonance_Hz",
-        )  # fmt: skip
+def _ways(steps: Sequence[TorqueStep]) -> list[list[TorqueStep]]:
+    """Return the steps of each direction that there are, forwards first."""
+    ways = ([one for one in steps if (one.angle_rad[-1] > 0) == way] for way in (True, False))
+    return [way for way in ways if way]
 
 
 def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
     """Return the mean of the steps over both directions."""
-    values = np.array([step.inertia_kg_m2 for step in steps])
     stderr = np.array([step.stderr_kg_m2 for step in steps])
-    forwards = np.array([step.angle_rad[-1] > step.angle_rad[0] for step in steps])
-    groups = [group for group in (values[forwards], values[~forwards]) if group.size]
+    groups = [np.array([step.inertia_kg_m2 for step in way]) for way in _ways(steps)]
     means = [float(group.mean()) for group in groups]
     mean = float(np.mean(means))
     noise = float(np.sqrt(np.mean(stderr**2)))
-    freedom = values.size - len(groups)
+    freedom = len(steps) - len(groups)
     reduced = sqrt(sum(1 / group.size for group in groups)) / len(groups)
     scatter = 0.0
     if freedom > 0:
         scatter = sqrt(sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom)
     misfit = tuple(_misfit(steps))
     disturbed = (*misfit, *(_scatter(scatter, noise, freedom) if scatter else ()))
-    findings = [*_few(values.size), *disturbed]
+    findings = [*_few(len(steps)), *disturbed]
     attenuation = float(np.mean([one.attenuation for one in steps])) if disturbed else 0.0
     taken_up = sum(one.misfit * one.stderr_kg_m2**2 for one in steps) / len(steps) if misfit else 0
     disturbance = sqrt(attenuation**2 + taken_up / mean**2)
@@ -241,10 +232,7 @@ def _few(steps: int) -> Iterator[Finding]:
 
 def _alike(steps: Sequence[TorqueStep]) -> Iterator[Finding]:
     """Yield a finding where the steps of each direction begin at the same angle."""
-    groups = [[one for one in steps if (one.angle_rad[-1] > 0) == way] for way in (True, False)]
-    resultants = [
-        abs(np.exp([1j * one.start_rad for one in group]).mean()) for group in groups if group
-    ]
+    resultants = [abs(np.exp([1j * one.start_rad for one in way]).mean()) for way in _ways(steps)]
     if len(steps) >= FEW_STEPS and min(resultants) > ALIKE:
         yield Finding(
             "steps-alike", float(min(resultants)), ALIKE, "of 1 for one angle", "note",

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from motord.config import TorqueSensorConfig
+from motord.experiments.inertia.fading_friction import StepFading
 from motord.experiments.inertia.folded_cogging import without_folded
 from motord.experiments.inertia.torque_faults import torque_faults
 from motord.identification import IdentifyError
@@ -61,8 +62,8 @@ class TorqueStep:
     torque to the commanded one, over the angle, where cogging torque does no work on the whole.
     attenuation: part by which errors of the torque may make the inertia too large, or those of the
     angle too small. misfit: square of the residual over what noise of torque and encoder makes of
-    it. start_rad: encoder's angle at its beginning. t_s, angle_rad, torque_Nm (n,) since then;
-    fitted_rad (m,) at fitted_s. faults: of its signals.
+    it. fading: friction that changes. start_rad: encoder's angle at its beginning. t_s, angle_rad,
+    torque_Nm (n,) since then; fitted_rad (m,) at fitted_s. faults: of its signals.
     """
 
     JSON = (
@@ -81,6 +82,7 @@ class TorqueStep:
     work_ratio: float
     attenuation: float
     misfit: float
+    fading: StepFading
     start_rad: float
     t_s: np.ndarray
     angle_rad: np.ndarray
@@ -139,6 +141,9 @@ def read_step(
         work_ratio=_work(measured_Nm, angle_rad, stop) / _work(commanded_Nm, angle_rad, stop),
         attenuation=fit.attenuation,
         misfit=fit.left / _left_by_noise(fit.basis, t_s, noise_rad_s2, rounding_rad),
+        fading=StepFading.of(
+            t_s, angle_rad, fit.basis, fit.weights / p[2], noise_rad_s2, rounding_rad
+        ),
         start_rad=start_rad,
         t_s=t_s,
         angle_rad=angle_rad,

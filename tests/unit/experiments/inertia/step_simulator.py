@@ -15,11 +15,15 @@ SUBSTEP_S = 1e-4
 
 @dataclass(frozen=True)
 class Rotor:
-    """What is true; a sample is so many substeps, the torque changes `delay` after it, and lags."""
+    """What is true; a sample is so many substeps, the torque changes `delay` after it, and lags.
+
+    sticking_Nm: of a brake, fading with 0.2 s from the beginning of the step on.
+    """
 
     inertia_kg_m2: float = 0.0105
     viscous_Nm_s_per_rad: float = 0.003
     coulomb_Nm: float = 0.03
+    sticking_Nm: float = 0.0
     cogging: tuple[tuple[int, float, float], ...] = ((16, 0.012, 0.4), (48, 0.012, 1.1))
     substeps: int = 10
     delay: int = 3
@@ -46,7 +50,8 @@ def steps(rotor: Rotor, count: int, rng: np.random.Generator) -> list[np.ndarray
         torque += (wanted - torque) * SUBSTEP_S / rotor.lag_s
         drive = torque + cogging - rotor.viscous_Nm_s_per_rad * speed
         free = speed + SUBSTEP_S / rotor.inertia_kg_m2 * drive
-        most = SUBSTEP_S / rotor.inertia_kg_m2 * rotor.coulomb_Nm
+        sticking_Nm = rotor.sticking_Nm * np.exp(-max(t_s[n] - 1.0, 0.0) / 0.2)
+        most = SUBSTEP_S / rotor.inertia_kg_m2 * (rotor.coulomb_Nm + sticking_Nm)
         speed = np.sign(free) * np.maximum(np.abs(free) - most, 0)
         angle = angle + SUBSTEP_S * speed
         cogging = _cogging(rotor, angle)
