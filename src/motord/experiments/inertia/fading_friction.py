@@ -10,7 +10,8 @@ white noise of the torque, twice integrated, has between t and u >= t the covari
 
     noise^2 dt (t^3 / 3 + (u - t) t^2 / 2)
 
-The mean of h over both directions is compared with how steps differ by Student's t. What h makes of
+The mean of h over both directions is compared with how steps differ by Student's t, or with noise
+if that is more: few may be alike by chance. What h makes of
 the inertia is -h times what the fit of the step makes of the column.
 """
 
@@ -36,10 +37,11 @@ LEVEL = 0.002
 
 @dataclass(frozen=True)
 class StepFading:
-    """h of a step (rad/s^2), and by which part of it a friction of h = 1 that is left out makes
-    the inertia larger."""
+    """h of a step (rad/s^2) with its standard error by noise, and by which part of it a friction
+    of h = 1 that is left out makes the inertia larger."""
 
     strength_rad_s2: float
+    stderr_rad_s2: float
     moves: float
 
     @classmethod
@@ -69,8 +71,11 @@ class StepFading:
         covariance = variance * _twice_integrated(means[:, 0])
         covariance += rounding_rad**2 / size * np.eye(begins.size)
         white = np.linalg.solve(np.linalg.cholesky(covariance), means[:, 1:])
-        solution = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-10)[0]
-        return cls(float(solution[-1]), -float(weights @ slows))
+        _, triangular = np.linalg.qr(white)
+        triangular = triangular[-2:, -2:]  # of the column and the angles, less all others
+        left = max(abs(float(triangular[0, 0])), np.finfo(float).tiny)
+        strength = float(triangular[0, 1] / triangular[0, 0]) if triangular[0, 0] else 0.0
+        return cls(strength, 1 / left, -float(weights @ slows))
 
 
 def _twice_integrated(t_s: np.ndarray) -> np.ndarray:
@@ -96,7 +101,10 @@ class FadingFriction:
         if not freedom:
             return cls(0.0, 0.0, 0)
         moves = float(np.mean([one.moves for steps in ways for one in steps]))
-        square = sum(float(((each - each.mean()) ** 2).sum()) for each in strengths) / freedom
+        square = max(
+            sum(float(((each - each.mean()) ** 2).sum()) for each in strengths) / freedom,
+            float(np.mean([one.stderr_rad_s2**2 for steps in ways for one in steps])),
+        )
         stderr = sqrt(square * sum(1 / each.size for each in strengths)) / len(strengths)
         mean = float(np.mean([each.mean() for each in strengths]))
         return cls(moves * mean, abs(moves) * stderr, freedom)
