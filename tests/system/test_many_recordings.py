@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -34,7 +35,10 @@ class Runs:
         for number, name in enumerate(self.names):
             probe_analysis.write(self.runs / f"{name}.mcap", 1.0 + number)
         os.mkfifo(self.runs / "gate")
+        self.temporary = folder / "temporary"
+        self.temporary.mkdir()
         self._environment = probe_analysis.announced(folder / "site")
+        self._environment["TMPDIR"] = str(self.temporary)
 
     def start(self, *words: str) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", "motord", "analyse", probe_analysis.NAME, "runs"]
@@ -65,12 +69,12 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     listening = {one.laddr for one in sockets if one.status == psutil.CONN_LISTEN}
     assert len(listening) >= 3
     assert {address.ip for address in listening} == {"127.0.0.1"}
-    _, errors = ended(process, lambda: os.killpg(process.pid, signal.SIGINT))
-    assert (process.returncode, errors) == (1, "motord: interrupted\n")
-    assert runs.values() == runs.expected(GOOD)
-
-    process = runs.start("--workers", "2")
-    until(lambda: running_and(process, len(processes(process)) > OF_TWO_WORKERS), "the workers")
+    for number, code in ((signal.SIGINT, 1), (signal.SIGHUP, 128 + signal.SIGHUP)):
+        _, errors = ended(process, partial(os.killpg, process.pid, number))
+        assert (process.returncode, errors) == (code, "motord: interrupted\n")
+        assert runs.values() == runs.expected(GOOD)
+        assert not list(runs.temporary.iterdir())
+        process = with_workers(runs)
     ended(process, process.kill)
     assert runs.values() == runs.expected(GOOD)
 
@@ -96,6 +100,13 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> 
     output, errors = runs.start().communicate()
     assert output == f"{GOOD + 5} recordings: 0 done, {GOOD + 2} skipped, 3 failed\n"
     assert errors.count("set aside by an earlier run") == 3
+
+
+def with_workers(runs: Runs) -> "subprocess.Popen[str]":
+    """Start a run, and wait for its workers."""
+    process = runs.start("--workers", "2")
+    until(lambda: running_and(process, len(processes(process)) > OF_TWO_WORKERS), "the workers")
+    return process
 
 
 def running_and(process: "subprocess.Popen[str]", condition: bool) -> bool:

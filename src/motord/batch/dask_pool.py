@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +14,7 @@ from typing import Any, TypeVar
 from motord.batch.error import BatchError, WorkerDiedError, distributed
 from motord.batch.fork_server import METHOD, keep_modules, start_fork_server
 from motord.process.one_thread import ONE_THREAD
+from motord.process.signal_handlers import OF_TERMINAL, blocked
 
 CONNECT_S = 10.0
 """How long a scheduler may take to answer."""
@@ -201,7 +201,7 @@ def _local(workers: int) -> Iterator[Any]:
     keep_modules()
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="motord-batch-"))
-        stack.enter_context(dask.config.set(CONFIG))
+        stack.enter_context(dask.config.set({**CONFIG, "temporary-directory": folder}))
         with _interrupts_blocked():
             cluster = stack.enter_context(_cluster(workers, folder))
         client = stack.enter_context(found.Client(cluster, set_as_default=False))
@@ -211,16 +211,14 @@ def _local(workers: int) -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Put Ctrl-C off in this thread, for good in threads and processes that begin here.
+    """Put off what a terminal sends in this thread, for good in threads and processes that begin.
 
     A worker that begins just then would end with a traceback; it ends with the scheduler.
     """
-    resource_tracker.ensure_running()  # to begin later would admit Ctrl-C to these threads again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with blocked(OF_TERMINAL):
+        resource_tracker.ensure_running()  # it admits Ctrl-C again
+        with blocked(OF_TERMINAL):
+            yield
 
 
 def _cluster(workers: int, folder: str) -> Any:

@@ -1,6 +1,5 @@
 """`motord emulate` and `motord fault`: the devices of a bench on the wire, and their faults."""
 
-import signal
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,7 @@ from motord.cli.connection_options import print_answer
 from motord.cli.console import fail, group, print_result
 from motord.cli.plan.settings import value_of
 from motord.process.collector_pause import collector_paused
-from motord.process.signal_handlers import handled
+from motord.process.signal_handlers import INTERRUPTS, handled
 
 if TYPE_CHECKING:
     from motord.recording.writer import RunWriter
@@ -59,7 +58,7 @@ def emulate(
             lambda fault: print_answer(fault, _fault_line(fault), as_json),
             firmware,
         )
-        ends = handled((signal.SIGINT, signal.SIGTERM), lambda *_: emulator.stop())
+        ends = handled(INTERRUPTS, lambda *_: emulator.stop())
         with ends, emulator:
             print_answer(emulator.ready(), _ready_line(emulator.ready()), as_json)
             emulator.run(duration_s)

@@ -1,7 +1,6 @@
 """Commands that serve viewers: the page in the browser, Foxglove; pages opened for a person."""
 
 import os
-import signal
 import sys
 import threading
 from dataclasses import replace
@@ -14,7 +13,7 @@ from motord.cli.bench.overview import All, open_benches
 from motord.cli.common_options import AsJson, ReadyAsJson
 from motord.cli.connection_options import DEFAULT, Connection, print_answer
 from motord.cli.console import fail, group, remark
-from motord.process.signal_handlers import handled
+from motord.process.signal_handlers import INTERRUPTS, handled
 
 NICE = 5
 """Of programs that show a bench: daemon and recorder go first."""
@@ -74,7 +73,7 @@ def foxglove(
     text = f"ready: bench {bench} at {server.url} (Foxglove: open connection, Foxglove WebSocket)"
 
     find, stopping = replace(connection, bench=bench).connect, threading.Event()
-    with handled((signal.SIGINT, signal.SIGTERM), lambda *_: stopping.set()):
+    with handled(INTERRUPTS, lambda *_: stopping.set()):
         print_answer(ready, text, as_json)
         os.nice(NICE)
         try:

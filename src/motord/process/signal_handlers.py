@@ -9,12 +9,18 @@ from types import FrameType
 Handler = Callable[[int, FrameType | None], object]
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What ends a command: by its user, by the system, as its terminal is gone."""
+OF_TERMINAL = (signal.SIGINT, signal.SIGHUP)
+"""What the end of a command by its terminal sends to the processes that it has started, too."""
 
 
 @contextmanager
 def handled(numbers: Iterable[signal.Signals], handler: Handler) -> Iterator[None]:
-    """Let `handler` take the signals while the block runs; for the main thread."""
-    before = {number: signal.signal(number, handler) for number in numbers}
+    """Let `handler` take the signals while the block runs; for the main thread.
+
+    A SIGHUP that is ignored stays so (nohup).
+    """
+    taken = [n for n in numbers if (n, signal.getsignal(n)) != (signal.SIGHUP, signal.SIG_IGN)]
+    before = {number: signal.signal(number, handler) for number in taken}
     try:
         yield
     finally:
@@ -41,7 +47,7 @@ def put_off(numbers: Iterable[signal.Signals]) -> Iterator[None]:
 def blocked(numbers: Iterable[signal.Signals]) -> Iterator[None]:
     """Block signals while a process is started, which inherits that, from its first instruction.
 
-    Of a Ctrl-C that it is to ignore it would else show a traceback until it has imported enough.
+    One that ignored Ctrl-C would show a traceback of it until it has imported enough.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:

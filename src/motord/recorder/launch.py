@@ -1,13 +1,12 @@
 """How the supervisor talks to a child process through pipes, above all to the recorder."""
 
 import os
-import signal
 import subprocess
 from collections.abc import Mapping, Sequence
 from typing import IO, Generic, Literal, NamedTuple
 
 from motord.process.one_thread import ONE_THREAD
-from motord.process.signal_handlers import blocked
+from motord.process.signal_handlers import OF_TERMINAL, blocked
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import (
     BlackBoxRequest,
@@ -36,12 +35,12 @@ class LastMessage(NamedTuple):
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
-    """Start a process with pipes to its stdin and from its stdout, and without Ctrl-C.
+    """Start a process with pipes to its stdin and from its stdout, which no terminal ends.
 
     Without thread pools: their threads would only wait for each other where one processor is left.
     """
     environment = {**os.environ, **ONE_THREAD}
-    with blocked([signal.SIGINT]):
+    with blocked(OF_TERMINAL):
         return subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
         )

@@ -165,7 +165,6 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
             for descriptor in (commands, reports):
                 os.set_blocking(descriptor, False)
             signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor, which gets it, ends us
             recovery.start()
             stack.callback(recovery.stop)
             stack.enter_context(reporter.alive())

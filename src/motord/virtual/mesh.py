@@ -29,7 +29,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.process.signal_handlers import INTERRUPTS, blocked, put_off
+from motord.process.signal_handlers import INTERRUPTS, OF_TERMINAL, blocked, put_off
 from motord.process.temporary_folder import remove_left, temporary_folder
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, joined
 from motord.sequencing import Plan
@@ -147,8 +147,7 @@ class _Processors(ProcessPoolExecutor):
     def submit(
         self, function: Callable[..., _Result], /, *arguments: Any, **named: Any
     ) -> "Future[_Result]":
-        inherited = [signal.SIGINT, signal.SIGHUP]  # the latter for good: ours ends the pool
-        with put_off(INTERRUPTS), blocked(inherited):
+        with put_off(INTERRUPTS), blocked(OF_TERMINAL):  # SIGHUP for good: ours ends the pool
             return super().submit(_interruptible, function, *arguments, **named)
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C goes to all processes of a terminal: the daemon's children do not die of it."""
+"""Ctrl-C, and the end of a terminal, go to all processes of it: a daemon's children do not die."""
 
 import sys
 
@@ -7,11 +7,11 @@ import pytest
 from motord.recorder.launch import spawn_piped
 from motord.service.host.children import spawn
 
-INTERRUPTED = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
 
-
+@pytest.mark.parametrize("signal", ["SIGINT", "SIGHUP"])
 @pytest.mark.parametrize("start", [spawn, spawn_piped])
-def test_a_child_that_is_interrupted_at_its_start_goes_on(start):
-    with start([sys.executable, "-c", INTERRUPTED]) as child:
+def test_a_child_that_gets_it_at_its_start_goes_on(start, signal):
+    sent = f"import os, signal; os.kill(os.getpid(), signal.{signal})"
+    with start([sys.executable, "-c", sent]) as child:
         child.communicate()
     assert child.returncode == 0

@@ -5,14 +5,19 @@ import signal
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
 from motord.cli import COMMANDS, WRITE_FILES
+from motord.cli.emulate import emulate
+from motord.config import packaged
 from motord.process.interrupts import ending_as_interrupts
 from motord.process.signal_handlers import INTERRUPTS, put_off
 from motord.recording.file_names import part_of
+from motord.service.daemon import StopSignal, stop_signals
 from tests.unit.recording.runs import write_run
 
 SIMULATE = "simulate calibrate --set torques_Nm=2 --set speeds_Hz=0.6 --set turns=200 -o new.mcap"
@@ -78,14 +83,33 @@ def test_the_first_signal_counts_and_later_ones_do_not_disturb_the_clearing_up()
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_what_is_ignored_stays_so():
+@pytest.mark.parametrize("taking", [ending_as_interrupts, stop_signals])
+def test_what_is_ignored_stays_so(taking):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with ending_as_interrupts() as came:
+        with taking() as came:
             os.kill(os.getpid(), signal.SIGHUP)
-        assert not came
+        assert came in ([], StopSignal(""))
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", INTERRUPTS)
+def test_an_emulator_ends_in_good_order(tmp_path, monkeypatch, number):
+    class Devices:
+        stop = ready = summary = __enter__ = MagicMock(return_value=defaultdict(dict))
+        __exit__ = MagicMock(return_value=None)
+
+        def __init__(self, *_):
+            self.stop = MagicMock()
+
+        def run(self, _duration_s):
+            os.kill(os.getpid(), number)
+            self.stop.assert_called_once()
+
+    monkeypatch.setattr("motord.emulate.process.Emulator", Devices)
+    emulate(packaged("sim.toml"), tmp_path / "truth.mcap", as_json=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["truth.mcap"]
 
 
 def test_a_process_that_was_forked_is_ended():

@@ -253,10 +253,9 @@ def test_commands_are_carried_out_in_order(tmp_path, pipe):
 
 @pytest.fixture
 def signals() -> Iterator[None]:
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = signal.getsignal(signal.SIGTERM)
     yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.mark.usefixtures("signals")
@@ -395,8 +394,8 @@ def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
     supervisor.until(lambda r: r.recording)
     supervisor.loop(500)
     supervisor.ring.close()
-    supervisor.process.send_signal(signal.SIGINT)
-    supervisor.process.send_signal(signal.SIGTERM)
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        supervisor.process.send_signal(number)
     assert supervisor.end() == 0
     assert supervisor.recorded() == list(range(1500))
     assert not list(supervisor.stem.parent.glob("*.part"))

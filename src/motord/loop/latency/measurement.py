@@ -7,7 +7,6 @@ counted apart.
 """
 
 import os
-import signal
 import subprocess
 import time
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from motord.loop.latency import LatencyError, cyclictest
 from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.process.module_command import module_command
 from motord.process.one_thread import ONE_THREAD
-from motord.process.signal_handlers import blocked
+from motord.process.signal_handlers import OF_TERMINAL, blocked
 from motord.shm.histogram import TimeHistogram
 from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing
@@ -104,7 +103,7 @@ class LoopOnDemand:
     """The loop in a process of its own, which runs a slice on request."""
 
     def __init__(self, setup: LoopSetup) -> None:
-        with blocked([signal.SIGINT]):
+        with blocked(OF_TERMINAL):
             self._process = subprocess.Popen(
                 module_command("motord.loop.latency.measured_loop"),
                 stdin=subprocess.PIPE,

@@ -187,8 +187,6 @@ def main() -> int:
     """Run the gateway of the bench file that `--config` names."""
     options = bench_options("gateway").parse_args()
     end_with_any_thread()
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.environ.pop("RUST_LOG", None)
     log, out = take_over_stdout()

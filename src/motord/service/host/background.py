@@ -1,7 +1,6 @@
 """What child processes that only report have in common: options, priority, stdout."""
 
 import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
 
@@ -35,8 +34,6 @@ def run(
     """
     options = bench_options(name).parse_args(arguments)
     end_with_any_thread()
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
     try:
         run_dir = RunDir.at(options.dir)
         config, _ = load_started(options.config, run_dir.bench_file)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from motord.api.messages import ProcessView
 from motord.config import Config
 from motord.process.ending_threads import why_not_started
-from motord.process.signal_handlers import blocked
+from motord.process.signal_handlers import OF_TERMINAL, blocked
 from motord.service.host.descriptors import DescriptorReserve
 from motord.shm.run_directory import RunDir
 
@@ -55,8 +55,8 @@ class Process:
 
 
 def spawn(command: Sequence[str]) -> "subprocess.Popen[bytes]":
-    """Start a child without Ctrl-C; it writes to the same stderr as the daemon."""
-    with blocked([signal.SIGINT]):
+    """Start a child that no terminal ends; it writes to the same stderr as the daemon."""
+    with blocked(OF_TERMINAL):
         return subprocess.Popen(command, stdin=subprocess.DEVNULL)
 
 
