@@ -198,7 +198,7 @@ def _check_output_files(
     others = [name for name in given if name not in (*outputs, "runs", "config", "store")]
     read = [*(given["runs"] or ()), *(given[name] for name in others)]
     read = [one for one in read if isinstance(one, Path)]
-    check_output_files(written, read)
+    check_output_files(written, read, [options[name] for name in analysis.edited])
     unedited = {options[name]: given[name] for name in outputs if name not in analysis.edited}
     check_output_files(unedited, bench_files(given["config"]))
 

@@ -4,7 +4,7 @@ Those of a connection are in `connection_options`.
 """
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -52,16 +52,25 @@ Serial = Annotated[
 ]
 
 
-def check_output_files(written: Mapping[str, Path | None], read: Iterable[Path | None]) -> None:
+NO_RESULTS = {".mcap": "recording", ".part": "unfinished file", ".toml": "TOML file"}
+"""What no result is written over, by the end of its name: there may be no other copy of it."""
+
+
+def check_output_files(
+    written: Mapping[str, Path | None],
+    read: Iterable[Path | None],
+    edited: Collection[str] = (),
+) -> None:
     """Refuse, before there is anything to write, what would write over a file of this command.
 
-    written: by option. Devices and pipes take whatever comes. Raises typer.BadParameter; fails if
-    there is no folder to write to.
+    Or over one that is no result. written: by option; edited: options whose file is changed, not
+    replaced. Devices and pipes take whatever comes. Raises typer.BadParameter; fails if there is no
+    folder to write to, or it is one.
     """
     inputs = {_identity(path): path for path in read if path is not None}
     options: dict[object, str] = {}
     for option, path in written.items():
-        if path is None or (path.exists() and not path.is_file()):
+        if path is None or (path.exists() and not (path.is_file() or path.is_dir())):
             continue
         identity = _identity(path)
         if identity in inputs:
@@ -74,6 +83,13 @@ def check_output_files(written: Mapping[str, Path | None], read: Iterable[Path |
                 f"{option} {path}: {options[identity]} writes the same file; name another one"
             )
         options[identity] = option
+        if path.is_file() and option not in edited and path.suffix in NO_RESULTS:
+            raise typer.BadParameter(
+                f"{option} {path}: is a {NO_RESULTS[path.suffix]}, which would be lost; "
+                "name another file"
+            )
+        if path.is_dir():
+            fail(f"{option} {path}: is a folder; name a file")
         if not path.absolute().parent.is_dir():
             fail(f"{option} {path}: there is no folder {path.absolute().parent}; make it")
 

@@ -50,12 +50,12 @@ def latency(
     limit_s = seconds if seconds is not None else DEFAULT_COMPARE_S if compare else DEFAULT_S
     measured = _measure(MeasurementPlan(_loop(config, rate_Hz), limit_s, compare), silent=as_json)
     found = report(measured)
-    if plot is not None:
-        _draw(measured, plot)
     if as_json:
         print_json(found.model_dump())
     else:
         _print(found)
+    if plot is not None:
+        _draw(measured, plot)
     if compare and measured.clean == 0:
         fail(
             f"in {measured.took_s:.0f} s not one slice of each was clean: the host of this machine "

@@ -80,8 +80,9 @@ def test_picture(plans: list[MeasurementPlan], tmp_path: Path) -> None:
     assert code == 1
     assert "there is no folder" in err
     assert len(plans) == 1
-    code, _, err = run("--plot", tmp_path / "latency.what")
+    code, out, err = run("--plot", tmp_path / "latency.what")
     assert code == 1
+    assert "loop, work" in out
     assert "cannot write the picture" in err
 
 

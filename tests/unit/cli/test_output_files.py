@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import packaged
 
-INPUTS = ("run.mcap", "bench.toml", "type.toml", "good.json", "emf.csv")
+INPUTS = ("run.mcap", "other.mcap", "bench.toml", "type.toml", "good.json", "emf.csv")
 REFUSED = [
     ("analyse calibrate run.mcap -o run.mcap", "--output run.mcap"),
     ("analyse calibrate run.mcap -o ./none/../run.mcap", "--output"),
@@ -19,9 +19,9 @@ REFUSED = [
     ("analyse calibrate run.mcap -c bench.toml --report emf.csv", "reads emf.csv"),
     ("analyse calibrate run.mcap -o new.json --report ./new.json", "--output writes the same file"),
     ("analyse calibrate run.mcap -o new --report to-new", "--output writes the same file"),
-    ("analyse calibrate . --store store -o run.mcap", "--output is of one result"),
+    ("analyse calibrate . --store store -o new.json", "--output is of one result"),
     ("analyse align run.mcap --write run.mcap", "--write run.mcap"),
-    ("analyse align run.mcap --write bench.toml -o bench.toml", "--write"),
+    ("analyse align run.mcap --write new.toml -o new.toml", "--write"),
     ("analyse torque-speed run.mcap --csv run.mcap", "--csv run.mcap"),
     ("analyse torque-speed run.mcap --csv new.csv --report new.csv", "--csv new.csv"),
     ("analyse check-calibration run.mcap --calibration good.json -o good.json", "reads good.json"),
@@ -31,6 +31,11 @@ REFUSED = [
     ("calibration export good.json --format csv -c bench.toml --force -o bench.toml", "bench.toml"),
     ("record import emf.csv --map type.toml -o emf.csv", "reads emf.csv"),
     ("latency --seconds 0 -c bench.toml --plot bench.toml", "reads bench.toml"),
+    ("analyse calibrate run.mcap -o other.mcap", "--output other.mcap: is a recording"),
+    ("analyse calibrate run.mcap --report type.toml", "--report type.toml: is a TOML file"),
+    ("analyse align run.mcap --write bench.toml -o bench.toml", "--output bench.toml: is a TOML"),
+    ("latency --seconds 0 --plot other.mcap", "--plot other.mcap: is a recording"),
+    ("learn -o new.json --report new.json", "--report new.json: --output writes the same file"),
 ]
 
 
@@ -69,6 +74,13 @@ def test_other_files_are_no_wrong_usage(command):
     Path("bench.toml").write_text(packaged("sim.toml").read_text())
     result = CliRunner().invoke(app, shlex.split(command))
     assert result.exit_code == 1  # run.mcap is no recording, type.toml no motor type
+
+
+@pytest.mark.parametrize("command", ["learn -o none", "analyse calibrate run.mcap --report none"])
+def test_a_folder_is_said_before_anything_is_done(command):
+    result = CliRunner().invoke(app, shlex.split(command))
+    assert result.exit_code == 1
+    assert " none: is a folder; name a file" in result.stderr
 
 
 def test_an_import_makes_no_folder(folder):

@@ -124,6 +124,9 @@ def test_export(run, unfinished, tmp_path):
     assert result == {"file": str(tmp_path / "t.parquet"), "rows": 600, "damage": None}
     result = CliRunner().invoke(app, ["export", str(unfinished), "-o", str(tmp_path / "u.csv")])
     assert (result.exit_code, "not closed" in result.stderr) == (0, True)
+    said = call("export", unfinished, "-o", tmp_path / "v.csv", "--truth", code=1)
+    assert "there is no truth in it" in said
+    assert not list(tmp_path.glob("v.csv*"))
 
 
 @pytest.mark.parametrize("command", ["info", "recover", "export"])

@@ -44,6 +44,8 @@ def events(
 ) -> None:
     """Show the latest events, then new ones as they happen; of all benches only new ones."""
     if all_benches:
+        if not follow:
+            raise typer.BadParameter("--all shows new events only: leave --no-follow out")
         events_of_all(connection, as_json=as_json)
         return
     with (

@@ -68,9 +68,13 @@ def start(
         ),
     ] = False,
     limit_s: Annotated[
-        float,
-        typer.Option("--limit-s", min=0.0, help="With --dry-run: simulate no longer than that."),
-    ] = LIMIT_S,
+        float | None,
+        typer.Option(
+            "--limit-s",
+            min=0.0,
+            help=f"With --dry-run: simulate no longer than that, by default {LIMIT_S:g} s.",
+        ),
+    ] = None,
     detach: Detach = False,
     notes: Notes = "",
     serial: Serial = None,
@@ -80,10 +84,13 @@ def start(
     as_json: AsJson = False,
 ) -> None:
     """Start a plan and follow it; Ctrl-C aborts it, ramping down."""
+    if limit_s is not None and not dry_run:
+        raise typer.BadParameter("--limit-s limits a simulation, no plan: it needs --dry-run")
     with connection.connect() as client:
         asked = settings_of(client, name, settings or [])
         if dry_run:
             would = client.dry_run(name, asked, check=check).content()
+            limit_s = LIMIT_S if limit_s is None else limit_s
             _forecast(client, {**would, "plan": name}, asked, limit_s, as_json)
             return
         with in_command(client, force=force) as session:

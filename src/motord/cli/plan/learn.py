@@ -7,7 +7,7 @@ import typer
 from motord.cli.analysis_command import Output, Report, print_files, print_text
 from motord.cli.bench.lease_session import in_command
 from motord.cli.calibration.in_force import load_in_force
-from motord.cli.common_options import AsJson, PlanSettings
+from motord.cli.common_options import AsJson, PlanSettings, check_output_files
 from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json, print_line
 from motord.cli.plan.commands import closed_recording, follow
@@ -51,6 +51,7 @@ def learn(
     from motord.experiments.ilc.command import summary, text
     from motord.experiments.ilc.estimate import Learning
 
+    check_output_files({"--output": output, "--report": report}, [])
     learning = Learning(gain=gain, highest_order=highest_order)
     with connection.connect() as client, in_command(client, force=force) as session:
         calibration = load_in_force(

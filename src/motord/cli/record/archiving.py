@@ -61,6 +61,7 @@ Verify = Annotated[
 
 
 def archive(
+    context: typer.Context,
     destination: Destination,
     source: Source = None,
     config: BenchFile = None,
@@ -82,10 +83,14 @@ def archive(
         raise typer.BadParameter(f"{destination} is a URL: mount it, and name the folder")
     bytes_per_s = None if limit_MB_per_s is None else limit_MB_per_s * 1e6
     if verify:
+        if watch or delete_after_days is not None:
+            raise typer.BadParameter(
+                "--verify only reads: leave --watch and --delete-after-days out"
+            )
         _verify(destination, bytes_per_s, as_json=as_json)
         return
     folder = _folder(source, config)
-    if config is not None and connection == DEFAULT:
+    if config is not None and not _names_a_daemon(context):
         connection = _daemon_of(config)
     with _idleness(connection) as why_busy:
         from motord.archive.archive import RecordingArchive
@@ -113,6 +118,12 @@ def _folder(source: Path | None, config: Path | None) -> Path:
             "file is relative to where the daemon was started)"
         )
     return folder
+
+
+def _names_a_daemon(context: typer.Context) -> bool:
+    """Return whether the command line does, whatever the environment names."""
+    sources = map(context.get_parameter_source, ("bench", "connect", "identity"))
+    return any(source is not None and source.name == "COMMANDLINE" for source in sources)
 
 
 def _daemon_of(config: Path) -> Connection:

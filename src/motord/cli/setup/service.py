@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 app = group("Run a bench as a systemd service: install, remove, look.")
 
 LOG_LINES = 8
+DATA_BITRATE = 4_000_000
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Show what would be done; change nothing.")]
 OfUser = Annotated[bool, typer.Option("--user", help="In this user's own systemd, without root.")]
@@ -45,8 +46,13 @@ def install(
         typer.Option(min=10_000, max=1_000_000, help="Bring CAN channels up at boot (bit/s)."),
     ] = None,
     can_data_bitrate: Annotated[
-        int, typer.Option(min=10_000, max=8_000_000, help="The same, of CAN FD's data.")
-    ] = 4_000_000,
+        int | None,
+        typer.Option(
+            min=10_000,
+            max=8_000_000,
+            help=f"The same, of CAN FD's data, by default {DATA_BITRATE}.",
+        ),
+    ] = None,
     no_start: Annotated[bool, typer.Option("--no-start", help="Not before the next boot.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace files that were edited; keep them as .old.")
@@ -58,7 +64,9 @@ def install(
     from motord.deployment.plan import ServiceRequest, activation, files_of, this_program
 
     start = (str(program.absolute()),) if program else this_program()
-    rates = (can_bitrate, can_data_bitrate) if can_bitrate else None
+    if can_data_bitrate is not None and can_bitrate is None:
+        raise typer.BadParameter("--can-data-bitrate without --can-bitrate")
+    rates = (can_bitrate, can_data_bitrate or DATA_BITRATE) if can_bitrate else None
     request = ServiceRequest(str(config.absolute()), start, user, rates)
     files, deployment = files_of(request), _deployment(user, root)
     commands = () if root else activation(request, now=not no_start)

@@ -34,7 +34,7 @@ def export(
     time. After them come name and settings of the recording's plan, the same in all rows.
 
     The end of the name of `output`, one of WRITERS, chooses the format. Raises RecordError if it
-    exists or cannot be written, and for columns that the recording does not have.
+    exists or cannot be written, and for columns or truth that the recording does not have.
     """
     if output.suffix not in WRITERS:
         raise RecordError(f"{output}: its name must end with {endings()}")
@@ -59,7 +59,11 @@ def export(
         dtype, blocks, record = tick_table(run, wanted)
     with _complete_or_absent(output) as part:
         table = ExportedTable(dtype, blocks, record, run.metadata, plan)
-        return WRITERS[output.suffix](part, table)
+        rows = WRITERS[output.suffix](part, table)
+        if truth and not rows:
+            source = "`motord simulate` and `motord emulate --truth` record it"
+            raise RecordError(f"{run.path}: there is no truth in it; {source}")
+        return rows
 
 
 def endings() -> str:
