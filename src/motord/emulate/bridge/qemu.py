@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from motord.emulate import EmulatorError
+from motord.process.signal_handlers import OF_TERMINAL, blocked
 
 QEMU = "qemu-system-arm"
 MACHINE = "netduinoplus2"
@@ -45,12 +46,13 @@ class Qemu:
             self.link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _LINK_BYTES)
             self.feed.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _FEED_BYTES)
             command = _command_line(image, [other.fileno() for other in theirs])
-            self._process = subprocess.Popen(
-                [*command, *arguments],
-                pass_fds=[other.fileno() for other in theirs],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-            )
+            with blocked(OF_TERMINAL):
+                self._process = subprocess.Popen(
+                    [*command, *arguments],
+                    pass_fds=[other.fileno() for other in theirs],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                )
         except BaseException:
             self._close_sockets()
             raise

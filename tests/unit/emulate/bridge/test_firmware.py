@@ -190,6 +190,13 @@ def test_a_machine_that_does_not_end_is_killed(tmp_path, monkeypatch):
     qemu.close()
 
 
+def test_a_machine_is_ended_by_the_emulator_not_by_the_terminal(tmp_path, monkeypatch):
+    sent = "kill -INT $$\nkill -HUP $$\nexit 7\n"
+    qemu = Qemu(fake_qemu(tmp_path, monkeypatch, sent))
+    assert qemu._process.wait() == 7
+    qemu.close()
+
+
 def test_a_machine_that_does_not_read_its_feed_finds_only_milliseconds_of_it(tmp_path, monkeypatch):
     """Pins have a level and no queue: what the rig was long ago must not be seen later."""
     monkeypatch.setattr("motord.emulate.bridge.qemu.END_S", 0.05)
