@@ -58,7 +58,10 @@ def add(
         ),
     ] = None,
     until: Annotated[
-        str | None, typer.Option("--wait-until", metavar="HH:MM", help="Wait for a time of day.")
+        str | None,
+        typer.Option(
+            "--wait-until", metavar="HH:MM", help="Wait for a time of day on the daemon's computer."
+        ),
     ] = None,
     wait_limit_s: Annotated[
         float | None,
