@@ -253,6 +253,7 @@ def test_wrong_usage_is_exit_2(words):
         ("set --compensate of", "'--compensate': 'of' is not one of 'off', 'on', "),
         ("queue add verify --wait-until 25:00", "takes a time of day as HH:MM"),
         ("simulate cogging --seed 1.5", "takes a whole number, got '1.5'"),
+        ("simulate cogging --set turns=2 --set turns=3", "--set turns: is given twice"),
     ],
 )
 def test_wrong_usage_names_what_was_typed_and_what_may_be_meant(words, said):

@@ -21,13 +21,17 @@ def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]
 
 
 def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair.
+    """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair, or twice.
 
     KEY.NAME=VALUE is an entry of a setting that is a table, over the entries of KEY=VALUE, wherever
     that stands, else over those of the `defaults`.
     """
     settings: dict[str, Any] = {}
     pairs = [_pair(one) for one in given]
+    keys = [key for key, _ in pairs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise typer.BadParameter(f"--set {key}: is given twice; a list is {key}=VALUE,VALUE")
     for key, value in pairs:
         if "." not in key:
             settings[key] = _listed(value) if isinstance(defaults.get(key), list) else value
