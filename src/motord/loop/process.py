@@ -44,6 +44,8 @@ class LoopProcess:
 
         Whatever goes wrong stops the devices safely and is in the status file and on stderr.
         """
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor ramps down and sends SIGTERM
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, self._on_signal)
         try:
             with self._run_dir.lock("loop", PREDECESSOR_WAIT_S):

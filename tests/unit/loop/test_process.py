@@ -60,9 +60,10 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LoopBench
     monkeypatch.setattr(registry, "make_rig", lambda _config: bench.rig)
     monkeypatch.setattr(rt_setup, "apply", lambda _loop: NO_RIGHTS)
     monkeypatch.setattr(os, "environ", dict(os.environ))
-    before = signal.getsignal(signal.SIGTERM)
+    before = {s: signal.getsignal(s) for s in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
     yield bench
-    signal.signal(signal.SIGTERM, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 NO_RIGHTS = RealtimeStatus(
@@ -213,6 +214,12 @@ def test_status_that_cannot_be_written_is_said(
     absent = RunDir("absent", tmp_path)
     assert process.LoopProcess(bench.config_path, absent).run() == 1
     assert "loop.json: there is no folder" in capsys.readouterr().err
+
+
+def test_interrupt_and_hangup_are_left_to_the_supervisor(bench: LoopBench) -> None:
+    bench.run()
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
 def test_foreign_threads_are_named() -> None:
