@@ -6,9 +6,10 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import psutil
 import pytest
@@ -28,15 +29,14 @@ OF_TWO_WORKERS = 4
 class Runs:
     """A folder with recordings, of which two wait for the pipe `gate`, and the command for them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, temporary: Path) -> None:
         self.folder, self.runs = folder, folder / "runs"
         self.runs.mkdir()
         self.names = [f"a{number}" for number in range(GOOD)] + ["waits0", "waits1"]
         for number, name in enumerate(self.names):
             probe_analysis.write(self.runs / f"{name}.mcap", 1.0 + number)
         os.mkfifo(self.runs / "gate")
-        self.temporary = folder / "temporary"
-        self.temporary.mkdir()
+        self.temporary = temporary
         self._environment = probe_analysis.announced(folder / "site")
         self._environment["TMPDIR"] = str(self.temporary)
 
@@ -60,9 +60,18 @@ class Runs:
         return [(f"{name}.mcap", 1.0 + n) for n, name in enumerate(self.names[:count])]
 
 
-def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(tmp_path: Path) -> None:
+@pytest.fixture
+def temporary() -> Iterator[Path]:
+    """A folder of a short name, as sockets have names in it."""
+    with TemporaryDirectory() as name:
+        yield Path(name)
+
+
+def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(
+    tmp_path: Path, temporary: Path
+) -> None:
     """Dask listens on the loopback interface alone; no worker outlives its run."""
-    runs = Runs(tmp_path)
+    runs = Runs(tmp_path, temporary)
     process = runs.start("--workers", "2")
     until(lambda: running_and(process, runs.entered() >= GOOD), "the analyses")
     sockets = [one for below in processes(process) for one in below.net_connections("inet")]

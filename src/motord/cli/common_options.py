@@ -63,9 +63,9 @@ def check_output_files(
 ) -> None:
     """Refuse, before there is anything to write, what would write over a file of this command.
 
-    Or over one that is no result. written: by option; edited: options whose file is changed, not
-    replaced. Devices and pipes take whatever comes. Raises typer.BadParameter; fails if there is no
-    folder to write to, or it is one.
+    Or over one that is no result. written: by option; edited: options whose file is not replaced.
+    Devices and pipes take whatever comes. Raises typer.BadParameter; fails if there is no folder to
+    write to, or it is one.
     """
     inputs = {_identity(path): path for path in read if path is not None}
     options: dict[object, str] = {}

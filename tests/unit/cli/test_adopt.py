@@ -100,14 +100,19 @@ def test_it_is_in_force_and_in_a_file(bench, tmp_path):
     assert load(tmp_path / "adopted.json") == adopted
 
 
-def test_a_file_that_cannot_be_written_is_said_and_it_is_in_force_all_the_same(bench, tmp_path):
-    folder = tmp_path / "folder.json"
-    folder.mkdir()
-    said = failed(adopt(bench, "-o", str(folder)))
+def test_a_file_that_cannot_be_written_is_said_and_it_is_in_force_all_the_same(bench):
+    said = failed(adopt(bench, "-o", "/proc/adopted.json"))  # where nobody makes files
     adopted = bench.tracker.adopts.id
     assert said.startswith(f"motord: {adopted} is in force, kept in ")
-    assert "folder.json: cannot write it" in said
+    assert "/proc/adopted.json: cannot write it" in said
     assert bench.store.current_id() == adopted
+
+
+def test_a_folder_is_refused_before_anything_is_in_force(bench, tmp_path):
+    before = bench.store.current_id()
+    said = failed(adopt(bench, "-o", str(tmp_path)))
+    assert said == f"motord: --output {tmp_path}: is a folder; name a file"
+    assert bench.store.current_id() == before
 
 
 def test_a_file_in_a_folder_that_is_not_there_is_refused_before_anything_is_in_force(

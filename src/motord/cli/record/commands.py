@@ -50,7 +50,7 @@ def import_recording(
     """Make a run of a recording from elsewhere; most of `analyse` works on it."""
     from motord.importing.convert import import_run
 
-    check_output_files({"--output": output}, [file, map_file])
+    check_output_files({"--output": output}, [file, map_file], ["--output"])  # replaces none
     try:
         with _progress(silent=as_json) as progress:
             done = import_run(
