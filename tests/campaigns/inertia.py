@@ -128,10 +128,14 @@ def sets_of_misaligned_rotors() -> list[Acceleration]:
 
 
 def sets_of_sticking_brakes() -> list[Acceleration]:
-    """Return accelerations of such rotors whose brake sticks: 50 mNm that fade with 0.2 s."""
+    """Return accelerations of such rotors whose brake sticks: 80 mNm that fade with 0.2 s.
+
+    They are 12 standard errors of the finding's, by which it misses 2 of a million sets
+    (noncentral t); of 50 mNm it would miss 3 %.
+    """
     sensor = TorqueSensorConfig(highpass_time_constant_s=Rotor.highpass_s)
     rng = np.random.default_rng(seeds.first(7))
-    data = steps(Rotor(sticking_Nm=0.05), STEPS * DEPARTED, rng)
+    data = steps(Rotor(sticking_Nm=0.08), STEPS * DEPARTED, rng)
     settings = AccelerationConfig().model_copy(update=EXACT)
     return [
         accelerate(named(data[first : first + STEPS]), 4096, sensor, settings)
@@ -152,7 +156,7 @@ def departed_rows() -> list[tuple[str, float, bool]]:
         label = f"acceleration, {len(sets)} rotors, {departure}"
         rows += [
             (f"{label}: means within", held, held >= 0.9),
-            (f"{label}: {name}", said, said > 0.95),
+            (f"{label}: {name}", said, said == 1),
         ]
     return rows
 

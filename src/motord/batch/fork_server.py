@@ -8,8 +8,11 @@ with the command.
 import multiprocessing
 import os
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from multiprocessing import forkserver
+
+from motord.batch.error import BatchError
 
 MODULES = "motord.cli", "motord.batch.worker_modules"
 """What every worker needs; `multiprocessing` imports the command's main module, so the first."""
@@ -22,13 +25,20 @@ def start_fork_server(modules: Sequence[str], environment: Mapping[str, str]) ->
     """Start the fork server, unless it runs or is not used. What it cannot import workers will.
 
     modules: imported there besides MODULES. environment: variables set there first, as libraries
-    count their threads when they are imported; this process has them from then on, too.
+    count their threads when they are imported; this process has them from then on, too. Raises
+    BatchError where it does not start.
     """
     os.environ.update(environment)
     if METHOD == "spawn":
         return
     multiprocessing.get_context(METHOD).set_forkserver_preload([*MODULES, *modules])
-    forkserver.ensure_running()
+    try:
+        forkserver.ensure_running()
+    except OSError as error:  # the name of its socket may have about 100 characters
+        raise BatchError(
+            f"workers cannot be started on this computer: {error}; their socket is in the folder "
+            f"for temporary files, {tempfile.gettempdir()}: TMPDIR=/tmp names a shorter one"
+        ) from error
 
 
 def keep_modules() -> None:

@@ -3,8 +3,13 @@
 import multiprocessing
 import subprocess
 import sys
+import tempfile
+from multiprocessing import forkserver, process
 
-from motord.batch.fork_server import METHOD, MODULES, keep_modules
+import pytest
+
+from motord.batch.error import BatchError
+from motord.batch.fork_server import METHOD, MODULES, keep_modules, start_fork_server
 from motord.batch.task import BatchTask, analyse_recordings
 from motord.config import load, packaged
 from motord.config.experiments import analysis_kinds
@@ -45,6 +50,18 @@ print(threading.active_count())
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout == "\n1\n"
+
+
+@pytest.mark.skipif(METHOD != "forkserver", reason="of the fork server alone")
+def test_a_folder_whose_name_is_too_long_for_a_socket_is_named(tmp_path, monkeypatch) -> None:
+    long = tmp_path / ("t" * 100)
+    long.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(long))
+    monkeypatch.setitem(process.current_process()._config, "tempdir", None)
+    monkeypatch.setattr(forkserver, "_forkserver", forkserver.ForkServer())
+    monkeypatch.setattr(forkserver, "ensure_running", forkserver._forkserver.ensure_running)
+    with pytest.raises(BatchError, match=r"too long.*t{100}: TMPDIR=/tmp names a shorter one"):
+        start_fork_server([], {})
 
 
 def test_dask_keeps_the_modules(monkeypatch) -> None:
