@@ -3,8 +3,6 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from motord.experiments.subject import AnalysisError, require_columns
 from motord.findings import Finding, listed
 from motord.identification.operating_points import CURRENTS, PointData, good_points
@@ -31,7 +29,7 @@ def driven_points(runs: Iterable[Run], names: Sequence[str]) -> Iterator[PointDa
         if not points and any(point.get("driven") for point in recorded):
             raise AnalysisError(f"{run.path}: none of its operating points is of good quality")
         for point in points or [None]:
-            ticks = _ticks(run, columns, point)
+            ticks = run.ticks(columns, **(bounds_of(point) if point else {}))
             commanded = point is not None and point.get("driven")
             speed_Hz = float(point["speed_Hz"]) if point and commanded else 0.0
             yield PointData(0.0, speed_Hz, ticks, recording=run.path.name)
@@ -43,14 +41,6 @@ def _columns(run: Run, names: Sequence[str]) -> list[str]:
         raise AnalysisError(f"{run.path}: the recording has neither {' nor '.join(ANGLE)}")
     wanted = ("t_ns", *ANGLE, *CURRENTS, *names, "i_age_ns")
     return [name for name in wanted if name in run.columns]
-
-
-def _ticks(run: Run, columns: list[str], point: Mapping[str, Any] | None) -> np.ndarray:
-    """Return the ticks of a point, of all the run for None. Raises AnalysisError for no ticks."""
-    ticks = run.ticks(columns, **(bounds_of(point) if point else {}))
-    if not ticks.size:
-        raise AnalysisError(f"{run.path}: there are no ticks in an operating point")
-    return ticks
 
 
 def left_out_finding(left_out: Sequence[LeftOut], used_s: float) -> Iterator[Finding]:

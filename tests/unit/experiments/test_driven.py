@@ -205,6 +205,20 @@ def test_points_from_elsewhere_are_cut_into_steady_stretches(runs: Path, tmp_pat
     assert {0.8, 1.0} <= {round(one.speed_Hz, 2) for one in found.speeds}
 
 
+def test_a_capture_whose_ticks_were_lost_ends_no_analysis(runs: Path, tmp_path: Path) -> None:
+    """As in a recording of which a part was damaged."""
+    run = open_run(runs / "cogging.mcap")
+    first, second = run.operating_points()
+    path = tmp_path / "lost.mcap"
+    with RunWriter(path, run.metadata) as writer:
+        writer.ticks(run.ticks(to_ns=first["t_end_ns"]))
+        for point in (first, second):
+            writer.operating_point(int(point["t_end_ns"]), point)
+    sizes = [point.ticks.size for point in driven_points([open_run(path)], REQUIRED)]
+    assert sizes[0] > 0
+    assert sizes[1:] == [0]
+
+
 def test_what_is_wrong_is_reported(runs: Path, tmp_path: Path) -> None:
     run = open_run(runs / "cogging.mcap")
     path = tmp_path / "bad.mcap"

@@ -1,5 +1,7 @@
 """Driven points of which a part, or one, cannot be used."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,20 @@ def test_one_point_with_a_dead_sensor_is_left_out_and_said(torque_Nm: float, why
     assert why in left_out[-1].reason
     with pytest.raises(IdentifyError, match=why):
         prepare([dead], MOTOR, NAMES, WHAT)
+
+
+@pytest.mark.parametrize(
+    ("one", "why"),
+    [
+        (replace(driven(), ticks=driven().ticks[:0]), "the recording has no ticks of it"),
+        (driven(speed_Hz=200.0), "fewer than 8 samples in a turn"),
+    ],
+)
+def test_one_point_without_samples_enough_is_left_out_and_said(one: PointData, why: str) -> None:
+    """It ended the analysis of all the others."""
+    found, left_out = prepare([driven(), one], MOTOR, NAMES, WHAT)
+    assert len(found) == 1
+    assert left_out[-1].of == "point 2"
+    assert why in left_out[-1].reason
+    with pytest.raises(IdentifyError, match=why):
+        prepare([one], MOTOR, NAMES, WHAT)

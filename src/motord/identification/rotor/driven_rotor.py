@@ -100,6 +100,8 @@ def require(ticks: np.ndarray, names: Sequence[str], label: str, what: str) -> N
     missing = [name for name in names if name not in have]
     if missing:
         raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}: {what}")
+    if not ticks.size:
+        raise CaptureError(f"{label}: the recording has no ticks of it")
     empty = [n for n in names if not np.any(np.isfinite(ticks[n]) & (ticks[n] != 0))]
     if empty:
         raise CaptureError(f"{label}: nothing was recorded in {', '.join(empty)}: {what}")
@@ -234,7 +236,7 @@ def _segment(
     label = f"driven at {point.speed_Hz or speed_Hz:.3g} Hz"
     label += " backward" if group[0].direction < 0 else ""
     if min(end - first for first, end in turns) < 8:
-        raise IdentifyError(f"{label}: fewer than 8 samples in a turn; sample faster")
+        raise CaptureError(f"{label}: fewer than 8 samples in a turn; sample faster")
     at_s = t_s[part] - t_s[lead]
     motion = Motion.of(at_s, position_rad[part], turns, grid, _ripple_orders(motor))
     residual_rad = motion.residual_rad(np.concatenate([np.arange(*turn) for turn in turns]))

@@ -63,6 +63,7 @@ def _span(of: str, reason: str, t_s: np.ndarray, places: np.ndarray, period_s: f
 
 def whole_left_out(point: PointData, number: int, error: CaptureError) -> LeftOut:
     """Return a point that is left out whole, for an error of its own."""
-    duration_s = float(np.ptp(point.ticks["t_ns"])) * 1e-9
+    t_ns = point.ticks["t_ns"]
+    duration_s = float(np.ptp(t_ns)) * 1e-9 if t_ns.size else 0.0
     reason = f"{point.recording}: {error}" if point.recording else str(error)
     return LeftOut(f"point {number}", reason, 0.0, duration_s, duration_s)
