@@ -3,6 +3,7 @@
 Made for records of any origin: slow starts, several speeds in one file, both directions.
 """
 
+from bisect import insort
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -237,24 +238,25 @@ def _turns_from(position_rad: np.ndarray) -> list[Turn]:
 def steady_segments(t_s: np.ndarray, turns: list[Turn]) -> list[list[Turn]]:
     """Return groups of successive turns of one direction and of about the same duration."""
     groups: list[list[Turn]] = []
+    rising_s: list[float] = []  # durations of the last group, in order
     for turn in turns:
-        if groups and _continues(t_s, groups[-1], turn):
-            groups[-1].append(turn)
-        else:
-            groups.append([turn])
+        duration_s = float(t_s[turn.end] - t_s[turn.first])
+        if not (groups and _continues(t_s, groups[-1][-1], rising_s, turn, duration_s)):
+            groups.append([])
+            rising_s = []
+        groups[-1].append(turn)
+        insort(rising_s, duration_s)
     return groups
 
 
-def _continues(t_s: np.ndarray, group: list[Turn], turn: Turn) -> bool:
-    duration_s = _duration_s(t_s, turn)
-    usual_s = float(np.median([_duration_s(t_s, one) for one in group]))
-    near = t_s[turn.first] - t_s[group[-1].end] <= GAP * usual_s
+def _continues(
+    t_s: np.ndarray, last: Turn, rising_s: list[float], turn: Turn, duration_s: float
+) -> bool:
+    """Return whether a turn goes on after the last of a group, whose durations are `rising_s`."""
+    usual_s = (rising_s[len(rising_s) // 2] + rising_s[(len(rising_s) - 1) // 2]) / 2
+    near = t_s[turn.first] - t_s[last.end] <= GAP * usual_s
     alike = abs(duration_s / usual_s - 1) <= STEADY
-    return near and alike and group[-1].direction == turn.direction
-
-
-def _duration_s(t_s: np.ndarray, turn: Turn) -> float:
-    return float(t_s[turn.end] - t_s[turn.first])
+    return bool(near and alike and last.direction == turn.direction)
 
 
 def segments(t_s: np.ndarray, turns: list[Turn]) -> tuple[list[list[Turn]], list[tuple[Turn, str]]]:
