@@ -11,7 +11,7 @@ the measured torque, one number a point; without it, an order as high as the cog
 to have been compensated out of phase.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any, ClassVar
@@ -126,32 +126,41 @@ def explained(
     calibration: Calibration,
     left_out: CapturesLeftOut,
 ) -> list[Explained]:
-    """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
+    """Return the measured and the reconstructed ripple of each good point that has currents."""
     runs, motor, sensor = tuple(runs), subject.motor, subject.sensor
     found = [
         (
             explain(samples, motor, sensor, calibration, hold),
             DetectedLines.of(samples, motor.counts),
         )
-        for samples, hold in _with_holds(runs, subject, left_out)
+        for samples, hold in _with_holds(runs, subject, left_out, require_currents)
     ]
     plain = [(one.measured, lines) for one, lines in found]
-    measured = with_asynchronous(plain, _samples(runs, subject, left_out), motor, sensor)
+    again = _samples(runs, subject, left_out, require_currents)
+    measured = with_asynchronous(plain, again, motor, sensor)
     return [replace(one, measured=point) for (one, _), point in zip(found, measured, strict=True)]
 
 
-def _samples(runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut) -> Iterator[Samples]:
+def _samples(
+    runs: Iterable[Run],
+    subject: Subject,
+    left_out: CapturesLeftOut,
+    *check: Callable[[Samples], Samples],
+) -> Iterator[Samples]:
     points = (point for run in runs for point in captures(run) if not point.induced)
-    return prepared(points, subject.motor.counts, left_out)
+    return prepared(points, subject.motor.counts, left_out, *check)
 
 
 def _with_holds(
-    runs: Iterable[Run], subject: Subject, left_out: CapturesLeftOut
+    runs: Iterable[Run],
+    subject: Subject,
+    left_out: CapturesLeftOut,
+    *check: Callable[[Samples], Samples],
 ) -> Iterator[tuple[Samples, ZeroOrderHold | None]]:
     """Yield the samples of points with the timing of their phase currents, if it is known."""
     for run in runs:
         hold = phase_hold(run)
-        for samples in _samples([run], subject, left_out):
+        for samples in _samples([run], subject, left_out, *check):
             yield samples, hold
 
 
@@ -170,11 +179,10 @@ def explain(
     calibration: Calibration,
     hold: ZeroOrderHold | None = None,
 ) -> Explained:
-    """Return measured and reconstructed ripple of an operating point. Raises IdentifyError.
+    """Return measured and reconstructed ripple of an operating point.
 
     The residual has both as they are sampled, as currents are not known in between.
     """
-    require_currents(samples)
     measured = point_ripple(samples, motor, sensor)
     torque_Nm, rate_Nm_per_s = reconstructed_torque(samples, motor, calibration)
     seen = np.ones(measured.order.size)

@@ -16,7 +16,7 @@ from motord.experiments.ripple.command import estimate as estimate_verify
 from motord.experiments.ripple_findings import findings
 from motord.experiments.subject import Recordings, Subject
 from motord.identification.disturbances import lines_of_points
-from motord.identification.operating_points import Samples
+from motord.identification.operating_points import CURRENTS, Samples
 from motord.identification.point_ripple import AsynchronousLine, PointRipple, repeating_rms
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
@@ -154,6 +154,24 @@ def test_the_gain_of_the_torque_sensor_is_in_the_stated_errors(
     ):
         off = point["rms_percent"] - true["rms_percent"]
         assert 1.96 * noise.stderr_percent < off < 1.96 * point["stderr_percent"]
+
+
+@pytest.mark.usefixtures("no_search_for_lines")
+def test_a_point_without_currents_is_left_out_of_what_currents_explain(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """It ended the analysis of all the others."""
+
+    def without_currents(ticks: np.ndarray) -> np.ndarray:
+        for name in CURRENTS:
+            ticks[name][ticks["plan_point"] == 1] = np.nan
+        return ticks
+
+    path = change_recording(recorded.on, tmp_path / "on.mcap", without_currents)
+    found = estimate_verify(Recordings.open([path]), recorded.calibration)
+    assert len(found.explained) == len(found.ripples) == 3
+    [left_out] = [one for one in found.findings if one.name == "points-left-out"]
+    assert "i_a_A, i_b_A, i_c_A were not recorded" in left_out.meaning
 
 
 def test_a_calibration_of_another_motor_is_refused(recorded: Recorded, tmp_path: Path) -> None:
