@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 SIZE_MAX = 1 << 26
-"""Bytes of a file that is read whole; the largest calibration has a hundredth of it."""
+"""Bytes of a file that is read whole; a calibration for an encoder of 2^20 counts has 25 MB."""
 
 LINE_SHOWN = 60
 """Characters of a wrong line that an error shows."""

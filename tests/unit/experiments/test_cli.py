@@ -16,6 +16,7 @@ from motord.cli.calibration.commands import app as calibration
 from motord.config import packaged
 from motord.experiments.analysis import Analysis
 from motord.recording.writer import RunWriter
+from tests.support.wrong_signals import change_recording, scaled
 from tests.unit.experiments.conftest import Recorded
 
 
@@ -51,6 +52,15 @@ def test_calibrate_as_json_and_by_the_other_method(recorded: Recorded) -> None:
     content = json.loads(out)
     assert content["method"] == "residual"
     assert abs(content["alpha"][0] - 0.8) > 0.008
+
+
+def test_gains_that_are_no_calibration_are_refused(recorded: Recorded, tmp_path: Path) -> None:
+    """As by a torque in mNm: the residual estimator looks for no cause."""
+    change = partial(scaled, ("torque_Nm",), 1000.0)
+    path = change_recording(recorded.off, tmp_path / "mNm.mcap", change)
+    code, _, err = run(analyse, "calibrate", path, "--method", "residual")
+    assert code == 1
+    assert "scale of the torque" in " ".join(err.split())
 
 
 def test_a_bar_shows_what_of_the_recordings_is_read(

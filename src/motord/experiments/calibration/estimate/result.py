@@ -18,6 +18,7 @@ from motord.calibration import (
 )
 from motord.config import MotorConfig
 from motord.findings import Finding
+from motord.identification import IdentifyError
 from motord.identification.harmonics import harmonics_table
 from motord.identification.point_ripple import PointRipple, rms_errors
 from motord.uncertainty_budget import Contribution
@@ -151,7 +152,16 @@ class CalibrationResult(Estimate):
     def to_calibration(
         self, motor: MotorConfig, created: datetime, runs: Sequence[str]
     ) -> Calibration:
-        """Return the calibration file's content. runs: names of the recordings it came from."""
+        """Return the calibration file's content. runs: names of the recordings it came from.
+
+        Raises IdentifyError for gains that are not above 0.
+        """
+        if not (self.alpha > 0).all():
+            gains = ", ".join(f"{gain:.3g}" for gain in self.alpha)
+            raise IdentifyError(
+                f"gains come out as {gains}: no sensor error makes one negative; check sign and "
+                "scale of the torque, wiring, back-EMF and encoder offset"
+            )
         measured = self.delta_epsilon_stderr is not None
         return Calibration(
             created=created,
