@@ -184,8 +184,10 @@ def test_a_plan_does_not_begin_with_the_check_of_another_calibration(service, tm
     assert begun(service) == []
 
 
-def test_a_check_that_does_not_fit_the_limits_is_named(tmp_path):
-    service = service_with(tmp_path, limits={"trip_speed_rad_s": 7.0})
+@pytest.mark.parametrize("limits", [{"trip_speed_rad_s": 7.0}, {"torque_rate_Nm_per_s": 100.0}])
+def test_a_check_that_does_not_fit_the_limits_is_named(tmp_path, limits):
+    """A reversal of the torque in a tenth of a second would trip the bench."""
+    service = service_with(tmp_path, limits=limits)
     with pytest.raises(RpcError, match=r"the check of the calibration before it .*--no-check.*: "):
         start(service, settings={**POINT, "speeds_Hz": [0.3]})
 

@@ -106,12 +106,11 @@ def is_checked_before(plan: Plan) -> bool:
     return plan.settings.get("compensate", "off") != "off" and plan.name not in UNCHECKED
 
 
-def check_before(config: Config, calibration: Path) -> Plan:
-    """Return the check that comes before a plan: it fails unless it finds no drift.
+def check_before(check: Plan, calibration: Path) -> Plan:
+    """Return the check as it comes before a plan: it fails unless it finds no drift.
 
-    calibration: the file of the one in force. Raises PlanError.
+    calibration: the file of the one in force.
     """
-    check = make(config, {})
     return replace(
         check,
         motion=partial(_without_drift, check.motion),

@@ -10,7 +10,7 @@ from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.plan_messages import PlanView
 from motord.api.replies import PlanName, PlanOutline, PlanProgress
-from motord.experiments.check_calibration.plan import check_before, is_checked_before
+from motord.experiments.check_calibration.plan import NAME, check_before, is_checked_before
 from motord.experiments.plans import build as build_plan
 from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
@@ -128,7 +128,7 @@ class PlanControl:
         if file is None:
             return PreparedPlan(plan, stops)
         try:
-            before = check_before(self.bench.config, file)
+            before = check_before(build_plan(NAME, self.bench.config), file)
         except PlanError as error:
             why = f"the check of the calibration before it (`--no-check` leaves it out): {error}"
             raise RpcError("invalid", why) from None
