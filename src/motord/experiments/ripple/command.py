@@ -9,7 +9,7 @@ import typer
 from motord.calibration import load
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.captures_left_out import CapturesLeftOut
-from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
+from motord.experiments.ripple.estimate import MeshRipple, compensated, explained, ripples
 from motord.experiments.ripple_findings import findings
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.text import TextTable, error_table
@@ -43,12 +43,13 @@ def estimate(
 
 def _text(found: MeshRipple, _: Recordings) -> Iterator[str | TextTable]:
     yield from error_table(found.errors)
-    if shares := found.explained:
+    if shares := compensated(found.explained):
+        which = " with compensation" if shares[0].measured.compensate else ""
         measured = sum(s.sampled_percent for s in shares) / len(shares)
         currents = sum(s.reconstructed_percent for s in shares) / len(shares)
         residual = sum(s.rest_percent for s in shares) / len(shares)
         yield (
-            f"mean over the points, as sampled: measured {measured:.2f} %, from the sensed "
+            f"mean over the points{which}, as sampled: measured {measured:.2f} %, from the sensed "
             f"currents {currents:.2f} %, not explained by them {residual:.2f} % "
             "(intervals not known)"
         )

@@ -71,6 +71,11 @@ class Explained:
         return 1.0 - self.rest_percent**2 / power if power > 0 else 0.0
 
 
+def compensated(points: Sequence[Explained]) -> Sequence[Explained]:
+    """Return the points with compensation; all of them where there is none."""
+    return [point for point in points if point.measured.compensate] or points
+
+
 @dataclass(frozen=True)
 class MeshRipple:
     """Ripple of each operating point; explained: with the currents' share, where asked for.

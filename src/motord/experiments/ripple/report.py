@@ -6,7 +6,12 @@ import numpy as np
 
 from motord.calibration import RmsErrors, TorqueSpeed, by_magnitude
 from motord.config import MotorConfig
-from motord.experiments.ripple.estimate import Explained, MeshRipple, middle_point
+from motord.experiments.ripple.estimate import (
+    Explained,
+    MeshRipple,
+    compensated,
+    middle_point,
+)
 from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import PointRipple, rms_errors
 from motord.report.html import Page
@@ -134,7 +139,7 @@ def fill_shares(page: Page, points: Sequence[Explained], of: str = "") -> None:
 
     Where there are points with compensation, of those alone. of: what they were taken with.
     """
-    points = [p for p in points if p.measured.compensate] or points
+    points = compensated(points)
     if not points:
         return
     at = [(p.measured.torque_Nm, p.measured.speed_Hz) for p in points]

@@ -1,3 +1,4 @@
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -137,7 +138,11 @@ def test_verify_with_the_calibration_reports_the_shares(recorded: Recorded, tmp_
     chosen = ("--calibration", recorded.calibration)
     code, out, _ = run(analyse, "verify", recorded.off, recorded.on, *chosen, *files)
     assert code == 0
-    assert "not explained by them" in " ".join(out.split())
+    on = [one for one in json.loads(output.read_text())["points"] if one["compensate"]]
+    rest_percent = sum(one["rest_percent"] for one in on) / len(on)
+    text = " ".join(out.split())
+    assert "mean over the points with compensation, as sampled" in text
+    assert f"not explained by them {rest_percent:.2f} %" in text
     assert "share_explained" in output.read_text()
     assert "Where the ripple comes from" in report.read_text()
 
