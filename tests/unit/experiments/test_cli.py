@@ -15,6 +15,7 @@ from motord.cli.analysis_command import app as analyse
 from motord.cli.calibration.commands import app as calibration
 from motord.config import packaged
 from motord.experiments.analysis import Analysis
+from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from tests.support.wrong_signals import change_recording, scaled
 from tests.unit.experiments.conftest import Recorded
@@ -52,6 +53,23 @@ def test_calibrate_as_json_and_by_the_other_method(recorded: Recorded) -> None:
     content = json.loads(out)
     assert content["method"] == "residual"
     assert abs(content["alpha"][0] - 0.8) > 0.008
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_report_goes_without_the_other_estimator_where_that_gives_nothing(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """Points of one torque alone: the page of one estimator ended with the error of the other."""
+    source, path, report = open_run(recorded.off), tmp_path / "one.mcap", tmp_path / "one.html"
+    with RunWriter(path, source.metadata) as writer:
+        writer.ticks(source.ticks())
+        for point in source.operating_points()[:2]:
+            writer.operating_point(int(point["t_end_ns"]), point)
+    code, _, err = run(analyse, "calibrate", path, "--method", "residual", "--report", report)
+    assert (code, err) == (0, "")
+    assert (
+        "joint estimator: all operating points are at about the same torque" in report.read_text()
+    )
 
 
 def test_gains_that_are_no_calibration_are_refused(recorded: Recorded, tmp_path: Path) -> None:

@@ -30,6 +30,8 @@ def estimate(
 ) -> CalibratedRuns:
     """Return the calibration. Raises AnalysisError, CalibrationError, IdentifyError."""
     other = load(beside) if beside else None
+    if other is not None:
+        other.check_motor(recordings.subject.motor, recorded=True)
     calibrator = Calibrator.of_runs(recordings.runs, recordings.subject, recordings.progress)
     result = calibrator.result(method)
     made = result.to_calibration(recordings.subject.motor, datetime.now(UTC), recordings.names)

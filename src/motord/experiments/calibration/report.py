@@ -33,13 +33,15 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     """Return the page of a calibration, next to that of the other estimator and a reference.
 
     The reference is the calibration that was named to compare with, else the truth, if the
-    recordings hold it. Raises CalibrationError, IdentifyError.
+    recordings hold it.
     """
     c = found.calibration
     page = Page("Calibration of torque ripple", recordings.subject.lead)
     ripple.fill_key_figures(page, c.rms_error_percent, _predicted(c.cramer_rao))
     ripple.fill(page, found.result.ripples, recordings.subject.motor)
-    estimates = [(f"{each.method} estimator", each) for each in found.both()]
+    other = found.by_other_estimator()
+    results = [found.result, *([] if isinstance(other, str) else [other])]
+    estimates = [(f"{each.method} estimator", each) for each in results]
     more = [added.order for added in c.added_orders]
     fill(page, estimates, _reference(found.other, recordings, more))
     if c.budget:
@@ -48,7 +50,7 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
         _cramer_rao(page, c.cramer_rao)
     _temperatures(page, recordings)
     page.heading("About these figures")
-    page.points([*c.observable, WITHOUT_LINES])
+    page.points([*c.observable, WITHOUT_LINES, *([other] if isinstance(other, str) else [])])
     rows = [
         ("calibration", f"{c.id}, made {c.created:%Y-%m-%d %H:%M} UTC"),
         ("method", f"{c.method}, condition number {c.condition_number:.3g}"),
@@ -130,7 +132,6 @@ def _reference(
     other: Calibration | None, recordings: Recordings, more: Iterable[int]
 ) -> Labelled | None:
     if other is not None:
-        other.check_motor(recordings.subject.motor, recorded=True)
         return f"calibration {other.id}", Estimate.of_calibration(other)
     truth = recorded_truth(recordings.runs, recordings.subject, more)
     return None if truth is None else ("truth", truth)

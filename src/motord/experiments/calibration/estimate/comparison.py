@@ -7,9 +7,14 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.experiments.calibration.estimate.calibrator import Calibrator
-from motord.experiments.calibration.estimate.result import CalibrationResult, Estimate
+from motord.experiments.calibration.estimate.result import (
+    CalibrationResult,
+    Estimate,
+    Method,
+)
 from motord.experiments.subject import Subject
 from motord.findings import Finding
+from motord.identification import IdentifyError
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points, stacked
 from motord.identification.orders import COUNTS_PER_COGGING_ORDER, allowed_orders
 from motord.recording.reader import Run, bounds_of
@@ -31,11 +36,13 @@ class CalibratedRuns:
         """Where the data depart from the model."""
         return self.calibration.findings or ()
 
-    def both(self) -> tuple[CalibrationResult, CalibrationResult]:
-        """Return the result and that of the other estimator. Raises IdentifyError."""
-        return self.result, self.calibrator.result(
-            "residual" if self.result.method == "joint" else "joint"
-        )
+    def by_other_estimator(self) -> CalibrationResult | str:
+        """Return the result of the other estimator, or why it has none."""
+        other: Method = "residual" if self.result.method == "joint" else "joint"
+        try:
+            return self.calibrator.result(other)
+        except IdentifyError as error:
+            return f"{other} estimator: {error}"
 
 
 def recorded_truth(
