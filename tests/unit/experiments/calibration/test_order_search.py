@@ -1,5 +1,6 @@
 """Cogging orders that slots and poles forbid: which enter, which do not, what it says of them."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -115,10 +116,15 @@ def test_noise_alone_rarely_makes_an_order_enter() -> None:
     assert sum(bool(found(problem(rng)).added) for _ in range(100)) <= 1  # 0.2 expected
 
 
+@pytest.mark.parametrize("lowest_Nm", [1.0, -3.0])
 @pytest.mark.parametrize(("power", "enters"), [(0, True), (1, False), (2, False)])
-def test_an_order_enters_if_it_is_the_same_at_all_torques(power: int, enters: bool) -> None:
-    given = problem(np.random.default_rng(6))
-    given.residual[:, 5] += 40.0 * (TORQUES_NM / 4) ** power
+def test_an_order_enters_if_it_is_the_same_at_all_torques(
+    power: int, enters: bool, lowest_Nm: float
+) -> None:
+    """Also where the rotor turned backwards, and no set-point is above 0."""
+    torques_Nm = TORQUES_NM - 1.0 + lowest_Nm
+    given = replace(problem(np.random.default_rng(6)), torque_Nm=torques_Nm)
+    given.residual[:, 5] += 40.0 * (torques_Nm / 4) ** power
     assert [trial.order for trial in found(given).added] == ([6] if enters else [])
 
 

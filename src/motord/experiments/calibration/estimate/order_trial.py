@@ -285,8 +285,7 @@ def _predicts(problem: Weighted, effect: np.ndarray, residual: np.ndarray) -> bo
 
 def _growing(problem: Weighted, effect: np.ndarray, residual: np.ndarray, power: int) -> float:
     """Return how much of the residual an effect explains that grows with a power of the torque."""
-    scale = (problem.torque_Nm / problem.torque_Nm.max()) ** power
-    return _explained(effect * scale[:, None, None], residual)
+    return _explained(effect * (problem.torque_Nm**power)[:, None, None], residual)
 
 
 def _explained(effect: np.ndarray, residual: np.ndarray) -> float:
