@@ -193,7 +193,7 @@ def _tick_fields() -> tuple[Field, ...]:
     rows = (
         ("t_ns", "sfixed64", "ns", "Unix time of the encoder and torque sample"),
         ("tick", "fixed64", "", "counter of loop periods; a gap is a skipped period"),
-        ("encoder_count", "sfixed32", "", "decoded position, 0 to counts - 1"),
+        ("encoder_count", "sfixed32", "", "decoded position, 0 to counts - 1, rising forwards"),
         ("encoder_gray", "fixed32", "", "encoder lines as read (Gray code)"),
         ("angle_rad", "float", "rad", "estimated mechanical angle at t_ns, 0 to 2 pi"),
         ("speed_rad_s", "float", "rad/s", "estimated mechanical speed"),

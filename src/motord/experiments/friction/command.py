@@ -82,7 +82,6 @@ def coast_downs(
 
     Raises AnalysisError.
     """
-    turn_rad = motor.encoder_direction * 2 * pi / motor.counts
     found: list[CoastDown] = []
     faults: list[tuple[str, tuple[SignalFault, ...]]] = []
     left_out = CapturesLeftOut()
@@ -96,7 +95,7 @@ def coast_downs(
                 if np.any(ticks["torque_set_Nm"] != 0.0):
                     raise CaptureError(f"{label}: a torque was commanded")
                 good, _, seen = countable_ticks(ticks, motor.counts, label)
-                angle_rad = good["encoder_count"].astype(float) * turn_rad
+                angle_rad = good["encoder_count"] * (2 * pi / motor.counts)
                 place = run.path.name, index
                 found.append(CoastDown.of(*place, good["t_ns"], angle_rad, motor.counts))
                 faults.append((label, seen))

@@ -184,14 +184,13 @@ def _signals(
     count = ticks["encoder_count"].astype(np.int64)
     countable(at_s, count, subject.motor.counts, label)  # next to the time before, few are misread
     speed_wanted, torque_wanted_Nm = _asked_for(at_s, ticks)
-    step_rad = subject.motor.encoder_direction * 2 * np.pi / subject.motor.counts
     signals = _Signals(
         at_s + float(point.get("profile_start_s", 0.0)),
         speed_wanted / (2 * np.pi),
         ticks["speed_rad_s"].astype(float) / (2 * np.pi),
         torque_wanted_Nm,
         torque_Nm,
-        step_rad * unwrap_counts(count, subject.motor.counts),
+        2 * np.pi / subject.motor.counts * unwrap_counts(count, subject.motor.counts),
         slow_square(at_s, torque_Nm - currents_Nm, tau_s / 4) if tau_s else 0.0,
     )
     return signals, checked

@@ -54,8 +54,7 @@ class CapturedTurns:
         turns = continuous_turns(position, motor.counts, label, from_start=point.turns_from_start)
         t0_ns = int(ticks["t_ns"][0])
         t_s = (ticks["t_ns"].astype(np.int64) - t0_ns) * 1e-9
-        step_rad = motor.encoder_direction * 2 * np.pi / motor.counts
-        angle_rad = step_rad * position
+        angle_rad = 2 * np.pi / motor.counts * position
         torque_Nm = ticks["torque_Nm"].astype(float)
         require_sound({"torque_Nm": torque_Nm}, count, motor.counts, len(turns), label)
         edges = np.array([turns[0][0], *(end for _, end in turns)])

@@ -131,6 +131,14 @@ def test_a_fault_is_of_the_coast_down_of_that_index() -> None:
     assert "run.mcap: coast-down 4" in fault.meaning
 
 
+def test_a_coast_down_is_forwards_whichever_way_the_encoder_counts(recorded: Path) -> None:
+    run = open_run(recorded)
+    motor = load().motor.model_copy(update={"encoder_direction": -1})
+    coasts, _, _ = coast_downs([run], motor)
+    forwards = [point["speed_Hz"] > 0 for point in run.operating_points()]
+    assert [one.direction > 0 for one in coasts] == forwards
+
+
 def test_a_coast_down_with_lost_turns_is_left_out_and_said() -> None:
     """It ended the analysis of all the others."""
     ticks = np.zeros(2000, [(name, np.int64) for name in (*COLUMNS, "plan_point")])

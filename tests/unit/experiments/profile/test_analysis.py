@@ -217,6 +217,13 @@ def test_a_sensor_that_passes_the_mean_needs_no_currents(played: Played) -> None
     assert found(played.on).torque_zero_Nm == 0.0
 
 
+def test_the_energy_has_its_sign_whichever_way_the_encoder_counts(played: Played) -> None:
+    recordings = Recordings.open([played.off])
+    motor = recordings.subject.motor.model_copy(update={"encoder_direction": -1})
+    recordings.__dict__["subject"] = replace(recordings.subject, motor=motor)
+    assert measure(recordings, None).energy_J.value == found(played.off).energy_J.value > 0
+
+
 def repeated(zero_Nm: float = 0.0, gain: float = 1.0, error_Nm: float = 0.0) -> ProfileTracking:
     """Two cycles at 2 Nm, alike, with 20 mNm of ripple RMS, by a torque sensor that is off.
 
