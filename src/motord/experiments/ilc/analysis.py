@@ -256,8 +256,12 @@ def _refined(
     rated_torque_Nm: float,
     learning: Learning,
 ) -> tuple[LearnedPoint, ...]:
-    """Return the points with their residuals learned. Raises AnalysisError for another mesh."""
-    after = dict(points)
+    """Return the points with their residuals learned.
+
+    Raises AnalysisError for another mesh, and for two residuals of a point: the second would count
+    for a correction that was not applied yet.
+    """
+    after, refined = dict(points), set[TorqueSpeed]()
     for residual in residuals:
         place = residual.torque_Nm, residual.speed_Hz
         if place not in after:
@@ -266,6 +270,12 @@ def _refined(
                 "that was learned; take the pass over that mesh, or begin with a calibration "
                 "without `learned`"
             )
+        if place in refined:
+            raise AnalysisError(
+                f"{residual.torque_Nm:g} Nm, {residual.speed_Hz:g} Hz was taken twice with the "
+                "same corrections: name one recording of it"
+            )
+        refined.add(place)
         after[place] = refine(after[place], residual, rated_torque_Nm, learning)
     return tuple(after.values())
 

@@ -155,6 +155,14 @@ def test_a_run_with_another_calibration_is_refused(first: tuple[Path, Calibratio
         learned_from(path, other)
 
 
+def test_a_point_of_two_recordings_of_a_pass_is_refused(first: tuple[Path, Calibration]) -> None:
+    """It was settled without a correction: the second counted for the correction of the first."""
+    path, calibration = first
+    subject, runs = Subject.of_config(nonlinear()), [open_run(path)] * 2
+    with pytest.raises(AnalysisError, match=r"3 Nm, 0\.8 Hz was taken twice"):
+        learn_from_runs(runs, subject, calibration, NOW, Learning())
+
+
 def test_a_run_without_what_was_learned_is_refused(
     first: tuple[Path, Calibration], tmp_path: Path
 ) -> None:
