@@ -81,7 +81,12 @@ def oscillation(
             "the stator was in place: its cogging torque pulls as the springs do, and a frequency "
             "cannot separate the two; give a calibration that knows it, or take the stator off"
         )
-    waves = waves_of(cogging_Nm) if settings.stator and cogging_Nm is not None else None
+    if cogging_Nm is not None and not settings.stator:
+        raise AnalysisError(
+            "the stator was off ([plans.inertia-oscillation] stator = false), so no cogging torque "
+            "acted: leave out --calibration, or name a bench file that says stator = true with -c"
+        )
+    waves = None if cogging_Nm is None else waves_of(cogging_Nm)
     read = partial(read_release, counts=counts, setup=setup, cogging_Nm=waves)
     releases: list[Release] = []
     faults: list[tuple[str, tuple[SignalFault, ...]]] = []
@@ -162,11 +167,19 @@ def estimate(
     if named not in (None, found):
         raise AnalysisError(f"these are recordings of {found}: motord analyse {found} RUN...")
     if found == Acceleration.experiment:
+        if calibration:
+            raise AnalysisError(
+                "--calibration is for releases of a bar: the torque that the sensor measures in "
+                "steps has the cogging torque in it"
+            )
         pushed = plan_settings(recordings, Acceleration.experiment, AccelerationConfig)
         return acceleration(runs, subject, pushed)
     swung = plan_settings(recordings, Oscillation.experiment, OscillationConfig)
-    cogging_Nm = np.array(load_calibration(calibration).tau_cog_Nm) if calibration else None
-    return oscillation(runs, subject, swung, cogging_Nm)
+    if not calibration:
+        return oscillation(runs, subject, swung)
+    known = load_calibration(calibration)
+    known.check_motor(subject.motor, recorded=True)
+    return oscillation(runs, subject, swung, np.array(known.tau_cog_Nm))
 
 
 def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | TextTable]:

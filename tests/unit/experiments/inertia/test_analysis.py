@@ -213,16 +213,32 @@ def test_a_swing_with_the_stator_needs_to_know_its_cogging_torque(
     # the table is of a torque that was not there: it must make a difference, no more
     assert found != pytest.approx(TRUTH_KG_M2, rel=2e-3)
     assert found == pytest.approx(TRUTH_KG_M2, rel=0.2)
+    calibrated(tmp_path / "other.json", slots=36)
+    code, output = invoke(swings, "-c", bench, "--calibration", tmp_path / "other.json")
+    assert code == 1
+    assert "was made for another motor: slots is 36 there and 48 here" in " ".join(output.split())
 
 
-def calibrated(path: Path) -> None:
+def test_a_calibration_that_does_nothing_is_refused(
+    swings: Path, steps: Path, tmp_path: Path
+) -> None:
+    calibrated(tmp_path / "cal.json")
+    for recording, why in (
+        (swings, "stator = false), so no cogging torque acted: leave out --calibration"),
+        (steps, "--calibration is for releases of a bar"),
+    ):
+        code, output = invoke(recording, "--calibration", tmp_path / "cal.json")
+        assert (code, why in " ".join(output.split())) == (1, True), output
+
+
+def calibrated(path: Path, **motor_values: object) -> None:
     from datetime import UTC, datetime
 
     motor = load(packaged("inertia.toml")).motor
     angle_rad = 2 * np.pi * np.arange(motor.counts) / motor.counts
     Calibration(
         created=datetime.now(UTC),
-        motor=CalibratedMotor.of(motor),
+        motor=CalibratedMotor.of(motor).model_copy(update=motor_values),
         method="joint",
         alpha=(1.0, 1.0, 1.0),
         alpha_stderr=(0.0, 0.0, 0.0),
