@@ -24,7 +24,7 @@ def estimate(
     """Return how a profile was followed. Raises AnalysisError, CalibrationError, ConfigError."""
     applied = load(calibration) if calibration else None
     if applied:
-        applied.check_motor(recordings.subject.motor)
+        applied.check_motor(recordings.subject.motor, recorded=True)
     return measure(recordings, applied)
 
 

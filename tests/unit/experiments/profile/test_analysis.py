@@ -217,6 +217,16 @@ def test_a_sensor_that_passes_the_mean_needs_no_currents(played: Played) -> None
     assert found(played.on).torque_zero_Nm == 0.0
 
 
+def test_a_serial_number_that_a_plan_was_started_with_may_be_new_to_the_calibration(
+    played: Played, tmp_path: Path
+) -> None:
+    known = load(played.calibration)
+    motor = known.motor.model_copy(update={"serial": ""})
+    Calibration(**{**dict(known), "motor": motor, "id": ""}).save(tmp_path / "cal.json")
+    energy_J = estimate(Recordings.open([played.on]), tmp_path / "cal.json").energy_J
+    assert energy_J == found(played.on, played.calibration).energy_J
+
+
 def test_the_energy_has_its_sign_whichever_way_the_encoder_counts(played: Played) -> None:
     recordings = Recordings.open([played.off])
     motor = recordings.subject.motor.model_copy(update={"encoder_direction": -1})
