@@ -93,8 +93,13 @@ class SpringSetup:
         return float(whole - self.bar_inertia_kg_m2 - springs.sum())
 
     def frequency_rad_s(self, inertia_kg_m2: float) -> float:
-        """Return the undamped natural frequency with a motor of this inertia."""
-        frequency_rad_s = np.sqrt(self.stiffness_Nm / (inertia_kg_m2 + self.bar_inertia_kg_m2))
+        """Return the undamped natural frequency with a motor of this inertia.
+
+        The search begins below it: not far above, heavy springs swing alone.
+        """
+        springs = UNLOADED * (self.mass_kg * self.levers_m[self.lever] ** 2).sum()
+        most_kg_m2 = inertia_kg_m2 + self.bar_inertia_kg_m2 + springs
+        frequency_rad_s = np.sqrt(self.stiffness_Nm / most_kg_m2)
         for _ in range(100):
             excess = self.inertia_kg_m2(frequency_rad_s) - inertia_kg_m2
             whole = self.stiffness_Nm / frequency_rad_s**2
