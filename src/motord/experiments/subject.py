@@ -179,14 +179,26 @@ def check_applied(run: Run, calibration_id: str) -> None:
         )
 
 
-def plan_settings(recordings: Recordings, plan: str, section: type[Settings]) -> Settings:
+def plan_settings(
+    recordings: Recordings, plan: str, section: type[Settings], *alike: str
+) -> Settings:
     """Return `[plans.PLAN]` of the bench file that was named, else the settings as recorded.
 
-    Raises AnalysisError, ConfigError.
+    alike: names of those that all recordings have to agree in. Raises AnalysisError, ConfigError.
     """
     if recordings.config and (bench := bench_of(recordings.config)):
         return bench.plans.of(plan, section)
-    return recorded_settings(recordings.runs[0], section)
+    first, *others = recordings.runs
+    own = recorded_settings(first, section)
+    for run in others:
+        other = recorded_settings(run, section)
+        if differing := [name for name in alike if getattr(other, name) != getattr(own, name)]:
+            raise AnalysisError(
+                f"{run.path}: [plans.{plan}] differs from that of {first.path} in "
+                f"{', '.join(differing)}; analyse them one by one, or name the bench file that "
+                "holds for both with -c"
+            )
+    return own
 
 
 def recorded_settings(run: Run, section: type[Settings]) -> Settings:

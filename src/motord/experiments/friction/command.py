@@ -112,7 +112,9 @@ def estimate(
     for run in recordings.runs:
         check_plan(run, NAME)
     motor = recordings.subject.motor
-    known = inertia_of(inertia, plan_settings(recordings, NAME, FrictionConfig), motor.name)
+    alike = () if inertia else ("inertia_kg_m2",)
+    settings = plan_settings(recordings, NAME, FrictionConfig, *alike)
+    known = inertia_of(inertia, settings, motor.name)
     coasts, of_signals, left_out = coast_downs(recordings.runs, motor)
     with left_out.explaining():
         found = measure(coasts, motor, known)

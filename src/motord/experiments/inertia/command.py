@@ -41,6 +41,9 @@ from motord.schema import rows_of
 
 EXPERIMENTS = (Oscillation.experiment, Acceleration.experiment)
 
+SET_UP = ("levers_m", "springs", "bar_inertia_kg_m2", "effective_mass", "stator")
+"""Settings that say what was on the rotor."""
+
 RELEASE = ("t_ns", "encoder_count")
 """Columns of the ticks of a release."""
 
@@ -174,7 +177,7 @@ def estimate(
             )
         pushed = plan_settings(recordings, Acceleration.experiment, AccelerationConfig)
         return acceleration(runs, subject, pushed)
-    swung = plan_settings(recordings, Oscillation.experiment, OscillationConfig)
+    swung = plan_settings(recordings, Oscillation.experiment, OscillationConfig, *SET_UP)
     if not calibration:
         return oscillation(runs, subject, swung)
     known = load_calibration(calibration)

@@ -28,6 +28,12 @@ STEP_MIN_S = 0.02
 GAP_S = 5.0
 """Time without ticks that is bridged."""
 
+READ = (
+    "winding_channel", "magnet_channel", "housing_channel", "ambient_channel",
+    "resistance_ohm", "resistance_C", "resistance_per_K",
+)  # fmt: skip
+"""Settings that the constants follow from."""
+
 STOPPED = "stopped"
 """How a cooling ended that the plan did not end."""
 
@@ -41,7 +47,7 @@ def thermal_course(recordings: Recordings) -> tuple[ThermalCourse, CopperResista
         check_plan(run, NAME)
         require_columns(run, ("t_ns", *CURRENTS))
     runs = sorted(recordings.runs, key=_first_ns)
-    own = plan_settings(recordings, NAME, ThermalConfig)
+    own = plan_settings(recordings, NAME, ThermalConfig, *READ)
     heating, cooling = _points(runs)
     begin_ns = int(heating["t_start_ns"])
     end_ns = int(cooling["t_end_ns"]) if cooling else _last_ns(runs[-1])

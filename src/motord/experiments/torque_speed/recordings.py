@@ -27,6 +27,9 @@ from motord.identification.signal_condition import SignalFault
 from motord.recording.plan_columns import plan_columns
 from motord.recording.reader import Run, bounds_of
 
+READ = ("power_channel", "bus_current_channel", "readings")
+"""Settings that say what was read."""
+
 Readings = tuple[np.ndarray, np.ndarray, float]
 """Times (n,), Unix ns, values (n,) and their resolution."""
 
@@ -37,7 +40,7 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     for run in runs:
         check_plan(run, NAME)
     _check_mean(subject.sensor)
-    own = plan_settings(recordings, NAME, TorqueSpeedConfig)
+    own = plan_settings(recordings, NAME, TorqueSpeedConfig, *READ)
     accuracy, pole_pairs = subject.accuracy, subject.motor.pole_pairs
     points: list[OperatingPower] = []
     left_out = CapturesLeftOut()

@@ -219,6 +219,17 @@ def test_a_swing_with_the_stator_needs_to_know_its_cogging_torque(
     assert "was made for another motor: slots is 36 there and 48 here" in " ".join(output.split())
 
 
+def test_releases_of_different_set_ups_are_not_taken_for_one(swings: Path, tmp_path: Path) -> None:
+    """The springs of the first recording counted for all, so the inertia went with the order."""
+    other = tmp_path / "other.mcap"
+    record("inertia.toml", "inertia-oscillation", other, repeats=1, bar_inertia_kg_m2=0.008)
+    code, output = invoke(swings, other)
+    said = "".join(output.split())
+    assert (code, "in bar_inertia_kg_m2; analyse them".replace(" ", "") in said) == (1, True), said
+    code, output = invoke(swings, other, "-c", packaged("inertia.toml"))
+    assert code == 0, output
+
+
 def test_a_calibration_that_does_nothing_is_refused(
     swings: Path, steps: Path, tmp_path: Path
 ) -> None:
