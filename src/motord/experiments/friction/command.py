@@ -43,6 +43,7 @@ class _InertiaFile(BaseModel):
     motor: str = ""
     inertia_kg_m2: Positive
     uncertainty_kg_m2: NonNegative
+    freedom: Positive | None = None
 
 
 def inertia_of(file: Path | None, settings: FrictionConfig, motor: str) -> Inertia:
@@ -72,7 +73,8 @@ def _read_inertia(file: Path, motor: str) -> Inertia:
     source = file.name
     if found.motor and motor and found.motor != motor:
         source += f", of another motor, {found.motor!r}"
-    return Inertia(found.inertia_kg_m2, found.uncertainty_kg_m2 / found.inertia_kg_m2, source)
+    relative = found.uncertainty_kg_m2 / found.inertia_kg_m2
+    return Inertia(found.inertia_kg_m2, relative, source, found.freedom)
 
 
 def coast_downs(

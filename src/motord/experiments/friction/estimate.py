@@ -33,7 +33,7 @@ from motord.experiments.friction.result import (
 )
 from motord.experiments.friction.two_step_fit import OWN, TwoStepFit
 from motord.identification import IdentifyError
-from motord.intervals import SERIOUS_BIAS, IntervalEstimate, coverage_factor, t_quantile
+from motord.intervals import SERIOUS_BIAS, IntervalEstimate, t_quantile
 
 LEAST_COAST_DOWNS = 3
 """Coast-downs of a direction below which their scatter says nothing."""
@@ -97,10 +97,9 @@ class _StatedFit:
 
     def part(self, number: int, inertia: Inertia) -> IntervalEstimate:
         """Return a coefficient as torque, with its combined standard uncertainty."""
-        half, of_inertia, j = float(self.half[number]), inertia.relative_uncertainty, inertia.kg_m2
-        value = float(self.fit.solution[number])
-        whole = hypot(half, coverage_factor() * of_inertia * value)
-        stderr = hypot(half / float(self.quantile[number]), of_inertia * value)
+        half, value, j = float(self.half[number]), float(self.fit.solution[number]), inertia.kg_m2
+        whole = hypot(half, inertia.half_width * value)
+        stderr = hypot(half / float(self.quantile[number]), inertia.relative_uncertainty * value)
         return _interval(j * value, j * whole, j * stderr)
 
     def stribeck(self, inertia: Inertia) -> Stribeck | None:
@@ -217,10 +216,9 @@ def _curve_point(found: _StatedFit, speed_rad_s: float, inertia: Inertia, sign: 
     quantile = _quantile(fit, 0.975, weights)
     half = quantile * float(np.sqrt(weights @ fit.covariance @ weights))
     half = float(found.lack.widened(half, weights, direct=speed_rad_s**2))
-    of_inertia = inertia.relative_uncertainty * value
-    whole = hypot(half, coverage_factor() * of_inertia)
+    whole = hypot(half, inertia.half_width * value)
     low, high = sorted((sign * (value - whole), sign * (value + whole)))
-    stderr = hypot(half / quantile, of_inertia)
+    stderr = hypot(half / quantile, inertia.relative_uncertainty * value)
     return CurvePoint(sign * speed_rad_s, sign * value * j, low * j, high * j, stderr * j)
 
 

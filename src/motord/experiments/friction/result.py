@@ -13,11 +13,20 @@ Direction = Literal["forwards", "backwards"]
 
 @dataclass(frozen=True)
 class Inertia:
-    """The moment of inertia that torques follow from; relative_uncertainty: standard, in parts."""
+    """The moment of inertia that torques follow from; relative_uncertainty: standard, in parts.
+
+    freedom: effective degrees of freedom of that, None for many.
+    """
 
     kg_m2: float
     relative_uncertainty: float
     source: str
+    freedom: float | None = None
+
+    @property
+    def half_width(self) -> float:
+        """Half of its 95 % interval, in parts."""
+        return coverage_factor(self.freedom) * self.relative_uncertainty
 
 
 @dataclass(frozen=True)
@@ -202,10 +211,9 @@ class Friction:
             if one.stribeck is None
         ]
         lines += [_unseen(one) for one in self.directions if not one.windage.significant]
-        share = coverage_factor() * self.inertia.relative_uncertainty
         lines.append(
             f"all torques are in proportion to the inertia, {self.inertia.kg_m2:.5g} kg m2 "
-            f"({self.inertia.source}, +-{100 * share:.2g} %)"
+            f"({self.inertia.source}, +-{100 * self.inertia.half_width:.2g} %)"
         )
         return lines
 

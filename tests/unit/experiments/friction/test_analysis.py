@@ -220,10 +220,12 @@ def test_without_an_inertia_it_says_what_to_do(recorded: Path) -> None:
 
 def test_an_inertia_of_another_motor_is_said(recorded: Path, inertia: Path, tmp_path: Path) -> None:
     other = tmp_path / "inertia.json"
-    other.write_text(json.dumps(json.loads(inertia.read_text()) | {"motor": "pump \x1b[31m"}))
+    other.write_text(
+        json.dumps(json.loads(inertia.read_text()) | {"motor": "pump \x1b[31m", "freedom": 3.0})
+    )
     code, text = invoke("analyse", "friction", recorded, "--inertia", other)
     assert code == 0, text
-    assert r"(inertia.json, of another motor, 'pump \x1b[31m', +-2 %)" in text
+    assert r"(inertia.json, of another motor, 'pump \x1b[31m', +-3.2 %)" in text
 
 
 def test_the_inertia_may_stand_in_the_bench_file(recorded: Path, tmp_path: Path) -> None:

@@ -236,11 +236,13 @@ def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None
 def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
     coasts = coast_downs(np.random.default_rng(9), Rotor(), 6)
     exact = measured(9, 6).directions[0]
-    doubled = friction(coasts, Inertia(2 * INERTIA.kg_m2, 0.02, "test")).directions[0]
+    found = friction(coasts, Inertia(2 * INERTIA.kg_m2, 0.02, "test", freedom=3.0))
+    assert "(test, +-6.4 %)" in found.notes[-1]
+    doubled = found.directions[0]
     coulomb = doubled.coulomb_Nm
     assert coulomb.value == pytest.approx(2 * exact.coulomb_Nm.value)
     half = coulomb.high - coulomb.value
-    expected = np.hypot(2 * exact.coulomb_fit_Nm, coverage_factor() * 0.02 * coulomb.value)
+    expected = np.hypot(2 * exact.coulomb_fit_Nm, coverage_factor(3.0) * 0.02 * coulomb.value)
     assert half == pytest.approx(expected)
     stderr = np.hypot(2 * exact.coulomb_Nm.stderr, 0.02 * coulomb.value)
     assert coulomb.stderr == pytest.approx(stderr)
