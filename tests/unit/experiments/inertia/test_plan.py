@@ -64,6 +64,8 @@ def test_a_release_is_taken_from_the_hold_to_the_end_of_the_swing() -> None:
     assert 3000 < point["tick_end"] <= 3700
     assert point["swing"]["deflection_rad"] == pytest.approx(0.2, rel=0.1)
     assert point["turns"] == 0
+    in_time = watch(Bar(released), 8.0, repeats=1, timeout_s=2.5)
+    assert (in_time.state, in_time.points) == (PlanState.DONE, executor.points)
 
 
 def test_a_bar_that_is_pulled_to_and_fro_and_never_let_go_is_waited_for() -> None:

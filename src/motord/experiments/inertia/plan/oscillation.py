@@ -81,7 +81,8 @@ def release(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
             "go; a simulated rig needs such a bar, [swing], as that of the packaged inertia.toml"
         )
 
-    return (yield from within(own.timeout_s, _release_unpowered(point, own), late))
+    limit_s = own.timeout_s + own.swing_max_s  # what is let go in time swings to its end
+    return (yield from within(limit_s, _release_unpowered(point, own), late))
 
 
 def _release_unpowered(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
