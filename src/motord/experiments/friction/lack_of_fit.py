@@ -52,16 +52,16 @@ class WindageFit:
         return moved * self.coefficient, np.abs(moved) * self.half
 
     def widened(
-        self, half: np.ndarray | float, weights: np.ndarray, scale: float = 1.0, direct: float = 0.0
+        self, half: np.ndarray | float, weights: np.ndarray, direct: float = 0.0
     ) -> np.ndarray:
-        """Return halves of intervals (m,) of scale times weights @ coefficients, with the change.
+        """Return halves of intervals (m,) of weights @ coefficients, with the change.
 
         They hold what allowing for the part gives and the interval of that, where it may be there.
         """
         if not self.possible:
             return np.asarray(half)
         change, more = self.changes(weights, direct)
-        return np.asarray(scale * np.abs(change) + np.hypot(half, scale * more))
+        return np.asarray(np.abs(change) + np.hypot(half, more))
 
 
 def lack_of_fit(

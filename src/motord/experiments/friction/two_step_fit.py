@@ -65,13 +65,12 @@ class OwnFriction:
 class TwoStepFit:
     """solution (p,): Coulomb and viscous friction, then the common columns' coefficients.
 
-    residual (n,), its standard deviation (noise); sensitivity: T (p, p), to both steps; common: the
-    first, its residual that with friction of each coast-down its own; friction: the second.
+    residual (n,); sensitivity: T (p, p), to both steps; common: the first, its residual that with
+    friction of each coast-down its own; friction: the second.
     """
 
     solution: np.ndarray
     residual: np.ndarray
-    noise: float
     sensitivity: np.ndarray
     friction: ClusterFit | BiasReducedFit
     common: ClusterFit | BiasReducedFit
@@ -91,7 +90,7 @@ class TwoStepFit:
         sensitivity = np.eye(OWN + more.shape[1])
         sensitivity[:OWN, OWN:] = -own.regressors.inverse @ (own.columns.T @ more)
         solution = np.concatenate([friction.solution, common.solution])
-        return cls(solution, friction.residual, friction.noise, sensitivity, friction, common, own)
+        return cls(solution, friction.residual, sensitivity, friction, common, own)
 
     @cached_property
     def covariance(self) -> np.ndarray:

@@ -49,7 +49,7 @@ CONSEQUENCE = "it counts as noise of each order, which is not learned"
 
 @dataclass(frozen=True)
 class LearnPass:
-    """Residual ripple of the points of a pass, in the order taken, and the calibration after it.
+    """What a pass shows, and the calibration after it.
 
     calibration: with the corrections to apply from now on. unreached: what the torque shows and is
     not corrected; reach: how far that goes at each speed, as text. limit_Nm: that no correction
@@ -58,7 +58,6 @@ class LearnPass:
     """
 
     calibration: Calibration
-    residuals: tuple[PassResidual, ...]
     unreached: tuple[Unreached, ...] = ()
     reach: tuple[str, ...] = ()
     limit_Nm: float = np.inf
@@ -193,7 +192,6 @@ def learn(
     one_each = {each.speed_Hz: each for each in seen}
     return LearnPass(
         calibration.with_learned(learned, created),
-        residuals,
         unreached=tuple(one for each in seen for one in unreached(each, orders)),
         reach=tuple(reach_text(one_each[speed], subject.sensor) for speed in sorted(one_each)),
         limit_Nm=learning.limit_share * motor.rated_torque_Nm,

@@ -309,6 +309,6 @@ def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
     from motord.calibration import RmsErrors, RmsPoint
 
     rms = RmsErrors.of((RmsPoint(torque_Nm=3.0, speed_Hz=0.8, before=7.0),))
-    learned = LearnPass(once.calibration.with_rms_error(rms), once.residuals)
+    learned = LearnPass(once.calibration.with_rms_error(rms))
     report(learned).write(tmp_path / "r.html")
     assert "Without compensation (%)" in (tmp_path / "r.html").read_text()
