@@ -114,7 +114,7 @@ def accelerate(
     both, and half of it is what they differ by.
     """
     if not data:
-        raise IdentifyError("no good step in there")
+        raise IdentifyError("there is no good step in the recordings")
     steps: list[TorqueStep] = []
     left_out = CapturesLeftOut()
     for n, (name, ticks) in enumerate(data):

@@ -129,7 +129,7 @@ def combine(
     left out: somebody touched the bar, or a computer stalled.
     """
     if not releases:
-        raise IdentifyError("no good release in there")
+        raise IdentifyError("there is no good release in the recordings")
     releases, disturbed = _without_disturbed(releases)
     frequency_rad_s, stderr_rad_s = mean_frequency([release.decay for release in releases])
     if cogging_Nm is not None:

@@ -124,7 +124,9 @@ def read_step(
     fit = _fit(t_s, angle_rad, measured_Nm, sliding)
     p = fit.parameters
     if p[2] <= 0:
-        raise IdentifyError(f"{name}: the rotor does not follow the measured torque; its sign?")
+        raise IdentifyError(
+            f"{name}: the rotor does not follow the measured torque: is its sign right?"
+        )
     commanded = _fit(t_s, angle_rad, commanded_Nm, sliding)
     noise_rad_s2 = p[2] * _white_noise(ticks["torque_Nm"][:begin].astype(float))
     rounding_rad = 2 * pi / counts / sqrt(12)

@@ -113,8 +113,9 @@ def _why_nothing(calibration: Calibration, changes: Sequence[Change]) -> str:
     if departed := [one.meaning for one in changes if one.drifted]:
         return (
             f"what has departed from calibration {calibration.id} is {', '.join(departed)}: gains "
-            "and offsets are adopted of three phases that are all seen, without what they have in "
-            "common, an order of the cogging torque with amplitude and phase; calibrate again"
+            "or offsets can be adopted only where all three phases are seen, and never what they "
+            "have in common; an order of the cogging torque only where its amplitude and its phase "
+            "are seen; calibrate again"
         )
     return (
         f"operation agrees with calibration {calibration.id} and shows nothing better than that "
