@@ -120,7 +120,8 @@ def _read_releases(
             # a segment without oscillation is skipped where a recording marks none
             with nullcontext() if marked else suppress(IdentifyError):
                 index = len(releases) + len(left_out.reasons)
-                releases.append(read(index, good["t_ns"], good["encoder_count"]))
+                one = read(index, good["t_ns"], good["encoder_count"])
+                releases.append(replace(one, label=label))
     return seen
 
 

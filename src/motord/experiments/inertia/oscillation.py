@@ -18,7 +18,7 @@ from motord.experiments.inertia.error_budget import (
 )
 from motord.experiments.inertia.releases import Release
 from motord.experiments.inertia.springs import SpringSetup
-from motord.findings import Finding
+from motord.findings import Finding, listed
 from motord.identification import IdentifyError
 from motord.identification.rotor.free_decay import fit_decay, mean_frequency
 from motord.intervals import coverage_factor
@@ -165,9 +165,17 @@ def _damping(releases: Sequence[Release]) -> tuple[float, float]:
 
 def _without_disturbed(releases: Sequence[Release]) -> tuple[list[Release], list[Release]]:
     """Return those that fit as well as the best, and the others."""
-    misfit_rad = np.array([np.std(release.decay.residual_rad) for release in releases])
-    disturbed = misfit_rad > DISTURBED * np.percentile(misfit_rad, 25)
+    disturbed = _misfits_rad(releases) > _most_rad(releases)
     return list(compress(releases, ~disturbed)), list(compress(releases, disturbed))
+
+
+def _misfits_rad(releases: Sequence[Release]) -> np.ndarray:
+    return np.array([np.std(release.decay.residual_rad) for release in releases])
+
+
+def _most_rad(releases: Sequence[Release]) -> float:
+    """Return the misfit above which one of the releases counts as disturbed."""
+    return DISTURBED * float(np.percentile(_misfits_rad(releases), 25))
 
 
 def _readings(releases: Sequence[Release], setup: SpringSetup) -> tuple[InertiaReading, ...]:
@@ -212,12 +220,11 @@ def _few(releases: int) -> Iterator[Finding]:
 
 def _left_out(found: Oscillation) -> Iterator[Finding]:
     if found.disturbed:
-        numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
-        worst_rad = max(float(np.std(one.decay.residual_rad)) for one in found.disturbed)
-        best_rad = np.median([np.std(one.decay.residual_rad) for one in found.releases])
+        worst_rad = float(_misfits_rad(found.disturbed).max())
+        limit_rad = _most_rad((*found.releases, *found.disturbed))
         yield Finding(
-            "releases-left-out", worst_rad, float(DISTURBED * best_rad), "rad", "note",
-            f"release {numbers}: left out, as a decay fits worse there than in the others: "
-            "somebody touched the bar, or ticks were missed",
-            "look at the decays in the report",
+            "releases-left-out", worst_rad, limit_rad, "rad", "note",
+            f"{listed([one.label for one in found.disturbed])}: left out, as a decay fits worse "
+            "there than in the others: somebody touched the bar, or ticks were missed",
+            "let go again, without touching the bar",
         )  # fmt: skip

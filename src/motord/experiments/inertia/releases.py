@@ -25,7 +25,10 @@ STILL_COUNTS = 2
 
 @dataclass(frozen=True)
 class Release:
-    """One release: its oscillation, five periods of that, and the fit of its whole decay."""
+    """One release: its oscillation, five periods of that, and the fit of its whole decay.
+
+    label: its recording, and its number there.
+    """
 
     JSON: ClassVar = (
         "index", "period_s=five.period_s", "decrement=five.decrement",
@@ -39,6 +42,7 @@ class Release:
     oscillation: FreeOscillation
     five: FivePeriods
     decay: Decay
+    label: str = ""
 
 
 def find_releases(t_ns: np.ndarray, count: np.ndarray, counts: int) -> list[slice]:

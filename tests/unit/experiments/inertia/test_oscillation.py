@@ -1,5 +1,7 @@
 """Releases of the simulated rig against its truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,8 +54,14 @@ def test_a_release_that_was_disturbed_is_left_out() -> None:
     ticks = taken(swing_bench(), "inertia-oscillation", 1, repeats=3)
     late = ticks[1].copy()
     late["t_ns"][late.size // 2 :] += 4_000_000  # the clock, or the bar, stood still meanwhile
-    read_all = [read(n, block) for n, block in enumerate((ticks[0], late, ticks[2]))]
+    read_all = [
+        replace(read(n, block), label=f"run.mcap: release {n + 1}")
+        for n, block in enumerate((ticks[0], late, ticks[2]))
+    ]
     found = combine(read_all, nominal_setup())
+    [left_out] = [one for one in found.findings if one.name == "releases-left-out"]
+    assert left_out.meaning.startswith("run.mcap: release 2: left out")
+    assert left_out.value > left_out.limit
     assert [release.index for release in found.disturbed] == [1]
     assert [release.index for release in found.releases] == [0, 2]
     assert found.inertia_kg_m2 == pytest.approx(TRUTH_KG_M2, rel=2e-3)
