@@ -159,7 +159,7 @@ def torque_response(sweeps: Sequence[np.ndarray], counts: int) -> TorqueResponse
     fits = [nnls(motion, sign * torque_Nm) for sign in (1, -1)]
     explained = [1 - float(fit[1]) ** 2 / total for fit in fits]
     best = int(np.argmax(explained))
-    seen = explained[best] > EXPLAINED_MIN and explained[best] > 2 * explained[1 - best]
+    seen = explained[best] > least_explained(explained[1 - best])
     direction = (1, -1)[best]
     return TorqueResponse(
         direction=direction if seen else 0,
@@ -167,6 +167,11 @@ def torque_response(sweeps: Sequence[np.ndarray], counts: int) -> TorqueResponse
         motion_Nm=direction * (motion @ fits[best][0]),
         torque_Nm=torque_Nm,
     )
+
+
+def least_explained(reversed_explained: float) -> float:
+    """Return the part of the variance above which a sign shows, by what the other explains."""
+    return max(EXPLAINED_MIN, 2 * reversed_explained)
 
 
 def _motion_and_torque(ticks: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from motord.config import AccuracyConfig, MotorConfig, PhaseOrder
 from motord.experiments.alignment.rests import Rests
-from motord.experiments.alignment.rests_checks import TorqueResponse
+from motord.experiments.alignment.rests_checks import TorqueResponse, least_explained
 from motord.findings import Finding
 from motord.intervals import coverage_factor
 
@@ -178,9 +178,10 @@ class Alignment:
 
     def _of_data(self) -> Iterator[Finding]:
         if not self.direction_seen:
+            explained, reversed_explained = self.torque_response.explained
             yield Finding(
-                "direction-not-seen", self.torque_response.explained[0], 0.5, "of the variance",
-                "warning",
+                "direction-not-seen", explained, least_explained(reversed_explained),
+                "of the variance", "warning",
                 "the torque sensor does not show the rotor's oscillations, and so not which "
                 "direction is forwards: it was taken as that in which the encoder counts up by the "
                 "bench file",

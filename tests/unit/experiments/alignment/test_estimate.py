@@ -200,6 +200,8 @@ def test_without_a_torque_sensor_forwards_is_where_the_encoder_counts_up(sweeps:
     mute = [_with(t, torque_Nm=0.02 * noise.standard_normal(t.size)) for t in sweeps]
     found = align(mute, CONFIG.motor)
     assert not found.direction_seen
+    [mute_sensor] = [one for one in found.findings if one.name == "direction-not-seen"]
+    assert mute_sensor.value <= mute_sensor.limit == 0.1
     assert found.direction == CONFIG.motor.encoder_direction
     true = random_case(1)
     backwards = true.direction != found.direction
