@@ -166,8 +166,8 @@ def estimate(
 ) -> Oscillation | Acceleration:
     """Return the moment of inertia. Raises AnalysisError, CalibrationError, IdentifyError."""
     runs, subject = recordings.runs, recordings.subject
-    named = None if command == "inertia" else command
-    found = experiment_of(runs, experiment or named)
+    named = experiment or (None if command == "inertia" else command)
+    found = experiment_of(runs, named)
     if named not in (None, found):
         raise AnalysisError(f"these are recordings of {found}: motord analyse {found} RUN...")
     if found == Acceleration.experiment:

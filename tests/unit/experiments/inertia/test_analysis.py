@@ -277,6 +277,9 @@ def test_a_recording_that_marks_nothing_is_searched_for_releases(
     result = json.loads(output)
     assert len(result["releases"]) + len(result["disturbed"]) == 3
     assert result["inertia_kg_m2"] == pytest.approx(TRUTH_KG_M2, rel=2e-3)
+    code, output = invoke(swings, "--experiment", "inertia-acceleration")
+    assert code == 1
+    assert "these are recordings of inertia-oscillation" in output
     code, output = invoke(bare, "--experiment", "inertia-acceleration")
     assert code == 1
     assert "no good step" in output
