@@ -64,7 +64,7 @@ def electrical_turn(rests: Rests) -> tuple[float, float]:
             "the plan align?"
         )
     mean_rad, spread_rad = float(rotor_turns_rad.mean()), float(rotor_turns_rad.std(ddof=1))
-    if spread_rad > SLIP_PART * abs(mean_rad):
+    if spread_rad >= SLIP_PART * abs(mean_rad):  # both are 0 where it stands
         raise IdentifyError(
             "the rotor does not follow the current vector evenly: is it free, and is the current "
             "enough for friction and cogging torque (currents_A)?"

@@ -228,6 +228,9 @@ def test_a_rotor_that_slips_is_refused(sweeps: list) -> None:
         _with(t, encoder_count=np.full(t.size, 7)) if number % 2 else t
         for number, t in enumerate(sweeps)
     ]
+    trembles = [_with(t, encoder_count=np.where(np.arange(t.size) == 1, 8, 7)) for t in sweeps]
+    with pytest.raises(IdentifyError, match="does not follow the current vector evenly"):
+        align(trembles, CONFIG.motor)
     with pytest.raises(IdentifyError, match="does not follow the current vector evenly"):
         align(stands, CONFIG.motor)
 
