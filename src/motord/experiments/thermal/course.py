@@ -114,10 +114,12 @@ class CopperResistance:
 
 
 def check(course: ThermalCourse) -> None:
-    """Raise IdentifyError for too few readings, too small a rise, or currents of no machine."""
+    """Raise IdentifyError for too few readings, too small a rise, no currents or too large ones."""
     rms_A = float(np.sqrt(course.squares_A2.mean() / 3))
     if rms_A > MOST_A:
         raise IdentifyError(f"currents of {rms_A:.3g} A RMS: is their scale right?")
+    if not course.heating_A2:
+        raise IdentifyError("no current was measured in the heat-up: is its feedback read?")
     for each in course.readings.values():
         valid = int(np.isfinite(each.value_C).sum())
         if valid < LEAST_READINGS:

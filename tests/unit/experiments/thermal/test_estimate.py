@@ -233,6 +233,8 @@ def test_currents_of_no_machine_are_refused() -> None:
     whole = course(1)
     with pytest.raises(IdentifyError, match=r"currents of .*e\+1[0-9] A RMS: is their scale right"):
         measure(replace(whole, squares_A2=1e36 * whole.squares_A2), COPPER)
+    with pytest.raises(IdentifyError, match="no current was measured in the heat-up"):
+        measure(replace(whole, squares_A2=0 * whole.squares_A2), COPPER)
 
 
 def test_correlated_noise_widens_the_intervals() -> None:
