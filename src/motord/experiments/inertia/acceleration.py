@@ -1,11 +1,10 @@
-"""Steps of torque together: the mean of both directions, how well it repeats, and its budget.
+"""Steps of torque together: mean of both directions, repeatability and uncertainty budget.
 
-Where steps scatter beyond their noise, or angles depart by more than it from what the torque makes
-of them, the torque that the sensor shows is not what acts: an error of the regressor, which makes
-the inertia too large. By how much at most is what direct and reverse regression differ by (Frisch
-1934). What the fit takes up of it does not show in the residual: where angles depart, it is taken
-for as many times the error by noise as the residual is, alike in all steps. Both are a source of
-uncertainty then.
+Errors in variables: where steps scatter, or their angles misfit, by more than noise, the sensor
+shows a torque that does not act. Such an error of the regressor makes the inertia too large
+(attenuation), at most by what direct and reverse regression differ by (Frisch 1934). The part of it
+that the fit absorbs shows in no residual: it is taken as the error by noise times the ratio of the
+residual to its noise, alike in all steps. Both are sources of uncertainty then.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,8 +1,8 @@
-"""Cogging torque that a step's samples do not resolve, taken out of the torque and put back whole.
+"""Aliased cogging torque, taken out of the samples of a step and replaced by what acts.
 
-Where an order turns as fast as the loop samples, all samples show the same of it: a torque that
-does not act, and that its integral takes for one. Near the mount's resonance they show it enlarged.
-By the encoder's angle the waves of an order are known between the samples as well:
+An order that passes about as fast as the loop samples is folded down to a slow torque, which does
+not act and which integrals take for one. Near its resonance the mount enlarges it. By the
+encoder's angle the waves of an order are known between the samples as well:
 
     T' = T - a g + a c
 
