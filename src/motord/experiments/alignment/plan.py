@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from motord.config import Config
 from motord.config.motor.back_emf import BackEmfTable
 from motord.config.plans import AlignConfig
@@ -85,7 +83,7 @@ def _currents_A(config: Config, own: AlignConfig) -> tuple[float, ...]:
     table = config.motor.back_emf_table()
     rms_V_s_per_rad = math.sqrt(float((table**2).mean()))
     rated_A = math.sqrt(2) / 3 * config.motor.rated_torque_Nm / rms_V_s_per_rad
-    return tuple(float(np.round(part * rated_A, 2)) for part in RATED_PARTS)
+    return tuple(float(f"{part * rated_A:.3g}") for part in RATED_PARTS)
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,9 @@ def test_the_usual_currents_are_parts_of_the_rated_one() -> None:
     rated_A = 2 / 3 * config.motor.rated_torque_Nm / 0.206
     asked = build("align", config).settings["currents_A"]
     assert asked == pytest.approx([0.2 * rated_A, 0.4 * rated_A], rel=0.01)
+    motor = config.motor.model_copy(update={"rated_torque_Nm": config.motor.rated_torque_Nm / 1e3})
+    small = build("align", config.model_copy(update={"motor": motor})).settings["currents_A"]
+    assert small == pytest.approx([asked[0] / 1e3, asked[1] / 1e3], rel=0.01)
     assert build("align", config, {"currents_A": [5, 2]}).settings["currents_A"] == [2, 5]
 
 
