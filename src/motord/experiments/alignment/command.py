@@ -25,7 +25,7 @@ from motord.experiments.subject import (
 )
 from motord.identification.encoder_ticks import countable_ticks
 from motord.identification.signal_condition import require_change
-from motord.intervals import NOT_KNOWN
+from motord.intervals import NOT_KNOWN, two_digits
 from motord.recording.reader import Run
 
 PLAN = "align"
@@ -94,7 +94,7 @@ def _text(result: Alignment, _: Recordings) -> Iterator[str]:
         f"({NOT_KNOWN})"
     )
     yield (
-        f"- friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest ({NOT_KNOWN}): "
+        f"- friction leaves {two_digits(1e3 * result.friction_Nm)} mNm at rest ({NOT_KNOWN}): "
         f"a single stop is {result.friction_points:.2f} encoder points off"
     )
     yield f"- {result.agreement}"

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.result import Alignment
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
+from motord.intervals import plus_minus, two_digits
 from motord.report.html import Page, Verbatim
 from motord.report.style import AFTER, BEFORE, INK, figure
 
@@ -48,8 +48,8 @@ def report(result: Alignment, recordings: Recordings) -> Page:
             "limit of a rectangular distribution with the zero's combined standard uncertainty, "
             "that of the rests and that of the encoder's own error.",
             f"The rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn.",
-            f"Friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest, RMS, which takes a "
-            f"single stop {result.friction_points:.2f} encoder points off.",
+            f"Friction leaves {two_digits(1e3 * result.friction_Nm)} mNm at rest, RMS, which "
+            f"takes a single stop {result.friction_points:.2f} encoder points off.",
         ]
     )
     _pictures(page, result)

@@ -211,7 +211,7 @@ def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | Te
     yield TextTable(
         "other readings of the same recordings, intervals not known",
         ("reading", "J (e-3 kg m2)"),
-        [(label, f"{1e3 * reading:.4f}") for label, reading in readings],
+        [(label, f"{1e3 * reading:#.5g}") for label, reading in readings],
         left=(0,),
     )
 

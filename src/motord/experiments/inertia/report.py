@@ -45,9 +45,9 @@ def fill(page: Page, found: Oscillation | Acceleration, truth_kg_m2: float | Non
         _acceleration(page, found, truth_kg_m2)
 
 
-def grams(inertia_kg_m2: float) -> str:
-    """Return a moment of inertia in 1e-3 kg m^2 with four digits."""
-    return f"{1e3 * inertia_kg_m2:.3f}"
+def in_thousandths(inertia_kg_m2: float) -> str:
+    """Return a moment of inertia in 1e-3 kg m^2 with five digits."""
+    return f"{1e3 * inertia_kg_m2:#.5g}"
 
 
 def _against(value_kg_m2: float, truth_kg_m2: float | None) -> list[str]:
@@ -95,7 +95,7 @@ def _methods(page: Page, found: Oscillation, truth_kg_m2: float | None) -> None:
     rows = [
         [
             one.label,
-            grams(one.inertia_kg_m2),
+            in_thousandths(one.inertia_kg_m2),
             f"{100 * one.std_kg_m2 / one.inertia_kg_m2:.4f}",
             *_against(one.inertia_kg_m2, truth_kg_m2),
         ]
@@ -109,9 +109,9 @@ def _budget(page: Page, found: Oscillation) -> None:
     budget = found.budget
     low, high = budget.interval_kg_m2
     page.paragraph(
-        f"J = {grams(budget.inertia_kg_m2)} {UNIT} with a standard uncertainty of "
+        f"J = {in_thousandths(budget.inertia_kg_m2)} {UNIT} with a standard uncertainty of "
         f"{100 * budget.uncertainty_kg_m2 / budget.inertia_kg_m2:.2g} % (first order, GUM); 95 % "
-        f"of {budget.draws:,} draws lie between {grams(low)} and {grams(high)}."
+        f"of {budget.draws:,} draws lie between {in_thousandths(low)} and {in_thousandths(high)}."
     )
     page.picture(
         uncertainties(
@@ -173,7 +173,7 @@ def _acceleration(page: Page, found: Acceleration, truth_kg_m2: float | None) ->
     page.table(
         header,
         [
-            [label, grams(j), *_against(j, truth_kg_m2)]
+            [label, in_thousandths(j), *_against(j, truth_kg_m2)]
             for label, j in (
                 ("angle fitted with friction, torque by the sensor", found.inertia_kg_m2),
                 ("the same, torque as commanded", found.commanded_kg_m2),

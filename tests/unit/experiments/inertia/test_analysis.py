@@ -12,7 +12,7 @@ from motord.calibration import CalibratedMotor, Calibration
 from motord.cli import app
 from motord.config import load, packaged
 from motord.experiments.inertia import command as analysis
-from motord.experiments.inertia.report import fill
+from motord.experiments.inertia.report import fill, in_thousandths
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
@@ -166,6 +166,11 @@ def test_both_on_one_page_with_the_truth(swings: Path, steps: Path, tmp_path: Pa
     assert "off the truth (%)" in text
     assert text.index("by oscillation") < text.index("by acceleration")
     assert (tmp_path / "both.html").stat().st_size < 1_500_000
+
+
+def test_the_inertia_of_a_small_motor_has_as_many_digits() -> None:
+    assert in_thousandths(0.0105) == "10.500"
+    assert in_thousandths(1.2345e-7) == "0.00012345"
 
 
 def test_steps_of_recordings_of_one_name_all_count(steps: Path, tmp_path: Path) -> None:
