@@ -20,6 +20,7 @@ from math import pi
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from motord.experiments.friction.two_step_fit import bases, partialled_out
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import split
 
@@ -110,8 +111,7 @@ class CoastDownRows:
 
     def projected(self, columns: np.ndarray) -> np.ndarray:
         """Return columns (n,) or (n, p) less what a + v t of each coast-down explains of them."""
-        pairs = zip(self._nuisance, self.split(columns), strict=True)
-        return np.concatenate([x - q @ (q.T @ x) for q, x in pairs])
+        return partialled_out(self._nuisance, columns, self.first)
 
     def friction(self, q_rad: np.ndarray) -> np.ndarray:
         """Return the columns (n, 2) of F/J and b/J; q_rad (n,): the angle within the integrals."""
@@ -200,8 +200,7 @@ class CoastDownRows:
     @cached_property
     def _nuisance(self) -> list[np.ndarray]:
         """Orthonormal columns that span a + v t, of each."""
-        columns = [np.column_stack([np.ones_like(one.t_s), one.t_s]) for one in self.coasts]
-        return [np.asarray(np.linalg.qr(x)[0]) for x in columns]
+        return bases(np.column_stack([np.ones_like(self.t_s), self.t_s]), self.first)
 
     def _of_first(self, values: np.ndarray) -> np.ndarray:
         """Return the value of each row's coast-down's first row (n,)."""
