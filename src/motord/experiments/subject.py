@@ -190,7 +190,7 @@ def plan_settings(
         return bench.plans.of(plan, section)
     first, *others = recordings.runs
     own = recorded_settings(first, section)
-    for run in others:
+    for run in others if alike else ():
         other = recorded_settings(run, section)
         if differing := [name for name in alike if getattr(other, name) != getattr(own, name)]:
             raise AnalysisError(
