@@ -164,6 +164,7 @@ def _signals(
 ) -> tuple[_Signals, CycleSignals]:
     """Return a cycle over the profile's time, and its signals to be checked."""
     tau_s, bounds = subject.sensor.highpass_time_constant_s, bounds_of(point)
+    begins_ns = bounds["from_ns"]
     bounds["from_ns"] -= round(BEFORE_TIME_CONSTANTS * tau_s * 1e9)
     commands = COMMANDS if set(COMMANDS) <= set(run.columns) else ()
     ticks = run.ticks((*COLUMNS, *commands), **bounds)
@@ -173,6 +174,7 @@ def _signals(
     readable, of_encoder = sound_counts(count, subject.motor.counts, label)
     ticks = rows_of(ticks, readable)
     captured = ticks["plan_point"] == int(point["index"])
+    captured &= ticks["t_ns"] >= begins_ns  # before may be an earlier take of the same cycle
     torque_Nm, passed_Nm, currents_Nm = torques(ticks, subject, calibration)[:, captured]
     ticks = rows_of(ticks, captured)
     require_change({"torque_Nm": ticks["torque_Nm"]}, label)

@@ -424,3 +424,19 @@ def test_counts_misread_in_rows_are_many_or_few_in_the_cycle_alone(
     assert len(result.cycles) == len(points) - 1
     [left_out] = [one for one in result.findings if one.name == "points-left-out"]
     assert "several in a row" in left_out.meaning
+
+
+def test_an_earlier_take_of_a_cycle_is_no_part_of_it(played: Played, tmp_path: Path) -> None:
+    """Which ended within the time before the cycle from which on its torque is followed."""
+    last = open_run(played.on).operating_points()[-1]
+    begins_ns = bounds_of(last)["from_ns"]
+
+    def change(ticks: np.ndarray) -> np.ndarray:
+        earlier = (ticks["t_ns"] < begins_ns) & (ticks["t_ns"] > begins_ns - 9e9)
+        ticks["plan_point"][earlier] = int(last["index"])
+        return ticks
+
+    path = change_recording(played.on, tmp_path / "changed.mcap", change)
+    [sound, retaken] = (found(one, played.calibration).cycles[-1] for one in (played.on, path))
+    assert retaken.duration_s == sound.duration_s
+    assert retaken.energy_J == sound.energy_J
