@@ -204,11 +204,10 @@ class _Budget:
         motoring = self.mode == "motoring"
         input_W = self.electrical_W if motoring else self.mechanical_W
         half_width_W = (self.errors(0.0, 1.0) if motoring else self.errors(1.0, 0.0)).half_width
-        if abs(input_W) < LEAST_INPUT * half_width_W or (motoring and input_W < 0):
-            return (
-                IntervalEstimate(),
-                f"the input power, ({plus_minus(input_W, half_width_W)}) W, is near zero",
-            )
+        near_zero = abs(input_W) < LEAST_INPUT * half_width_W
+        if near_zero or (motoring and input_W < 0):
+            input_is = f"the input power, ({plus_minus(input_W, half_width_W)}) W, is"
+            return IntervalEstimate(), f"{input_is} {'near' if near_zero else 'below'} zero"
         value, *slopes = self._slopes()
         return self.errors(*slopes).around(value, 100), ""
 

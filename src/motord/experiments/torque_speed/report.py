@@ -225,6 +225,7 @@ def losses(points: Sequence[OperatingPower]) -> Figure:
                         color=colour, capsize=2.5, markersize=3.0, linewidth=1.0,
                         label=f"{speed_Hz:g} turn{'s' * (speed_Hz != 1)}/s, {mode}",
                     )  # fmt: skip
-        axes.set(xlabel="torque (Nm)", ylabel="losses (W)", ylim=(0, None))
+        lowest_W = min(0.0, axes.dataLim.ymin)
+        axes.set(xlabel="torque (Nm)", ylabel="losses (W)", ylim=(lowest_W, None))
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return picture

@@ -92,6 +92,7 @@ def test_a_generator_is_efficient_by_what_it_gives() -> None:
         (Machine(torque_Nm=-0.5, loss_W=30.0), "braking", "all of it is lost"),
         (Machine(torque_Nm=-0.01, ripple_Nm=0.0, loss_W=0.1), "generating", "is near zero"),
         (Machine(torque_Nm=0.001, ripple_Nm=0.0, loss_W=0.1), "motoring", "is near zero"),
+        (Machine(torque_Nm=0.01, ripple_Nm=0.0, loss_W=-30.0), "motoring", "is below zero"),
     ],
 )
 def test_near_zero_power_losses_are_stated_and_no_efficiency(

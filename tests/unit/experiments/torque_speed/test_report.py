@@ -33,3 +33,17 @@ def test_one_turn_a_second_is_not_spoken_of_as_several() -> None:
     ]
     [axes] = losses(cast("Any", points)).axes
     assert axes.get_legend_handles_labels()[1] == ["1 turn/s, motoring", "2 turns/s, motoring"]
+
+
+def test_losses_below_zero_are_in_the_picture() -> None:
+    """What they are questioned for has to be seen."""
+    points = [
+        SimpleNamespace(
+            loss=SimpleNamespace(value=loss_W, high=loss_W + 0.5), mode="motoring", speed_Hz=2.0,
+            torque_mean_Nm=1.0,
+        )
+        for loss_W in (-4.0, -2.0)
+    ]  # fmt: skip
+    [axes] = losses(cast("Any", points)).axes
+    low_W, high_W = axes.get_ylim()
+    assert low_W <= -4.5 < high_W
