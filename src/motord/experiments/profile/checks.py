@@ -253,9 +253,9 @@ def check_room(config: Config, seconds: float) -> None:
                 f"[recording] {name} = {limit:g}; raise it, or take fewer repeats"
             )
     folder = recording.directory.absolute()
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
     try:
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
         free_MB = shutil.disk_usage(folder).free / 1e6 - recording.free_min_MB
     except OSError:
         return  # whether it can be recorded at all is found when it starts

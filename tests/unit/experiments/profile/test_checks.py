@@ -211,3 +211,9 @@ def test_a_recording_must_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(0, 0, 501_000_000))
     with pytest.raises(PlanError, match=r"may take 1 MB, and .* has 1 MB beyond"):
         made(tmp_path / "p.csv", SMALL)
+
+
+def test_room_in_a_folder_that_cannot_be_looked_at_is_not_judged(tmp_path: Path) -> None:
+    """As in one that is another user's; it ended with a traceback."""
+    beyond = tmp_path / ("x" * 300) / "recordings"  # an error that is not that there is none
+    made(tmp_path / "p.csv", SMALL, changed(recording={"directory": str(beyond)}))
