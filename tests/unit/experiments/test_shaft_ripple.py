@@ -18,7 +18,7 @@ def test_images_of_held_currents_are_where_they_are_in_all_analyses(
 ) -> None:
     run, subject = open_run(recorded.off), Subject.of_config(load())
     verified = [one.rms_percent for one in ripples([run], subject, EveryCapture())]
-    sensitivity = [one.rms_percent for one, _ in measured_ripples([run], subject, EveryCapture())]
+    sensitivity = [one.rms_percent for one, *_ in measured_ripples([run], subject, EveryCapture())]
     before = [one.rms_percent for one in Calibrator.of_runs([run], subject).joint().ripples]
     monkeypatch.setattr(Run, "plan_metadata", {"settings": {"inner": {"turns": 5}}})
     found = point_ripples(run, run.operating_points(), subject).values()

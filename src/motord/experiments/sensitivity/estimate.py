@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from motord.config import MotorConfig
+from motord.config.plans import SensitivityConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.captures_left_out import CapturesLeftOut, prepared
 from motord.experiments.hold_timing import phase_hold
@@ -25,7 +26,7 @@ from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitiv
 from motord.experiments.sensitivity.slope_fit import series
 from motord.experiments.shaft_ripple import shaft_ripple
 from motord.experiments.signal_findings import current_scale, signal_findings
-from motord.experiments.subject import AnalysisError, Subject
+from motord.experiments.subject import AnalysisError, Subject, recorded_settings
 from motord.identification import IdentifyError
 from motord.identification.disturbances.lines_of_points import DetectedLines, with_asynchronous
 from motord.identification.operating_points import (
@@ -47,6 +48,9 @@ DEFAULT_TORQUE_Nm = 3.0
 
 IDEALS = {"alpha_a": 1.0, "beta_a_A": 0.0, "cogging": 1.0, "delta_epsilon": 1.0}
 """Each kind of error: its value without any."""
+
+Kinds = dict[str, float]
+"""Kinds of error, of IDEALS, to which what was induced belongs, each with its value."""
 
 
 def theory(motor: MotorConfig, tau_cog_Nm: np.ndarray, torque_Nm: float) -> Theory:
@@ -70,7 +74,7 @@ def theory_alone(subject: Subject, tau_cog_Nm: np.ndarray, torque_Nm: float) -> 
     return Sensitivity(subject, (), 0.0, theory(subject.motor, tau_cog_Nm, torque_Nm), (), None)
 
 
-def _single(induced: Induced) -> dict[str, float]:
+def _single(induced: Induced) -> Kinds:
     """Return to which kinds of error these belong, with the value; none if they are mixed."""
     offsets = any(induced.offset_A)
     wrong = (induced.gain != NOTHING_INDUCED.gain, offsets, induced.cogging != 1.0)
@@ -97,11 +101,11 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     rows: dict[str, list[tuple[float, ...]]] = {what: [] for what in IDEALS}
     left_out = CapturesLeftOut()
     measured = measured_ripples(runs, subject, left_out)
-    for ripple, induced in measured:
+    for ripple, induced, kinds in measured:
         assert ripple.stderr_percent is not None
         wrong = induced.gain, induced.offset_A, induced.cogging
         expected = float(model.rms_percent(ripple.torque_Nm, *wrong))
-        for what, value in _single(induced).items():
+        for what, value in kinds.items():
             rows[what].append((value, ripple.rms_percent, ripple.stderr_percent, expected))
     scale = subject.accuracy.torque_scale
     torque_Nm, speed_Hz = places[0] if places else (DEFAULT_TORQUE_Nm, 0.0)
@@ -122,8 +126,8 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
         again=again,
         signal_findings=(
             *current_scale(current_ratios, "slopes of current errors are as wrong"),
-            *asynchronous_line([ripple for ripple, _ in measured]),
-            *signal_findings((ripple.label, ripple.faults) for ripple, _ in measured),
+            *asynchronous_line([ripple for ripple, *_ in measured]),
+            *signal_findings((ripple.label, ripple.faults) for ripple, *_ in measured),
             *left_out.findings(runs),
         ),
     )
@@ -131,7 +135,7 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
 
 def measured_ripples(
     runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut
-) -> list[tuple[PointRipple, Induced]]:
+) -> list[tuple[PointRipple, Induced, Kinds]]:
     """Return the ripple of each point with a single error, or none, with what was induced.
 
     Lines that are not locked to the rotor are detected at all good points: those to calibrate from
@@ -141,38 +145,45 @@ def measured_ripples(
     found, errors = [], []
     for run in runs:
         hold = phase_hold(run)
-        for samples, induced in _prepared([run], subject, left_out):
+        for samples, induced, kinds in _prepared([run], subject, left_out):
             detected = DetectedLines.of(samples, motor.counts)
             found.append((shaft_ripple(samples, motor, sensor, hold), detected))
-            errors.append(induced)
-    points = (samples for samples, _ in _prepared(runs, subject, left_out))
+            errors.append((induced, kinds))
+    points = (samples for samples, *_ in _prepared(runs, subject, left_out))
     ripples = with_asynchronous(found, points, motor, sensor)
-    return [pair for pair in zip(ripples, errors, strict=True) if _single(pair[1])]
+    return [(one, *wrong) for one, wrong in zip(ripples, errors, strict=True) if wrong[-1]]
 
 
 def _prepared(
     runs: Sequence[Run], subject: Subject, left_out: CapturesLeftOut
-) -> Iterator[tuple[Samples, Induced]]:
-    for point, induced in _points(runs):
+) -> Iterator[tuple[Samples, Induced, Kinds]]:
+    for point, induced, kinds in _points(runs):
         for samples in prepared([point], subject.motor.counts, left_out, _enough):
-            yield samples, induced
+            yield samples, induced, kinds
 
 
 _enough = partial(require_turns, least=2)
 """Noise is known by how turns differ."""
 
 
-def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:
-    """Yield the good points with their ticks and what was induced there."""
+def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced, Kinds]]:
+    """Yield the good points with their ticks, what was induced there, and its kinds.
+
+    Those to calibrate from again are of none, also where gains or offsets alone are induced there.
+    """
     columns = tuple(dict.fromkeys((*COLUMNS, *NEEDED)))
     for run in runs:
+        own = recorded_settings(run, SensitivityConfig)
+        again = Induced(gain=own.again_alpha, offset_A=own.again_beta_A)
         for point in captures(run, columns):
             given: dict[str, Any] = {
                 name: tuple(value) if isinstance(value, list) else value
                 for name, value in point.induced.items()
                 if hasattr(NOTHING_INDUCED, name)
             }
-            yield point, Induced(**given)
+            induced, place = Induced(**given), (point.torque_Nm, point.speed_Hz)
+            of_mesh = induced == again and place != (own.torque_Nm, own.speed_Hz)
+            yield point, induced, {} if of_mesh else _single(induced)
 
 
 def _what_was_applied(
@@ -182,19 +193,24 @@ def _what_was_applied(
     commanded RMS current (3,) of all points."""
     compensation, places, wrong = AppliedCompensation(subject.motor), [], 0
     products = CurrentProducts.of(np.empty((0, 3)), np.empty((0, 3)))
-    for point, induced in _points(runs):
+    for point, induced, kinds in _points(runs):
         compensation.add(point.ticks, induced.gain, induced.offset_A, induced.cogging)
         products += CurrentProducts.of(
             stacked(point.ticks, CURRENTS), stacked(point.ticks, COMMANDS)
         )
         wrong += induced != NOTHING_INDUCED
-        if _single(induced):
+        if kinds:
             places.append((point.torque_Nm, point.speed_Hz))
     if not wrong:
         names = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(
             f"{names}: no operating point with an induced error in there; record the plan "
             "`sensitivity`"
+        )
+    if len(set(places)) > 1:
+        raise AnalysisError(
+            "single errors were induced at several torques or speeds: analyse the recordings one "
+            "by one"
         )
     return compensation.result(), places, products.ratios
 
@@ -208,8 +224,8 @@ def _again(
     put in its place: it would have read the wanted currents while the wrong ones flowed.
     """
     calibrator, induced = Calibrator(subject.motor, subject.sensor), None
-    for point, mixed in _points(runs):
-        if _single(mixed):
+    for point, mixed, kinds in _points(runs):
+        if kinds:
             continue
         if induced not in (None, mixed):
             raise AnalysisError("errors induced in several mixtures: analyse them one by one")

@@ -2,7 +2,8 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ from motord.cli.analysis_command import app as analyse
 from motord.config import load as load_bench
 from motord.config import packaged
 from motord.experiments.plans import build
-from motord.experiments.sensitivity import command
+from motord.experiments.sensitivity import command, estimate
 from motord.experiments.sensitivity.estimate import sensitivity, theory_alone
 from motord.experiments.sensitivity.result import Sensitivity
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
+from motord.identification.operating_points import PointData
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
@@ -191,3 +193,29 @@ def test_options_that_contradict_are_refused(recorded: Recorded) -> None:
     assert (code, "--calibration" in err) == (1, True)
     code, _, err = run(analyse, "sensitivity", recorded.on, "--torque", 2)
     assert (code, "leave out" in err) == (1, True)
+
+
+def test_points_to_calibrate_from_again_show_no_single_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With gains alone they were on the line of the gain, of which they have other torques."""
+    single, again = (0.8, 0.8**-0.5, 0.8**-0.5), (0.8, 1.118, 1.118)
+    points = [
+        PointData(torque_Nm, 0.7, np.empty(0), induced={"gain": list(gain)})
+        for torque_Nm, gain in ((3.0, single), (1.0, again), (5.0, again))
+    ]
+    monkeypatch.setattr(estimate, "captures", lambda *_: iter(points))
+    settings = {"again_alpha": list(again), "again_beta_A": [0.0, 0.0, 0.0]}
+    run = SimpleNamespace(plan_metadata={"settings": settings})
+    kinds = [one for *_, one in estimate._points([cast("Any", run)])]
+    assert kinds == [{"alpha_a": 0.8}, {}, {}]
+
+
+def test_single_errors_at_several_speeds_are_refused(
+    two_series: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = open_run(two_series)
+    first, *others = run.operating_points()
+    monkeypatch.setattr(run, "operating_points", lambda: [{**first, "speed_Hz": 0.9}, *others])
+    with pytest.raises(AnalysisError, match="analyse the recordings one by one"):
+        sensitivity([run], Subject.of_runs([run]))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -35,9 +36,10 @@ def test_hum_that_is_order_50_is_known_from_the_points_to_calibrate_from_again(
     found = []
     for hum_Nm in (0.0, HUM_Nm):
         monkeypatch.setattr(estimate, "captures", partial(captures, hum_Nm))
-        found.append(estimate.measured_ripples([None], SUBJECT, EveryCapture()))
-    assert [induced.cogging for _, induced in found[1]] == [0.8, 1.2]
-    for (before, _), (after, _) in zip(*found, strict=True):
+        run = SimpleNamespace(plan_metadata={})
+        found.append(estimate.measured_ripples([run], SUBJECT, EveryCapture()))
+    assert [induced.cogging for _, induced, _ in found[1]] == [0.8, 1.2]
+    for (before, *_), (after, *_) in zip(*found, strict=True):
         assert not before.asynchronous_lines
         [line] = after.asynchronous_lines
         assert line.frequency_Hz == pytest.approx(50.0, abs=0.05)
