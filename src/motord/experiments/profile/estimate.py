@@ -84,10 +84,12 @@ def measure(recordings: Recordings, calibration: Calibration | None) -> ProfileT
     for run in runs:
         check_plan(run, NAME)
     settings = [recorded_settings(run, ProfileConfig) for run in runs]
-    for run, own in zip(runs, settings, strict=True):
-        if own.sha256 != settings[0].sha256:
+    profiles = [(one.sha256, one.torque_factor, one.speed_factor) for one in settings]
+    for run, profile in zip(runs, profiles, strict=True):
+        if profile != profiles[0]:
             raise AnalysisError(
-                f"{run.path}: is of another profile than {runs[0].path}; analyse them one by one"
+                f"{run.path}: is of another profile than {runs[0].path}, or has other factors of "
+                "torque and speed; analyse them one by one"
             )
     own = settings[0]
     left_out = CapturesLeftOut()

@@ -348,6 +348,10 @@ def test_recordings_of_other_profiles_or_plans_are_refused(played: Played, tmp_p
     record_plan(source, build("profile", source.config, given), tmp_path / "q.mcap", 4)
     with pytest.raises(AnalysisError, match="another profile"):
         measure(Recordings.open([played.off, tmp_path / "q.mcap"]), None)
+    slower = build("profile", source.config, {**given, "speed_factor": 0.9})
+    record_plan(source, slower, tmp_path / "slower.mcap", 4)
+    with pytest.raises(AnalysisError, match="other factors"):
+        measure(Recordings.open([tmp_path / "q.mcap", tmp_path / "slower.mcap"]), None)
     with pytest.raises(AnalysisError, match=r"is of the plan|names no plan"):
         measure(Recordings.open([_friction(tmp_path)]), None)
 
