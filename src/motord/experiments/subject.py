@@ -117,7 +117,8 @@ class Recordings:
         """
         if self.config is None:
             return Subject.of_runs(self.runs)
-        named, recorded = Subject.of_file(self.config), {motor_serial(run) for run in self.runs}
+        named = Subject.of_file(self.config)
+        recorded = {motor_serial(run) for run in self.runs} - {""}
         if named.motor.serial or len(recorded) != 1:
             return named
         return replace(named, motor=named.motor.model_copy(update={"serial": recorded.pop()}))
