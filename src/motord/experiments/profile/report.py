@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from motord.experiments.profile.result import Cycle, ProfileTracking
@@ -14,6 +15,9 @@ HEADER = (
     "max (Nm)", "in band (%)", "energy (J)", "asked (J)",
 )  # fmt: skip
 """Of the table of cycles: errors of speed and torque, share of the time in tolerance, energy."""
+
+DOTS_MAX = 20_000
+"""Dots of a picture at most: each takes 150 bytes of the page."""
 
 MEASURED = "measured"
 WANTED = "profile"
@@ -46,7 +50,8 @@ def report(found: ProfileTracking, recordings: Recordings) -> Page:
     page.table(HEADER, cycle_rows(found), numbers=True)
     page.heading("Over torque and speed")
     page.picture(
-        over_plane(found.cycles), "Torque over speed: the profile (line) and all cycles (dots)."
+        over_plane(found.cycles),
+        f"Torque over speed: the profile (line) and all cycles (dots, {DOTS_MAX} of them at most).",
     )
     page.heading("Energy and means of a cycle")
     page.table(("mean over the cycles, 95 % interval", ""), mean_rows(found), numbers=True)
@@ -126,11 +131,13 @@ def over_plane(cycles: Sequence[Cycle]) -> Figure:
     """Return torque over speed, asked for and measured."""
     with figure(4.0) as picture:
         axes = picture.subplots()
-        for number, one in enumerate(cycles):
-            axes.plot(
-                one.series.speed_Hz.measured, one.series.torque_Nm.measured, ".", color=AFTER,
-                markersize=2.5, alpha=0.6, label=MEASURED if number == 0 else None,
-            )  # fmt: skip
+        speed_Hz = np.concatenate([one.series.speed_Hz.measured for one in cycles])
+        torque_Nm = np.concatenate([one.series.torque_Nm.measured for one in cycles])
+        shown = np.linspace(0, speed_Hz.size - 1, min(speed_Hz.size, DOTS_MAX)).astype(int)
+        axes.plot(
+            speed_Hz[shown], torque_Nm[shown], ".", color=AFTER, markersize=2.5, alpha=0.6,
+            label=MEASURED,
+        )  # fmt: skip
         series = cycles[0].series
         axes.plot(series.speed_Hz.wanted, series.torque_Nm.wanted, color=INK, label=WANTED)
         for line in (axes.axhline, axes.axvline):

@@ -22,6 +22,7 @@ from motord.experiments.profile.estimate import (
     _Signals,
     measure,
 )
+from motord.experiments.profile.report import DOTS_MAX, over_plane
 from motord.experiments.profile.result import ProfileTracking
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.identification.signal_condition import MISREAD_IN_ROWS_SHARE
@@ -444,3 +445,12 @@ def test_an_earlier_take_of_a_cycle_is_no_part_of_it(played: Played, tmp_path: P
     [sound, retaken] = (found(one, played.calibration).cycles[-1] for one in (played.on, path))
     assert retaken.duration_s == sound.duration_s
     assert retaken.energy_J == sound.energy_J
+
+
+def test_a_picture_of_many_cycles_has_no_more_dots_than_a_page_can_hold() -> None:
+    """A thousand cycles took 60 MB of it."""
+    [cycle] = noisy(1, 1, 0.02).cycles
+    for cycles, dots in ((1, cycle.series.t_s.size), (200, DOTS_MAX)):
+        [axes] = over_plane([cycle] * cycles).axes
+        [x] = [one.get_xdata() for one in axes.lines if one.get_label() == "measured"]
+        assert len(x) == dots
