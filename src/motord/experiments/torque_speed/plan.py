@@ -166,7 +166,7 @@ def _outlook(config: Config, beyond: Mapping[tuple[float, float], str]) -> str:
     if beyond:
         (torque_Nm, speed_Hz), why = next(iter(beyond.items()))
         reasons.append(
-            f"{len(beyond)} points are beyond the envelope and left out, such as {torque_Nm:g} Nm "
+            f"points beyond the envelope are left out ({len(beyond)}), such as {torque_Nm:g} Nm "
             f"at {speed_Hz:g} Hz: {why}"
         )
     if config.torque_sensor.highpass_time_constant_s > 0:

@@ -38,7 +38,7 @@ class PowerSeries:
 
     def __post_init__(self) -> None:
         if self.t_s.size < 2:
-            raise IdentifyError(f"{self.t_s.size} readings of the power only")
+            raise IdentifyError(f"{self.t_s.size} readings of the power; at least 2 are needed")
         if (np.diff(self.t_s) <= 0).any():
             raise IdentifyError("readings of the power whose times do not rise")
 

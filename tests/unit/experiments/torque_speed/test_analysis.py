@@ -208,4 +208,6 @@ def test_points_without_readings_are_left_out_and_said(recorded: Path, tmp_path:
             writer.channel(int(t_ns), "dc_power_W", "W", 3.0, content)
     found = efficiency_map(Recordings.open([path]))
     assert len(found.points) == 3
-    assert found.left_out == ("gap.mcap: 3 Nm, 6 Hz: 0 readings of the power only",)
+    assert found.left_out == (
+        "gap.mcap: 3 Nm, 6 Hz: 0 readings of the power; at least 2 are needed",
+    )

@@ -310,7 +310,10 @@ def test_a_gap_that_may_hide_a_turn_is_refused(change: str) -> None:
 
 @pytest.mark.parametrize(
     ("seconds_s", "every_s", "message"),
-    [(3.0, 1.0, "blocks of turns with 2 readings"), (12.0, 9.0, "0 readings of the power only")],
+    [
+        (3.0, 1.0, "blocks of turns with 2 readings"),
+        (12.0, 9.0, "0 readings of the power; at least 2 are needed"),
+    ],
 )
 def test_too_few_readings_are_refused(seconds_s: float, every_s: float, message: str) -> None:
     machine = Machine(seconds_s=seconds_s)

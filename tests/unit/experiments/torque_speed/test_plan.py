@@ -75,7 +75,7 @@ def test_points_beyond_are_left_out_and_motoring_comes_first(config: Config) -> 
     plan = build("torque-speed", config, {"torques_Nm": [-4.0, 5.0], "speeds_Hz": [1.0, 4.0]})
     places = [(point.torque_Nm, point.speed_Hz) for point in plan.points]
     assert places == [(5.0, 4.0), (-4.0, 1.0), (-4.0, 4.0)]
-    assert "1 points are beyond the envelope and left out, such as 5 Nm at 1 Hz" in plan.outlook
+    assert "points beyond the envelope are left out (1), such as 5 Nm at 1 Hz" in plan.outlook
     assert plan.needs == "brake"
     generating = build("torque-speed", config, {"torques_Nm": [-4.0], "speeds_Hz": [1.0]})
     assert (generating.needs, generating.outlook) == ("drive", "")
