@@ -163,18 +163,14 @@ def _comparison(page: Page, measured: MeasuredCogging, other: Comparison) -> Non
         f"Cogging torque of {other.label} less the measured one, in percent of the measured peak "
         "(Poels 2008, Figure 4.5).",
     )
-    worst = np.abs(other.error_percent).max()
-    magnitude = np.abs(other.magnitude_percent).max() if other.order.size else float("nan")
-    points = np.abs(other.phase_points).max() if other.order.size else float("nan")
-    page.table(
-        ["largest difference", "here", "Poels 2008"],
-        [
-            ["in time (% of peak)", f"{worst:.2f}", "8"],
-            ["magnitude of a harmonic (%)", f"{magnitude:.2f}", "0.5"],
-            ["phase of a harmonic (encoder points)", f"{points:.3f}", "0.5"],
-        ],
-        numbers=True,
-    )
+    rows = [["in time (% of peak)", f"{other.worst_percent:.2f}", "8"]]
+    if other.order.size:
+        magnitude, points = np.abs(other.magnitude_percent), np.abs(other.phase_points)
+        rows += [
+            ["magnitude of a harmonic (%)", f"{magnitude.max():.2f}", "0.5"],
+            ["phase of a harmonic (encoder points)", f"{points.max():.3f}", "0.5"],
+        ]
+    page.table(["largest difference", "here", "Poels 2008"], rows, numbers=True)
     page.table(
         ["order", "magnitude (%)", "phase (encoder points)"],
         [

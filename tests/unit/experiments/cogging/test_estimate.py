@@ -12,9 +12,11 @@ from motord.calibration import CalibratedMotor
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.cogging.at_speed import _noise
 from motord.experiments.cogging.estimate import compare, measure
+from motord.experiments.cogging.report import _comparison
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData
 from motord.intervals import coverage_factor
+from motord.report.html import Page
 from tests.campaigns.cogging import errors, measured, true_line
 from tests.campaigns.driven import MOTORS, REPORT, Motor
 from tests.unit.identification import synthetic_bench as synthetic
@@ -255,3 +257,12 @@ def test_comparison_with_a_calibration() -> None:
     assert comparison.magnitude_percent == pytest.approx([0.0, 1.0], abs=3.0)
     assert comparison.phase_points[0] == pytest.approx(0.3, abs=2.0)
     assert 0.2 < comparison.worst_percent < 3.0
+
+    none = np.empty(0)
+    unseen = replace(comparison, order=none, magnitude_percent=none, phase_points=none)
+    for shown, rows in ((comparison, 3), (unseen, 1)):
+        page = Page("made up", "")
+        _comparison(page, found, shown)
+        compared = page.html().partition("Poels 2008</th>")[2].partition("</table>")[0]
+        assert compared.count("<tr>") == rows
+        assert "nan" not in compared
