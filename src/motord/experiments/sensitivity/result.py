@@ -105,7 +105,7 @@ class Sensitivity:
         if alone:
             yield Finding(
                 "no-lines", len(alone), 0, "errors", "warning",
-                f"{', '.join(alone)}: fewer than two points a side are clear of the ripple "
+                f"{', '.join(alone)}: fewer than two values a side are clear of the ripple "
                 "that is there without any error: no slope is stated",
                 "induce larger errors, or learn the residual ripple first",
             )  # fmt: skip

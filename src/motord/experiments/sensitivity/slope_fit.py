@@ -59,7 +59,7 @@ class Series:
     """One kind of error: values (n,) rising, RMS error measured, its standard error, and theory.
 
     stderr_percent: of a point by itself, and of the scale that all points have in common.
-    branches: below and above `ideal`; None where fewer than two points are clear of the floor.
+    branches: below and above `ideal`; None where fewer than two values are clear of the floor.
     """
 
     JSON = (
@@ -142,7 +142,7 @@ def _line(
     used: np.ndarray,
     scale: float,
 ) -> Branch | None:
-    if used.sum() < 2:
+    if np.unique(x[used]).size < 2:  # of several recordings there may be many at one
         return None
     columns = np.column_stack([np.ones(int(used.sum())), x[used]])
     inverse = np.linalg.pinv(columns)

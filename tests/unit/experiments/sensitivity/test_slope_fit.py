@@ -84,3 +84,11 @@ def test_a_branch_under_the_floor_has_no_line() -> None:
     found = measured(3.0)
     assert found.branches == (None, None)
     assert found.meeting is None
+
+
+def test_points_of_one_value_make_no_line() -> None:
+    """As of two recordings with one value a side; the slope was 0.65 +- 0.02 for 17."""
+    value = np.repeat([0.8, 1.0, 1.2], 2)
+    theory = 17.0 * np.abs(value - 1)
+    found = series("alpha_a", 1.0, value, theory, np.full(value.size, 1e-2), theory)
+    assert found.branches == (None, None)
