@@ -189,10 +189,11 @@ def plan_settings(
     """
     if recordings.config and (bench := bench_of(recordings.config)):
         return bench.plans.of(plan, section)
+    hint = "; name a bench file with -c"
     first, *others = recordings.runs
-    own = recorded_settings(first, section)
+    own = recorded_settings(first, section, hint)
     for run in others if alike else ():
-        other = recorded_settings(run, section)
+        other = recorded_settings(run, section, hint)
         if differing := [name for name in alike if getattr(other, name) != getattr(own, name)]:
             raise AnalysisError(
                 f"{run.path}: [plans.{plan}] differs from that of {first.path} in "
@@ -202,15 +203,18 @@ def plan_settings(
     return own
 
 
-def recorded_settings(run: Run, section: type[Settings]) -> Settings:
-    """Return the settings that the plan of a run had. Raises AnalysisError if there are none."""
+def recorded_settings(run: Run, section: type[Settings], hint: str = "") -> Settings:
+    """Return the settings that the plan of a run had, defaults for those that it does not name.
+
+    Raises AnalysisError, with the hint, for values that are not allowed.
+    """
     given = run.plan_metadata.get("settings", {})
     known = {name: value for name, value in given.items() if name in section.model_fields}
     try:
         return section.model_validate(known)
     except ValueError:
         raise AnalysisError(
-            f"{run.path}: its plan's settings cannot be read; name a bench file with -c"
+            f"{run.path}: this version cannot read the settings of its plan{hint}"
         ) from None
 
 
