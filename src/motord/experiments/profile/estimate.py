@@ -55,6 +55,9 @@ COLUMNS = (
 BEFORE_TIME_CONSTANTS = 5.0
 """Time before a cycle from which on its torque is followed, in time constants of the sensor."""
 
+ABSENT_MAX_S = 0.5
+"""Longest time without ticks in a cycle: nothing shows what the bench did meanwhile."""
+
 SPANS = 400
 """Spans of a cycle in pictures, at most."""
 
@@ -155,8 +158,9 @@ def _cycles(
         index = int(point["index"])
         with left_out.noted(f"{run.path.name}: cycle {index + 1}", (run.path, index)):
             signals, checked = _signals(run, point, subject, calibration)
-            if signals.t_s.size < 2 or not np.isfinite(signals.torque_Nm).all():
-                raise CaptureError("no ticks, or no torque, speed or currents in them")
+            wanted = signals.speed_wanted_Hz, signals.torque_wanted_Nm
+            if not np.isfinite([*wanted, signals.speed_Hz, signals.torque_Nm]).all():
+                raise CaptureError("ticks without torque, speed, currents or set-points")
             cycle = _cycle(signals, index, run.path.name, own)
             yield cycle, checked
 
@@ -179,11 +183,12 @@ def _signals(
     captured &= ticks["t_ns"] >= begins_ns  # before may be an earlier take of the same cycle
     torque_Nm, passed_Nm, currents_Nm = torques(ticks, subject, calibration)[:, captured]
     ticks = rows_of(ticks, captured)
+    apart_ns = np.diff(ticks["t_ns"], prepend=begins_ns, append=bounds["to_ns"])
+    if (absent_s := 1e-9 * float(apart_ns.max())) > ABSENT_MAX_S:
+        raise CaptureError(f"{label}: {absent_s:.3g} s of it without ticks; play it again")
     require_change({"torque_Nm": ticks["torque_Nm"]}, label)
     checked = CycleSignals.of(name, ticks, passed_Nm, currents_Nm, subject.motor)
     checked = replace(checked, faults=(*checked.faults, *of_encoder))
-    if not ticks.size:
-        return _Signals(*(np.empty(0),) * 6), checked
     at_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
     count = ticks["encoder_count"].astype(np.int64)
     countable(at_s, count, subject.motor.counts, label)  # next to the time before, few are misread

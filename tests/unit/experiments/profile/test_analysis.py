@@ -466,3 +466,27 @@ def test_a_calibration_that_names_no_serial_number_fits_a_recording_that_does(
     recordings = Recordings.open([played.on])
     assert recordings.subject.motor.serial
     assert estimate(recordings, played.calibration).energy_J.low is not None
+
+
+@pytest.mark.parametrize(
+    ("lost", "reason"),
+    [("end", "6 s of it without ticks; play it again"), ("speed_rad_s", "ticks without torque")],
+)
+def test_a_cycle_of_which_a_part_is_missing_is_left_out(
+    played: Played, tmp_path: Path, lost: str, reason: str
+) -> None:
+    """A cycle that was cut counted as a whole one in the means."""
+    last = open_run(played.on).operating_points()[-1]
+
+    def change(ticks: np.ndarray) -> np.ndarray:
+        cycle = ticks["plan_point"] == int(last["index"])
+        cut = cycle & (ticks["t_ns"] > int(last["t_end_ns"]) - 6e9)
+        if lost == "end":
+            return ticks[~cut]
+        ticks[lost][cut] = np.nan
+        return ticks
+
+    result = found(change_recording(played.on, tmp_path / "cut.mcap", change), played.calibration)
+    assert [one.cycle for one in result.cycles] == [1, 2]
+    [left_out] = [one for one in result.findings if one.name == "points-left-out"]
+    assert reason in left_out.meaning
