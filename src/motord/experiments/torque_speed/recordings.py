@@ -27,9 +27,6 @@ from motord.identification.signal_condition import SignalFault
 from motord.recording.plan_columns import plan_columns
 from motord.recording.reader import Run, bounds_of
 
-READ = ("power_channel", "bus_current_channel", "readings")
-"""Settings that say what was read."""
-
 Readings = tuple[np.ndarray, np.ndarray, float]
 """Times (n,), Unix ns, values (n,) and their resolution."""
 
@@ -40,12 +37,14 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     for run in runs:
         check_plan(run, NAME)
     _check_mean(subject.sensor)
-    own = plan_settings(recordings, NAME, TorqueSpeedConfig, *READ)
     accuracy, pole_pairs = subject.accuracy, subject.motor.pole_pairs
     points: list[OperatingPower] = []
+    sources: dict[str, None] = {}
     left_out = CapturesLeftOut()
     faults: list[tuple[str, tuple[SignalFault, ...]]] = []
     for run in runs:
+        own = plan_settings(replace(recordings, runs=(run,)), NAME, TorqueSpeedConfig)
+        sources[own.bus_current_channel or own.power_channel] = None
         readings, plan = _readings(run, own), plan_columns(run.metadata)
         for point, envelope_Nm in _captured(run):
             with left_out.noted(point.label, point.began):
@@ -58,10 +57,9 @@ def efficiency_map(recordings: Recordings) -> EfficiencyMap:
     if not points:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: no good operating point{left_out.as_text}")
-    source = own.bus_current_channel or own.power_channel
     of_captures = (*signal_findings(faults), *left_out.findings(runs))
     all_findings = (*findings(points, subject), *of_captures)
-    return EfficiencyMap(tuple(points), source, left_out.reasons, all_findings)
+    return EfficiencyMap(tuple(points), ", ".join(sources), left_out.reasons, all_findings)
 
 
 def _check_mean(sensor: TorqueSensorConfig) -> None:

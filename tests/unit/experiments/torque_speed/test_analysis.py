@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -211,3 +212,14 @@ def test_points_without_readings_are_left_out_and_said(recorded: Path, tmp_path:
     assert found.left_out == (
         "gap.mcap: 3 Nm, 6 Hz: 0 readings of the power; at least 2 are needed",
     )
+
+
+def test_each_recording_has_the_power_read_as_its_own_plan_says(recorded: Path) -> None:
+    means, instants = open_run(recorded), open_run(recorded)
+    instants.metadata = deepcopy(means.metadata)
+    instants.metadata["plan"]["settings"]["readings"] = "instants"
+    found = efficiency_map(Recordings((means, instants)))
+    of_means, of_instants = np.reshape([one.in_step for one in found.points], (2, -1))
+    assert (of_means == 0).all()
+    assert (of_instants > 0).all()  # looked for where the readings are instants
+    assert found.power_source == "dc_power_W"
