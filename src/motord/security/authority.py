@@ -124,6 +124,10 @@ def _load(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
         ) from None
     except ValueError:
         raise SecurityError(f"{folder}: ca.pem or ca.key is not a PEM file") from None
+    except TypeError:  # as cryptography says it
+        raise SecurityError(
+            f"{folder / 'ca.key'}: it is encrypted; `openssl pkey` decrypts it"
+        ) from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise SecurityError(f"{folder / 'ca.key'}: not a key made by `motord security init`")
     return ca, key

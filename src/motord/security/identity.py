@@ -68,6 +68,8 @@ def check_files(ca: Path, certificate: Path, key: Path) -> None:
     except ssl.SSLError:
         raise SecurityError(f"{ca}: holds no certificate of an authority (PEM)") from None
     try:
-        context.load_cert_chain(certificate, key)
+        context.load_cert_chain(certificate, key, password="")  # else OpenSSL asks the terminal
     except ssl.SSLError:
-        raise SecurityError(f"{certificate} and {key}: no certificate and its key (PEM)") from None
+        raise SecurityError(
+            f"{certificate} and {key}: no certificate and its key (PEM, not encrypted)"
+        ) from None

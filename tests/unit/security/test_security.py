@@ -7,6 +7,7 @@ import tomllib
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives import serialization
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -177,6 +178,23 @@ def test_files_that_do_not_belong_together_are_refused(folder, tmp_path):
     (own / "identity.toml").write_text("name = 'anna'")
     with pytest.raises(SecurityError, match="not an identity"):
         identity.load(own)
+
+
+def test_encrypted_keys_are_refused_and_nobody_is_asked_for_a_passphrase(folder):
+    own = authority.add(folder, "anna", Role.VIEWER)
+    for path in (own / "key.pem", folder / "ca.key"):
+        key = serialization.load_pem_private_key(path.read_bytes(), None)
+        path.write_bytes(
+            key.private_bytes(
+                serialization.Encoding.PEM,
+                serialization.PrivateFormat.PKCS8,
+                serialization.BestAvailableEncryption(b"secret"),
+            )
+        )
+    with pytest.raises(SecurityError, match="not encrypted"):
+        identity.load(own)
+    with pytest.raises(SecurityError, match=r"ca\.key: it is encrypted"):
+        authority.add(folder, "ben", Role.VIEWER)
 
 
 def test_an_authority_must_be_there(tmp_path, folder):
