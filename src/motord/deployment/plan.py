@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motord.config import Config, load, packaged
+from motord.config.devices.slow_devices import ModbusLinkConfig
 from motord.config.named_files import named_files
 from motord.deployment.files import DeployedFile, DeploymentError
 from motord.process.home_folder import in_home
@@ -59,11 +60,10 @@ def activation(request: ServiceRequest, *, now: bool) -> Commands:
     enable = ("enable", *(("--now",) if now else ()), UNIT)
     if request.user:
         return (("systemctl", "--user", "daemon-reload"), ("systemctl", "--user", *enable))
-    runs = load(Path(request.bench_file)).recording.directory
-    folder = ("install", "-d", "-o", "motord", "-g", "motord", "-m", "0750", str(runs))
+    folder = ("install", "-d", "-o", "motord", "-g", "motord", "-m", "0750")
     return (
         ("systemd-sysusers", "/etc/sysusers.d/motord.conf"),
-        *((folder,) if runs.is_absolute() and not runs.is_relative_to(STATE) else ()),
+        *((*folder, str(runs)) for runs in _runs_elsewhere(load(Path(request.bench_file)))),
         ("udevadm", "control", "--reload"),
         ("udevadm", "trigger", "--action=add", "--subsystem-match=tty",
          "--subsystem-match=usb-serial", "--subsystem-match=misc"),
@@ -122,22 +122,17 @@ def _bench_files(bench_file: Path) -> Iterator[DeployedFile]:
     """Yield the bench file and what it names by relative paths, as files next to it."""
     text = read_text(bench_file)
     yield DeployedFile(BENCH, text, kept=True)
-    for table, key, name in named_files(parse_toml(text)):
+    for _, key, name in named_files(parse_toml(text)):
         named = Path(name)
         if name.startswith("package:"):
             continue
-        if key in ("ca", "certificate", "key", "roles") and "key" in table:
-            if not named.is_absolute():
-                raise DeploymentError(
-                    f"{bench_file}: [zenoh.tls] {key} = {name!r} is not copied, it decides who "
-                    f"gets in: name it by its whole path, in a folder below {ETC}"
-                )
-        elif named.is_absolute():
-            if is_hidden(named):
-                raise DeploymentError(
-                    f"{bench_file}: {key} = {name!r} is in a home, which the service cannot see: "
-                    "put it next to the bench file and name it without a folder"
-                )
+        if named.is_absolute():
+            _visible(named, key, ETC)
+        elif key in ("ca", "certificate", "key", "roles"):
+            raise DeploymentError(
+                f"{bench_file}: [zenoh.tls] {key} = {name!r} is not copied, it decides who "
+                f"gets in: name it by its whole path, in a folder below {ETC}"
+            )
         elif ".." in named.parts:
             raise DeploymentError(
                 f"{bench_file}: {key} = {name!r} is outside of its folder and would not be found "
@@ -145,6 +140,15 @@ def _bench_files(bench_file: Path) -> Iterator[DeployedFile]:
             )
         else:
             yield DeployedFile(ETC / named, _text(bench_file.parent / named), kept=True)
+
+
+def _visible(path: Path, key: str, better: Path) -> Path:
+    """Return what a key names by its whole path. Raises DeploymentError if it is in a home."""
+    if is_hidden(path):
+        raise DeploymentError(
+            f"{key} = '{path}' is in a home, which the service cannot see: put it below {better}"
+        )
+    return path
 
 
 def _text(path: Path) -> str:
@@ -175,7 +179,10 @@ def _can_networks(bench: Config, bitrate: int, data_bitrate: int) -> Iterator[De
 def system_unit(program: tuple[str, ...], bench_file: Path, bench: Config) -> str:
     """Return the unit of the system, for what this bench reaches. program: what starts motord."""
     lines = "\n".join((_start(program, bench_file), *_reached(bench)))
-    return _with_start(packaged("systemd/motord.service").read_text(), lines)
+    unit = _with_start(packaged("systemd/motord.service").read_text(), lines)
+    for runs in _runs_elsewhere(bench):  # not into the folder beneath a disk that is mounted later
+        unit = unit.replace("\n[Service]", f"RequiresMountsFor={_quoted(str(runs))}\n\n[Service]")
+    return unit
 
 
 def user_unit(program: tuple[str, ...], bench_file: Path) -> str:
@@ -190,13 +197,14 @@ def _with_start(unit: str, lines: str) -> str:
 
 
 def _start(program: tuple[str, ...], bench_file: Path) -> str:
-    return "ExecStart=" + " ".join(map(_quoted, (*program, "run", "--config", str(bench_file))))
+    words = map(_quoted, (*program, "run", "--config", str(bench_file)))
+    return "ExecStart=" + " ".join(words).replace("$", "$$")
 
 
 def _quoted(word: str) -> str:
-    """Return a word of a command line as systemd.service(5) reads it."""
+    """Return one of several words of a line as systemd.syntax(7) reads it."""
     _one_line(word)
-    word = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
+    word = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%")
     return f'"{word}"' if re.search(r"[\s\"';\\]", word) else word
 
 
@@ -213,14 +221,27 @@ def _one_line(text: str) -> str:
 
 def _reached(bench: Config) -> Iterator[str]:
     """Yield what the unit opens for this bench: where it records, its devices on the network."""
-    runs = bench.recording.directory
-    if runs.is_absolute() and not runs.is_relative_to(STATE):
+    for runs in _runs_elsewhere(bench):
         yield f"ReadWritePaths={_quoted(str(runs))}"
-    for device in (bench.brake, bench.drive):
-        if device.driver == "modbus" and device.modbus and device.modbus.transport == "tcp":
-            address = _address(device.modbus.host)
-            if address is not None and not address.is_loopback:
-                yield f"IPAddressAllow={address}"
+    links: list[ModbusLinkConfig | None] = [
+        *(device.modbus for device in (bench.brake, bench.drive) if device.driver == "modbus"),
+        *(one.source for one in bench.channels if isinstance(one.source, ModbusLinkConfig)),
+    ]
+    hosts = dict.fromkeys(link.host for link in links if link and link.transport == "tcp")
+    for address in map(_address, hosts):
+        if address is not None and not address.is_loopback:
+            yield f"IPAddressAllow={address}"
+
+
+def _runs_elsewhere(bench: Config) -> tuple[Path, ...]:
+    """Return the folder of recordings, as one path, or none if it is below `STATE`.
+
+    Raises DeploymentError.
+    """
+    runs = bench.recording.directory
+    if not runs.is_absolute() or runs.is_relative_to(STATE):
+        return ()
+    return (_visible(runs, "[recording] directory", Path("/srv")),)
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
@@ -231,5 +252,5 @@ def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
             return None
         raise DeploymentError(
             f"a unit opens the network for addresses, not for names: write the address of {host} "
-            "as host in [brake.modbus] or [drive.modbus]"
+            "as host in the bench file"
         ) from None

@@ -24,6 +24,26 @@ WRITTEN = (
     "etc/udev/rules.d/60-motord.rules",
 )
 KEPT = ("etc/motord/bench.toml",)
+CHANNELS = "".join(
+    f"""
+[[channels]]
+name = "{name}"
+unit = "degC"
+source = {{driver = "modbus", host = "{host}", address = {address}}}
+"""
+    for address, (name, host) in enumerate(
+        (("winding_C", "192.168.7.30"), ("housing_C", "192.168.7.30"), ("oil_C", "127.0.0.1"))
+    )
+)
+"""Slow channels by Modbus TCP, two on another machine."""
+LISTEN = 'listen = ["tcp/127.0.0.1:7447"]'
+TLS = """listen = ["tcp/127.0.0.1:7447", "tls/0.0.0.0:7448"]
+[zenoh.tls]
+ca = "/home/anna/ca.pem"
+certificate = "/etc/motord/access/server.pem"
+key = "/etc/motord/access/server.key"
+roles = "/etc/motord/access/roles.toml"
+"""
 
 
 def service(*arguments: object) -> Any:
@@ -160,6 +180,9 @@ def test_a_damaged_manifest_is_named(folder: Path, manifest: str) -> None:
     [
         (('"dbc/mine.dbc"', '"../mine.dbc"'), "outside of its folder"),
         (('"dbc/mine.dbc"', '"/home/anna/mine.dbc"'), "in a home, which the service cannot see"),
+        (('directory = "runs"', 'directory = "/home/anna/runs"'), "put it below /srv"),
+        ((LISTEN, TLS), "ca = '/home/anna/ca.pem' is in a home"),
+        ((LISTEN, TLS.replace("/home/anna/", "")), "ca = 'ca.pem' is not copied"),
         (('"dbc/mine.dbc"', '"lost.dbc"'), "lost.dbc: No such file"),
         (("pole_pairs = 8", "pole_pairs = 0"), "motor.pole_pairs"),
     ],
@@ -177,13 +200,17 @@ def test_a_bench_that_would_not_start_is_refused(
 
 def test_the_unit_opens_what_the_bench_reaches(folder: Path) -> None:
     path = folder / "bench.toml"
-    text = path.read_text().replace('directory = "runs"', 'directory = "/srv/my runs"')
+    text = path.read_text().replace('directory = "runs"', 'directory = "/srv/my $runs"')
     text = text.replace('transport = "rtu"', 'transport = "tcp"\nhost = "192.168.7.20"', 1)
+    text += CHANNELS
     path.write_text(text)
     assert install(folder).exit_code == 0
     unit = (folder / "root" / WRITTEN[0]).read_text()
-    assert 'ReadWritePaths="/srv/my runs"' in unit
-    assert "IPAddressAllow=192.168.7.20" in unit
+    before, after = unit.split("[Service]")
+    assert before.endswith('StartLimitBurst=5\nRequiresMountsFor="/srv/my $runs"\n\n')
+    assert 'ReadWritePaths="/srv/my $runs"\n' in after
+    allowed = re.findall(r"^IPAddressAllow=(.*)$", unit, re.M)
+    assert allowed == ["192.168.7.20", "192.168.7.30", "localhost"]
     path.write_text(text.replace("192.168.7.20", "brake.lab"))
     assert "write the address of brake.lab" in install(folder).stderr
 
