@@ -53,6 +53,7 @@ def test_what_the_loop_asks_for_is_let_through() -> None:
     assert 'KERNEL=="cpu_dma_latency"' in rules
     for call in ("mlockall", "sched_setscheduler", "sched_setaffinity", "setpriority"):
         assert re.search(rf"^SystemCallFilter=(?!~).*\b{call}\b", unit, re.MULTILINE), call
+    assert re.search(r"^SystemCallFilter=@chown ", unit, re.MULTILINE)  # after ~@privileged
     for right in ("LimitRTPRIO=98", "LimitMEMLOCK=infinity", "RestrictRealtime=no"):
         assert right in unit
 
