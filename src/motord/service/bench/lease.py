@@ -7,7 +7,6 @@ Times are monotonic ns and come from the caller: no clock is read here.
 """
 
 import secrets
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from motord.api.errors import RpcError
@@ -26,13 +25,11 @@ class Grant:
 class CommandLease:
     """Who is in command. Every method takes `now_ns`, monotonic."""
 
-    def __init__(self, duration_s: float, new_token: Callable[[], str] | None = None) -> None:
-        """Leases last `duration_s`; `new_token` makes the secrets."""
+    def __init__(self, duration_s: float) -> None:
         self.duration_ns = round(duration_s * 1e9)
-        self._new_token = new_token or (lambda: secrets.token_hex(16))
         self._notice_ns = 0
         self._held: Grant | None = None
-        self._lost: tuple[str, str] = ("", "")  # the newest invalid token, and why
+        self._lost: tuple[str, str] | None = None  # the newest invalid token, and why
 
     def holder(self, now_ns: int) -> str | None:
         """Return who is in command, or None."""
@@ -58,7 +55,7 @@ class CommandLease:
             self._lost = (held.token, f"{holder} took over command")
         expires_ns = now_ns + self.duration_ns
         before = held.holder if held else None
-        self._held = Grant(self._new_token(), holder, expires_ns, before)
+        self._held = Grant(secrets.token_hex(16), holder, expires_ns, before)
         return self._held
 
     def renew(self, token: str, now_ns: int) -> None:
@@ -77,9 +74,8 @@ class CommandLease:
         held = self._current(now_ns)
         if held is not None and secrets.compare_digest(held.token.encode(), token.encode()):
             return held
-        lost_token, why = self._lost
-        if token == lost_token:
-            raise RpcError("no_lease", f"this lease is over: {why}")
+        if self._lost is not None and token == self._lost[0]:
+            raise RpcError("no_lease", f"this lease is over: {self._lost[1]}")
         who = f"{held.holder} is in command" if held else "nobody is in command"
         raise RpcError("no_lease", f"this is not the token of the lease in force ({who})")
 
