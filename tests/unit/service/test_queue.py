@@ -3,11 +3,13 @@
 import json
 import time
 
+import numpy as np
 import pytest
 
 from motord.api.errors import RpcError
 from motord.api.queue_messages import QueueWait
-from motord.service.build import show_interrupted_plan
+from motord.schema import TICK_DTYPE
+from motord.service.build import channel_value, show_interrupted_plan
 from motord.service.plans.journal_file import Journal
 from motord.service.queue import attempt
 from motord.service.queue.attempt import WaitFailedError, Waits, due
@@ -499,3 +501,14 @@ def test_waits_come_one_after_the_other_each_with_its_limit(central_europe):
 def test_a_wait_has_one_condition(wait):
     with pytest.raises(ValueError):
         QueueWait.model_validate(wait)
+
+
+def test_the_queue_waits_for_temperatures_of_the_tick_too(service):
+    value_of = channel_value(service.bench)
+    service.bench.monitor.last = None
+    assert value_of("temperature_C") is None
+    service.bench.monitor.last = tick = np.zeros(1, TICK_DTYPE)[0]
+    tick["temperature_C"], tick["brake_temperature_C"] = 41.5, np.nan
+    assert value_of("temperature_C") == 41.5
+    assert value_of("brake_temperature_C") is None
+    assert value_of("winding_C") is None
