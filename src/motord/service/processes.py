@@ -13,6 +13,7 @@ PROCESSES = (
     Process(
         GATEWAY, "motord.service.gateway.process", spawn_piped,
         restart="always", while_=lambda config: bool(config.zenoh.remote), stop_timeout_s=2.0,
+        backoff_last_s=10.0,
         loss="until it is back nobody gets in from other machines",
     ),
     Process(

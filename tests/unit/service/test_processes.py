@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from motord import config
+from motord.service.gateway.link import GATEWAY
 from motord.service.host.children import (
     BACKOFF_FIRST_S,
     BACKOFF_LAST_S,
@@ -104,6 +105,21 @@ def test_the_recorder_is_restarted_with_growing_pauses(children, started):
     assert pauses_s[0] == BACKOFF_FIRST_S
     assert pauses_s == sorted(pauses_s)
     assert pauses_s[-1] == BACKOFF_LAST_S
+
+
+def test_a_gateway_that_cannot_open_is_seldom_started(started):
+    """As its files are wrong, until somebody mends them: each start takes half a second."""
+
+    def start(row):
+        started.append(FakeProcess(row))
+        started[-1].code = 1
+        return started[-1]
+
+    children = Children([row for row in PROCESSES if row.name == GATEWAY], start)
+    children.start_all(0)
+    for now_s in range(600):
+        children.poll(now_s * SECOND_NS)
+    assert 10 < len(started) < 70
 
 
 def test_one_that_ran_for_long_is_restarted_soon(children, started):
