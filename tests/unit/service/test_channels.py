@@ -358,6 +358,11 @@ def test_readings_go_out_in_lines_and_it_ends_with_stdin():
         os.close(end)
 
 
+def test_a_reading_may_be_older_than_the_computer_runs():
+    message = ReadingMessage.of(ChannelReading("a", -50, 1.0))
+    assert (message.t_ns, message.raw) == (0, 1.0)
+
+
 def test_a_reading_is_never_from_the_future_and_no_number_is_none():
     message = ReadingMessage.of(ChannelReading("a", 50, math.nan))
     assert message.raw is None

@@ -23,9 +23,9 @@ class ReadingMessage(Message):
 
     @classmethod
     def of(cls, reading: ChannelReading) -> "ReadingMessage":
-        """Return the message of a reading."""
-        raw = reading.raw if isfinite(reading.raw) else None
-        return cls(name=reading.name, t_ns=reading.t_ns, raw=raw, error=reading.error)
+        """Return the message of a reading; one from before the computer's start is of that time."""
+        raw, t_ns = reading.raw if isfinite(reading.raw) else None, max(reading.t_ns, 0)
+        return cls(name=reading.name, t_ns=t_ns, raw=raw, error=reading.error)
 
     def reading(self, now_ns: int) -> ChannelReading:
         """Return the reading, none of them from the future. `now_ns` is monotonic."""
