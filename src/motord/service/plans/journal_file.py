@@ -20,8 +20,7 @@ BACKLOG_BYTES = 1 << 20
 class Journal:
     """The journal at `path`, of the plan under way or of the last one.
 
-    `log` is None if there is no plan. `error` says why the newest line is not on the disk; `settle`
-    waits until it is, or cannot be.
+    `log` is None if there is no plan. `settle` waits until all lines are on the disk, or cannot be.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,7 +30,7 @@ class Journal:
 
     @property
     def error(self) -> str:
-        """Why the newest line is not on the disk, "" if it is or will be."""
+        """Why the line that was written last is not on the disk, "" if it is."""
         return self._disk.error
 
     def load(self) -> None:
@@ -127,9 +126,9 @@ class _Disk:
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
-        self.error = ""
         try:
             yield
+            self.error = ""
         except OSError as error:
             self.error = f"{self.path}: {error.strerror}"
 
