@@ -6,6 +6,7 @@ confirms the one before.
 """
 
 from collections import deque
+from math import inf
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class Setpoint:
         self.newest_request = Request.NONE
         self.requested = 0
         """How many requests there were so far: tells who waits whether another came after."""
-        self._requested_ns = 0
+        self._requested_ns = -inf  # when the newest was written, unless nothing waits for it
         self._request_seq_at = 0  # number of the set-point that brought the newest request
         self.torque_Nm = 0.0
         self.speed_Hz: float | None = None
@@ -51,7 +52,7 @@ class Setpoint:
         """Queue `request`, and return its number. A stop replaces all others."""
         if request is Request.STOP:
             self._requests.clear()
-            self._request_seq_at = 0
+            self._requested_ns = -inf
         self._requests.append(request)
         self.newest_request = request
         self.requested += 1

@@ -213,16 +213,18 @@ def test_a_request_that_nobody_sees_makes_room():
     assert mailbox.written[-1]["request"] == Request.DISABLE
 
 
-def test_a_stop_goes_first_and_the_rest_is_forgotten():
+@pytest.mark.parametrize("seq", [0, 0x80000000])  # the latter after 248 days
+def test_a_stop_goes_first_and_the_rest_is_forgotten(seq):
     mailbox = Mailbox()
     setpoint = Setpoint(mailbox)
+    setpoint._record["seq"] = seq
     setpoint.request(Request.ENABLE)
-    setpoint.write(0, 0)
+    setpoint.write(0, seq)
     setpoint.request(Request.DISABLE)
     setpoint.request(Request.STOP)
-    setpoint.write(1, 0)
-    setpoint.write(2, 2)
-    setpoint.write(3, 3)
+    setpoint.write(1, seq)
+    setpoint.write(2, seq + 2)
+    setpoint.write(3, seq + 3)
     assert [int(w["request"]) for w in mailbox.written] == [1, 3, 3, 3]
     assert [int(w["request_seq"]) for w in mailbox.written] == [1, 2, 2, 2]
 
