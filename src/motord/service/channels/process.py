@@ -9,7 +9,6 @@ import os
 import select
 import sys
 import threading
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -70,14 +69,7 @@ def serve(config: Config, run_dir: RunDir, out: LineWriter) -> None:
     send(readings, out, sys.stdin.fileno())
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the process; return its exit code."""
-    return background.run(
-        "channels", serve, arguments, schedule=scheduling.avoid_cpu, blocking=False
-    )
-
-
 if __name__ == "__main__":
-    code = main()
+    code = background.run("channels", serve, schedule=scheduling.avoid_cpu, blocking=False)
     sys.stderr.flush()
     os._exit(code)  # a driver that hangs must not keep the process

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from motord.calibration import CalibrationError
 from motord.config import Config, ConfigError, load_started
@@ -21,18 +21,17 @@ Serve = Callable[[Config, RunDir, LineWriter], None]
 def run(
     name: str,
     serve: Serve,
-    arguments: Sequence[str] | None = None,
     schedule: Callable[[int | None], None] = scheduling.lower_priority,
     *,
     blocking: bool = True,
 ) -> int:
     """Run `serve`, by default at a low priority; return the exit code.
 
-    `arguments`: --config FILE --dir RUNDIR, those of the command line by default. `schedule`: sets
-    the process' priority, given the loop's processor. `blocking`: whether a report waits for a
-    supervisor that does not read; else `serve` has to flush the writer.
+    The command line is --config FILE --dir RUNDIR. `schedule`: sets the process' priority, given
+    the loop's processor. `blocking`: whether a report waits for a supervisor that does not read;
+    else `serve` has to flush the writer.
     """
-    options = bench_options(name).parse_args(arguments)
+    options = bench_options(name).parse_args()
     end_with_any_thread()
     try:
         run_dir = RunDir.at(options.dir)
