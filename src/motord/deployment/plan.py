@@ -165,14 +165,16 @@ def _can_networks(bench: Config, bitrate: int, data_bitrate: int) -> Iterator[De
     """Yield what brings the CAN channels of a bench up at boot (systemd-networkd)."""
     buses = [bench.inverter.can if bench.inverter.driver.startswith("can") else None,
              bench.bridge.can if bench.bridge.driver == "can" else None]  # fmt: skip
-    channels = dict.fromkeys(b.channel for b in buses if b and b.interface == "socketcan")
-    if not channels:
+    kernels = [bus for bus in buses if bus and bus.interface == "socketcan"]
+    if not kernels:
         raise DeploymentError("--can-bitrate: this bench has no CAN channel of the kernel")
     shipped = packaged("systemd/80-motord-can.network").read_text()
-    for channel in channels:
+    for channel in dict.fromkeys(bus.channel for bus in kernels):
         text = shipped.replace("Name=can0", f"Name={channel}")
         text = text.replace("BitRate=1M\n", f"BitRate={bitrate}\n", 1)
         text = text.replace("DataBitRate=4M", f"DataBitRate={data_bitrate}")
+        if not any(bus.fd for bus in kernels if bus.channel == channel):  # an adapter may lack it
+            text = re.sub(r"^(DataBitRate|FDMode)=.*\n", "", text, flags=re.MULTILINE)
         yield DeployedFile(Path(f"/etc/systemd/network/80-motord-{channel}.network"), text)
 
 

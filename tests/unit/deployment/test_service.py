@@ -219,11 +219,19 @@ def test_can_channels_are_set_up_if_that_is_asked_for(folder: Path) -> None:
     done = install(folder, "--can-bitrate", 500000, "--can-data-bitrate", 2000000)
     assert done.exit_code == 0, done.output
     text = (folder / "root/etc/systemd/network/80-motord-can0.network").read_text()
-    assert re.findall(r"^\w*(?:Name|BitRate)=.*$", text, re.M) == [
-        "Name=can0", "BitRate=500000", "DataBitRate=2000000",
+    assert re.findall(r"^\w*(?:Name|BitRate|Mode)=.*$", text, re.M) == [
+        "Name=can0", "BitRate=500000", "DataBitRate=2000000", "FDMode=yes",
     ]  # fmt: skip
     service("uninstall", "--root", folder / "root")
     assert not any("network" in name for name in files(folder))
+
+
+def test_a_channel_of_classic_can_is_not_set_up_for_fd(folder: Path) -> None:
+    path = folder / "bench.toml"
+    path.write_text(path.read_text().replace("fd = true", "fd = false"))
+    assert install(folder, "--can-bitrate", 500000).exit_code == 0
+    text = (folder / "root/etc/systemd/network/80-motord-can0.network").read_text()
+    assert text.endswith("[CAN]\nBitRate=500000\nRestartSec=100ms\n")
 
 
 @pytest.mark.parametrize("name", ["bench.toml", 'my bench "5%$HOME.toml'])
