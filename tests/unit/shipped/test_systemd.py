@@ -66,6 +66,10 @@ def test_it_comes_back_but_never_enabled() -> None:
     assert "enable" not in re.findall(r"^ExecStart.*$", unit, re.MULTILINE)[0]
 
 
+def test_the_ring_of_a_daemon_that_was_killed_outlives_it() -> None:
+    assert re.search(r"^RuntimeDirectoryPreserve=yes$", UNIT.read_text(), re.MULTILINE)
+
+
 def test_its_group_reaches_the_socket_and_nobody_else_does() -> None:
     unit = UNIT.read_text()
     for line in ("Group=motord", "RuntimeDirectory=motord", "RuntimeDirectoryMode=0750"):
