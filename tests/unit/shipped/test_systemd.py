@@ -58,6 +58,15 @@ def test_what_the_loop_asks_for_is_let_through() -> None:
         assert right in unit
 
 
+def test_serial_ports_that_are_connected_later_are_let_through() -> None:
+    """systemd.resource-control(5): of the groups that DeviceAllow= names, those that are known."""
+    unit = UNIT.read_text()
+    for group, module in (("ttyACM", "cdc_acm"), ("ttyUSB", "usbserial")):
+        assert f"DeviceAllow=char-{group} rw" in unit
+        for key in ("Wants", "After"):
+            assert re.search(rf"^{key}=.*\bmodprobe@{module}\.service\b", unit, re.MULTILINE)
+
+
 def test_it_comes_back_but_never_enabled() -> None:
     unit = UNIT.read_text()
     assert "Restart=on-failure" in unit
