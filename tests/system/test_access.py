@@ -82,7 +82,7 @@ def test_an_operator_commands(bench, certificates):
             assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
         wait_for(client, lambda s: s.state == "READY", "disabled")
         assert client.rpc("stop", by="anna")["state"] == "OFF"
-        assert "anna (operator) has come, from 127.0.0.1:" in logged(client, "anna (op").message
+        assert "anna (operator) has connected from 127.0.0.1:" in logged(client, "anna (op").message
     with bench.connect() as client:
         logged(client, "anna at 127.0.0.1")
 
@@ -150,7 +150,7 @@ def test_a_certificate_without_a_role_may_do_nothing(bench, certificates):
     assert (error.code, "shows nothing to carl" in str(error)) == ("forbidden", True)
     with bench.connect() as client:
         event = logged(client, "but has no role here and may do nothing")
-        assert event.message.startswith("carl has come, from 127.0.0.1:")
+        assert event.message.startswith("carl has connected from 127.0.0.1:")
 
 
 def test_a_client_without_certificate_is_refused(bench, certificates):

@@ -164,7 +164,7 @@ def test_an_operator_commands_and_a_viewer_does_not(gated, folder):
         with pytest.raises(ClientError, match="this daemon has no rpc/dance"):
             client.rpc("dance")
     assert gated.opened.said()[0].endswith("for 1 viewers and 1 operators")
-    gated.opened.comes_to_say("anna (operator) has come, from 127.0.0.1:")
+    gated.opened.comes_to_say("anna (operator) has connected from 127.0.0.1:")
 
 
 def test_who_is_not_let_in_gets_the_reason(gated, folder, tmp_path):
@@ -175,7 +175,7 @@ def test_who_is_not_let_in_gets_the_reason(gated, folder, tmp_path):
     authority.add(folder, "carl", Role.VIEWER)  # the gateway does not know yet
     with pytest.raises(ClientError, match="shows nothing to carl"):
         connect("live", gated.remote, who(folder, "carl"))
-    gated.opened.comes_to_say("carl has come", "may do nothing")
+    gated.opened.comes_to_say("carl has connected", "may do nothing")
     authority.init(tmp_path / "theirs", [])
     theirs = who(folder, "anna")
     stranger = authority.add(tmp_path / "theirs", "anna", Role.OPERATOR)

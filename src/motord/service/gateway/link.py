@@ -21,7 +21,7 @@ Datum = Annotated[str, Field(max_length=DATA_MAX)]
 
 
 class AccessData(Message):
-    """Who came, went or was refused, as far as it is known."""
+    """Who connected, disconnected or was refused, as far as it is known."""
 
     who: Datum = ""
     where: Datum = ""

@@ -3,8 +3,9 @@
 A Zenoh router of its own. It asks every client for a certificate, lets through what the role allows
 (`motord.security.access`) and passes it on to the daemon over the loopback interface. What comes
 from the network and is not allowed, or is too much, ends here and holds up nothing else. It says
-on its stdout, one JSON object a line, who comes, goes or is refused. When roles or certificates
-change, all connections end and come back under the new ones; when its stdin ends, it ends.
+on its stdout, one JSON object a line, who connects, disconnects or is refused. When roles or
+certificates change, all connections end and come back under the new ones; when its stdin ends, it
+ends.
 """
 
 import os
@@ -91,7 +92,7 @@ def listen_to(log: IO[str], audit: AuditLog, reporter: AuditReporter) -> None:
 
 
 def report_link(event: zenoh.LinkEvent, audit: AuditLog, reporter: AuditReporter) -> None:
-    """Report who connects and who has gone."""
+    """Report who connects and who disconnects."""
     link = event.link
     if not link.src.startswith("tls/"):
         return
@@ -99,12 +100,12 @@ def report_link(event: zenoh.LinkEvent, audit: AuditLog, reporter: AuditReporter
     role = audit.roles.get(name, "")
     if event.kind == zenoh.SampleKind.DELETE:
         audit.names.pop(str(link.zid), None)
-        reporter.report(f"{name} at {where} has gone", who=name, where=where)
+        reporter.report(f"{name} at {where} has disconnected", who=name, where=where)
         return
     audit.names[str(link.zid)] = name
-    message = f"{name} ({role}) has come, from {where}"
+    message = f"{name} ({role}) has connected from {where}"
     if not role:
-        message = f"{name} has come, from {where}, but has no role here and may do nothing"
+        message = f"{name} has connected from {where}, but has no role here and may do nothing"
     reporter.report(message, who=name, role=role, where=where)
 
 
@@ -167,7 +168,7 @@ def _keep_unchanged(
     reporter.report(f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}")
     changed = _until_changed_or_ended(tls, before, reporter.show_alive)
     if changed:
-        reporter.report("roles or certificates have changed; all must come again")
+        reporter.report("roles or certificates have changed; all clients have to connect again")
     listener.undeclare()  # type: ignore[no-untyped-call]
     _close(session)
     return changed
