@@ -63,10 +63,8 @@ def add(folder: Path, name: str, role: Role, days: int = CERTIFICATE_DAYS) -> Pa
     ca, ca_key = _load(folder)
     given = roles.read(folder / ROLES)
     own = folder / CLIENTS / name
-    if name in given:
-        raise SecurityError(f"{name} is taken; choose another name, or `motord security remove` it")
-    if own.exists():
-        raise SecurityError(f"{name} is taken, {own} exists; choose another name")
+    if name in given or own.exists():  # else a certificate that was taken back would count again
+        raise SecurityError(f"{name} is taken, also if it was removed; choose another name")
     key = ec.generate_private_key(ec.SECP256R1())
     certificate = _sign(_name(name), ca.subject, key, ca_key, days, _of_end(Usage.CLIENT_AUTH))
     own.mkdir(parents=True, mode=0o700)
