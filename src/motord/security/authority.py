@@ -94,11 +94,12 @@ def _all_or_none() -> Iterator[list[Path]]:
 
 
 def remove(folder: Path, name: str) -> None:
-    """Take the role of a client away. Raises SecurityError if it has none."""
+    """Take the role of a client away; its name stays taken. Raises SecurityError if it has none."""
     given = roles.read(folder / ROLES)
     if name not in given:
         raise SecurityError(f"{folder / ROLES}: there is no {name}")
     roles.write(folder / ROLES, {who: role for who, role in given.items() if who != name})
+    (folder / CLIENTS / name).mkdir(parents=True, exist_ok=True)  # it may have been moved away
 
 
 def ends(path: Path) -> datetime.datetime:

@@ -60,6 +60,7 @@ def test_nothing_is_overwritten(folder):
     with pytest.raises(SecurityError, match="anna is taken"):
         authority.add(folder, "anna", Role.VIEWER)
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    (folder / "clients" / "anna").rename(folder.parent / "of_anna")
     authority.remove(folder, "anna")
     with pytest.raises(SecurityError, match="anna is taken"):
         authority.add(folder, "anna", Role.VIEWER)
