@@ -280,6 +280,22 @@ def test_what_was_found_in_the_requests_thread_is_used(days):
     assert service.plans.read_remaining(b'{"token": "t"}')[1] is None
 
 
+@pytest.mark.parametrize("another", [False, True])
+def test_what_was_read_of_a_plan_that_was_discarded_meanwhile_does_not_go_on(days, another):
+    interrupted(days)
+    service = days.daemon()
+    token = service.acquire()
+    call = service.prepare("plan/resume", token=token)
+    service.ask("plan/discard", token=token)
+    if another:
+        start(service, token)
+        service.ask("plan/abort", token=token)
+        run_to_end(service, token)
+    with pytest.raises(RpcError, match="was discarded or resumed meanwhile; ask again"):
+        service.carry_out(call)
+    assert service.bench.plans.concluded
+
+
 def test_recordings_are_never_read_in_the_supervisors_loop(days):
     interrupted(days)
     service = days.daemon()

@@ -212,6 +212,9 @@ class PlanControl:
         """Go on with what remains of a plan, which may be nothing. Raises RpcError."""
         remaining = prepared.remaining
         assert remaining is not None
+        if remaining.log is not self.resumption.journal.log:
+            why = "the plan was discarded or resumed meanwhile; ask again"
+            raise RpcError("refused", f"not started: {why}")
         recording_closed(self.bench)
         self._not_stopped_since(prepared)
         if remaining.plan.points:
