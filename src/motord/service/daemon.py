@@ -155,10 +155,10 @@ def supervise(supervisor: Supervisor, stopping: StopSignal, on_ready: Callable[[
             on_ready()
             notifier.ready(f"bench {bench.config.bench.name} is up, OFF")
             supervisor.run_until(stopping)
-            notifier.stopping(f"ramping down: {stopping.name}")
-            supervisor.ramp_down(stopping.name)
         elif not stopping():
             raise LoopFailedError(bench.loop.fault)
+        notifier.stopping(f"ramping down: {stopping.name}")
+        supervisor.ramp_down(stopping.name)  # requests are carried out as soon as the loop is up
     except EXPLAINED:
         raise
     except BaseException as error:  # whatever it is, the current has to go before the daemon does

@@ -11,7 +11,8 @@ import pytest
 
 from motord.api.errors import RpcError
 from motord.api.requests import RPCS, parse
-from motord.schema import State
+from motord.schema import Request, State
+from motord.service.daemon import StopSignal, supervise
 from motord.service.rpc.dispatcher import Call
 from tests.unit.service.played_daemon import PlayedDaemon, end_after
 
@@ -93,9 +94,17 @@ def test_waiting_for_the_loop_ends_with_a_signal(played):
     assert not played.supervisor.wait_for_loop(lambda: True)
 
 
-def test_the_end_disables_and_answers_everybody(played):
-    played.up()
+def test_a_bench_is_ramped_down_also_if_no_recorder_has_come_up_yet(played):
+    played.supervisor.start()
+    played.loops[0].ready()
     played.step(5, State.ENABLED)
+    requests = requests_of_a_loop_that_obeys(played)
+    supervise(played.supervisor, StopSignal("SIGTERM"), pytest.fail)
+    assert {Request.DISABLE, Request.STOP} <= set(requests)
+
+
+def requests_of_a_loop_that_obeys(played):
+    """Let the loop be played with each step; return the requests that it reads by then."""
     requests = []
     step = played.supervisor.step
 
@@ -104,12 +113,19 @@ def test_the_end_disables_and_answers_everybody(played):
         played.loops[0].mailbox.read(record)
         requests.append(int(record["request"][0]))
         played.now_ns += 10_000_000
-        played.loops[0].tick(State.ENABLED if 3 not in requests else State.OFF)
+        played.loops[0].tick(State.ENABLED if Request.STOP not in requests else State.OFF)
         step()
 
     played.supervisor.step = play_the_loop
+    return requests
+
+
+def test_the_end_disables_and_answers_everybody(played):
+    played.up()
+    played.step(5, State.ENABLED)
+    requests = requests_of_a_loop_that_obeys(played)
     played.supervisor.ramp_down("SIGTERM")
-    assert {2, 3} <= set(requests)
+    assert {Request.DISABLE, Request.STOP} <= set(requests)
     with pytest.raises(RpcError, match="shutting down"):
         played.bring("enable", token="x")
     played.supervisor.take_down()
