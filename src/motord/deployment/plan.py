@@ -43,6 +43,8 @@ def files_of(request: ServiceRequest) -> tuple[DeployedFile, ...]:
     """Return the files of a service. Raises ConfigError, DeploymentError."""
     bench_file = Path(request.bench_file)
     bench = load(bench_file)
+    if request.user and request.can_bitrates:
+        raise DeploymentError("--can-bitrate: only a service of the system brings CAN channels up")
     if request.user:
         unit = user_unit(request.program, bench_file.absolute())
         return (DeployedFile(user_units() / UNIT, unit),)

@@ -18,7 +18,7 @@ def base_directory() -> Path:
 
 
 def make_private(folder: Path) -> None:
-    """Make `folder`, and those above it, for this user only. Raises PrivateFolderError."""
+    """Make `folder`, this user's alone, with those above it. Raises PrivateFolderError."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = folder.lstat()

@@ -274,7 +274,9 @@ def ran(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_a_service_of_a_user(folder: Path, ran: list[str]) -> None:
-    done = service("install", "--user", "-c", folder / "bench.toml")
+    here = ("install", "--user", "-c", folder / "bench.toml")
+    assert "only a service of the system" in service(*here, "--can-bitrate", 500000).stderr
+    done = service(*here)
     assert done.exit_code == 0, done.output
     unit = (folder / "config/systemd/user/motord.service").read_text()
     assert f"run --config {folder}/bench.toml" in unit
