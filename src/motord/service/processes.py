@@ -23,18 +23,18 @@ PROCESSES = (
     ),
     Process(
         CHANNELS, "motord.service.channels.process", spawn_piped,
-        restart="always", stop_timeout_s=1.0, backoff_last_s=5.0,
+        restart="always", backoff_last_s=5.0,
         while_=lambda config: bool(config.channels),
         loss="until it is back no channel is read: one with a trip limit trips after timeout_s",
     ),
     Process(
         ESTIMATOR, "motord.service.estimator.process", spawn_piped,
-        restart="never", stop_timeout_s=1.0,
+        restart="never",
         loss="the plan under way goes on and does not end early",
     ),
     Process(
         TRACKER, "motord.service.tracker.process", spawn_piped,
-        restart="while wanted", stop_timeout_s=1.0, backoff_last_s=60.0,
+        restart="while wanted", backoff_last_s=60.0,
         while_=lambda config: config.tracking.enabled,
         loss="tracking of the calibration begins anew",
     ),

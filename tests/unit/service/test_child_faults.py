@@ -185,7 +185,7 @@ def no_descriptors_left():
 @pytest.mark.parametrize(("size", "starts"), [(0, False), (12, True)])
 def test_the_reserve_starts_a_child_when_there_are_no_descriptors_left(size, starts):
     command = (sys.executable, "-c", "")
-    row = Process("recorder", "motord.absent", spawn, "always", 5.0, loss="")
+    row = Process("recorder", "motord.absent", spawn, "always", "", 5.0)
     children = Children([row], lambda row: spawn(command), DescriptorReserve(size))
     with no_descriptors_left():
         children.start("recorder", 0)

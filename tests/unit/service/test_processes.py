@@ -27,7 +27,7 @@ SECOND_NS = 1_000_000_000
 
 
 def process(name, restart, start):
-    return Process(name, "motord.absent", start, restart, 5.0, loss="a gap")
+    return Process(name, "motord.absent", start, restart, "a gap", 5.0)
 
 
 def sleeping(command):

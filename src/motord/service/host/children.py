@@ -37,15 +37,16 @@ class Process:
     `spawn` starts `module` as a program. `restart`: "always" by itself, with back-off; "while
     wanted" the same, from its first start until `Children.kill`; "on reset" by an operator;
     "never": it lasts as long as what it was started for. `while_` says which benches have it,
-    `loss` what its end means, for the event; back-off grows to `backoff_last_s`.
+    `loss` what its end means, for the event; back-off grows to `backoff_last_s`. `stop_timeout_s`:
+    how long `Children.stop` waits for it; others have nothing to finish, and are killed.
     """
 
     name: str
     module: str
     spawn: Callable[[Sequence[str]], "subprocess.Popen[bytes]"]
     restart: Literal["always", "while wanted", "on reset", "never"]
-    stop_timeout_s: float
     loss: str
+    stop_timeout_s: float = 0.0
     while_: Callable[[Config], bool] = lambda config: True
     backoff_last_s: float = BACKOFF_LAST_S
 
