@@ -73,6 +73,7 @@ def test_health_goes_from_ok_to_failing_to_stale_and_back():
     assert device.view(1_000_000_001).value == 21.5
     wire.answers = True
     device.exchange(lambda: 2_000_000_000)
+    assert device.view(1_999_000_000).age_s == 0.0  # its thread goes on while the view is made
     assert device.view(2_000_000_000).health == "ok"
 
 

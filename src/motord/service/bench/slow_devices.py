@@ -135,7 +135,7 @@ class SlowDevice:
     def view(self, now_ns: int) -> DeviceView:
         """Return the device as published."""
         reading, error = self._reading, self._error
-        age_ns = now_ns - self._answered_ns
+        age_ns = max(0, now_ns - self._answered_ns)  # it may have answered since
         stale = age_ns > 1e9 * self.stale_after_s
         health: Health = "stale" if stale else "failing" if error else "ok"
         if stale and not error:
