@@ -2,9 +2,11 @@
 
 import ipaddress
 import re
+import stat
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from motord.config import Config, load, packaged
@@ -62,10 +64,9 @@ def activation(request: ServiceRequest, *, now: bool) -> Commands:
     enable = ("enable", *(("--now",) if now else ()), UNIT)
     if request.user:
         return (("systemctl", "--user", "daemon-reload"), ("systemctl", "--user", *enable))
-    folder = ("install", "-d", "-o", "motord", "-g", "motord", "-m", "0750")
     return (
         ("systemd-sysusers", "/etc/sysusers.d/motord.conf"),
-        *((*folder, str(runs)) for runs in _runs_elsewhere(load(Path(request.bench_file)))),
+        *chain.from_iterable(map(_given, _runs_elsewhere(load(Path(request.bench_file))))),
         ("udevadm", "control", "--reload"),
         ("udevadm", "trigger", "--action=add", "--subsystem-match=tty",
          "--subsystem-match=usb-serial", "--subsystem-match=misc"),
@@ -246,6 +247,16 @@ def _runs_elsewhere(bench: Config) -> tuple[Path, ...]:
     if not runs.is_absolute() or runs.is_relative_to(STATE):
         return ()
     return (_visible(runs, "[recording] directory", Path("/srv")),)
+
+
+def _given(runs: Path) -> Commands:
+    """Return what gives a folder to the service; one that is not root's alone stays as it is."""
+    try:
+        status = runs.stat()
+    except OSError:
+        return (("install", "-d", "-o", "motord", "-g", "motord", "-m", "0750", str(runs)),)
+    roots = status.st_uid == 0 and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return (("chown", "motord:motord", str(runs)),) if roots else ()
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

@@ -215,6 +215,28 @@ def test_the_unit_opens_what_the_bench_reaches(folder: Path) -> None:
     assert "write the address of brake.lab" in install(folder).stderr
 
 
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [
+        (None, "install -d -o motord -g motord -m 0750 "),
+        (0o755, "chown motord:motord "),
+        (0o2775, ""),  # of a group that must not be shut out
+    ],
+)
+def test_a_folder_of_recordings_is_given_to_the_service_if_it_is_nobody_elses(
+    folder: Path, mode: int | None, expected: str
+) -> None:
+    path, runs = folder / "bench.toml", folder / "recordings"
+    path.write_text(path.read_text().replace('directory = "runs"', f'directory = "{runs}"'))
+    if mode is not None:
+        runs.mkdir()
+        runs.chmod(mode)
+        expected = expected if runs.stat().st_uid == 0 else ""
+    commands = plans.activation(plans.ServiceRequest(str(path), (PROGRAM,)), now=False)
+    given = [" ".join(command) for command in commands if str(runs) in command]
+    assert given == ([f"{expected}{runs}"] if expected else [])
+
+
 def test_can_channels_are_set_up_if_that_is_asked_for(folder: Path) -> None:
     done = install(folder, "--can-bitrate", 500000, "--can-data-bitrate", 2000000)
     assert done.exit_code == 0, done.output
