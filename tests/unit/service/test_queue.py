@@ -314,7 +314,7 @@ def test_a_start_that_is_refused_for_long_pauses_the_queue_and_loses_nothing(ser
     service.run_s(6.5, token)
     end = service.bench.queue
     assert not end.active
-    assert "was not started: not started: it could not be recorded: the disk is full" in end.message
+    assert "was not started: it could not be recorded: the disk is full" in end.message
     assert [item.state for item in service.queue.queue.items] == ["aborted"]
 
 
