@@ -304,7 +304,7 @@ def test_a_start_that_is_refused_for_long_pauses_the_queue_and_loses_nothing(ser
     add(service, token, {**GOOD, "on_failure": "skip"})
     service.ask("queue/start", token=token)
     service.run_s(4.5, token)
-    assert "waits for its start" in service.bench.queue.message
+    assert "waits for its start: it could not be recorded" in service.bench.queue.message
     service.plans.unrecordable = str
     until(service, token, lambda: service.bench.plans.active)
     service.ask("plan/abort", token=token)

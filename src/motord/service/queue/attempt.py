@@ -137,7 +137,7 @@ class Attempt:
         try:
             begin = self.prepared.result()
         except RpcError as refusal:
-            raise NotStartedError(refusal.message) from None
+            raise NotStartedError(_why(refusal)) from None
         except BaseException as error:  # of a plan's own program
             raise NotStartedError(log_error(f"in preparing {self.item.plan.name}", error)) from None
         try:
@@ -145,7 +145,12 @@ class Attempt:
         except RpcError as refusal:
             self.refused_ns = now_ns if self.refused_ns is None else self.refused_ns
             if now_ns - self.refused_ns >= REFUSED_NS:
-                raise NotStartedError(refusal.message) from None
+                raise NotStartedError(_why(refusal)) from None
             self.again_ns = now_ns + AGAIN_NS
-            return refusal.message
+            return _why(refusal)
         return ""
+
+
+def _why(refusal: RpcError) -> str:
+    """Return why a plan is not started, without saying again that it is not."""
+    return refusal.message.removeprefix("not started: ")

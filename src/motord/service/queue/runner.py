@@ -178,7 +178,7 @@ class QueueRunner:
                 raise NotStartedError(f"the queue cannot be written: {self.file.error}")
             refused = attempt.begin(self._holder, now_ns, detached=self._detached)
         except NotStartedError as error:  # the next one would not begin, either
-            self.pause(f"{name} was not started: {str(error).removeprefix('not started: ')}")
+            self.pause(f"{name} was not started: {error}")
             return
         if refused:
             self._message = f"{name} waits for its start: {refused}"
