@@ -1,6 +1,7 @@
 """What a service consists of: its files, and the commands that put them in force."""
 
 import ipaddress
+import os
 import re
 import stat
 import sys
@@ -243,8 +244,8 @@ def _runs_elsewhere(bench: Config) -> tuple[Path, ...]:
 
     Raises DeploymentError.
     """
-    runs = bench.recording.directory
-    if not runs.is_absolute() or runs.is_relative_to(STATE):
+    runs = Path(os.path.normpath(STATE / bench.recording.directory))  # it may be ../runs
+    if runs.is_relative_to(STATE):
         return ()
     return (_visible(runs, "[recording] directory", Path("/srv")),)
 

@@ -237,6 +237,25 @@ def test_a_folder_of_recordings_is_given_to_the_service_if_it_is_nobody_elses(
     assert given == ([f"{expected}{runs}"] if expected else [])
 
 
+@pytest.mark.parametrize(
+    ("directory", "expected"),
+    [
+        ("runs", []),
+        ("/var/lib/motord/b/runs", []),
+        ("../runs", ["/var/lib/runs"]),
+        ("/srv/b/../runs", ["/srv/runs"]),
+    ],
+)
+def test_the_unit_opens_the_folder_of_recordings_wherever_it_is(
+    folder: Path, directory: str, expected: list[str]
+) -> None:
+    path = folder / "bench.toml"
+    path.write_text(path.read_text().replace('directory = "runs"', f'directory = "{directory}"'))
+    assert install(folder).exit_code == 0
+    unit = (folder / "root" / WRITTEN[0]).read_text()
+    assert re.findall(r"^ReadWritePaths=(.*)$", unit, re.M) == expected
+
+
 def test_can_channels_are_set_up_if_that_is_asked_for(folder: Path) -> None:
     done = install(folder, "--can-bitrate", 500000, "--can-data-bitrate", 2000000)
     assert done.exit_code == 0, done.output
