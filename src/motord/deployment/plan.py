@@ -3,9 +3,9 @@
 import ipaddress
 import os
 import re
-import stat
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -251,13 +251,13 @@ def _runs_elsewhere(bench: Config) -> tuple[Path, ...]:
 
 
 def _given(runs: Path) -> Commands:
-    """Return what gives a folder to the service; one that is not root's alone stays as it is."""
-    try:
-        status = runs.stat()
-    except OSError:
+    """Return what gives a folder to the service; of those that are there an empty one of root."""
+    if not os.path.lexists(runs):
         return (("install", "-d", "-o", "motord", "-g", "motord", "-m", "0750", str(runs)),)
-    roots = status.st_uid == 0 and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return (("chown", "motord:motord", str(runs)),) if roots else ()
+    with suppress(OSError):  # whoever may not look may not give it away, either
+        if runs.stat().st_uid == 0 and {one.name for one in runs.iterdir()} <= {"lost+found"}:
+            return (("chown", "motord", str(runs)),)  # a group that shares it still may
+    return ()
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

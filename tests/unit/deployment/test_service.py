@@ -216,21 +216,20 @@ def test_the_unit_opens_what_the_bench_reaches(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mode", "expected"),
+    ("content", "expected"),
     [
         (None, "install -d -o motord -g motord -m 0750 "),
-        (0o755, "chown motord:motord "),
-        (0o2775, ""),  # of a group that must not be shut out
+        ("lost+found", "chown motord "),
+        ("of others", ""),
     ],
 )
 def test_a_folder_of_recordings_is_given_to_the_service_if_it_is_nobody_elses(
-    folder: Path, mode: int | None, expected: str
+    folder: Path, content: str | None, expected: str
 ) -> None:
     path, runs = folder / "bench.toml", folder / "recordings"
     path.write_text(path.read_text().replace('directory = "runs"', f'directory = "{runs}"'))
-    if mode is not None:
-        runs.mkdir()
-        runs.chmod(mode)
+    if content is not None:
+        (runs / content).mkdir(parents=True)
         expected = expected if runs.stat().st_uid == 0 else ""
     commands = plans.activation(plans.ServiceRequest(str(path), (PROGRAM,)), now=False)
     given = [" ".join(command) for command in commands if str(runs) in command]
