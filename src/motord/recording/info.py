@@ -1,6 +1,10 @@
 """Summary of a recording: `motord record info`."""
 
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any
+
+from pydantic import ValidationError
 
 from motord.recording import topics
 from motord.recording.damage import utc
@@ -21,7 +25,10 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
     """
     if check:
         run.check()
+    events = run.events()
     span = _noted_span(run) or _counted_span(run)
+    if any(event["kind"] == "loop_restarted" for event in events):
+        span["ticks_missing"] = None  # the counter began anew
     operating_points = run.operating_points()
     structure = run.source.structure
     facts: dict[str, Any] = {
@@ -30,7 +37,7 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
         "chunks": len(structure.chunks),
         **{key: run.metadata[key] for key in _FROM_METADATA if key in run.metadata},
         **span,
-        "timing": _timing(run),
+        "timing": _timing(events),
         "events": _count(run, topics.EVENTS.name),
         "plan_messages": _count(run, topics.PLANS.name),
         "channels": [
@@ -85,12 +92,15 @@ def _span(
     }
 
 
-def _timing(run: Run) -> dict[str, Any] | None:
+def _timing(events: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Return the timing of the loop, None if the file has none."""
-    summaries = [event["data"] for event in run.events() if event["kind"] == KIND]
-    if not summaries:
+    parts: list[TimingSummary] = []
+    for event in (one for one in events if one["kind"] == KIND):
+        with suppress(ValidationError):  # what another program calls so
+            parts.append(TimingSummary.model_validate(event.get("data")))
+    if not parts:
         return None
-    whole = total(TimingSummary.model_validate(data) for data in summaries)
+    whole = total(parts)
     return {"words": whole.line(), **whole.model_dump(mode="json")}
 
 

@@ -90,12 +90,13 @@ JsonSchema = Mapping[str, Any]
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    """Return whether JSON's number is one that a double can hold, its powers included."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 _TYPES: dict[str, Callable[[Any], bool]] = {
     "integer": lambda value: _is_number(value) and value == int(value) and abs(value) < 1 << 63,
-    "number": lambda value: _is_number(value) and abs(value) < 1e300,
+    "number": _is_number,
     "string": lambda value: isinstance(value, str),
     "boolean": lambda value: isinstance(value, bool),
     "object": lambda value: isinstance(value, dict),

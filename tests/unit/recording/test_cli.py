@@ -45,6 +45,24 @@ def test_info_of_a_whole_run(run):
     assert "torque_Nm" in facts["columns"]
 
 
+def test_info_counts_no_missing_ticks_where_the_counter_began_anew(tmp_path):
+    with RunWriter(tmp_path / "run.mcap", METADATA) as writer:
+        writer.ticks(tick_block(200))
+        writer.event(0, "loop_restarted", "its counter begins anew with tick 0", {"tick_after": 0})
+        writer.ticks(tick_block(100))
+    assert json.loads(call("info", tmp_path / "run.mcap", "--json"))["ticks_missing"] is None
+    assert "without a tick" not in call("info", tmp_path / "run.mcap")
+
+
+def test_info_passes_over_an_event_of_timing_that_another_program_wrote(tmp_path):
+    with RunWriter(tmp_path / "run.mcap", METADATA) as writer:
+        writer.ticks(tick_block(100))
+        for data in ({"missed": "many"}, {"missed": 3}):
+            writer.event(0, "timing", "", data)
+    facts = json.loads(call("info", tmp_path / "run.mcap", "--json"))
+    assert facts["timing"]["missed"] == 3
+
+
 def test_info_of_several_runs_goes_on_after_one_that_cannot_be_read(run, unfinished, tmp_path):
     nothing = tmp_path / "nothing.mcap"
     result = CliRunner().invoke(app, ["info", str(run), str(nothing), str(unfinished)])

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.recording.json_encoding import JSON_KEYS, from_strings, plain, to_json, to_strings
+from motord.recording.json_encoding import (
+    JSON_KEYS,
+    from_strings,
+    misfit,
+    plain,
+    to_json,
+    to_strings,
+)
 
 keys = st.text("abcdefgh_", min_size=1)
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -45,3 +52,12 @@ def test_numpy_paths_and_infinities_become_plain():
     }  # fmt: skip
     assert json.loads(to_json(value)) == plain(value)
     assert to_json({"a": "ü"}) == '{"a":"ü"}'
+
+
+@pytest.mark.parametrize("kind", ["integer", "number"])
+@pytest.mark.parametrize(
+    "value", [pytest.param(10**400, id="long"), float("inf"), float("nan"), True, "1"]
+)
+def test_what_no_double_holds_is_no_number(kind, value):
+    assert f"type {kind} is needed" in misfit({"x": value}, {"properties": {"x": {"type": kind}}})
+    assert not misfit({"x": -2}, {"properties": {"x": {"type": kind}}})
