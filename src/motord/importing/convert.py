@@ -212,7 +212,7 @@ def _on_speed(given: Set[str], points: Sequence[dict[str, Any]]) -> Iterator[str
     if not {"speed_rad_s", "speed_Hz"} & given:
         yield "speed: from angle and time"
     for point in points:
-        mean_Hz, set_Hz = point["speed_mean_Hz"], abs(point["speed_Hz"])
+        mean_Hz, set_Hz = abs(point["speed_mean_Hz"]), abs(point["speed_Hz"])
         if set_Hz and not 1 / SPEED_RATIO < mean_Hz / set_Hz < SPEED_RATIO:
             yield (
                 f"by position and time operating point {point['index']} turns at {mean_Hz:.3g} "

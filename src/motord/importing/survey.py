@@ -28,8 +28,8 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class ConstantSegment:
-    """Usable rows from `first` to before `end`; turns: how far it turned, whole_turns: from zero
-    point to zero point."""
+    """Usable rows from `first` to before `end`; turns: how far it turned, negative backwards;
+    whole_turns: from zero point to zero point."""
 
     first: int
     end: int
@@ -106,7 +106,7 @@ class SegmentFinder:
             return
         sign = 1 if turned > 0 else -1
         whole = sign * last[1] // self._counts - sign * begin.position // self._counts - 1
-        self.found.append(ConstantSegment(begin.row, self._end, abs(turned) / self._counts, whole))
+        self.found.append(ConstantSegment(begin.row, self._end, turned / self._counts, whole))
 
     def _changes(self, keys: np.ndarray) -> np.ndarray:
         """Return which rows have other keys than the row before, or than the segment began with."""

@@ -26,7 +26,10 @@ def test_angles_in_any_range(tmp_path: Path, turn: int, wrapping: str) -> None:
     assert (ticks["angle_rad"] >= 0).all()
     assert (ticks["angle_rad"] < 2 * np.pi).all()
     assert ticks["speed_rad_s"] == pytest.approx(turn * 2 * np.pi, rel=2e-3)
-    assert run.operating_points()[0]["turns"] == pytest.approx(3.999, abs=1e-3)
+    [point] = run.operating_points()
+    assert point["turns"] == pytest.approx(turn * 3.999, abs=1e-3)
+    assert point["speed_Hz"] == pytest.approx(point["speed_mean_Hz"], abs=1e-4)
+    assert point["speed_mean_Hz"] == pytest.approx(turn, rel=1e-3)
     assert done.notes[0].startswith("utf-8, delimiter ','")
 
 

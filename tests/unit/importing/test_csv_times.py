@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motord.importing.csv.source import dates_ns
 from motord.recording.errors import RecordError
 from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv
 
@@ -62,6 +63,14 @@ def test_dates_are_times(tmp_path: Path) -> None:
     assert done.problems == ("line 7: no time: left out",)
     expected = START_NS + np.delete(np.arange(3000), 5) * 1_000_000
     np.testing.assert_array_equal(run.ticks()["t_ns"], expected)
+
+
+@pytest.mark.parametrize("zone", ["Z", "+02:00", "-05:00"])
+def test_dates_may_say_their_zone(zone: str) -> None:
+    cells = [f"2007-05-01T12:00:0{n}.25{zone}" for n in range(2)]
+    hours = int(zone[:3]) if zone != "Z" else 0
+    expected = START_NS - hours * 3_600_000_000_000 + np.array([250, 1250]) * 1_000_000
+    np.testing.assert_array_equal(dates_ns(cells, ".", None), expected)
 
 
 @pytest.mark.parametrize(

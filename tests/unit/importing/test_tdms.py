@@ -121,12 +121,10 @@ def test_channels_that_make_no_rows(tmp_path: Path) -> None:
     assert "the channels have 2000 to 3000 values: 2000 rows" in done.notes
 
 
-def test_what_cannot_be_read_is_said(tmp_path: Path) -> None:
+@pytest.mark.parametrize("torque", [np.array(["a"] * 3000), np.zeros(3000, "M8[us]")])
+def test_what_cannot_be_read_is_said(tmp_path: Path, torque: np.ndarray) -> None:
     columns = turning(3000)
-    channels = {
-        "Bench/Position": (columns["Position[rad]"], {}),
-        "Bench/Torque": (np.array(["a"] * 3000), {}),
-    }
+    channels = {"Bench/Position": (columns["Position[rad]"], {}), "Bench/Torque": (torque, {})}
     source = write_tdms(tmp_path / "a.tdms", channels)
     with pytest.raises(RecordError, match="no column has the time of its rows"):
         imported(tmp_path, source, WAVEFORM)

@@ -94,13 +94,17 @@ class TdmsSource(ColumnSource):
         with readable_as(self.path, "a TDMS"):
             dtype: np.dtype[Any] = np.dtype(self._channels[index].dtype)
         if dtype.kind not in "fiubM":
-            raise RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
+            raise self._no_numbers(index)
         return dtype
+
+    def _no_numbers(self, index: int) -> RecordError:
+        return RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
 
     def _spool(self, wanted: WantedColumn) -> BinaryIO:
         """Copy a channel into a scratch file and return it."""
         dtype, channel = self._dtype(wanted.index), self._channels[wanted.index]
-        as_ns = dtype.kind == "M" or (wanted.as_time and dtype.kind in "iu")
+        if dtype.kind == "M" and not wanted.as_time:
+            raise self._no_numbers(wanted.index)
         scratch = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - closed by `opened`
         spool = self._opened.enter_context(scratch)
         length = self._lengths[wanted.index]
@@ -110,7 +114,7 @@ class TdmsSource(ColumnSource):
                 values = channel.read_data(start, min(piece, length - start))
             if dtype.kind == "M":
                 values = values.astype("M8[ns]")
-            np.ascontiguousarray(values.astype("i8" if as_ns else "f8")).tofile(spool)
+            np.ascontiguousarray(values.astype("i8" if wanted.as_time else "f8")).tofile(spool)
         return spool
 
     def _read(self, wanted: WantedColumn, start: int, count: int) -> np.ndarray:

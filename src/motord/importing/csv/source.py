@@ -180,12 +180,17 @@ def dates_ns(cells: list[str], decimal: str, date_format: str | None) -> np.ndar
     if decimal == ",":
         cells = [cell.replace(",", ".") for cell in cells]
         date_format = date_format and date_format.replace(",", ".")
-    if date_format is None and not any("Z" in cell or "+" in cell for cell in cells):
+    if date_format is None and not any(map(_has_zone, cells)):
         try:
             return np.array(cells, "M8[ns]").astype(np.int64)
         except ValueError:
             pass  # some are no dates
     return np.array([_date_ns(cell, date_format) for cell in cells], np.int64)
+
+
+def _has_zone(date: str) -> bool:
+    """Return whether a date in ISO form says its zone, with which numpy does not take it."""
+    return "Z" in date or "+" in date or date.count("-") > 2
 
 
 def _date_ns(cell: str, date_format: str | None) -> int:
