@@ -8,6 +8,7 @@ import re
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,8 @@ class BlackBox:
         try:
             self._write(path, ticks, settings)
         except RecordError:
-            part_of(path).unlink(missing_ok=True)
+            with suppress(OSError):  # as of a disk that its errors made read-only
+                part_of(path).unlink()
             raise
 
     def _write(self, path: Path, ticks: Block, settings: RecordingConfig) -> None:

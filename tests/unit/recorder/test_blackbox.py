@@ -220,6 +220,22 @@ def test_a_full_disk_costs_the_box_alone(bench, monkeypatch, after_bytes):
     assert bench.outcome(bench.ask(149, after=0, number=1)) == ""
 
 
+def test_a_disk_that_its_errors_make_read_only_costs_the_box_alone(bench, monkeypatch):
+    def refuse(*unused, **too):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    def fail(self, part):
+        if self.size < 5000:
+            return write_all(self, part)
+        monkeypatch.setattr(Path, "unlink", refuse)
+        return refuse()
+
+    write_all = McapFile._write_all
+    monkeypatch.setattr(McapFile, "_write_all", fail)
+    bench.loop(150)
+    assert "Read-only" in bench.outcome(bench.ask(149, after=0))
+
+
 def test_a_folder_that_cannot_be_made_costs_the_box_alone(bench):
     bench.loop(150)
     bench.folder.write_text("a file")

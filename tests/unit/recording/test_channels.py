@@ -59,6 +59,11 @@ def test_other_readers_find_a_topic_with_numbers(run):
     assert b'"value":20.5' in found[0][1].replace(b" ", b"")
 
 
+def test_a_column_that_is_asked_for_twice_is_exported_once(run, tmp_path):
+    export(run, tmp_path / "run.csv", ["tick", "power_W", "tick", "power_W"])
+    assert (tmp_path / "run.csv").read_text().splitlines()[0] == "tick,power_W"
+
+
 def test_recordings_without_channels_have_none(tmp_path):
     write_run(tmp_path / "run.mcap", 20)
     run = open_run(tmp_path / "run.mcap")

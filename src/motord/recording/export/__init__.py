@@ -40,7 +40,7 @@ def export(
         raise RecordError(f"{output}: its name must end with {endings()}")
     taken = (*run.truth_table.columns,) if truth else (*run.columns, *run.channels())
     plan = {name: one for name, one in plan_columns(run.metadata).items() if name not in taken}
-    wanted = None if columns is None else tuple(columns)
+    wanted = None if columns is None else tuple(dict.fromkeys(columns))
     if wanted is not None:
         plan = {name: plan[name] for name in wanted if name in plan}
         wanted = tuple(name for name in wanted if name not in plan)
