@@ -76,9 +76,9 @@ class BlackBox:
     def write(self, settings: RecordingConfig) -> None:
         """Write the file, if it is not there, and remove the oldest ones. Raises RecordError."""
         path, ticks = self.request.path, joined(self._blocks)
-        if path.exists():
-            return
         try:
+            if path.exists():
+                return
             make_room(path, settings.blackbox_keep)
             part_of(path).unlink(missing_ok=True)  # of a recorder that was killed while writing it
         except OSError as error:

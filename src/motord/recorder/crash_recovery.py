@@ -9,7 +9,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -123,7 +123,7 @@ class CrashRecovery:
             (settings.blackbox_directory, rf"blackbox-{bench}-{STAMP}\.mcap{re.escape(PART)}"),
         )
         for folder, pattern in names:
-            if folder.is_dir():
+            with suppress(OSError):  # it is not there, or what may not be read is not recovered
                 found = (p for p in folder.absolute().iterdir() if re.fullmatch(pattern, p.name))
                 old = (path for t_ns, path in newest_first(found) if t_ns < self._since_ns)
                 yield from sorted(old)
@@ -181,7 +181,7 @@ class CrashRecovery:
         """Return the newest tick of `block` that is in a recording, and in which."""
         folder = self._config.recording.directory.absolute()
         bench = re.compile(rf"{re.escape(self._config.bench.name)}-{STAMP}")
-        files = [p for p in folder.glob("*.mcap*") if folder.is_dir() and bench.match(p.name)]
+        files = [path for path in folder.glob("*.mcap*") if bench.match(path.name)]
         found = []
         for _, path in newest_first(files)[:NEWEST]:
             mark = mark_of(path)

@@ -242,6 +242,16 @@ def test_a_folder_that_cannot_be_made_costs_the_box_alone(bench):
     assert "File exists" in bench.outcome(bench.ask(149, after=0))
 
 
+@pytest.mark.parametrize("refused", ["exists", "mkdir"])
+def test_a_folder_that_may_not_be_read_costs_the_box_alone(bench, monkeypatch, refused):
+    def refuse(*unused, **too):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    bench.loop(150)
+    monkeypatch.setattr(Path, refused, refuse)
+    assert "Permission denied" in bench.outcome(bench.ask(149, after=0))
+
+
 def test_while_the_disk_stalls_memory_is_bounded_and_what_is_left_out_is_reported(
     bench, monkeypatch
 ):

@@ -1,5 +1,6 @@
 """What a bench that was killed left behind, and what the next daemon's recorder makes of it."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -112,6 +113,19 @@ def test_a_bench_that_was_recorded_by_nobody_is_if_it_was_powered(killed):
     [name] = killed.names()
     assert "-recovered-000.mcap" in name
     assert open_run(killed.folder / name).metadata["bench"] == "anew"
+
+
+def test_a_folder_that_may_not_be_read_keeps_no_recorder_from_starting(killed, monkeypatch):
+    def refuse(path):
+        if killed.folder in (path, path.parent):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return listed(path)
+
+    killed.recording(300)
+    listed = Path.iterdir
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    killed.next_daemon()
+    assert killed.outcomes == {}
 
 
 def test_a_bench_that_was_off_is_not_recorded_and_its_ring_removed(killed):

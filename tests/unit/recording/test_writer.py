@@ -307,10 +307,11 @@ def test_nothing_is_overwritten(tmp_path, taken):
     assert (tmp_path / taken).read_text() == "precious"
 
 
-def test_a_folder_that_cannot_be_made_is_reported(tmp_path):
+@pytest.mark.parametrize("name", ["file/run.mcap", f"{'x' * 250}.mcap"])
+def test_a_file_that_cannot_be_made_is_reported(tmp_path, name):
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="cannot write it"):
-        RunWriter(tmp_path / "file" / "run.mcap", {})
+        RunWriter(tmp_path / name, {})
 
 
 def test_an_unknown_compression_is_reported_before_a_file_is_made(tmp_path):

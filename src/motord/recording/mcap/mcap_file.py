@@ -167,8 +167,8 @@ class McapFile:
             self._part.unlink()
 
     def _create(self) -> int:
-        require_free(self.path, self._part)
         with self._explained():
+            require_free(self.path, self._part)
             self.path.parent.mkdir(parents=True, exist_ok=True)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
             descriptor = os.open(self._part, flags, 0o644)
