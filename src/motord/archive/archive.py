@@ -153,6 +153,9 @@ class RecordingArchive:
         if time.time_ns() - self._known[name][2] < after_days * DAY_NS:
             return False
         source, copy = self.source / name, self.copies / name
+        if not copy.exists():
+            del self._known[name]
+            raise ConflictError(f"{copy}: is gone; the recording is not deleted, but copied again")
         if (manifest := manifests.read(copy)) is None:
             raise ConflictError(f"{copy}: has no manifest; the recording is not deleted")
         before = source.stat()

@@ -103,6 +103,17 @@ def test_a_changed_bit_in_the_archive_is_found_and_keeps_the_recording(folders):
     assert (source / NAME).exists()
 
 
+def test_a_copy_that_is_gone_is_made_again_and_stops_no_round(folders):
+    source, copies = folders
+    archive = RecordingArchive(source, copies, small_pace())
+    archive.update(select(source))
+    (copies / NAME).unlink()
+    report = archive.update(select(source), 0.0)
+    assert "is gone" in report.conflicts[NAME]
+    assert report.deleted == ["blackbox/blackbox-b-1.mcap"]
+    assert archive.update(select(source)).copied == [NAME]
+
+
 def test_missing_copies_and_files_without_a_manifest_are_named(folders):
     _, copies = folders
     one_round(*folders)
