@@ -41,20 +41,27 @@ def plain(value: object) -> Any:
 
 def to_json(value: object) -> str:
     """Return `value` as JSON on one line; what JSON does not know becomes null or a string."""
-    return json.dumps(plain(value), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return without_surrogates(
+        json.dumps(plain(value), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    )
 
 
 def to_line(value: object) -> bytes:
-    """Return `value` as one line of JSON in UTF-8, without its end.
+    """Return `value` as one line of JSON in UTF-8, without its end."""
+    return to_json(value).encode()
 
-    Half a surrogate pair, as a name of a file may have, becomes a question mark.
-    """
-    return to_json(value).encode(errors="replace")
+
+def without_surrogates(text: str) -> str:
+    """Return a text that UTF-8 has: surrogates, as of a file's name, become question marks."""
+    return text.encode(errors="replace").decode()
 
 
 def to_strings(values: Mapping[str, object]) -> dict[str, str]:
     """Return the strings of a metadata record: text as it is, anything else as JSON."""
-    strings = {key: v if isinstance(v, str) else to_json(v) for key, v in values.items()}
+    strings = {
+        key: without_surrogates(v) if isinstance(v, str) else to_json(v)
+        for key, v in values.items()
+    }
     encoded = [key for key, v in values.items() if not isinstance(v, str)]
     return {**strings, JSON_KEYS: ",".join(encoded)} if encoded else strings
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from motord.recording.json_encoding import to_line
+from motord.recording.json_encoding import to_json, without_surrogates
 
 PLAN = "plan"
 """Column of the plan's name."""
@@ -76,8 +76,8 @@ def _value(value: Any) -> PlanValue:
     if isinstance(value, int) and abs(value) <= EXACT_MAX:
         return float(value)
     if isinstance(value, str):
-        return value.encode(errors="replace").decode()  # without halves of characters
-    return to_line(value).decode()
+        return without_surrogates(value)
+    return to_json(value)
 
 
 def _free(name: str, taken: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from motord.config import RecordingConfig
 from motord.recording import topics
 from motord.recording.errors import RecordError
 from motord.recording.event_log import event_message
-from motord.recording.json_encoding import to_json, to_strings
+from motord.recording.json_encoding import to_line, to_strings
 from motord.recording.mcap.chunk_builder import ChunkBuilder
 from motord.recording.mcap.compression import compressor
 from motord.recording.mcap.mcap_file import McapFile
@@ -173,7 +173,7 @@ class RunWriter:
     def _message(self, topic: Topic, t_ns: int, content: Mapping[str, object]) -> None:
         self._declare(topic)
         sequence = self._counts[topic.number]
-        payload = to_json({"t_ns": t_ns, **content}).encode()
+        payload = to_line({"t_ns": t_ns, **content})
         if len(payload) > self._chunk.room:
             self.flush()
         self._chunk.add_message(topic.number, max(0, t_ns), sequence, payload)

@@ -299,6 +299,15 @@ def _write_and_stumble(writer: RunWriter) -> None:
     writer.ticks(np.zeros(3))
 
 
+def test_names_that_are_not_utf_8_are_written_with_question_marks(tmp_path):
+    name = os.fsdecode(b"run\xff.csv")
+    with RunWriter(tmp_path / "run.mcap", {"source": {"file": name}, "notes": name}) as writer:
+        writer.event(START_NS, "import", name, {"file": name})
+    run = open_run(tmp_path / "run.mcap")
+    assert (run.metadata["source"], run.metadata["notes"]) == ({"file": "run?.csv"}, "run?.csv")
+    assert run.events()[0]["data"] == {"file": "run?.csv"}
+
+
 @pytest.mark.parametrize("taken", ["run.mcap", "run.mcap.part"])
 def test_nothing_is_overwritten(tmp_path, taken):
     (tmp_path / taken).write_text("precious")
