@@ -21,12 +21,13 @@ _FROM_METADATA = (
 def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
     """Return what `record info` prints, ready for JSON; times are Unix ns and UTC text.
 
-    Of a file that was closed only the index and the events are read, unless `check` asks for all.
+    Of a file that was closed only the index and the events are read, unless `check` asks for all,
+    or its ticks are not those that it had then.
     """
     if check:
         run.check()
-    events = run.events()
-    span = _noted_span(run) or _counted_span(run)
+    events, recovered = run.events(), run.source.metadata(METADATA_RECOVERED)
+    span = (None if recovered or run.damage else _noted_span(run)) or _counted_span(run)
     if any(event["kind"] == "loop_restarted" for event in events):
         span["ticks_missing"] = None  # the counter began anew
     operating_points = run.operating_points()
@@ -47,7 +48,7 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
         "operating_points": operating_points,
         "columns": list(run.columns),
     }
-    if recovered := run.source.metadata(METADATA_RECOVERED):
+    if recovered:
         facts["recovered"] = recovered
     damage = run.damage
     facts["damage"] = str(damage) if damage else None

@@ -15,6 +15,8 @@ from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.reader import Run, open_run
 
 METADATA_RECOVERED = "motord.recovered"
+NOTHING = "nothing"
+"""What is missing where nothing is."""
 
 
 @dataclass(frozen=True)
@@ -43,27 +45,34 @@ def recover(path: Path, output: Path, go_on: Callable[[], bool] = lambda: True) 
     output_file = McapFile(output)
     try:
         ticks, chunks = _copy(run, output_file, go_on)
-        damage = run.damage
-        account = {
-            "from": path.name,
-            "missing": str(damage) if damage else "nothing",
-            "bytes_lost": damage.bytes_lost if damage else 0,
-        }
-        output_file.metadata(METADATA_RECOVERED, to_strings(account))
+        output_file.metadata(METADATA_RECOVERED, to_strings(_account(run)))
         output_file.finish()
     except BaseException:  # an interrupt, too
         output_file.discard()
         raise
     finally:
         output_file.abandon()
-    return Recovery(output, ticks, chunks, damage)
+    return Recovery(output, ticks, chunks, run.damage)
+
+
+def _account(run: Run) -> dict[str, object]:
+    """Return what a clean file says of its recovery; what an earlier one lacked is missing, too."""
+    damage, earlier = run.damage, run.source.metadata(METADATA_RECOVERED)
+    missing = [str(earlier.get("missing", NOTHING)), str(damage or NOTHING)]
+    lost = earlier.get("bytes_lost")
+    return {
+        "from": run.path.name,
+        "missing": "; ".join(text for text in missing if text != NOTHING) or NOTHING,
+        "bytes_lost": (lost if isinstance(lost, int) else 0) + (damage.bytes_lost if damage else 0),
+    }
 
 
 def _copy(run: Run, output_file: McapFile, go_on: Callable[[], bool]) -> tuple[int, int]:
     """Copy everything that is readable; return the numbers of ticks and of chunks."""
     source = run.source
     for name, strings in source.structure.metadata.items():
-        output_file.metadata(name, repaired(strings))
+        if name != METADATA_RECOVERED:
+            output_file.metadata(name, repaired(strings))
     for channel in source.structure.channels.values():
         schema = source.structure.schemas.get(channel.schema_id)
         output_file.channel(schema, channel)

@@ -14,6 +14,7 @@ from mcap.records import Chunk, Message
 from motord.recording import topics
 from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of
+from motord.recording.info import describe
 from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.mcap.records import serialise
 from motord.recording.reader import open_run
@@ -77,6 +78,24 @@ def test_an_unfinished_file_becomes_a_clean_one(tmp_path):
     assert clean.source.structure.metadata["motord.recovered"]["from"] == "run.mcap.part"
     assert "not closed" in clean.source.structure.metadata["motord.recovered"]["missing"]
     assert part.exists()
+
+
+def test_a_recovered_file_that_is_damaged_lacks_both(tmp_path):
+    paths = [tmp_path / name for name in ("run.mcap", "once.mcap", "twice.mcap")]
+    write_run(paths[0], 400, chunk_s=0.1)
+    bytes_lost = 0
+    for times, (path, clean) in enumerate(pairwise(paths), 1):
+        content = bytearray(path.read_bytes())
+        content[open_run(path).source.structure.chunks[1].offset + 99] ^= 1
+        path.write_bytes(content)
+        recover(path, clean)
+        for facts in (describe(open_run(path), check=True), describe(open_run(clean))):
+            assert (facts["ticks"], facts["ticks_missing"]) == (400 - 100 * times, 100 * times)
+        account = facts["recovered"]
+        assert account["from"] == path.name
+        assert account["missing"].count("chunk checksum wrong") == times
+        assert account["bytes_lost"] > bytes_lost
+        bytes_lost = account["bytes_lost"]
 
 
 def test_times_are_those_of_the_messages_again(whole, tmp_path):
