@@ -194,13 +194,16 @@ class _RowReader:
 
 def _join(first: RawBlock, second: RawBlock) -> RawBlock:
     columns = tuple(map(np.concatenate, zip(first.columns, second.columns, strict=True)))
-    return RawBlock(columns, np.concatenate([first.line, second.line]), second.done)
+    row = np.concatenate([first.row, second.row])
+    return RawBlock(columns, row, np.concatenate([first.line, second.line]), second.done)
 
 
 def _cut_last(block: RawBlock) -> tuple[RawBlock, RawBlock]:
     """Return a block without its last row, and that row."""
     before, last = (
-        RawBlock(tuple(c[part] for c in block.columns), block.line[part], block.done)
+        RawBlock(
+            tuple(c[part] for c in block.columns), block.row[part], block.line[part], block.done
+        )
         for part in (slice(None, -1), slice(-1, None))
     )
     return before, last

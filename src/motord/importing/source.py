@@ -83,10 +83,12 @@ class RawBlock:
     """Rows as they are in the source: n of them.
 
     columns: of each wanted column values (n,), float64 with nan where there is none, or int64 with
-    MISSING_NS; line (n,): the number of each row for messages; done: share of the source, 0 to 1.
+    MISSING_NS; row (n,): the number of each row, from 1 on, those left out counted; line (n,): its
+    number for messages; done: share of the source, 0 to 1.
     """
 
     columns: tuple[np.ndarray, ...]
+    row: np.ndarray
     line: np.ndarray
     done: float
 
@@ -162,8 +164,8 @@ class ColumnSource(RowSource):
         for start in range(0, self._rows, BLOCK_ROWS):
             count = min(BLOCK_ROWS, self._rows - start)
             columns = tuple(self._read(w, start, count) for w in wanted)
-            line = np.arange(start + 1, start + count + 1)
-            yield RawBlock(columns, line, (start + count) / self._rows)
+            row = np.arange(start + 1, start + count + 1)
+            yield RawBlock(columns, row, row, (start + count) / self._rows)
 
     @abstractmethod
     def _dtype(self, index: int) -> "np.dtype[Any]": ...

@@ -46,7 +46,7 @@ class TimeReader:
 
     def __init__(self, column_map: ColumnMap) -> None:
         self._column_map = column_map
-        self._first_line: int | None = None
+        self._first_row: int | None = None
         self._base_s: float | None = None
         self._latest_ns = int(MISSING_NS)
 
@@ -54,9 +54,9 @@ class TimeReader:
         """Return the times in ns (n,), MISSING_NS for rows without."""
         clock = self._column_map.clock
         if clock is not None:
-            if self._first_line is None:
-                self._first_line = int(block.line[0])
-            since_ns = np.round((block.line - self._first_line) * (clock.period_s * 1e9))
+            if self._first_row is None:
+                self._first_row = int(block.row[0])
+            since_ns = np.round((block.row - self._first_row) * (clock.period_s * 1e9))
             return np.asarray(since_ns, np.int64) + (clock.start_ns or 0)
         t = self._column_map.times(block.columns)
         if t.dtype.kind == "i":

@@ -103,6 +103,19 @@ def test_rows_without_time_have_a_period(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.ticks()["t_ns"], START_NS + np.arange(4000) * 1_000_000)
 
 
+@pytest.mark.parametrize("end", ["\r\r\n", "\n# ok\n"])
+def test_lines_that_are_no_rows_take_no_period(tmp_path: Path, end: str) -> None:
+    columns = turning()
+    del columns["Time"]
+    source = write_csv(tmp_path / "a.csv", columns, edit={5: "1"})
+    source.write_bytes(source.read_bytes().replace(b"\n", end.encode()))
+    text = MAP.replace('t_s = "Time"\n', "").replace("[columns]", "period_s = 0.001\n[columns]")
+    done, run = imported(tmp_path, source, text)
+    expected = START_NS + np.delete(np.arange(4000), 5) * 1_000_000
+    np.testing.assert_array_equal(run.ticks()["t_ns"], expected)
+    assert (done.rate_Hz, done.missed) == (pytest.approx(1000.0), 1)
+
+
 def test_gaps_end_operating_points(tmp_path: Path) -> None:
     columns = turning(8000)
     columns["Time"] = columns["Time"] + np.repeat([0.0, 20.0], 4000)

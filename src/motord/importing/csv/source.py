@@ -241,10 +241,13 @@ class CsvSource(RowSource):
         """Yield all rows; those that have another number of cells are noted and left out."""
         dates = tuple(w.index for w in wanted if w.as_time and self.holds_dates(w.index))
         reader = CellReader(self.path, self._dialect, tuple(wanted), dates, self._date_format)
-        for lines, first_line, done in self._text():
-            block = reader.read(*_rows(lines, first_line, self._dialect), problems)
-            if block[1].size:
-                yield RawBlock(*block, done)
+        count = 0
+        for text, first_line, done in self._text():
+            lines, numbers = _rows(text, first_line, self._dialect)
+            columns, line = reader.read(lines, numbers, problems)
+            if line.size:
+                yield RawBlock(columns, count + 1 + np.searchsorted(numbers, line), line, done)
+            count += numbers.size
 
     def _text(self) -> Iterator[tuple[list[str], int, float]]:
         """Yield lines, the number of the first of them, and the share of the file read so far."""
