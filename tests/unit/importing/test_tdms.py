@@ -121,6 +121,24 @@ def test_channels_that_make_no_rows(tmp_path: Path) -> None:
     assert "the channels have 2000 to 3000 values: 2000 rows" in done.notes
 
 
+@pytest.mark.parametrize(
+    ("late_us", "said"), [(400, ""), (-600, "0.0006 s earlier"), (2000, "0.002 s later")]
+)
+def test_channels_that_begin_at_other_times_are_named(
+    tmp_path: Path, late_us: int, said: str
+) -> None:
+    columns = turning(3000)
+    start = PROPERTIES["wf_start_time"] + np.timedelta64(late_us, "us")
+    channels = {
+        "Bench/Position": (columns["Position[rad]"], PROPERTIES),
+        "Bench/Torque": (columns["Iq"], PROPERTIES | {"wf_start_time": start}),
+    }
+    done, _ = imported(tmp_path, write_tdms(tmp_path / "a.tdms", channels), WAVEFORM)
+    named = [note for note in done.notes if "Bench/Torque begins" in note]
+    assert len(named) == bool(said)
+    assert all(said in note for note in named)
+
+
 @pytest.mark.parametrize("torque", [np.array(["a"] * 3000), np.zeros(3000, "M8[us]")])
 def test_what_cannot_be_read_is_said(tmp_path: Path, torque: np.ndarray) -> None:
     columns = turning(3000)

@@ -62,18 +62,26 @@ class TdmsSource(ColumnSource):
 
         wf_increment is the time between values, wf_start_time that of the first.
         """
-        found: RowClock | None = None
+        found, first = None, 0
         for index in columns:
             properties = self._channels[index].properties
             period_s = properties.get(INCREMENT)
             if not isinstance(period_s, int | float) or not 0 < period_s < float("inf"):
                 continue
+            start_ns = _unix_ns(properties.get(START))
             if found is None:
-                found = RowClock(_unix_ns(properties.get(START)), float(period_s))
+                found, first = RowClock(start_ns, float(period_s)), index
             elif abs(period_s / found.period_s - 1) > 1e-6:
                 raise RecordError(
                     f"{self.path}: {self.names[index]} has a value every {period_s:g} s, others "
                     f"every {found.period_s:g} s: they do not make rows; resample them first"
+                )
+            late_s = (start_ns - found.start_ns) * 1e-9 if start_ns and found.start_ns else 0.0
+            if abs(late_s) > 0.5 * found.period_s:
+                self.notes.append(
+                    f"{self.names[index]} begins {abs(late_s):.6g} s "
+                    f"{'later' if late_s > 0 else 'earlier'} than {self.names[first]} by {START}; "
+                    "their first values make one row all the same"
                 )
         return found
 
