@@ -9,6 +9,14 @@ MIDNIGHT = datetime(1900, 1, 1, tzinfo=UTC)
 WITH_YEAR = frozenset("YyGcx")
 """Directives of `strptime` from which the year follows."""
 
+OF_A_DAY = frozenset("HIMSfpzZX%")
+"""Directives of a time of day."""
+
+
+def is_time_of_day(date_format: str) -> bool:
+    """Return whether a format of `strptime` has no part of a day."""
+    return OF_A_DAY.issuperset(re.findall("%(.)", date_format))
+
 
 def date_of(cell: str, date_format: str) -> datetime:
     """Return the date that a cell has by a format of `strptime`, in 1900 if that has no year.

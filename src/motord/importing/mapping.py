@@ -113,8 +113,9 @@ class CsvMap(Section):
     """Lines that begin with it are left out."""
     date_format: str | None = None
     """How dates are written, as in Python's `strptime`: `%d.%m.%Y %H:%M:%S.%f`; left out: in ISO
-    form. One without a day, such as `%H:%M:%S.%f`, counts from midnight, which `start` then is,
-    one with a day but no year from New Year's Day of a year that has no 29 February."""
+    form. One without a day, such as `%H:%M:%S.%f`, counts from the first row's midnight, which
+    `start` then is, one with a day but no year from New Year's Day of a year that has no 29
+    February."""
 
     @field_validator("encoding")
     @classmethod

@@ -105,10 +105,11 @@ class RowSource(ABC):
     """A file with columns of values.
 
     unit: what `RawBlock.line` counts, line or row; names: of the columns, "" for one without;
-    notes: what was found out about the file, as text.
+    notes: what was found out about the file, as text; times_of_day: dates begin anew at midnight.
     """
 
     unit = "row"
+    times_of_day = False
     path: Path
     names: tuple[str, ...]
     notes: list[str]

@@ -14,6 +14,8 @@ BACK = f"earlier than a row before{LEFT_OUT}"
 MANY_ROWS = 0.1
 """Share of rows with one problem from which its cause is probably in the map or the source."""
 
+DAY_NS = 86_400 * 10**9
+
 FARTHEST_NS = 4 * 10**18
 """Times beyond are none: the year 2096 in Unix time."""
 
@@ -48,10 +50,10 @@ class TimeReader:
         self._column_map = column_map
         self._first_row: int | None = None
         self._base_s: float | None = None
-        self._latest_ns = int(MISSING_NS)
+        self._latest_ns = self._last_ns = int(MISSING_NS)
 
-    def convert(self, block: RawBlock) -> np.ndarray:
-        """Return the times in ns (n,), MISSING_NS for rows without."""
+    def _convert(self, block: RawBlock, before_ns: int) -> np.ndarray:
+        """Return the times in ns (n,), MISSING_NS for rows without; before_ns: the last one."""
         clock = self._column_map.clock
         if clock is not None:
             if self._first_row is None:
@@ -60,7 +62,8 @@ class TimeReader:
             return np.asarray(since_ns, np.int64) + (clock.start_ns or 0)
         t = self._column_map.times(block.columns)
         if t.dtype.kind == "i":
-            return np.where((t > -FARTHEST_NS) & (t < FARTHEST_NS), t, MISSING_NS)
+            t_ns = np.where((t > -FARTHEST_NS) & (t < FARTHEST_NS), t, MISSING_NS)
+            return _over_midnight(t_ns, before_ns) if self._column_map.source.times_of_day else t_ns
         if self._column_map.time_field == "t_ns":
             t = t * 1e-9
         known = np.abs(t) < FARTHEST_NS * 1e-9
@@ -77,10 +80,11 @@ class TimeReader:
 
         after: the row that follows. Those with the time before are not noted.
         """
-        t_ns = self.convert(block)
+        t_ns = self._convert(block, self._last_ns)
+        self._last_ns = _last(t_ns, self._last_ns)
         use = t_ns != MISSING_NS
         problems.add(f"no time{LEFT_OUT}", block.line[~use])
-        follows_ns = None if after is None else self.convert(after)
+        follows_ns = None if after is None else self._convert(after, self._last_ns)
         ahead = self._ahead(t_ns, use, follows_ns)
         problems.add(f"its time is ahead of the rows around it{LEFT_OUT}", block.line[ahead])
         use &= ~ahead
@@ -105,3 +109,20 @@ class TimeReader:
         ahead = np.zeros(t_ns.size, bool)
         ahead[use] = (follows < middle) & (follows > known[: middle.size])
         return ahead
+
+
+def _last(t_ns: np.ndarray, before_ns: int) -> int:
+    """Return the last time that is known."""
+    known = t_ns[t_ns != MISSING_NS]
+    return int(known[-1]) if known.size else before_ns
+
+
+def _over_midnight(t_ns: np.ndarray, before_ns: int) -> np.ndarray:
+    """Return times of day (n,) that go on where a day ends: steps of less than half a day."""
+    known = t_ns != MISSING_NS
+    of_day_ns = t_ns[known]
+    if of_day_ns.size:
+        first_ns = of_day_ns[0] if before_ns == MISSING_NS else before_ns
+        days = np.round(np.diff(of_day_ns, prepend=first_ns) / DAY_NS).astype(np.int64)
+        t_ns[known] -= np.cumsum(days) * DAY_NS
+    return t_ns

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motord.importing.csv import source as csv_source
 from motord.importing.csv.source import dates_ns
 from motord.recording.errors import RecordError
 from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv
@@ -93,6 +94,28 @@ def test_dates_may_be_written_in_another_form(tmp_path: Path, date_format: str, 
     text = f'motor = "motor.toml"\n{start}[columns]\nt_s = "stamp"\nangle_rad = "angle"\n'
     _, run = imported(tmp_path, tmp_path / "a.csv", f'{text}[csv]\ndate_format = "{date_format}"\n')
     np.testing.assert_array_equal(run.ticks()["t_ns"], START_NS + np.arange(3000) * 1_000_000)
+
+
+@pytest.mark.parametrize("glitch", [None, 500, 2000])
+def test_times_of_day_go_on_over_midnight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, glitch: int | None
+) -> None:
+    monkeypatch.setattr(csv_source, "BLOCK_CHARACTERS", 500)
+    base = datetime(2007, 5, 1, 23, 59, 59)
+    stamps = [f"{base + timedelta(milliseconds=n):%H:%M:%S.%f}" for n in range(3000)]
+    if glitch is not None:
+        stamps[glitch] = "12:00:00.0"
+    rows = [f"{stamp};{2 * np.pi * n / 1000:.6f}\n" for n, stamp in enumerate(stamps)]
+    (tmp_path / "a.csv").write_text("stamp;angle\n" + "".join(rows))
+    text = (
+        'motor = "motor.toml"\nstart = 2007-05-01T00:00:00Z\n[columns]\nt_s = "stamp"\n'
+        'angle_rad = "angle"\n[csv]\ndate_format = "%H:%M:%S.%f"\n'
+    )
+    _, run = imported(tmp_path, tmp_path / "a.csv", text)
+    expected = START_NS + (12 * 3600 - 1) * 10**9 + np.arange(3000) * 1_000_000
+    if glitch is not None:
+        expected = np.delete(expected, glitch)
+    np.testing.assert_array_equal(run.ticks()["t_ns"], expected)
 
 
 def test_rows_without_time_have_a_period(tmp_path: Path) -> None:

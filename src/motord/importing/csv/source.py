@@ -20,7 +20,7 @@ from motord.importing.csv.dialect import (
     split_line,
     without_blank_end,
 )
-from motord.importing.dates import MIDNIGHT, date_of
+from motord.importing.dates import MIDNIGHT, date_of, is_time_of_day
 from motord.importing.mapping import CsvMap
 from motord.importing.source import (
     LEFT_OUT,
@@ -217,6 +217,7 @@ class CsvSource(RowSource):
         self.path = path
         self._dialect = d = detect(path, options, wanted)
         self._date_format = options.date_format
+        self.times_of_day = is_time_of_day(options.date_format or "%Y")
         self._size = max(path.stat().st_size, 1)
         self.names = d.names
         self.notes = [
