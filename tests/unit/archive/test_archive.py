@@ -208,13 +208,15 @@ def test_two_at_once_do_not_write_to_one_file(folders):
     assert one_round(*folders).copied == [NAME]
 
 
-def test_only_whole_recordings_are_copied(folders):
+@pytest.mark.parametrize("written_s", [1, 1 << 33])
+def test_only_whole_recordings_are_copied(folders, written_s):
+    """Also where the clock was set back since one that is not whole was written."""
     source, _copies = folders
     (source / "cut-000.mcap").write_bytes(MAGIC + b"and no end")
     (source / "b-2.closing.mcap").write_bytes(MAGIC + MAGIC)
     left = source / "left-000.mcap.part"
     left.write_bytes(MAGIC)
-    os.utime(left, ns=(1, 1))
+    os.utime(left, (written_s, written_s))
     report = one_round(*folders)
     assert sorted(report.unfinished) == ["cut-000.mcap", "left-000.mcap.part"]
     assert len(report.copied) == 2
