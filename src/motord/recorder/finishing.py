@@ -126,11 +126,10 @@ def _in_no_other(block: Block, stem: Path) -> Block:
 def _spans_of_others(stem: Path) -> Iterator[tuple[Mark, Mark]]:
     """Yield the first and the last tick of each of them."""
     stems = {stem_of(whole_of(path)) for path in newest_others(stem, NEIGHBOURS)}
-    for other in stems - {None}:
-        assert other is not None
-        marks = _first_mark(other), last_mark(other)
-        if marks[0] is not None and marks[1] is not None:
-            yield marks[0], marks[1]
+    for other in filter(None, stems):
+        first, last = _first_mark(other), last_mark(other)
+        if first is not None and last is not None:
+            yield first, last
 
 
 def _first_mark(stem: Path) -> Mark | None:

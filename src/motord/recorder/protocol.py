@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from motord.config import Config
 from motord.process.allowance import Allowance
@@ -115,7 +115,7 @@ class MessageReader(Generic[M]):
     def _parse(self, line: bytes) -> M | None:
         try:
             return self._model.model_validate_json(line)
-        except (ValidationError, ValueError):
+        except ValueError:
             self._bad += 1
             self.newest_bad = repr(line[:SHOWN_BYTES])
             return None
