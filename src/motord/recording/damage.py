@@ -41,8 +41,8 @@ class Loss:
     messages: bool = True
 
     def __str__(self) -> str:
-        where = f"{self.size} bytes from byte {self.offset} on: {self.reason}"
-        return f"{where}; {self.missing}"
+        where = f"{self.size} bytes from byte {self.offset} on: " if self.size else ""
+        return f"{where}{self.reason}; {self.missing}"
 
     @property
     def missing(self) -> str:

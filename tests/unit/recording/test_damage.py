@@ -55,7 +55,7 @@ def test_open_ends_stay_open():
     index = Loss(0, 0, "the index", messages=False)
     lines = damage(index, end, start, loss(20, 5.5, 6)).lines()
     assert ["before" in lines[0], "anything after" in lines[1]] == [True, True]
-    assert lines[2].endswith("no messages are missing")
+    assert lines[2] == "the index; no messages are missing"
 
 
 @pytest.mark.parametrize(("count", "shown", "on_a_line"), [(3, 3, 3), (12, 12, 4), (40, 13, 4)])

@@ -177,7 +177,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             f"{c['name']} ({c['readings']} readings, {c['unit']})" for c in facts["channels"]
         ),
         "operating points": f"{len(points)}" if points else None,
-        "recovered": recovered and f"from {recovered['from']}, without {recovered['missing']}",
+        "recovered": recovered and f"from {recovered['from']}; lost: {recovered['missing']}",
         "missing": f"\n{'':18}".join(facts["losses"]) or "nothing",
     }
     for name, value in shown.items():
