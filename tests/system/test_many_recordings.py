@@ -101,7 +101,7 @@ def test_runs_are_ended_at_any_time_and_what_is_done_is_kept(
     assert [line["recording"] for line in lines] == sorted(line["recording"] for line in lines)
     failed = {Path(one["recording"]).stem: one["note"] for one in lines if one["state"] == "failed"}
     assert set(failed) == {"kills", "raises", "text"}
-    assert failed["kills"] == "workers die of it, also when it is the only one"
+    assert failed["kills"] == "the workers that analyse it die, also with no other under way"
     assert failed["raises"] == "ZeroDivisionError: two lines"
     assert len(errors.splitlines()) == 3, errors
     assert runs.values() == runs.expected(GOOD + 2)

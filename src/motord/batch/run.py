@@ -23,7 +23,7 @@ WRITERS = 4
 WRITING_MAX = 64
 """Results that may wait for these."""
 
-KILLS = "workers die of it, also when it is the only one"
+KILLS = "the workers that analyse it die, also with no other under way"
 CHANGED = "it changed while it was analysed, or is not what was hashed before (--rehash)"
 
 BatchProgress = Callable[[str, int, int], None]
@@ -154,7 +154,7 @@ def _entered(path: Path, analysis: LedgerEntry, outcome: Outcome, ledger: Ledger
         return BatchLine(path, "failed", CHANGED)
     if outcome.settings != analysis.settings:
         raise BatchError(
-            "a worker has other files than this computer for the options that name any"
+            "a file that an option names is not the same on a worker as on this computer"
         )
     name = ledger.store(analysis, outcome.to_store)
     return BatchLine(path, "done", outcome.missing, name, outcome.content)

@@ -52,4 +52,4 @@ Scale = Annotated[float, Field(gt=0, le=1_000_000), _INVERTIBLE]
 """Unit for each count, or for each unit of another."""
 Factor = Annotated[float, Field(gt=0, le=100), _INVERTIBLE]
 FactorFromZero = Annotated[float, Field(ge=0, le=100)]
-"""Times what it is."""
+"""Multiple of a value; 1 leaves it as it is."""

@@ -319,7 +319,7 @@ def test_a_worker_that_would_find_something_else_ends_it(folder, monkeypatch, ch
 
 def test_a_worker_with_another_bench_file_ends_it(folder, monkeypatch):
     monkeypatch.setattr(run, "settings_to_store", lambda _: {"config": "sha256:1"})
-    with pytest.raises(BatchError, match="other files"):
+    with pytest.raises(BatchError, match="is not the same on a worker"):
         analyse(folder)
     assert values(folder) == []
 
