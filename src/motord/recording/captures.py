@@ -26,12 +26,12 @@ def captures(run: Run, columns: Sequence[str] = COLUMNS) -> Iterator[PointData]:
             found = following.pop().result()
             ahead = points[number + 1 :][:1]
             following += [reader.submit(_read, run, columns, point) for point in ahead]
-            yield from found
+            yield found
 
 
-def _read(run: Run, columns: Sequence[str], point: Mapping[str, Any]) -> list[PointData]:
-    """Return a point with its ticks; none if the recording has no ticks of it."""
-    return list(split(run.ticks(columns, **bounds_of(point)), [point], run.path.name))
+def _read(run: Run, columns: Sequence[str], point: Mapping[str, Any]) -> PointData:
+    """Return a point with its ticks, as many as the recording has of it."""
+    return next(split(run.ticks(columns, **bounds_of(point)), [point], run.path.name))
 
 
 @dataclass(frozen=True)
