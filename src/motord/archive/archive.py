@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -111,7 +111,7 @@ class RecordingArchive:
             else:
                 self._require_same(source, copy, there)
         else:
-            if not copy.parent.is_dir():
+            with suppress(FileExistsError):  # it is there: another bench may have made it just now
                 copy.parent.mkdir()
                 sync_folder(copy.parent.parent)
             digest = copy_verified(source, copy, self.pace)
