@@ -142,7 +142,7 @@ def _run(
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     with phase_bars(silent=given["as_json"]) as progress:
         recordings = Recordings.open(paths, config, progress)
-        check_given_once(paths)
+        check_given_once(recordings.runs)
         others = [config, *options.values()]
         with _naming_recordings(paths, others), naming_causes(recordings.runs):
             result = analysis.estimate(recordings, **options)

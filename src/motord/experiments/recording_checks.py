@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import groupby
+from itertools import combinations, groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -105,13 +105,44 @@ def _poor(run: Run) -> Iterator[str]:
             yield f"{point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz ({point['quality']})"
 
 
-def check_given_once(paths: Sequence[Path]) -> None:
-    """Raise AnalysisError if two files have the same content. Raises OSError."""
+def check_given_once(runs: Sequence[Run]) -> None:
+    """Raise AnalysisError if two files have the same content, or captures. Raises OSError.
+
+    As a damaged recording and what was recovered of it.
+    """
+    paths = [run.path for run in runs]
     sizes = {path: path.stat().st_size for path in paths}
     for _, alike in groupby(sorted(paths, key=sizes.__getitem__), sizes.__getitem__):
         found = list(alike)  # in the order given
         if len(found) > 1:
             _check_contents(found)
+    points = [
+        {(int(point["tick_start"]), int(point["t_start_ns"])) for point in run.operating_points()}
+        for run in runs
+    ]
+    for (run, its), (other, others) in combinations(zip(runs, points, strict=True), 2):
+        if _have_a_tick(run, other, sorted(its & others)):
+            raise _given_twice(other.path, run.path)
+
+
+def _have_a_tick(run: Run, other: Run, begins: Iterable[tuple[int, int]]) -> bool:
+    """Return whether two recordings have the same tick where captures of both begin.
+
+    begins: by tick and time, which recordings of a simulated rig have in common.
+    """
+    for _, t_ns in begins:
+        a, b = (one.ticks(from_ns=t_ns, to_ns=t_ns)[:1] for one in (run, other))
+        if a.size and b.size:
+            names = a.dtype.names if a.dtype == b.dtype else None
+            return names is not None and all(a[n].tobytes() == b[n].tobytes() for n in names)
+    return False
+
+
+def _given_twice(path: Path, other: Path) -> AnalysisError:
+    return AnalysisError(
+        f"{path}: is the same recording as {other}; counted twice it would seem more certain than "
+        "it is: name it once"
+    )
 
 
 def _check_contents(paths: Sequence[Path]) -> None:
@@ -120,8 +151,5 @@ def _check_contents(paths: Sequence[Path]) -> None:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         if digest in seen:
-            raise AnalysisError(
-                f"{path}: is the same recording as {seen[digest]}; counted twice it would seem "
-                "more certain than it is: name it once"
-            )
+            raise _given_twice(path, seen[digest])
         seen[digest] = path

@@ -55,7 +55,7 @@ def analyse(
     runs = [open_run(path) for path in paths]
     for run in runs:
         _check_motor(run, motor_type, serial)
-    check_given_once(paths)
+    check_given_once(runs)
     digests = [file_digest(path) for path in paths]
     limited = {limit.analysis for limit in motor_type.limit}
     groups: dict[str, list[Run]] = {}

@@ -12,6 +12,7 @@ from motord.batch.task import BatchTask, analyse_recordings
 from motord.cli import app
 from motord.config import load
 from motord.recording.reader import open_run
+from motord.recording.recovery import recover
 from tests.support.short_recordings import ShortRecording
 
 
@@ -106,6 +107,18 @@ def test_the_same_recording_twice_is_refused(whole, again, recorded, tmp_path):
     other = recorded.write(tmp_path / "other.mcap", 1)
     line = analyse(whole, other, tmp_path / again, code=1).stderr
     assert f"{tmp_path / again}: is the same recording as {whole}; counted twice" in line
+
+
+def test_a_recording_and_what_was_recovered_of_it_are_refused(cut, recorded, tmp_path):
+    clean = recover(cut, tmp_path / "clean.mcap").path
+    line = analyse(cut, clean, code=1).stderr
+    assert f"{clean}: is the same recording as {cut}; counted twice" in line
+
+
+def test_two_recordings_of_a_simulated_rig_begin_at_one_time(whole, recorded, tmp_path):
+    ticks = recorded.ticks.copy()
+    ticks["torque_Nm"] *= 1.001
+    analyse(whole, replace(recorded, ticks=ticks).write(tmp_path / "other.mcap"))
 
 
 def test_an_error_names_the_points_that_are_poor(recorded, tmp_path):
