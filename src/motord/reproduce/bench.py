@@ -26,7 +26,6 @@ StageProgress = Callable[[str, float], None]
 MOST_RUNS = 16
 """Recordings for which a bench has seeds."""
 
-
 AS_IN_THE_REPORT: Mapping[str, Mapping[str, Any]] = {"calibrate": {"directions": "forwards"}}
 """Settings of plans other than their defaults: the rotor of Poels 2008 turned one way."""
 

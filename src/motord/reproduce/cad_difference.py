@@ -8,7 +8,6 @@ from its figures: 6.6 % for 3 % in all springs is a swing 2.2 times as heavy as 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import sqrt
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -66,13 +65,13 @@ def explanations(draws: int = DRAWS, seed: int = 1) -> tuple[Explanation, ...]:
     each spring's own; the effective mass may be m / 3 or anything up to 4 m / pi^2.
     """
     found = []
-    for shared, errors in ((0.0, "errors of each spring and lever"), (1.0, "common errors")):
+    for shared, errors in ((False, "errors of each spring and lever"), (True, "common errors")):
         for factor, mass in ((False, "effective mass m/3"), (True, "m/3 to 4m/\u03c0\u00b2")):
             found.append(_explain(f"{errors}, {mass}", shared, factor, draws, seed))
     return tuple(found)
 
 
-def _explain(label: str, shared: float, any_factor: bool, draws: int, seed: int) -> Explanation:
+def _explain(label: str, shared: bool, any_factor: bool, draws: int, seed: int) -> Explanation:
     setup = reports_setup()
     frequency_rad_s = setup.frequency_rad_s(MEASURED_KG_M2)
     rng = np.random.default_rng(seed)
@@ -100,10 +99,10 @@ def _explain(label: str, shared: float, any_factor: bool, draws: int, seed: int)
 
 
 def _errors(
-    rng: np.random.Generator, width: float, shape: tuple[int, int], shared: float
+    rng: np.random.Generator, width: float, shape: tuple[int, int], shared: bool
 ) -> np.ndarray:
-    common = rng.uniform(-width, width, (shape[0], 1))
-    return sqrt(1 - shared) * rng.uniform(-width, width, shape) + sqrt(shared) * common
+    common, each = (rng.uniform(-width, width, one) for one in ((shape[0], 1), shape))
+    return np.broadcast_to(common, shape) if shared else each
 
 
 def _change(
