@@ -2,6 +2,7 @@
 
 import io
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,19 @@ def test_what_cannot_be_read_is_said(tmp_path: Path, torque: np.ndarray) -> None
     (tmp_path / "c.tdms").write_bytes(b"not one")
     with pytest.raises(RecordError, match="does not begin as a TDMS file"):
         imported(tmp_path, tmp_path / "c.tdms", WAVEFORM)
+
+
+@pytest.mark.parametrize("rows", [100, 3000])
+def test_a_disk_too_full_for_scratch_files_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int
+) -> None:
+    source = write_tdms(
+        tmp_path / "a.tdms", {"Bench/Position": (turning(rows)["Position[rad]"], PROPERTIES)}
+    )
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: io.FileIO("/dev/full", "w"))
+    text = WAVEFORM.replace('torque_Nm = {column = "Bench/Torque", scale = 1.0}', "")
+    with pytest.raises(RecordError, match="cannot write a scratch file there: No space left"):
+        imported(tmp_path, source, text)
 
 
 def test_without_the_package_it_says_what_to_install(

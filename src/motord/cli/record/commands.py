@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson, check_output_files, output_file
-from motord.cli.console import fail, fail_with, group, print_result, progress_bar, remark
+from motord.cli.console import fail_with, group, print_result, progress_bar, remark
 
 if TYPE_CHECKING:
     from motord.importing.convert import Imported
@@ -51,13 +51,10 @@ def import_recording(
     from motord.importing.convert import import_run
 
     check_output_files({"--output": output}, [file, map_file], ["--output"])  # replaces none
-    try:
-        with _progress(silent=as_json) as progress:
-            done = import_run(
-                file, map_file, output, strict=strict, few_rows=few_rows, progress=progress
-            )
-    except OSError as error:
-        fail(f"{error.filename or output}: {error.strerror}")
+    with _progress(silent=as_json) as progress:
+        done = import_run(
+            file, map_file, output, strict=strict, few_rows=few_rows, progress=progress
+        )
     print_result(done.to_json(), "\n".join(_imported_lines(done)), as_json)
 
 

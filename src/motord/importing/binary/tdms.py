@@ -6,10 +6,11 @@ memory is a piece of one channel at a time (all of it only where LabVIEW wrote i
 
 import logging
 import tempfile
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class TdmsSource(ColumnSource):
         self._opened = opened
         self._group = options.group
         self._scratch = scratch
-        self._spools: dict[int, BinaryIO] = {}
+        self._spools: dict[int, FileIO] = {}
         self.notes: list[str] = []
         if not begins_as_tdms(path):
             raise RecordError(f"{path}: does not begin as a TDMS file does")
@@ -108,13 +109,14 @@ class TdmsSource(ColumnSource):
     def _no_numbers(self, index: int) -> RecordError:
         return RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
 
-    def _spool(self, wanted: WantedColumn) -> BinaryIO:
+    def _spool(self, wanted: WantedColumn) -> FileIO:
         """Copy a channel into a scratch file and return it."""
         dtype, channel = self._dtype(wanted.index), self._channels[wanted.index]
         if dtype.kind == "M" and not wanted.as_time:
             raise self._no_numbers(wanted.index)
-        scratch = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - closed by `opened`
-        spool = self._opened.enter_context(scratch)
+        with self._writing():
+            spool = tempfile.TemporaryFile(buffering=0, dir=self._scratch)  # noqa: SIM115
+        self._opened.enter_context(spool)
         length = self._lengths[wanted.index]
         piece = max(PIECE, -(-length // PIECES))
         for start in range(0, length, piece):
@@ -122,8 +124,21 @@ class TdmsSource(ColumnSource):
                 values = channel.read_data(start, min(piece, length - start))
             if dtype.kind == "M":
                 values = values.astype("M8[ns]")
-            np.ascontiguousarray(values.astype("i8" if wanted.as_time else "f8")).tofile(spool)
+            left = memoryview(values.astype("i8" if wanted.as_time else "f8").tobytes())
+            with self._writing():
+                while left:
+                    left = left[spool.write(left) :]
         return spool
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Make a RecordError of an OSError of the body, which writes a scratch file."""
+        try:
+            yield
+        except OSError as error:
+            raise RecordError(
+                f"{self._scratch}: cannot write a scratch file there: {error.strerror or error}"
+            ) from error
 
     def _read(self, wanted: WantedColumn, start: int, count: int) -> np.ndarray:
         if (spool := self._spools.get(wanted.index)) is None:
