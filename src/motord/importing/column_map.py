@@ -22,7 +22,8 @@ NOT_VALUES = (TIME_S, "t_ns")
 class ColumnMap:
     """Columns of `source` for `mapping` and an encoder of `counts`.
 
-    time_field: t_s, t_ns, or "" where the time follows from the number of a row (`clock`).
+    time_field: t_s, t_ns, or "" where the time follows from the number of a row (`clock`);
+    times_of_day: its times begin anew at midnight.
     position_field: encoder_count or angle_rad. fields: what else becomes a field of a tick; held:
     of these, those whose gaps have the value before; by: names whose values split the recording.
     Raises RecordError for columns that there are not.
@@ -50,6 +51,10 @@ class ColumnMap:
         self.held = tuple(name for name in self.fields if _holds(name))
         self.clock = self._clock(mapping)
         self.time_is_whole = self._time_is_whole()
+        self.times_of_day = (
+            self.timed and source.times_of_day
+            and source.holds_dates(self._columns[self.time_field][0])
+        )  # fmt: skip
 
     def wanted(self, names: Sequence[str]) -> list[WantedColumn]:
         """Return the columns to read: time, where there is one, position, and `names`."""

@@ -1,6 +1,7 @@
 """Times of rows as ns that rise from row to row; rows whose times do not are left out."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,10 +51,11 @@ class TimeReader:
         self._column_map = column_map
         self._first_row: int | None = None
         self._base_s: float | None = None
-        self._latest_ns = self._last_ns = int(MISSING_NS)
+        self._latest_ns = int(MISSING_NS)
+        self._days = _Days()
 
-    def _convert(self, block: RawBlock, before_ns: int) -> np.ndarray:
-        """Return the times in ns (n,), MISSING_NS for rows without; before_ns: the last one."""
+    def _convert(self, block: RawBlock) -> np.ndarray:
+        """Return the times in ns (n,), MISSING_NS for rows without; times of day as they are."""
         clock = self._column_map.clock
         if clock is not None:
             if self._first_row is None:
@@ -62,8 +64,7 @@ class TimeReader:
             return np.asarray(since_ns, np.int64) + (clock.start_ns or 0)
         t = self._column_map.times(block.columns)
         if t.dtype.kind == "i":
-            t_ns = np.where((t > -FARTHEST_NS) & (t < FARTHEST_NS), t, MISSING_NS)
-            return _over_midnight(t_ns, before_ns) if self._column_map.source.times_of_day else t_ns
+            return np.where((t > -FARTHEST_NS) & (t < FARTHEST_NS), t, MISSING_NS)
         if self._column_map.time_field == "t_ns":
             t = t * 1e-9
         known = np.abs(t) < FARTHEST_NS * 1e-9
@@ -80,11 +81,14 @@ class TimeReader:
 
         after: the row that follows. Those with the time before are not noted.
         """
-        t_ns = self._convert(block, self._last_ns)
-        self._last_ns = _last(t_ns, self._last_ns)
+        t_ns = self._convert(block)
+        follows_ns = None if after is None else self._convert(after)
+        if self._column_map.times_of_day:
+            t_ns, self._days = _over_midnight(t_ns, self._days)
+            if follows_ns is not None:
+                follows_ns, _ = _over_midnight(follows_ns, self._days)
         use = t_ns != MISSING_NS
         problems.add(f"no time{LEFT_OUT}", block.line[~use])
-        follows_ns = None if after is None else self._convert(after, self._last_ns)
         ahead = self._ahead(t_ns, use, follows_ns)
         problems.add(f"its time is ahead of the rows around it{LEFT_OUT}", block.line[ahead])
         use &= ~ahead
@@ -111,18 +115,32 @@ class TimeReader:
         return ahead
 
 
-def _last(t_ns: np.ndarray, before_ns: int) -> int:
-    """Return the last time that is known."""
-    known = t_ns[t_ns != MISSING_NS]
-    return int(known[-1]) if known.size else before_ns
+@dataclass(frozen=True)
+class _Days:
+    """The last time of day, in which day from 0 on, and how it followed the one before.
+
+    back: 1 if by more than half a day back, -1 if by more than that ahead, else 0.
+    """
+
+    of_day_ns: int = int(MISSING_NS)
+    day: int = 0
+    back: int = 0
 
 
-def _over_midnight(t_ns: np.ndarray, before_ns: int) -> np.ndarray:
-    """Return times of day (n,) that go on where a day ends: steps of less than half a day."""
+def _over_midnight(t_ns: np.ndarray, before: _Days) -> tuple[np.ndarray, _Days]:
+    """Return times of day (n,) that go on: a step back by more than half a day begins another.
+
+    But for one that the next step, or the one before, takes back: that is a time that is wrong.
+    """
     known = t_ns != MISSING_NS
     of_day_ns = t_ns[known]
-    if of_day_ns.size:
-        first_ns = of_day_ns[0] if before_ns == MISSING_NS else before_ns
-        days = np.round(np.diff(of_day_ns, prepend=first_ns) / DAY_NS).astype(np.int64)
-        t_ns[known] -= np.cumsum(days) * DAY_NS
-    return t_ns
+    if not of_day_ns.size:
+        return t_ns, before
+    first_ns = of_day_ns[0] if before.of_day_ns == MISSING_NS else before.of_day_ns
+    steps_ns = np.diff(of_day_ns, prepend=first_ns)
+    back = (steps_ns < -DAY_NS // 2).astype(np.int64) - (steps_ns > DAY_NS // 2)
+    taken_back = back * np.concatenate([[before.back], back[:-1]]) < 0
+    day = before.day + np.cumsum((back > 0).astype(np.int64) - taken_back)
+    t_ns = t_ns.copy()
+    t_ns[known] += day * DAY_NS
+    return t_ns, _Days(int(of_day_ns[-1]), int(day[-1]), int(back[-1]))

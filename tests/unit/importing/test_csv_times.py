@@ -96,15 +96,20 @@ def test_dates_may_be_written_in_another_form(tmp_path: Path, date_format: str, 
     np.testing.assert_array_equal(run.ticks()["t_ns"], START_NS + np.arange(3000) * 1_000_000)
 
 
-@pytest.mark.parametrize("glitch", [None, 500, 2000])
+@pytest.mark.parametrize(
+    "wrong",
+    [{}, {500: "12:00:00.0"}, {500: "00:00:00.0"}, {2000: "12:00:00.0", 2500: "23:00:00.0"}],
+)
 def test_times_of_day_go_on_over_midnight(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, glitch: int | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[int, str]
 ) -> None:
+    """Also after times that are wrong, and after a gap of more than half a day."""
     monkeypatch.setattr(csv_source, "BLOCK_CHARACTERS", 500)
-    base = datetime(2007, 5, 1, 23, 59, 59)
-    stamps = [f"{base + timedelta(milliseconds=n):%H:%M:%S.%f}" for n in range(3000)]
-    if glitch is not None:
-        stamps[glitch] = "12:00:00.0"
+    base, gap = datetime(2007, 5, 1, 23, 59, 59), np.repeat([0, 13 * 3600], [2800, 200])
+    after_s = np.arange(3000) / 1000 + gap
+    stamps = [f"{base + timedelta(seconds=s):%H:%M:%S.%f}" for s in after_s]
+    for row, stamp in wrong.items():
+        stamps[row] = stamp
     rows = [f"{stamp};{2 * np.pi * n / 1000:.6f}\n" for n, stamp in enumerate(stamps)]
     (tmp_path / "a.csv").write_text("stamp;angle\n" + "".join(rows))
     text = (
@@ -112,10 +117,8 @@ def test_times_of_day_go_on_over_midnight(
         'angle_rad = "angle"\n[csv]\ndate_format = "%H:%M:%S.%f"\n'
     )
     _, run = imported(tmp_path, tmp_path / "a.csv", text)
-    expected = START_NS + (12 * 3600 - 1) * 10**9 + np.arange(3000) * 1_000_000
-    if glitch is not None:
-        expected = np.delete(expected, glitch)
-    np.testing.assert_array_equal(run.ticks()["t_ns"], expected)
+    expected = START_NS + (12 * 3600 - 1) * 10**9 + np.round(after_s * 1000).astype(int) * 1_000_000
+    np.testing.assert_array_equal(run.ticks()["t_ns"], np.delete(expected, list(wrong)))
 
 
 def test_rows_without_time_have_a_period(tmp_path: Path) -> None:
