@@ -51,7 +51,7 @@ class RollingFile:
     """The recording `stem`: files NAME-000.mcap, NAME-001.mcap, ... in the folder of `stem`.
 
     `open` is true until it ends, by `close`, for want of space, or because a file could not be
-    written; `error` says why, if that was not requested; `closed` once its last file is whole.
+    written; `error` says why, if that was not requested; `closed` once its newest file is whole.
     Raises RecordError if it cannot begin. Times `now_s` are monotonic seconds.
     """
 
@@ -126,7 +126,7 @@ class RollingFile:
             return False
         try:
             action(self._writer)
-        except RecordError as error:
+        except (RecordError, OSError) as error:  # as of a folder that may not be read any more
             self.error = str(error)
             self.open = False
             self._writer.abandon()
@@ -176,8 +176,10 @@ class RollingFile:
 
     def _change_file(self, writer: RunWriter, why: str) -> None:
         writer.close({"reason": why})
+        self.closed = True
         self._closed_bytes += writer.bytes_written
         self._writer = self._next_writer()
+        self.closed = False
 
     def _why_next_file(self) -> str:
         settings = self._settings

@@ -94,15 +94,26 @@ def test_a_folder_that_cannot_be_made_is_reported(tmp_path):
         RollingFile(tmp_path / "file" / "day" / "x", {}, RecordingConfig(), 0.0)
 
 
-def test_a_next_file_that_cannot_be_made_leaves_the_last_one_whole(tmp_path, monkeypatch):
+def refuse(stem: Path) -> Path:
+    raise PermissionError(13, "Permission denied", str(stem))
+
+
+@pytest.mark.parametrize(
+    ("next_file", "why"),
+    [(lambda stem: file_name(stem, 0), "day-000.mcap: exists already"), (refuse, "Permission")],
+)
+def test_a_next_file_that_cannot_be_made_leaves_the_last_one_whole(
+    tmp_path, monkeypatch, next_file, why
+):
     bench = Bench(tmp_path, file_max_s=0.05)
     bench.start()
     bench.loop(100)
     bench.step()
-    monkeypatch.setattr("motord.recorder.rolling_file.next_file", lambda stem: file_name(stem, 0))
+    monkeypatch.setattr("motord.recorder.rolling_file.next_file", next_file)
     bench.loop(100)
     bench.step()
-    assert "day-000.mcap: exists already" in bench.report()["error"]
+    assert why in bench.report()["error"]
+    assert bench.report()["path"] == str(bench.files()[0])
     assert not bench.report()["recording"]
     assert bench.recorded() == list(range(100))
     assert open_run(bench.files()[0]).damage is None
